@@ -26,30 +26,30 @@ def say(line: str) -> None:
 
 
 def main() -> int:
-    asked = house.questions()
-    chosen = options(list(asked))
-    unknown = [name for name in chosen.name if name not in asked]
+    questions = house.questions()
+    chosen = options(list(questions))
+    unknown = [name for name in chosen.name if name not in questions]
     if unknown:
-        say(f"no question is called {', '.join(unknown)}; there are: {', '.join(asked)}")
+        say(f"no question is called {', '.join(unknown)}; there are: {', '.join(questions)}")
         return 2
-    names = chosen.name or list(asked)
+    names = chosen.name or list(questions)
     if chosen.page:
         for name in names:
             kept = house.RESULTS / f"{name}.json"
             if kept.exists():
-                page.plot(asked[name], house.Result.read(kept), page.PLOTS / f"{name}.svg")
-        say(f"wrote {page.write(asked)}")
+                page.plot(questions[name], house.Result.read(kept), page.PLOTS / f"{name}.svg")
+        say(f"wrote {page.write(questions)}")
         return 0
     failed = []
     for name in names:
-        question = asked[name]
+        question = questions[name]
         rounds = chosen.rounds or (1 if chosen.short else question.rounds)
         try:
             if chosen.flames:
                 say(f"wrote {flames.record(question, chosen.short)}")
                 continue
             result = house.run(question, rounds, chosen.short, chosen.seed, say)
-        except Exception as error:  # run the other questions nevertheless
+        except Exception as error:  # a failed question must not prevent the other questions
             say(f"{name} failed: {type(error).__name__}: {error}")
             failed.append(name)
             continue
@@ -58,7 +58,7 @@ def main() -> int:
             say(f"wrote {result.write()}")
             page.plot(question, result, page.PLOTS / f"{name}.svg")
     if chosen.write or chosen.flames:
-        say(f"wrote {page.write(asked)}")
+        say(f"wrote {page.write(questions)}")
     if failed:
         say(f"failed: {', '.join(failed)}")
     return 1 if failed else 0

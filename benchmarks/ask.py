@@ -1,4 +1,4 @@
-"""How long does an ask with a deadline take, in one process?"""
+"""How long does a request to an actor in the same process take, with a deadline for the answer?"""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ QUESTION = Question(
         Goal("ask_p99_us", "trio", at_most=0.35),
     ),
     limit=(
-        """An idle actor with a synchronous handler answers in the asker's own turn, without a pass of the
-scheduler. (One pass costs 4 µs and a system call; trio's side needs two, with a scope for the deadline.) Every
-32nd ask lets other tasks run, which gives the p99."""
+        """If the actor is idle and its handler is synchronous, the handler runs inside the asking task, without
+a pass of trio's scheduler. (One pass costs 4 µs and a system call. The side `trio` needs two passes, and a cancel
+scope for the deadline.) Every 32nd request lets other tasks run. These requests determine the p99."""
     ),
 )

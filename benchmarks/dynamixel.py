@@ -21,7 +21,7 @@ QUESTION = Question(
     ),
     limit=LIMIT.format(
         bytes=1200,
-        whole="21 bytes a servo, each in a separate frame (a missing servo ends a fast answer for all)",
+        whole="21 bytes per servo, in a frame per servo (in a fast sync read, a missing servo spoils all)",
         own=388,
     ),
     ground="floor in a loop of trio",

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from .house import Figures, Goal, Question, Side
-from .stage import at_line
+from .stage import run_with_line
 
 
-def side(robot: str, who: str, peer: str = "") -> Side:
+def side(robot: str, program: str, peer: str = "") -> Side:
     def ask(short: bool) -> Figures:
-        return at_line(robot, "bus", who, "short" if short else "long", robot, peer=peer)
+        return run_with_line(robot, "bus", program, "short" if short else "long", robot, peer=peer)
 
     return ask
 
 
-LIMIT = """The bytes need {bytes} µs a cycle at 1 Mbaud. `floor` is the best that this machine allows: the same
-bytes, made in advance, through a blocking descriptor. The kernel takes two thirds of our processor time, in the
-`write` of a pseudo terminal (`SerialPort.write` in the flame graph); encoding and decoding are 20 µs a cycle.
+LIMIT = """The bytes of a cycle need {bytes} µs at 1 Mbaud. `floor` is the best that this computer allows: the same
+bytes, encoded beforehand, are written and read with blocking calls. The kernel takes two thirds of our processor
+time, in the `write` to a pseudo-terminal (`SerialPort.write` in the flame graph). Encoding and decoding take 20 µs
+per cycle.
 
-Above the floor we add mostly one wake-up of trio's loop per answer. `floor in a loop of trio` has that, too,
-because a loop that serves stops meanwhile cannot block in `read`. The vendor's SDK blocks in `read`, and is
-between them. `our wire` is the cycle of one of our robots: it reads {whole}, so its own limit is {own} Hz. It is
-read at the control rate, not as fast as possible."""
+Compared with `floor`, this package adds mostly one wake-up of trio's loop for each reply. `floor in a loop of trio`
+has this wake-up, too, because a loop that must also serve stops cannot block in `read`. The vendor's SDK blocks in
+`read`, and is between the two. `our wire` is the full cycle of one of our robots. It reads {whole}, so its limit is
+{own} Hz. A robot runs this cycle at its control rate, not as fast as possible."""
 
 QUESTION = Question(
     name="feetech",
@@ -40,9 +41,9 @@ QUESTION = Question(
     limit=LIMIT.format(
         bytes=880, whole="position, velocity, load, voltage and temperature, 8 bytes a servo", own=806
     )
-    + """ The goal would leave 2 to 13 µs of a cycle beyond `floor in a loop of trio`, which reached 0.902 and
-0.912 in two runs. In that time our side would have to do all that the floor omits: give up on a late answer,
-check sums, decode, compare and encode. With all that, ours is 25 to 40 µs behind it.""",
+    + """ The goal would leave 2 to 13 µs of a cycle more than `floor in a loop of trio` takes, which reached 0.902
+and 0.912 in two runs. In that time this package would have to do all the work that `floor` omits: timeouts,
+checksums, decoding, comparing and encoding. With all that, it takes 25 to 40 µs longer.""",
     ground="floor in a loop of trio",
     rounds=2,
 )

@@ -1,7 +1,7 @@
-"""Profile our side of a question: ``python -m benchmarks --flames [NAME ...]``.
+"""Profile the side of a question that runs this package: ``python -m benchmarks --flames [NAME ...]``.
 
-Our side runs once more, under py-spy, which samples the stacks of all its processes 250 times per second and
-counts those that compute. The samples are kept in ``benchmarks/results/flames`` and drawn as a flame graph:
+That side runs once more under py-spy. 250 times per second, py-spy samples the call stacks of all processes of the
+side that compute at this moment. The samples are kept in ``benchmarks/results/flames`` and drawn as a flame graph:
 the width of a function is its share of the processor time, and the functions that it called are above it.
 """
 
@@ -28,7 +28,7 @@ OTHERS = "#e2e8f0"
 
 LINE = re.compile(r":\d+\)$")
 FRAME = re.compile(r" \([^()]+\)$")
-WAY_IN = ("process ", "_run_code", "_run_module")
+ENTRY_FRAMES = ("process ", "_run_code", "_run_module")
 COMMAND = "(<string>)"
 """The file name in frames of a ``python -c`` program."""
 
@@ -37,55 +37,55 @@ Stacks = Counter[tuple[str, ...]]
 
 
 def record(question: Question, short: bool) -> Path:
-    """Profile our side once, and keep the samples.
+    """Run the side with this package once under py-spy, and store the samples.
 
     Args:
         question: The question.
-        short: Run its short form.
+        short: True runs the short form of the question.
 
     Returns:
         The file with the samples.
 
     Raises:
-        RuntimeError: py-spy is not installed, or the side has failed.
+        RuntimeError: py-spy is not installed, or the run has failed.
     """
     spy = shutil.which(
         "py-spy", path=os.pathsep.join((str(Path(sys.executable).parent), os.environ.get("PATH", "")))
     )
     if spy is None:
         raise RuntimeError("py-spy is not installed: pip install -e '.[bench]'")
-    found: Stacks = Counter()
+    stacks: Stacks = Counter()
     with tempfile.TemporaryDirectory() as directory:
-        seen: list[Path] = []
+        paths: list[Path] = []
 
         def watched(command: list[str]) -> list[str]:
-            seen.append(Path(directory) / f"{len(seen)}.txt")
-            # nonblocking: py-spy must not stop the processes, since a tree notices that.
+            paths.append(Path(directory) / f"{len(paths)}.txt")
+            # nonblocking: a paused process looks frozen to the processes that watch it.
             options = ["--nonblocking", "--rate", f"{RATE_HZ}", "--subprocesses", "--function", "--format", "raw"]
-            return [spy, "record", *options, "--output", str(seen[-1]), "--", *command]
+            return [spy, "record", *options, "--output", str(paths[-1]), "--", *command]
 
         with beneath(watched):
             question.sides[OURS](short)
-        for path in seen:
-            found += read(path.read_text())
+        for path in paths:
+            stacks += read(path.read_text())
     if not question.imports:
-        found = Counter({stack: count for stack, count in found.items() if not any(map(_imports, stack))})
+        stacks = Counter({stack: count for stack, count in stacks.items() if not any(map(_imports, stack))})
     KEPT.mkdir(parents=True, exist_ok=True)
     kept = KEPT / f"{question.name}.txt"
-    kept.write_text(written(found))
+    kept.write_text(written(stacks))
     return kept
 
 
 def read(text: str) -> Stacks:
-    """Return the stacks in py-spy's output.
+    """Parse py-spy's output into call stacks, with the number of samples of each.
 
-    Left out are processes (their commands may contain semicolons), line numbers, the interpreter's start,
-    and ``python -c`` programs, which only occupy processors.
+    Process names are left out, because their commands may contain semicolons. Line numbers and the frames of the
+    interpreter's start are left out, too. So are ``python -c`` programs, which serve only to occupy processors.
     """
     stacks: Stacks = Counter()
     for line in text.splitlines():
         stack, _, count = line.rpartition(" ")
-        frames = [LINE.sub(")", frame) for frame in stack.split(";") if not frame.startswith(WAY_IN)]
+        frames = [LINE.sub(")", frame) for frame in stack.split(";") if not frame.startswith(ENTRY_FRAMES)]
         frames = [frame for frame in frames if FRAME.search(frame)]
         if not all(frame.endswith(COMMAND) for frame in frames):
             stacks[tuple(frames)] += int(count)
@@ -97,8 +97,9 @@ def _imports(frame: str) -> bool:
 
 
 def written(stacks: Stacks) -> str:
-    """Return the stacks as text. Functions too narrow to be drawn are cut off, and their time counts for
-    their caller."""
+    """Return the stacks as text, one line each. A function too narrow to be drawn is cut off; its samples count for
+    its caller.
+    """
     least = LEAST / 2 * stacks.total()
     wide = inclusive(stacks)
     short: Stacks = Counter()
@@ -111,17 +112,18 @@ def written(stacks: Stacks) -> str:
 
 
 def inclusive(stacks: Stacks) -> Stacks:
-    """Return the samples of each function at its place, including those of the functions that it called."""
-    found: Stacks = Counter()
+    """Return the number of samples for each path of calls, including the functions that were called from there."""
+    totals: Stacks = Counter()
     for stack, count in stacks.items():
         for depth in range(1, len(stack) + 1):
-            found[stack[:depth]] += count
-    return found
+            totals[stack[:depth]] += count
+    return totals
 
 
 def heaviest(stacks: Stacks, most: int = 6) -> list[tuple[str, float]]:
-    """Return the functions with the most time of their own, and their shares. Calls into C count as own
-    time."""
+    """Return the functions that compute most themselves, without the functions that they call, and their shares of
+    the time. Calls into C count as the caller's own time.
+    """
     own: Counter[str] = Counter()
     for stack, count in stacks.items():
         own[stack[-1]] += count
@@ -134,7 +136,8 @@ def draw(stacks: Stacks, path: Path) -> None:
     drawn = {stack: count for stack, count in wide.items() if count >= LEAST * total}
     height = ROW * max(map(len, drawn), default=1)
     boxes: list[str] = []
-    after: dict[tuple[str, ...], float] = {(): 0.0}  # where the next function above this one begins
+    # X-coordinate at which the next function that this stack calls is drawn.
+    after: dict[tuple[str, ...], float] = {(): 0.0}
     for stack, count in sorted(drawn.items()):
         start = after[stack[:-1]]
         after[stack] = start

@@ -1,5 +1,4 @@
-"""Do twelve arms run from one process, each commanded 20 times per second, with their twins on the same
-computer?"""
+"""Can one process command twelve arms, each 20 times per second, with the simulated arms on the same computer?"""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ QUESTION = Question(
         Goal("restarts", "", at_most=0.0),
         Goal("answer_p50_ms", "", at_most=20.0),
     ),
-    limit="""The machine: twelve robots are 36 processes here, a third of them twins with physics. Shares are of
-one core and for one robot; `mb` is the proportional set size.""",
+    limit="""The computer. Twelve robots are 36 processes here. A third of them are simulated robots with physics.
+Shares are of one core and for one robot. `mb` is the proportional set size, in which shared memory counts once.""",
     rounds=1,
 )

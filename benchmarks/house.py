@@ -1,8 +1,9 @@
-"""The parts of every benchmark (a question, its sides, its goals), and the code that runs them.
+"""Run benchmarks. Each one is a question about speed, with several sides (programs that are compared) and goals
+(limits for the figures of this package).
 
-All sides of a question run within the same minutes. Each round runs every side once, in an order that is
-shuffled by a seed, so that other load on the computer affects all sides. A ratio is taken within a round, and
-a goal judges its median.
+All sides of a question run within the same minutes. Each round runs every side once, in an order that is shuffled
+by a seed, so that other load on the computer affects all sides. A ratio compares figures of the same round, and a
+goal limits the median of the ratios.
 """
 
 from __future__ import annotations
@@ -37,7 +38,9 @@ Side = Callable[[bool], Figures]
 
 @dataclass(frozen=True)
 class Goal:
-    """A bound on ``ours[figure] / beside[figure]``; on ``ours[figure]`` itself if ``beside`` is empty."""
+    """A limit for the ratio ``ours[figure] / beside[figure]``, where ``ours`` is the side with this package and
+    ``beside`` the name of another side. If ``beside`` is empty, it limits ``ours[figure]`` itself.
+    """
 
     figure: str
     beside: str
@@ -46,10 +49,10 @@ class Goal:
 
     def __post_init__(self) -> None:
         if (self.at_most is None) == (self.at_least is None):
-            raise ValueError(f"a goal for {self.figure} needs exactly one of at_most and at_least")
+            raise ValueError(f"the goal for {self.figure} has both at_most and at_least, or neither. Give one")
 
     def met(self, value: float) -> bool:
-        """Return True if ``value`` is within the bound."""
+        """Return True if ``value`` is within the limit of the goal."""
         if self.at_most is not None:
             return value <= self.at_most
         assert self.at_least is not None
@@ -63,7 +66,7 @@ class Question:
     sides: Mapping[str, Side]
     goals: tuple[Goal, ...]
     limit: str
-    """The present limit of our figure, with the evidence: Markdown, one to four sentences."""
+    """The text on what limits our figure at present, with the evidence, in Markdown."""
     rounds: int = 5
     short: bool = True
     """True if its short form runs in CI."""
@@ -75,13 +78,15 @@ class Question:
 
     def __post_init__(self) -> None:
         if OURS not in self.sides:
-            raise ValueError(f"{self.name} has no side {OURS!r}, only {', '.join(self.sides)}")
+            raise ValueError(f"{self.name} has no side {OURS!r}. Add it to {', '.join(self.sides)}")
         unknown = {self.ground, *(goal.beside for goal in self.goals)} - {"", *self.sides}
         if unknown:
-            raise ValueError(f"{self.name} has goals beside {', '.join(unknown)}: not among its sides")
+            raise ValueError(f"{self.name}: goals name {', '.join(unknown)}, which are not sides of this question")
 
     def among(self, *sides: str) -> Question:
-        """Return the question with fewer sides, and with the goals that these can answer."""
+        """Return a copy of the question with only these sides and ours, and only the goals that compare these
+        sides.
+        """
         kept = {name: side for name, side in self.sides.items() if name == OURS or name in sides}
         ground = self.ground if self.ground in kept else ""
         return replace(
@@ -123,7 +128,7 @@ class Machine:
     load_before: float
 
     @classmethod
-    def here(cls) -> Machine:
+    def current(cls) -> Machine:
         names = [
             line.partition(":")[2].strip()
             for line in Path("/proc/cpuinfo").read_text().splitlines()
@@ -141,7 +146,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Result:
-    """All figures of all rounds: ``rounds[i][side][figure]``."""
+    """All figures of a question: ``rounds[i][side][figure]`` is one figure of one side in round ``i``."""
 
     name: str
     short: bool
@@ -153,16 +158,18 @@ class Result:
         return Spread.of(values) if values else None
 
     def figures(self) -> list[str]:
-        """Return the names of all figures, in the order of their first appearance, ours first."""
+        """Return the names of all figures, in the order in which they first appear. Those of this package come
+        first.
+        """
         sides = [each[side] for each in self.rounds for side in sorted(each, key=lambda side: side != OURS)]
         return list(dict.fromkeys(figure for side in sides for figure in side))
 
     def ratio(self, figure: str, beside: str, of: str = OURS) -> Spread:
-        """Return the ratio of two sides' figures, taken within each round.
+        """Return the median, lowest and highest ratio of two sides' figures. Each ratio is taken within one round.
 
         Args:
             figure: The name of the figure.
-            beside: The side in the denominator; empty for the figure itself.
+            beside: The side in the denominator; empty for the figure of ``of`` without a ratio.
             of: The side in the numerator.
 
         Raises:
@@ -190,8 +197,9 @@ _beneath: Callable[[list[str]], list[str]] = list
 
 @contextlib.contextmanager
 def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
-    """During the block, ``beside`` runs the result of ``wrap`` for its command, for example the command under
-    a profiler."""
+    """Within the ``with`` block, pass each command that ``beside()`` runs through ``wrap``, for example to run it
+    under a profiler.
+    """
     global _beneath
     before, _beneath = _beneath, wrap
     try:
@@ -205,16 +213,16 @@ def beside(module: str, *args: str, python: str = sys.executable, timeout_s: flo
 
     Args:
         module: The module to run.
-        *args: Its arguments.
-        python: The interpreter.
+        *args: The arguments of the module.
+        python: The Python interpreter.
         timeout_s: Longest run time, in seconds.
 
     Returns:
-        The figures, from the last JSON object on its stdout.
+        The figures, from the last JSON object that the module prints.
 
     Raises:
-        RuntimeError: It failed or was too slow. The text has its stderr. A peer that is not installed is an
-            error, too, and never a gap in the table.
+        RuntimeError: The module failed or took too long. The text contains its stderr. A peer that is not installed
+            raises this, too, so that no figure is silently missing.
     """
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join([str(HOUSE.parent), os.environ.get("PYTHONPATH", "")])
@@ -228,12 +236,14 @@ def beside(module: str, *args: str, python: str = sys.executable, timeout_s: flo
         raise RuntimeError(f"{' '.join(command)} took longer than {timeout_s} s:\n{late.stderr!r}") from late
     lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
     if done.returncode or not lines:
-        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr[-4000:]}")
+        raise RuntimeError(f"{' '.join(command)} ended with code {done.returncode}:\n{done.stderr[-4000:]}")
     return {figure: float(value) for figure, value in json.loads(lines[-1]).items()}
 
 
 def side_of(module: str, name: str) -> Side:
-    """Return the side that runs ``benchmarks.sides.<module>`` with the argument ``name``."""
+    """Return a side (a program to compare) that runs the module ``benchmarks.sides.<module>`` with the argument
+    ``name``.
+    """
 
     def side(short: bool) -> Figures:
         return beside(f"benchmarks.sides.{module}", name, *(["short"] if short else []))
@@ -249,7 +259,7 @@ def run(
     progress: Callable[[str], None] = lambda line: None,
 ) -> Result:
     """Run a question: every side once per round, in an order shuffled by ``seed``."""
-    machine = Machine.here()
+    machine = Machine.current()
     order = list(question.sides)
     shuffled = random.Random(seed)
     done: list[Mapping[str, Figures]] = []
@@ -266,9 +276,9 @@ def run(
 def questions() -> dict[str, Question]:
     """Return all questions of this folder by name, from the modules that have a ``QUESTION``."""
     modules = [
-        importlib.import_module(f"{__package__}.{found.name}")
-        for found in pkgutil.iter_modules([str(HOUSE)])
-        if not found.ispkg and found.name != "__main__"
+        importlib.import_module(f"{__package__}.{module_info.name}")
+        for module_info in pkgutil.iter_modules([str(HOUSE)])
+        if not module_info.ispkg and module_info.name != "__main__"
     ]
-    asked: list[Question] = [module.QUESTION for module in modules if hasattr(module, "QUESTION")]
-    return {question.name: question for question in asked}
+    all_questions: list[Question] = [module.QUESTION for module in modules if hasattr(module, "QUESTION")]
+    return {question.name: question for question in all_questions}

@@ -1,15 +1,16 @@
-"""How regular is a G1 at 500 Hz (LowState in, LowCmd out), compared with a process that only runs
-cyclonedds?"""
+"""How regular are the 500 Hz commands to a Unitree G1 (LowState is read, LowCmd is written), compared with a
+process that runs nothing but cyclonedds?
+"""
 
 from __future__ import annotations
 
 from .house import Figures, Goal, Question, Side, beside
-from .stage import at_twin
+from .stage import run_with_twin
 
 
 def side(module: str, peer: str = "") -> Side:
     def ask(short: bool) -> Figures:
-        return at_twin("unitree_g1", module, "short" if short else "long", peer=peer, timeout_s=180)
+        return run_with_twin("unitree_g1", module, "short" if short else "long", peer=peer, timeout_s=180)
 
     return ask
 
@@ -27,21 +28,23 @@ QUESTION = Question(
         Goal("process_pct", "", at_most=30.0),
         Goal("process_pct", "cyclonedds 0.10.2", at_most=1.0),
     ),
-    limit="""`process` is the wire process: RTPS, decoding, 29 limits and gains checked at every step, gate,
-watchdog and beats. `root` is the process that monitors it. The wire process wakes with each setpoint, and handles
-the watchdog's tick at the same time (`kernel/ticker.py`): some 550 wake-ups a second instead of 1000. Setpoints
-come over zenoh, like those of every robot: zenoh's thread wakes, takes the interpreter's lock and wakes the loop.
-Over a private socket, with actions by column, it was 12 to 15 % in the same hours in which this is 24 to 29. Gaps
-on the wire were the same, so there is no such socket.
+    limit="""`process` is the wire process, the only one that writes to the robot. It runs the network protocol
+(RTPS), decodes states, checks 29 limits and gains at every step, and supervises deadlines. `root` is the process
+that monitors the wire process. The wire process wakes with each setpoint, and handles its periodic checks at the
+same time (`kernel/ticker.py`): some 550 wake-ups per second instead of 1000. Setpoints come over zenoh, like those
+of every robot: zenoh's thread wakes, takes the interpreter's lock, and wakes the loop. In a trial, setpoints came
+over a private socket, with actions by column. That took 12 to 15 %, and 24 to 29 % over zenoh in the same hours.
+The gaps between commands were the same, so the package has no such socket.
 
-The machine decides the cost of a wake-up. `an empty tick` is trio waking 500 times a second without work. It took
-2.2 % of a core on this machine in good hours, 3 to 4 in others, and 6 to 12 in bad ones. In those a wake-up took
-30 to 40 µs in a C loop of `clock_nanosleep`, 56 in Python's `sleep`, 104 to 158 in trio. The process of
-cyclonedds has no policy and checks nothing; its time is the encoding of 35 motors field by field, in Python.
+The computer decides the cost of a wake-up. `an empty tick` is trio waking 500 times per second without work. It
+took 2.2 % of a core on this computer in good hours, 3 to 4 in others, and 6 to 12 in bad ones. In the bad hours a
+wake-up took 30 to 40 µs in a C loop of `clock_nanosleep`, 56 in Python's `sleep`, and 104 to 158 in trio. The side
+with cyclonedds has no policy and checks nothing. It spends its time on encoding 35 motors field by field, in
+Python.
 
-The policy in the caller keeps its interpreter's lock for 30 of every 50 ms (`Spinner`), which makes setpoints
-late. After 3 ms the watchdog sends the last one again. Gaps are measured where the twin reads; it shares the two
-cores.""",
+The policy in the caller's process keeps that interpreter's lock for 30 of every 50 ms (`Spinner`). This makes
+setpoints late. After 3 ms without a setpoint the wire process sends the last one again. Gaps are measured where
+the simulated robot reads, and it shares the two cores.""",
     ground="an empty tick",
     rounds=5,
 )

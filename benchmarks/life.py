@@ -1,4 +1,4 @@
-"""How fast does an actor's process start, and how fast is a dead one replaced?"""
+"""How long does it take to start the process of an actor, and to replace one that was killed?"""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ QUESTION = Question(
         Goal("recover_p50_ms", "", at_most=15.0),
         Goal("restart_p50_us", "erlang", at_most=1.0),
     ),
-    limit="""A start is a fork (1.3 ms), trio's start, a link and one message. The forked heap is frozen before,
-because its collection would take 10 ms. A restart in the process is as fast as trio allows: `trio` is a task that
-raises, a loop that starts it again and one answer with a deadline. It has no restart budget and notifies no
-watcher, and takes as long as ours. Erlang's processes have no stack of coroutines.""",
+    limit="""A start is a fork (1.3 ms), the start of trio, a connection and one message. The forked heap is frozen
+before the fork, because its garbage collection would take 10 ms. A restart within the process is as fast as trio
+allows: `trio` is a task that raises, a loop that starts it again, and one answer with a deadline. It does not
+limit or report restarts, and takes as long as this package. Erlang's processes have no stack of coroutines.""",
     short=False,
     ground="trio",
     rounds=2,

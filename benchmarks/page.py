@@ -44,8 +44,9 @@ the unavoidable work. If it misses a goal, too, our code cannot meet that goal.
 
 
 def unit(figure: str) -> tuple[str, str]:
-    """Return the name and the unit of a figure: ``"ask p50"`` and ``"µs"`` for ``"ask_p50_us"``. Without a
-    known unit, the name stays whole and the unit is empty."""
+    """Return the name and the unit of a figure: ``"ask p50"`` and ``"µs"`` for ``"ask_p50_us"``. If the name
+    ends with no known unit, return the whole name and an empty unit.
+    """
     for suffix, name in UNITS.items():
         if figure.endswith(f"_{suffix}"):
             return figure.removesuffix(f"_{suffix}").replace("_", " "), name
@@ -58,7 +59,9 @@ def label(figure: str) -> str:
 
 
 def number(value: float) -> str:
-    """Return a number with three significant digits and separated thousands, without an exponent."""
+    """Return a number as text with three significant digits, with commas between thousands, and without an
+    exponent.
+    """
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -88,7 +91,9 @@ def row(cells: Sequence[str]) -> str:
 
 
 def table(result: Result) -> list[str]:
-    """Return the table: one row per side, ours first. With many figures, one row per figure."""
+    """Return the result table in Markdown: one row per side, ours first. If there are many figures, one row per
+    figure.
+    """
     sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
     figures = result.figures()
     several = len(result.rounds) > 1
@@ -108,8 +113,8 @@ def judged(question: Question, result: Result, verdict: Verdict) -> str:
         "met" if verdict.met else "**missed**",
     ]
     if question.ground:
-        given = result.spread(question.ground, goal.figure) is not None
-        cells.append(cell(result.ratio(goal.figure, goal.beside, question.ground) if given else None, several))
+        has_ground = result.spread(question.ground, goal.figure) is not None
+        cells.append(cell(result.ratio(goal.figure, goal.beside, question.ground) if has_ground else None, several))
     return row(cells)
 
 
@@ -122,11 +127,13 @@ def goals(question: Question, result: Result) -> list[str]:
     return ["", *(row(line) for line in lines), *rows]
 
 
-def summary(asked: Mapping[str, Question], results: Sequence[Result]) -> list[str]:
-    """Return a table with one row per question: its number of goals, and of those that are met."""
+def summary(questions: Mapping[str, Question], results: Sequence[Result]) -> list[str]:
+    """Return a table in Markdown with one row per question: the number of its goals, and the number of goals that
+    are met.
+    """
     lines = ["| question | goals | met |", "| --- | --- | --- |"]
     for result in results:
-        question = asked[result.name]
+        question = questions[result.name]
         met = [verdict.met for verdict in result.verdicts(question.goals)]
         anchor = "".join(each for each in question.title.lower() if each.isalnum() or each in " -_").replace(
             " ", "-"
@@ -139,23 +146,23 @@ def summary(asked: Mapping[str, Question], results: Sequence[Result]) -> list[st
 
 def section(question: Question, result: Result) -> str:
     machine = result.machine
-    where = (
+    conditions = (
         f"*{machine.date}, {machine.processor}, {machine.cores} cores, {machine.kernel}, Python {machine.python}, "
         f"load {machine.load_before} before; {len(result.rounds)} rounds{', short form' if result.short else ''}.*"
     )
-    lines = [f"## {question.title}", "", paragraph(where), "", *table(result), *goals(question, result), ""]
+    lines = [f"## {question.title}", "", paragraph(conditions), "", *table(result), *goals(question, result), ""]
     lines += [
         "\n\n".join(paragraph(part) for part in f"**What limits it.** {question.limit}".split("\n\n")),
         "",
         f"![{question.title}](benchmarks/{question.name}.svg)",
         "",
-        *where_it_goes(question),
+        *time_profile(question),
     ]
     return "\n".join(lines)
 
 
-def where_it_goes(question: Question) -> list[str]:
-    """Return the flame graph of our side, if there is one, and the functions that compute most."""
+def time_profile(question: Question) -> list[str]:
+    """Return Markdown with the flame graph of our side, if there is one, and the functions that take most time."""
     kept = flames.KEPT / f"{question.name}.txt"
     if not kept.exists():
         return []
@@ -175,7 +182,8 @@ def plot(question: Question, result: Result, path: Path) -> None:
     os.environ.setdefault("MPLBACKEND", "svg")
     import matplotlib
 
-    matplotlib.rcParams["svg.hashsalt"] = question.name  # the same figures give the same file
+    # matplotlib makes random ids from this text, so equal figures give an equal file.
+    matplotlib.rcParams["svg.hashsalt"] = question.name
     from matplotlib.figure import Figure
 
     named = list(dict.fromkeys(goal.figure for goal in question.goals)) or result.figures()
@@ -193,7 +201,10 @@ def plot(question: Question, result: Result, path: Path) -> None:
 
 
 def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
-    """Draw the median, lowest and highest value of each side. Return True for a logarithmic axis."""
+    """Draw the median, lowest and highest value of each side in one panel.
+
+    Return True if its axis is logarithmic.
+    """
     sides = list(spreads)[::-1]
     each = [spreads[side] for side in sides]
     medians = [spread.median for spread in each]
@@ -228,15 +239,15 @@ def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
 
 
 def with_figure(result: Result, sides: list[str], figure: str) -> dict[str, Spread]:
-    found = {side: result.spread(side, figure) for side in sides}
-    return {side: spread for side, spread in found.items() if spread is not None}
+    spreads = {side: result.spread(side, figure) for side in sides}
+    return {side: spread for side, spread in spreads.items() if spread is not None}
 
 
-def write(asked: Mapping[str, Question]) -> Path:
-    """Write the page from the results of all existing questions. Return its path."""
-    kept = [result for path in sorted(RESULTS.glob("*.json")) if (result := Result.read(path)).name in asked]
-    sections = [section(asked[result.name], result) for result in kept]
-    for seen in sorted(flames.KEPT.glob("*.txt")):
-        flames.draw(flames.read(seen.read_text()), PLOTS / "flames" / f"{seen.stem}.svg")
-    PAGE.write_text("\n".join([PREFACE, *summary(asked, kept), *sections]))
+def write(questions: Mapping[str, Question]) -> Path:
+    """Write the page from all stored results of questions that still exist. Return the path of the page."""
+    kept = [result for path in sorted(RESULTS.glob("*.json")) if (result := Result.read(path)).name in questions]
+    sections = [section(questions[result.name], result) for result in kept]
+    for samples in sorted(flames.KEPT.glob("*.txt")):
+        flames.draw(flames.read(samples.read_text()), PLOTS / "flames" / f"{samples.stem}.svg")
+    PAGE.write_text("\n".join([PREFACE, *summary(questions, kept), *sections]))
     return PAGE

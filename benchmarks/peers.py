@@ -1,7 +1,8 @@
-"""``python -m benchmarks.peers [NAME ...]``: make the environments of peers that cannot share ours.
+"""``python -m benchmarks.peers [NAME ...]``: make the Python environments of peers (products that are
+compared with this package) that cannot be installed in ours.
 
-Each is a virtual environment in ``benchmarks/.peers/<name>/``, with the Python that the peer needs. A
-benchmark fails with a message if the environment that it needs is missing. It never installs one itself.
+Each is a virtual environment in ``benchmarks/.peers/<name>/``, with the Python that the peer needs. If a
+benchmark needs an environment that is missing, it fails with a message. A benchmark never makes one itself.
 """
 
 from __future__ import annotations
@@ -26,9 +27,9 @@ class Peer:
     Attributes:
         python: The version of Python.
         packages: Packages that are installed with their requirements.
-        alone: Packages that are installed without their requirements, which no benchmark uses.
-        proof: Modules that must be importable afterwards.
-        empty: Modules that the peer imports but does not use here. Empty files replace them.
+        alone: Packages that are installed without the packages that they require, since no benchmark uses those.
+        proof: Modules that must be importable after the installation.
+        empty: Modules that the peer imports, but that no benchmark uses. Empty files replace them.
     """
 
     python: str
@@ -58,20 +59,20 @@ PEERS = {
         ("strands-robots==0.5.3",),
         "strands_robots, rtde_control",
     ),
-    # Without torch, which has 800 MB and which its buses do not use.
+    # torch is left out. It has 800 MB, and lerobot's servo buses do not use it.
     "lerobot": Peer(
         "3.11",
         ("numpy", "pyserial", "deepdiff", "tqdm", "feetech-servo-sdk==1.0.0"),
         ("lerobot==0.4.4",),
         "scservo_sdk, deepdiff",
     ),
-    # The release that Unitree's SDK requires. This is the newest Python with wheels of it.
+    # Unitree's SDK requires this release. 3.10 is the newest Python for which there are wheels of it.
     "cyclonedds": Peer("3.10", ("cyclonedds==0.10.2",), (), "cyclonedds.idl"),
-    # It is under the GPL, so it is only installed in this environment.
+    # cflib is under the GPL, so it is only installed in this environment.
     "cflib": Peer("3.11", ("cflib==0.1.34",), (), "cflib.crazyflie"),
     "microduck": Peer("3.12", ("microduck-cli==0.9.7",), (), "microduck_cli.ipc.client"),
-    # Reachy Mini's daemon, for ``python -m tests peers``. PyGObject is left out, since it is compiled against
-    # the system's GStreamer.
+    # The daemon of Reachy Mini, which ``python -m tests peers`` uses. PyGObject is left out, because pip would
+    # compile it against the system's GStreamer.
     "reachy": Peer(
         "3.12",
         (
@@ -108,13 +109,13 @@ PEERS = {
         ("reachy-mini==1.13.0",),
         "mujoco, uvicorn, reachy_mini_motor_controller",
     ),
-    # Its stated requirements also include audio, point clouds and a camera's SDK.
+    # stretch_body also requires packages for audio, point clouds and a camera. They are left out.
     "stretch_body": Peer("3.11", vendor.NEEDS, (vendor.CLIENT,), "stretch_body, aioserial", vendor.NOT_THERE),
 }
 
 
 class Missing(RuntimeError):
-    """A peer or its Python is not installed. The text has the remedy."""
+    """A peer, or the Python version that it needs, is not installed. The text of the exception has the remedy."""
 
 
 def python(name: str) -> str:
@@ -148,8 +149,8 @@ def find(version: str) -> str:
     """Return an interpreter of this version, from PATH or from pyenv. Raise ``Missing`` if there is no such
     interpreter."""
     for candidate in _candidates(version):
-        asked = [candidate, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
-        done = subprocess.run(asked, capture_output=True, text=True)
+        command = [candidate, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
+        done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode == 0 and done.stdout.strip() == version:
             return candidate
     raise Missing(f"no Python {version} on PATH or in ~/.pyenv/versions: install one (pyenv install {version})")
@@ -157,8 +158,8 @@ def find(version: str) -> str:
 
 def _candidates(version: str) -> Iterator[str]:
     yield sys.executable
-    if found := shutil.which(f"python{version}"):
-        yield found
+    if interpreter := shutil.which(f"python{version}"):
+        yield interpreter
     yield from (str(path) for path in sorted(Path.home().glob(f".pyenv/versions/{version}*/bin/python")))
 
 

@@ -1,4 +1,4 @@
-"""Run a side that drives a robot's twin, in a separate process. Questions about robots share this."""
+"""Start a simulated robot and a side that commands it, each in a separate process."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from . import peers
 from .house import HOUSE, Figures, Side, beside
 
 
-def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
-    """Run a side at a robot's twin.
+def run_with_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
+    """Start a simulated robot, and run a side that commands it.
 
     Args:
         robot: The robot.
         module: The side, ``benchmarks.sides.<module>``.
-        *args: Its first arguments. The twin's port and the path of its wire log follow.
-        peer: The peer with the interpreter; empty for ours.
+        *args: The first arguments of the side. The robot's port and the path of its log are added.
+        peer: The peer that has the Python interpreter; empty for the interpreter of this process.
         timeout_s: Longest run time, in seconds.
     """
     python = {"python": peers.python(peer)} if peer else {}
@@ -32,49 +32,54 @@ def at_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: floa
         )
 
 
-def at_twins(robots: dict[str, str], module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Side:
+def side_with_twins(
+    robots: dict[str, str], module: str, *args: str, peer: str = "", timeout_s: float = 120
+) -> Side:
     """Return a side that runs ``module`` once for each robot.
 
     Args:
-        robots: The prefix of the figures' names, by robot.
-        module: As for ``at_twin``.
-        *args: As for ``at_twin``; the length and the robot follow.
-        peer: As for ``at_twin``.
-        timeout_s: As for ``at_twin``, for each robot.
+        robots: Robots, and the prefix for the names of their figures.
+        module: As for ``run_with_twin``.
+        *args: As for ``run_with_twin``. The length and the robot are added before the port.
+        peer: As for ``run_with_twin``.
+        timeout_s: As for ``run_with_twin``, for each robot.
     """
 
     def side(short: bool) -> Figures:
         figures: Figures = {}
         for robot, prefix in robots.items():
             length = "short" if short else "long"
-            found = at_twin(robot, module, *args, length, robot, peer=peer, timeout_s=timeout_s)
-            figures |= {f"{prefix}_{name}": value for name, value in found.items()}
+            result = run_with_twin(robot, module, *args, length, robot, peer=peer, timeout_s=timeout_s)
+            figures |= {f"{prefix}_{name}": value for name, value in result.items()}
         return figures
 
     return side
 
 
-def at_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 60) -> Figures:
-    """Run a side as ``at_twin`` does, at a servo bus that is never late (``sides.line``) and has no log."""
+def run_with_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 60) -> Figures:
+    """Run a side as ``run_with_twin`` does, but with a simulated servo bus that is never late (``sides.line``)
+    and has no log.
+    """
     python = {"python": peers.python(peer)} if peer else {}
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:
-        where = Path(directory) / "port"
+        path = Path(directory) / "port"
         with subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.sides.line", robot, str(where)], cwd=HOUSE.parent
+            [sys.executable, "-m", "benchmarks.sides.line", robot, str(path)], cwd=HOUSE.parent
         ) as line:
             try:
-                while not where.exists():
+                while not path.exists():
                     if line.poll() is not None:
-                        raise RuntimeError(f"the line of {robot} ended with {line.returncode}")
+                        raise RuntimeError(f"the simulated bus of {robot} ended with code {line.returncode}")
                     time.sleep(0.01)
-                port = where.read_text()
+                port = path.read_text()
                 return beside(f"benchmarks.sides.{module}", *args, port, timeout_s=timeout_s, **python)
             finally:
                 line.kill()
 
 
 def at_home(home: str = "") -> None:
-    """Keep the robots of this process, and the locks of their e-stops, apart from this user's other ones.
+    """Use separate directories for this process' robots and e-stop locks, so that the user's own robots are not
+    affected.
 
     Args:
         home: The directory to use; empty for a new one.

@@ -1,4 +1,4 @@
-"""How long does it take from ``import strands_actors`` to an armed robot?"""
+"""How long does it take from the start of ``import strands_actors`` until a robot's motors are energised?"""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ QUESTION = Question(
         Goal("armed_ms", "", at_most=800.0),
         Goal("armed_on_wire_ms", "", at_most=800.0),
     ),
-    limit="""trio and msgspec are 93 to 95 ms of the import's 113 to 119 ms of processor time. Of the rest zenoh
-is 2.4 ms, json 1.2 ms, and nearly all else our own modules (`-X importtime`). asyncio, entry points and the code
-of the root are imported when they are needed. Before the robot is armed, first the twin and then the root are
-executed, each importing trio, and the root forks the wire.""",
+    limit="""trio and msgspec take 93 to 95 ms of the import's 113 to 119 ms of processor time. zenoh takes 2.4 ms,
+json 1.2 ms, and nearly all of the rest are our own modules (`-X importtime`). asyncio, entry points and the code
+of the root process are imported only when they are needed. Before the robot is armed, three processes start: first
+the simulated robot and then the root process are executed, each importing trio, and then the root forks the wire
+process.""",
     short=False,
     rounds=3,
 )

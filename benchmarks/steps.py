@@ -1,4 +1,4 @@
-"""How many physics steps per second does a simulated SO-101 make through the verbs?"""
+"""How many physics steps per second does a simulated SO-101 make when a script calls ``Robot.step``?"""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ QUESTION = Question(
     goals=tuple(
         Goal(f"{each}_per_s", "mj_step", at_least=0.8) for each in ("control_period", "second", "ten_seconds")
     ),
-    limit="""A `step` with an action takes 0.45 to 0.55 ms, however many steps it has. The call goes from the
-caller's thread to the wire process (lease, gate, the driver's names and units), from there to the simulation's,
-and back: four wake-ups. In calls of ten simulated seconds (5000 steps, 24 ms of `mj_step`) that is negligible; in
-calls of a second (500, 2.4 ms) it is small. A control period (10 steps, 0.05 ms) is much shorter than the call,
-which is still forty times as fast as real time.
+    limit="""A `step` with an action takes 0.45 to 0.55 ms, independent of its number of physics steps. The call
+goes from the caller's thread to the wire process (checks, the driver's names and units), from there to the process
+of the simulation, and back: four wake-ups. This time is negligible in calls of ten simulated seconds (5000 steps,
+24 ms of `mj_step`). It is small in calls of a second (500 steps, 2.4 ms). A control period (10 steps, 0.05 ms) is
+much shorter than the call, which is still forty times as fast as real time.
 
-No library with physics outside the script's process can reach that last goal; inside it, the physics would die
-with the script. `mj_step behind a socket` is one process, only bytes, two wake-ups, and also far from it. Ours is
-faster than raw in long calls because a sixth of a raw step is MuJoCo's own stopwatch, which our twins omit.
-Between calls the physics follows real time, as the tree's deadlines, leases and heartbeats always do. It steps in
-batches of 500, so that a stop does not wait for ten seconds of physics.""",
+No library with physics outside the script's process can reach the last goal. With physics inside the script's
+process, the simulated robot would end with the script. `mj_step behind a socket` is one more process, messages of
+a few bytes and two wake-ups. It is also far from the goal. In long calls this package is faster than `mj_step`
+alone, because a sixth of such a step is MuJoCo's own stopwatch, which our simulated robots switch off. Between
+calls the physics follows real time, as deadlines, leases and heartbeats always do. The physics makes at most 500
+steps at a time, so that a stop does not wait for ten seconds of physics.""",
     ground="mj_step behind a socket",
     short=False,
 )

@@ -1,4 +1,4 @@
-"""How many messages a second go into one actor of the same process?"""
+"""How many messages per second can one actor receive from its own process?"""
 
 from __future__ import annotations
 
@@ -23,12 +23,13 @@ QUESTION = Question(
         Goal("bounded_per_s", "trio", at_least=13.0),
     ),
     ground="a deque and a call",
-    limit="""A message costs 125 ns to tell and 195 ns to handle (measured separately in bursts of 1000, Python
-3.11, on the machine of the table). 45 ns of that reads the clock, which recordings need, and the handler's own
-call takes as much. The rest is the work per message: the lookup of its type, its lane, the bound, the time at
-which it was taken, the turn, each some 20 bytecodes of this interpreter.
+    limit="""A message costs 125 ns to send and 195 ns to handle (measured separately in groups of 1000, Python
+3.11, on the computer of the table). 45 ns of that is a reading of the clock, which recordings need, and the call
+of the handler takes as much. The rest is work for each message, some 20 bytecodes of this interpreter each: look
+up its type and its priority, check the length of the queue, note the time at which it was taken, and limit the
+turn.
 
-It was 40 % more before three changes: no `isinstance` of a message, which asks msgspec's metaclass for 50 ns; no
-call for the command lane; and room in a turn for 1024 messages instead of 128, between which trio's loop passes
-once.""",
+It was 40 % more before three changes. `isinstance` is no longer called, which asks msgspec's metaclass for 50 ns.
+Messages of the usual priority need no function call. A turn handles up to 1024 messages instead of 128; trio's
+loop passes once between two turns.""",
 )

@@ -1,4 +1,4 @@
-"""How long does a stop wait behind 10 000 queued messages of 20 us each?"""
+"""How long does a stop message wait if 10 000 messages of 20 us each are queued before it?"""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ QUESTION = Question(
     },
     goals=(Goal("urgent_p50_us", "", at_most=70.0),),
     limit=(
-        """The handler that runs (20 µs), and at most a turn of 200 µs when the sender is a task of the same
-loop."""
+        """A stop waits for the handler that runs (20 µs). If the sender is a task of the same loop, it also
+waits for at most one turn of 200 µs."""
     ),
 )

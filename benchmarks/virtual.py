@@ -1,4 +1,4 @@
-"""How many seconds of a robot's whole tree pass per real second, in virtual time?"""
+"""How many seconds of a robot's operation can be simulated per real second, with all its actors in virtual time?"""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ QUESTION = Question(
     ),
     ground="its passes and physics",
     limit="""A simulated second of an SO-101 takes 26 ms (470 passes of trio's loop). trio and its virtual clock
-are a third of that, the twin's servos with 500 steps of MuJoCo a sixth, actors and messages a fifth, the driver's
-codec and gates a tenth (cProfile; the flame graph has the same). The same tree on a driver without wire and
-physics reaches 66 to 75. `its passes and physics` is only one task that sleeps 470 times in a simulated second
-and steps the same arm's physics: no tree with this bus reaches 100 on this loop. The replay has no loop.""",
+take a third of that, the simulated servos with 500 steps of MuJoCo a sixth, actors and messages a fifth, and the
+driver's codec and checks a tenth (cProfile; the flame graph shows the same). With a driver without bus and
+physics, the same actors reach 66 to 75. `its passes and physics` is only one task that sleeps 470 times in a
+simulated second and steps the physics of the arm. It shows that no code with this bus reaches 100 on this loop.
+The replay has no loop.""",
 )

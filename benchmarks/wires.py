@@ -1,5 +1,6 @@
-"""How fast are a command and a stop, and how much processor time do they take, on the wires after the first
-five? The other side is the client that most users of the robot have."""
+"""How fast are a command and a stop, and how much processor time do they take? These are the robots after the
+first five. Each is compared with the client that most of its users have.
+"""
 
 from __future__ import annotations
 
@@ -23,40 +24,42 @@ TIMEOUT_S = 240.0
 TRIES = 3
 
 
-LIMIT = """Ours has one process more on the path than a client in the caller's own thread. The command crosses
-from the caller to the wire process and through its gates (see `setpoint`), about 1 ms. The benefit: a client's
-process that is killed or busy computing stops nothing.
+LIMIT = """This package has one process more than a client in the script's own process. A command passes from the
+caller to the wire process, which checks it and writes it to the robot (see `setpoint`): about 1 ms. The benefit:
+when the caller is killed or busy, the robot is still stopped.
 
-The figures do not show that a client's call blocks its own thread, so a script of one thread stops only when its
-last command has been answered. Here every command that is stopped has its own thread, and the stop comes 50 ms
-after the command began, which favours the clients. Wire, root and twin run with a higher priority than ordinary
-programs, as for users who grant it; the caller of either side does not. Goals are the bounds that the drivers
-publish; for a twin that goes on after a freeze, the bound of a link that is back.
+One property of the clients does not show in the figures. A client's call blocks its thread, so a script with one
+thread can stop only when its last command has been answered. Here every command that is stopped has its own
+thread, and the stop comes 50 ms after the command has begun. This favours the clients. Our wire process, our root
+process and the simulated robot have a higher priority than ordinary programs, as for users who grant it. The
+callers of both sides do not. The goals are the bounds that the drivers publish. For a simulated robot that
+continues after a freeze, the goal is the bound of a restored connection.
 
-A Reachy's stop waits 30 ms for the answer to a command that is on its way, because it must not overtake it. Then
-it opens a new WebSocket, whose handshake is answered 300 ms late, too. With a daemon as late as this it misses
-the bound. So does REST, which has to ask for the running moves. `frozen stop` is measured from when the twin goes
-on, `frozen call` from the call until it came back, with the twin frozen for 1 s. Ours reports which robots are
-confirmed; roslibpy's only publishes.
+A Reachy's stop waits 30 ms for the answer to the previous command, because it must not overtake that command. Then
+it opens a new WebSocket. If the daemon answers 300 ms late, the handshake of the WebSocket is late, too, and the
+stop misses the bound. So does the stop over REST, which first has to request the list of running moves. `frozen
+stop` is measured from when the simulated robot continues. `frozen call` is the duration of the call, with a robot
+that is frozen for 1 s. Our stop reports the robots that have confirmed it. roslibpy's stop only publishes.
 
-Stops differ: ours of a Crazyflie is a landing and cflib's a hover; ours of a Stretch stops every board and its
-client's the lift; panda's and fr3's clients ask for StopMove. Setpoints of panda and fr3 are measured from the
-call to the request to move (panda-python clears errors before). Those of a Kinova are measured to the first
-speeds that are new, those of an iiwa to the next answer that the controller asks for, every 10 ms. `wire` is the
-process that has the wire, `all` that and root, standby and caller; for a client it is the script with the client
-in it. Shares are of one core at the control rate, of panda and fr3 during a motion at 1 kHz, in steps of 0.3 %.
-Ours reads and publishes the robot's state meanwhile; the clients read only what they read by themselves."""
+The sides stop in different ways. A Crazyflie lands with this package and hovers with cflib. A Stretch stops all
+its boards with this package and only the lift with its client. The clients of panda and fr3 request StopMove.
+Setpoints of panda and fr3 are measured from the call to the request to move (panda-python clears errors before).
+Those of a Kinova are measured to the first changed speeds, those of an iiwa to the next answer that the controller
+requests, every 10 ms. `wire` is the process that writes to the robot. `all` includes the root, standby and caller
+processes. For a client both are the script that runs it. Shares are of one core at the control rate, for panda and
+fr3 during a motion at 1 kHz, in steps of 0.3 %. This package reads and publishes the robot's state meanwhile. The
+clients read only the data that they read by themselves."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """The client of a robot that ours is compared with.
+    """The client with which this package is compared at one robot.
 
     Attributes:
         client: A module of ``sides/wire_clients``; empty if no client is available.
-        peer: The environment of the client; empty for ours.
-        service: True if the robot is behind a server process.
-        twin: Options of the twin that this client needs.
+        peer: The Python environment of the client; empty for the environment of this package.
+        service: True if clients reach the robot through a server process.
+        twin: Options of the simulated robot that this client needs.
     """
 
     client: str = ""
@@ -67,8 +70,8 @@ class Compared:
 
 WIRES: dict[str, Compared] = {
     "xarm7": Compared("xarm"),
-    "kinova_gen3": Compared(),  # the vendor's client is not on a package index
-    "kuka_iiwa": Compared(),  # the vendor's licence ties its client to its robots
+    "kinova_gen3": Compared(),  # no comparison, since the vendor's client is not on a package index
+    "kuka_iiwa": Compared(),  # no comparison, since the client's licence allows it only with the vendor's robots
     "panda": Compared("panda"),
     "fr3": Compared("fr3"),
     "spot": Compared("spot", service=True),
@@ -91,10 +94,10 @@ QUICKER: dict[str, tuple[float, Mapping[str, object]]] = {
 """The highest control rate that an arm's driver accepts, in Hz, and the options of its twin for this."""
 
 
-def at_twin(robot: str, who: str, length: str) -> Figures:
-    """Run one side at one robot's twin."""
+def run_with_twin(robot: str, program: str, length: str) -> Figures:
+    """Start one simulated robot, and run one side that commands it."""
     compared = WIRES[robot]
-    ours = who == OURS
+    ours = program == OURS
     python = {} if ours or not compared.peer else {"python": peers.python(compared.peer)}
     hz = driver_of(robot).timing.control_hz
     with ExitStack() as stack:
@@ -107,14 +110,22 @@ def at_twin(robot: str, who: str, length: str) -> Figures:
             service = [str(twin.process.pid), line.port, str(flag)]
         return beside(
             "benchmarks.sides.wires",
-            *(who if ours else compared.client, length, robot, str(hz), twin.port, str(twin.log.path), *service),
+            *(
+                program if ours else compared.client,
+                length,
+                robot,
+                str(hz),
+                twin.port,
+                str(twin.log.path),
+                *service,
+            ),
             timeout_s=TIMEOUT_S,
             **python,
         )
 
 
-def at_quicker_twin(robot: str, who: str, length: str) -> Figures:
-    """Run our side at the highest control rate."""
+def run_with_quicker_twin(robot: str, program: str, length: str) -> Figures:
+    """Run this package at the highest control rate that the driver of the robot accepts."""
     hz, options = QUICKER[robot]
     usual_hz = driver_of(robot).timing.control_hz
     with (
@@ -124,31 +135,41 @@ def at_quicker_twin(robot: str, who: str, length: str) -> Figures:
         return beside("benchmarks.sides.wires", "quicker", length, robot, str(usual_hz), str(hz), twin.port)
 
 
-def patiently(ask: Callable[[str, str, str], Figures], robot: str, who: str, length: str) -> Figures:
-    """Run a side. If it fails because the computer is busy, print this and run it again, ``TRIES`` times in
-    all."""
-    for left in reversed(range(TRIES)):
+def patiently(ask: Callable[[str, str, str], Figures], robot: str, program: str, length: str) -> Figures:
+    """Run a side. If it fails, print the error and run it again, ``TRIES`` times in all, because a busy computer
+    may be the cause.
+    """
+    for tries_left in reversed(range(TRIES)):
         try:
-            return ask(robot, who, length)
+            return ask(robot, program, length)
         except (RuntimeError, TimeoutError) as late:
-            if not left:
+            if not tries_left:
                 raise
-            print(f"{robot}, {who}, is tried again: {late}", file=sys.stderr, flush=True)
+            print(f"{robot}, {program}, is tried again: {late}", file=sys.stderr, flush=True)
     raise AssertionError
 
 
 class LateLine:
-    """Runs ``sides.late_answers`` between a client and a twin, during a ``with`` block.
+    """A proxy between a client and a simulated robot that delays answers (``sides.late_answers``), for a ``with``
+    block.
 
-    ``port`` is the address for the client. A query after a ``?`` is the twin's.
+    ``port`` is the address for the client. It ends with the query (``?...``) of the robot's address, if there is
+    one.
     """
 
     def __init__(self, port: str, directory: Path, flag: Path) -> None:
-        self._there, query, self._more = port.partition("?")
+        self._service_address, query, self._more = port.partition("?")
         self._more = query + self._more
-        host = self._there.rpartition(":")[0]
-        here = f"{host}:0" if host else str(directory / "late.sock")
-        self._command = [sys.executable, "-m", "benchmarks.sides.late_answers", here, self._there, str(flag)]
+        host = self._service_address.rpartition(":")[0]
+        address = f"{host}:0" if host else str(directory / "late.sock")
+        self._command = [
+            sys.executable,
+            "-m",
+            "benchmarks.sides.late_answers",
+            address,
+            self._service_address,
+            str(flag),
+        ]
 
     def __enter__(self) -> LateLine:
         self._line = subprocess.Popen(self._command, cwd=HOUSE.parent, stdout=subprocess.PIPE, text=True)
@@ -161,24 +182,27 @@ class LateLine:
         self._line.communicate()
 
 
-def side(who: str) -> Side:
+def side(program: str) -> Side:
     def ask(short: bool) -> Figures:
         figures: Figures = {}
         length = "short" if short else "long"
         for robot, compared in WIRES.items():
-            asked = [at_twin] if who == OURS or compared.client else []
-            asked += [at_quicker_twin] if who == OURS and robot in QUICKER else []
-            for ask_one in asked:
-                found = patiently(ask_one, robot, who, length)
-                figures |= {f"{robot}_{figure}": value for figure, value in found.items()}
+            runs = [run_with_twin] if program == OURS or compared.client else []
+            runs += [run_with_quicker_twin] if program == OURS and robot in QUICKER else []
+            for run in runs:
+                result = patiently(run, robot, program, length)
+                figures |= {f"{robot}_{figure}": value for figure, value in result.items()}
         return figures
 
     return ask
 
 
 def goals_of(robot: str) -> tuple[Goal, ...]:
-    """Return the goals of a robot. The bound of each stop is the one that its driver publishes. After a
-    twin was frozen, it is the bound of a returned link."""
+    """Return the goals of a robot: the longest times from a stop to the first stop command that the robot receives.
+
+    They are the bound that its driver publishes. After a freeze of the robot it is the bound for a restored
+    connection.
+    """
     bound_ms = driver_of(robot).bound_s * 1e3
     goals = {"stop_worst_ms": bound_ms}
     if WIRES[robot].service:

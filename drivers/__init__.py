@@ -1,9 +1,9 @@
 """Find the driver of a robot by its name, and register drivers of other packages.
 
-Built-in wires are listed by name and imported when they are needed. A third-party package names its driver
-class in the entry point group ``strands_actors.drivers``. A driver that cannot be used causes a warning and a
-record (``broken_drivers``), and is never fatal. A registration at run time lasts as long as the process. No
-file of the user is written.
+The classes of the built-in drivers are listed as text and imported when they are needed. A third-party package
+names its driver class in the entry point group ``strands_actors.drivers``. If a driver cannot be imported, the
+user gets a warning and ``broken_drivers`` returns the reason. All other drivers still work. A registration at run
+time lasts until this process ends, and writes no file.
 """
 
 from __future__ import annotations
@@ -81,25 +81,25 @@ WIRES = {
     "unitree_g1": "strands_actors.drivers.unitree.driver:G1Driver",
     "unitree": "strands_actors.drivers.unitree.driver:Go2Driver",
 }
-"""Wire to its driver class. Most wires have one class; each class declares robots."""
+"""Name of a wire protocol to the location of its driver class. Each class supports one or several robots."""
 
 LEADERS = {
     "feetech": "strands_actors.drivers.feetech.leader:FeetechLeader",
     "dynamixel": "strands_actors.drivers.dynamixel.leader:DynamixelLeader",
 }
-"""Wire to its class of leader arms. These are no robots, since nothing drives them."""
+"""Name of a wire protocol to the class of its leader arms. A person moves them by hand, so they are no robots."""
 
 SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
-"""Drives any of these robots in simulation."""
+"""Location of the class that drives any of these robots in simulation."""
 
 MODEL = "strands_actors.drivers.model.driver:ModelDriver"
-"""Simulates a user's model."""
+"""Location of the class that simulates a user's model file."""
 
 PLAIN = "strands_actors.drivers.plain.driver:PlainDriver"
-"""Runs a driver class of the drivers page, which is not a ``Driver``, as a tree."""
+"""Location of the class that runs a user's plain driver class (``docs/drivers.md``), which is no ``Driver``."""
 
 LEROBOT = "strands_actors.drivers.plain.lerobot.types:TYPES"
-"""Robots that LeRobot has a type for, by the names of this package."""
+"""Location of the table of robots that LeRobot supports, by the names of this package."""
 
 LEROBOT_CLASS = "strands_actors.drivers.plain.lerobot.follower:class_of"
 LEROBOT_MISSING = "strands_actors.drivers.plain.lerobot.types:missing"
@@ -115,28 +115,30 @@ OTHER_ROBOTS = (
 ``register_robot(name, model_xml=...)`` such a robot can be simulated."""
 
 NATIVE_DRIVER = "strands"
-"""``Robot(driver=)`` for a driver class of this package, or a registered one."""
+"""Value of ``Robot(driver=)`` for a driver class of this package, or for a registered class."""
 
 DEFAULT_DRIVER = "lerobot"
-"""The driver of a robot without a native driver."""
+"""Value of ``Robot(driver=)`` for LeRobot's class. It is the default of a robot without a native driver."""
 
 DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
 """Values of ``Robot(driver=)``."""
 
 OWN_KEYWORDS = ("cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
-"""Keywords of every driver that runs as a tree."""
+"""Keywords that ``Robot`` accepts for every driver that is a subclass of ``Driver``."""
 
 
 class Registered(NamedTuple):
     """A robot that was registered at run time."""
 
-    driver: str | None  # strands or lerobot; None: the available one
+    driver: str | None  # "strands" or "lerobot"; None: use the driver that the robot has
     model_xml: str | None
 
 
 _broken: dict[str, str] = {}
 _registered: dict[str, type[Any]] = {}
-_found: set[str] = set()  # robots of the drivers that were loaded at the start
+_with_driver_class: set[str] = (
+    set()
+)  # names of the robots for which a driver class was found when the drivers were loaded
 _robots: dict[str, Registered] = {}
 _aliases: dict[str, str] = {}
 _loaded = False
@@ -147,7 +149,9 @@ def _load() -> None:
     if _loaded:
         return
     _loaded = True
-    from importlib.metadata import entry_points  # takes 9 ms; a robot's processes get the name of their driver
+    # This import takes 9 ms, so it is not at the top of the module. The processes of a robot never need it, since
+    # they get the location of their driver class.
+    from importlib.metadata import entry_points
 
     locations = dict(WIRES)
     for point in entry_points(group="strands_actors.drivers"):
@@ -160,60 +164,63 @@ def _load() -> None:
             if missing:
                 raise TypeError(f"{name} lacks {', '.join(missing)}")
             robots, aliases = list(driver_class.SUPPORTED_ROBOTS), dict(getattr(driver_class, "ALIASES", {}))
-        except Exception as error:  # a third-party module may raise anything
+        except Exception as error:  # a module of another package may raise anything
             _broken[wire] = f"{type(error).__name__}: {error}"
             continue
         for robot in robots:
             _registered.setdefault(robot, driver_class)
         _aliases.update(aliases)
-    for robot, kind in load(LEROBOT).items():
-        if kind.type != robot:
-            _aliases.setdefault(kind.type, robot)
-    _found.update(_registered)
-    for wire, why in sorted(_broken.items()):
-        warnings.warn(f"driver {wire} cannot be used: {why}", stacklevel=3)
+    for robot, robot_type in load(LEROBOT).items():
+        if robot_type.type != robot:
+            _aliases.setdefault(robot_type.type, robot)
+    _with_driver_class.update(_registered)
+    for wire, reason in sorted(_broken.items()):
+        warnings.warn(f"driver {wire} cannot be used: {reason}", stacklevel=3)
 
 
 def broken_drivers() -> dict[str, str]:
-    """Return wires and entry points that cannot be used, with the reasons."""
+    """Return the drivers that cannot be used, each with the reason. The keys are wire names and entry points."""
     _load()
     return dict(_broken)
 
 
 def constructor_keywords(cls: type[Any]) -> list[str]:
-    """Return the keywords that ``Robot`` passes on to a driver class, sorted. ``**`` means any keyword."""
+    """Return the keyword arguments that ``Robot`` passes on to a driver class, sorted. ``**`` means that the class
+    accepts any keyword."""
     if issubclass(cls, Driver):
         return sorted({*OWN_KEYWORDS, *cls.OPTIONS, *cls.SPELLINGS})
     parameters = inspect.signature(cls).parameters.values()
-    names = [one.name for one in parameters if one.kind not in (one.VAR_KEYWORD, one.VAR_POSITIONAL)]
-    return sorted(names + ["**" for one in parameters if one.kind is one.VAR_KEYWORD])
+    names = [
+        parameter.name
+        for parameter in parameters
+        if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+    ]
+    return sorted(names + ["**" for parameter in parameters if parameter.kind is parameter.VAR_KEYWORD])
 
 
 def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -> None:
     """Use ``cls`` as the driver of a robot.
 
     Args:
-        name: The robot, or one of its aliases.
+        name: Name of the robot, or one of its aliases.
         cls: The driver class.
-        overwrite: Replace a present driver.
+        overwrite: True to replace the driver that the robot already has.
 
     Raises:
-        TypeError: The class lacks members. The text names them.
-        ValueError: The robot is unknown, or has a driver already.
+        TypeError: The class lacks methods or attributes that a driver needs. The message names them.
+        ValueError: The robot is unknown, or it already has a driver and ``overwrite`` is False.
     """
     _load()
     missing = missing_driver_members(cls)
     if missing:
-        raise TypeError(f"register_native_driver: {cls.__name__} lacks {', '.join(missing)}")
+        raise TypeError(f"register_native_driver: the class {cls.__name__} lacks {', '.join(missing)}. add them")
     robot = canonical_name(name)
     if robot not in list_driver_coverage() and robot not in getattr(cls, "SUPPORTED_ROBOTS", ()):
-        raise ValueError(
-            f"register_native_driver: nobody knows a robot called {name!r}. call register_robot({name!r}) first"
-        )
+        raise ValueError(f"register_native_driver: there is no robot {name!r}. Call register_robot({name!r}) first")
     if robot in _registered and not overwrite:
         raise ValueError(
-            f"register_native_driver: {_both(name, robot)} is already served by {driver_name(_registered[robot])}. "
-            "pass overwrite=True to replace it"
+            f"register_native_driver: {_both(name, robot)} already has the driver "
+            f"{driver_name(_registered[robot])}. Pass overwrite=True to replace it"
         )
     _registered[robot] = cls
 
@@ -230,40 +237,43 @@ def register_robot(
     aliases: Iterable[str] = (),
     overwrite: bool = False,
 ) -> None:
-    """Make a robot known by name, in this process.
+    """Add a robot to the known robots, in this process only.
 
     Args:
-        name: Its name.
-        model_xml: An MJCF or URDF file, which ``Robot(name)`` simulates.
-        hardware: ``{"driver": ...}`` with ``strands`` or ``lerobot``. Its class is given to
-            ``register_native_driver``.
-        aliases: Its other names.
-        overwrite: Replace a known robot.
+        name: Name of the robot.
+        model_xml: An MJCF or URDF file. ``Robot(name)`` simulates it.
+        hardware: ``{"driver": ...}`` with the value ``strands`` or ``lerobot``. Register the driver class of a
+            ``strands`` robot with ``register_native_driver``.
+        aliases: Other names of the robot.
+        overwrite: True to replace a robot that is already known.
 
     Raises:
-        ValueError: A name is known in any spelling or invalid, or ``hardware`` has another key or driver.
+        ValueError: A name is invalid, or it is already known, even in another spelling. Or ``hardware`` has an
+            unknown key or driver.
         FileNotFoundError: The model file does not exist.
     """
     _load()
-    given = dict(hardware or {})
-    driver = given.pop("driver", None)
-    if given:
-        raise ValueError(f"register_robot: hardware has no {', '.join(sorted(given))}. it takes driver")
+    options = dict(hardware or {})
+    driver = options.pop("driver", None)
+    if options:
+        raise ValueError(
+            f"register_robot: hardware has the unknown key {', '.join(sorted(options))}. Give only 'driver'"
+        )
     if driver not in (None, "strands", "lerobot"):
-        raise ValueError(f"register_robot: hardware driver is {driver!r}. use 'strands' or 'lerobot'")
-    names = [_checked(one, "register_robot") for one in (name, *aliases)]
-    for one in names:
-        if not _NAME.match(one):
-            raise ValueError(f"register_robot: the name is {one!r}. use 1 to 64 of A-Z a-z 0-9 _ -")
-    taken = {_plain(one) for one in (*_known(), *_found, *SHORT_NAMES, *_aliases)}
-    present = [one for one in names if _plain(one) in taken]
+        raise ValueError(f"register_robot: hardware driver is {driver!r}. Use 'strands' or 'lerobot'")
+    names = [_checked(spelling, "register_robot") for spelling in (name, *aliases)]
+    for spelling in names:
+        if not _NAME.match(spelling):
+            raise ValueError(f"register_robot: the name is {spelling!r}. Use 1 to 64 characters of A-Z a-z 0-9 _ -")
+    used_names = {_plain(spelling) for spelling in (*_robot_names(), *_with_driver_class, *SHORT_NAMES, *_aliases)}
+    present = [spelling for spelling in names if _plain(spelling) in used_names]
     if present and not overwrite:
         raise ValueError(
-            f"register_robot: {', '.join(present)} is known already. pass overwrite=True to replace it"
+            f"register_robot: {', '.join(present)} is known already. Pass overwrite=True to replace it"
         )
     if model_xml is not None and not os.path.isfile(os.path.expanduser(model_xml)):
         raise FileNotFoundError(
-            f"register_robot: there is no file {os.fspath(model_xml)!r}. give an MJCF or a URDF"
+            f"register_robot: there is no file {os.fspath(model_xml)!r}. Give an MJCF or a URDF"
         )
     robot = canonical_name(name)
     _robots[robot] = Registered(
@@ -282,7 +292,7 @@ def canonical_name(name: str) -> str:
     """
     _load()
     _checked(name, "Robot")
-    names = {**{robot: robot for robot in _known()}, **SHORT_NAMES, **_aliases}
+    names = {**{robot: robot for robot in _robot_names()}, **SHORT_NAMES, **_aliases}
     if name not in names:
         plain = _plain(name)
         name = next((each for each in names if _plain(each) == plain), name)
@@ -296,16 +306,16 @@ _NAME = re.compile(r"(?=.*[A-Za-z0-9])[A-Za-z0-9_-]{1,64}\Z")
 def _checked(name: object, caller: str) -> str:
     if not isinstance(name, str) or not name:
         wrong = ValueError if isinstance(name, str) else TypeError
-        raise wrong(f"{caller}: the name is {name!r}. give the name of a robot as text: list_robots() has them all")
+        raise wrong(f"{caller}: the name is {name!r}. Give the name of a robot as text: list_robots() has them all")
     return name
 
 
 def _plain(name: str) -> str:
-    """Return a name without the differences between spellings: case and separators."""
+    """Return a name in lower case and without separators, to compare spellings: ``SO-101`` gives ``so101``."""
     return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
-def _known() -> set[str]:
+def _robot_names() -> set[str]:
     return {*_registered, *_robots, *load(LEROBOT), *OTHER_ROBOTS}
 
 
@@ -313,15 +323,16 @@ def list_robots(mode: str = "all") -> list[str]:
     """Return the names of known robots, sorted.
 
     Args:
-        mode: ``all``; ``sim``, which ``Robot(name)`` can simulate; ``real``, which have a driver; or ``both``.
+        mode: ``all`` for every robot; ``sim`` for robots that ``Robot(name)`` can simulate; ``real`` for robots
+            with a hardware driver; ``both`` for robots that can be simulated and have a hardware driver.
 
     Raises:
-        ValueError: It is another word.
+        ValueError: ``mode`` is none of these four words.
     """
     _load()
     if mode not in LIST_ROBOTS_MODES:
-        raise ValueError(f"list_robots: mode is {mode!r}. use {', '.join(map(repr, LIST_ROBOTS_MODES))}")
-    robots = _known()
+        raise ValueError(f"list_robots: mode is {mode!r}. Use {', '.join(map(repr, LIST_ROBOTS_MODES))}")
+    robots = _robot_names()
     if mode in ("sim", "both"):
         robots = {name for name in robots if _simulates(name)}
     if mode in ("real", "both"):
@@ -341,17 +352,17 @@ def _lerobots() -> set[str]:
 
 
 def get_native_driver_class(name: str) -> type[Any] | None:
-    """Return the driver class of a robot or alias; None if it has no native driver."""
+    """Return the driver class of a robot or alias, from this package or registered. None without such a class."""
     _load()
     return _registered.get(canonical_name(name))
 
 
 def port_kind(name: str) -> Literal["serial", "address"] | None:
-    """Return the kind of a robot's ``port``: a serial device, or an address on a network. None for a robot
-    without a driver.
+    """Return whether a robot's ``port`` is a serial device or an address on a network. None for a robot without a
+    driver.
 
-    A driver that does not declare it has an address. Robots that only LeRobot drives are servo buses, unless
-    ``types.toml`` declares an address.
+    A driver class without ``PORT_KIND`` gets ``address``. A robot that only LeRobot can drive gets ``serial``,
+    unless ``types.toml`` declares an address.
     """
     driver_class = get_native_driver_class(name)
     if driver_class is not None:
@@ -359,68 +370,73 @@ def port_kind(name: str) -> Literal["serial", "address"] | None:
     robot = canonical_name(name)
     if "lerobot" not in list_driver_coverage().get(robot, ()):
         return None
-    kind = load(LEROBOT).get(robot)
-    return "serial" if kind is None or kind.serial else "address"
+    robot_type = load(LEROBOT).get(robot)
+    return "serial" if robot_type is None or robot_type.serial else "address"
 
 
 def resolve_driver(name: str, driver: str = "auto") -> Literal["strands", "lerobot"]:
-    """Return the driver of a robot: the requested one, else the registered one, else a native driver, else
-    LeRobot.
+    """Return which kind of driver runs a robot: ``strands`` (a class of this package, or registered) or
+    ``lerobot``.
+
+    A requested driver is used. With ``auto``, the robot's registration decides. Without a registration, a robot
+    with a ``strands`` driver gets that, and every other robot gets ``lerobot``.
 
     Raises:
-        ValueError: The word is unknown, or the robot has no native driver and one was requested.
+        ValueError: ``driver`` is not in ``DRIVER_CHOICES``, or it is ``strands`` and the robot has no such driver.
     """
     robot = canonical_name(name)
     if driver not in DRIVER_CHOICES:
-        raise ValueError(f"Robot: driver is {driver!r}. use one of {', '.join(map(repr, DRIVER_CHOICES))}")
+        raise ValueError(f"Robot: driver is {driver!r}. Use one of {', '.join(map(repr, DRIVER_CHOICES))}")
     record = _robots.get(robot)
     if driver == "auto":
         driver = (record.driver if record else None) or (NATIVE_DRIVER if robot in _registered else DEFAULT_DRIVER)
     if driver == DEFAULT_DRIVER:
         return "lerobot"
     if robot not in _registered:
-        theirs = "driver='lerobot' runs LeRobot's own class of it. " if robot in load(LEROBOT) else ""
+        theirs = "driver='lerobot' runs LeRobot's own class of this robot. " if robot in load(LEROBOT) else ""
         native = ", ".join(sorted(list_native_drivers()))
-        raise ValueError(f"Robot: {name} has no native driver. {theirs}these have one: {native}")
+        raise ValueError(f"Robot: {name} has no native driver. {theirs}these robots have a native driver: {native}")
     return "strands"
 
 
 def get_lerobot_class(name: str) -> type[Any]:
-    """Return the class that runs LeRobot's own class of a robot.
+    """Return the driver class by which this package runs LeRobot's class of a robot.
 
     Raises:
-        ValueError: LeRobot has no such class, or is not installed. The text has the command that installs it.
+        ValueError: LeRobot has no class for this robot, or LeRobot is not installed. The message contains the
+            command that installs it.
     """
     robot, types = canonical_name(name), load(LEROBOT)
     if robot not in types:
-        raise ValueError(f"Robot: LeRobot has no class for {name}. it has one for {', '.join(sorted(types))}")
+        raise ValueError(f"Robot: LeRobot has no class for {name}. Give one of {', '.join(sorted(types))}")
     if line := lerobot_missing(robot):
-        raise ValueError(f"Robot: {name} is driven by LeRobot's own class, and that is not installed. {line}")
+        raise ValueError(f"Robot: {name} is driven by LeRobot's own class, which is not installed. Run: {line}")
     lerobot_class: type[Any] = load(LEROBOT_CLASS)(robot)
     return lerobot_class
 
 
 def lerobot_missing(robot: str) -> str:
-    """Return the command that installs the missing packages of a robot's LeRobot class; empty if no package is
-    missing, or there is no class."""
-    kind = load(LEROBOT).get(robot)
-    return "" if kind is None else str(load(LEROBOT_MISSING)(kind))
+    """Return the command that installs the packages which LeRobot's class of a robot needs. Empty if they are
+    installed, or if LeRobot has no class for the robot."""
+    robot_type = load(LEROBOT).get(robot)
+    return "" if robot_type is None else str(load(LEROBOT_MISSING)(robot_type))
 
 
 def model_of(name: str) -> str | None:
-    """Return the model file that a robot was registered with."""
+    """Return the path of the model file with which a robot was registered; None without one."""
     record = _robots.get(canonical_name(name))
     return None if record is None else record.model_xml
 
 
 def list_native_drivers() -> dict[str, str]:
-    """Return the driver class's name of each robot with a native driver, sorted."""
+    """Return the name of the driver class of each robot that this package or a registration drives, sorted."""
     _load()
     return {name: driver_name(_registered[name]) for name in sorted(_registered)}
 
 
 def list_driver_coverage() -> dict[str, tuple[str, ...]]:
-    """Return every known robot with its drivers: ``lerobot``, ``strands``, both, or an empty tuple."""
+    """Return every known robot with the drivers that it has. The drivers are ``lerobot`` and ``strands``; a robot
+    may have one of them, two or no driver."""
     _load()
     lerobots = _lerobots()
     return {
@@ -431,12 +447,12 @@ def list_driver_coverage() -> dict[str, tuple[str, ...]]:
 
 def list_leaders() -> dict[str, type[Driver]]:
     """Return the leader arms by name, for ``Teleoperator``."""
-    classes = [load(where) for where in LEADERS.values()]
+    classes = [load(location) for location in LEADERS.values()]
     return {name: driver_class for driver_class in classes for name in sorted(driver_class.SUPPORTED_ROBOTS)}
 
 
 def leader_name(name: str) -> str | None:
-    """Return the leader arm's name for an alias or another spelling; None for an unknown name."""
+    """Return the name of a leader arm for its alias or another spelling; None if no leader arm has that name."""
     leaders = list_leaders()
     names = {robot: robot for robot in leaders}
     for driver_class in leaders.values():

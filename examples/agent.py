@@ -1,4 +1,4 @@
-"""Let a Strands agent move the twin of an SO-101.
+"""Let a Strands agent move a simulated SO-101 arm.
 
 The agent's model is a fixed script here, so that the example needs no network and no API key. Replace
 ``Scripted`` by a real model to use it with your own prompts.
@@ -15,15 +15,17 @@ from strands.models import Model
 from strands_actors import Robot
 
 SCRIPT = [
-    {"action": "move_to", "targets": {"shoulder_pan": 400.0}},  # refused: beyond the joint's range
+    # The robot refuses 400 degrees, which is beyond the joint's range.
+    {"action": "move_to", "targets": {"shoulder_pan": 400.0}},
     {"action": "move_to", "targets": {"shoulder_pan": 20.0}},
-    {"action": "set_torque", "enabled": True},  # guarded (see below); the operator refuses
-    {"action": "stop"},  # a stop needs no approval
+    # This action needs the operator's approval (``guarded`` below), and the operator refuses.
+    {"action": "set_torque", "enabled": True},
+    {"action": "stop"},  # A stop needs no approval.
 ]
 
 
 class Scripted(Model):
-    """A model that calls the tool with each line of a script, and prints each result."""
+    """A stand-in for a language model. It sends each line of a script to the tool, and prints each result."""
 
     def __init__(self, script):
         self.script = iter(enumerate(script))
@@ -43,7 +45,7 @@ class Scripted(Model):
             if "toolResult" in block:
                 content = block["toolResult"]["content"][0]
                 print(f"   {block['toolResult']['status']}: {content.get('text') or summary(content['json'])}")
-        # Answer with the next tool call, in the events of Strands; at the end of the script with a text.
+        # Stream the next tool call as Strands events. At the end of the script, stream a text instead.
         yield {"messageStart": {"role": "assistant"}}
         number, line = next(self.script, (0, None))
         if line is None:
@@ -64,7 +66,7 @@ def summary(answer):
 
 
 def approve(request):
-    """Ask the operator. This one always refuses."""
+    """Ask the operator to approve a request. In this example the operator always refuses."""
     print(f"   operator: {request}? no")
     return False
 

@@ -3,7 +3,7 @@
 python examples/command.py ROBOT JOINT=VALUE ...
 
 The robot must run on this host and under this user. The script that started it must have called
-``arm.release()``, since only the holder of the lease may move a robot.
+``arm.release()``, since only the program that holds the lease (the right to command) may move a robot.
 
 The sequence of requests is: sync (read the robot's clock), acquire (get the lease), move, release. Each
 request is answered with a result or an error.
@@ -52,19 +52,20 @@ def main(robot: str, targets: dict[str, float]) -> None:
     with zenoh.open(config) as session:
         wait_for(session, robot)
         clock = ask(session, robot, action="sync")
-        # By how much the robot's clock is ahead of ours. The response took some time to arrive, so this is
-        # at most the true difference, and deadlines are never later than intended.
+        # Estimate how far the robot's clock is ahead of this clock. The response took some time to arrive, so
+        # the estimate is never too large, and no deadline is later than intended.
         ahead_ns = clock["robot_ns"] - time.monotonic_ns()
 
         def deadline_in(seconds: float) -> dict:
-            """Return the deadline of a request, by the robot's clock."""
+            """Return a deadline ``seconds`` from now, in the robot's time, for a request."""
             deadline_ns = time.monotonic_ns() + ahead_ns + int(seconds * 1e9)
             return {"clock": clock["clock"], "deadline_ns": deadline_ns}
 
         granted = ask(session, robot, action="acquire", **deadline_in(0.5))
         lease = {"lease": granted["lease"], "epoch": granted["epoch"]}
         ask(session, robot, action="move", targets=targets, **lease, **deadline_in(1.0))
-        # The robot moves. The lease ends after 1 s without a request "beat", so release it before.
+        # The robot moves for 0.7 s. A lease ends 1 s after its holder's last request, so release the lease
+        # before that.
         time.sleep(0.7)
         # After the release the robot holds its position, and other programs may acquire the lease.
         ask(session, robot, action="release", lease=lease["lease"])

@@ -1,4 +1,4 @@
-"""Stop two arms (their twins) with one e-stop, and print a report of each.
+"""Stop two simulated arms with one e-stop, and print a report of each.
 
 python examples/estop.py
 
@@ -16,7 +16,7 @@ from strands_actors import Robot, estop, resume
 
 def main() -> None:
     with contextlib.ExitStack() as stack:
-        arms = [stack.enter_context(Robot(kind, mode="real", transport="twin")) for kind in ("so101", "koch")]
+        arms = [stack.enter_context(Robot(robot, mode="real", transport="twin")) for robot in ("so101", "koch")]
         for arm in arms:
             arm.send_action({"shoulder_pan": 20.0})
 
@@ -24,7 +24,7 @@ def main() -> None:
         for outcome in estop(by="the example"):
             print(f"{outcome.robot}: {outcome.outcome}, {outcome.safe_state}, {len(outcome.motors)} motors")
 
-        # Until it is resumed, each robot refuses to move.
+        # Each robot refuses to move until ``resume``.
         for arm in arms:
             print(arm.send_action({"shoulder_pan": 0.0})["content"][0]["text"])
         # ``resume`` lifts the lock and energises the arm. It starts no motion.

@@ -1,6 +1,6 @@
 """Run two policies on an arm: one in this process, one in a separate process.
 
-python examples/policy.py                  the twin, no robot needed
+python examples/policy.py                  a simulated arm, no robot needed
 python examples/policy.py /dev/ttyACM0     a real SO-101
 
 At the end the arm is stopped and its motors have no torque. A real arm then sinks, so support it.
@@ -53,7 +53,7 @@ with Robot("so101", mode="real", port=port, transport=None if port else "twin") 
     task = wait(arm)
     print(f"in its own:      {task['steps']} steps, {task['hz']:.0f} Hz, ended by {task['exit_reason']}")
 
-    # The gate refuses a jump of 90 degrees, which ends the rollout.
+    # A jump of 90 degrees is too fast. The robot's checks refuse it, and this ends the rollout.
     arm.run_policy(lambda observation: {"shoulder_pan": observation["shoulder_pan"] + 90.0})
     print("too fast:       ", wait(arm)["exit_detail"])
 

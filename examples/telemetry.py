@@ -26,7 +26,8 @@ def endpoints() -> list[str]:
 
 
 def show(sample: zenoh.Sample) -> None:
-    """Print one sample of a topic ``strands/<robot>/state``. The attachment has its sequence number."""
+    """Print one sample of a topic ``strands/<robot>/state``. The sample's sequence number is in its
+    attachment."""
     state = json.loads(sample.payload.to_string())
     stamp = json.loads(sample.attachment.to_bytes()) if sample.attachment else {}
     # Each position is listed twice: as ``shoulder_pan`` and as ``shoulder_pan.pos``. Print it once.

@@ -1,6 +1,6 @@
-"""Run the real driver of an SO-101 against its twin, which a simulation moves.
+"""Run the real driver of an SO-101 against a simulated arm.
 
-It needs no robot, no display and no download.
+The example needs no robot, no display and no download.
 
 python examples/twin.py
 """
@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from strands_actors import Robot
 
-# The simulation. Without ``mode="real"``, ``Robot`` simulates.
+# Without ``mode="real"``, ``Robot`` makes a simulation.
 sim = Robot("so101")
-# The real driver. Its wire is connected to the twin, which uses this simulation as its physics.
+# This robot uses the real driver. Its serial protocol goes to a simulated arm, which moves in ``sim``.
 arm = Robot("so101", mode="real", transport="twin", sim=sim)
 arm.connect_eagerly()
 print(arm.send_action({"shoulder_pan": 10.0}))

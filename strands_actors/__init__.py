@@ -2,21 +2,23 @@
 
     from strands_actors import Robot
 
-    arm = Robot("so101", mode="real", transport="twin")  # a twin; with port= a real arm
+    arm = Robot("so101", mode="real", transport="twin")  # a simulated arm; with port= a real one
     arm.connect_eagerly()
     arm.send_action({"shoulder_pan": 10.0})
     arm.cleanup()
 
-``Robot``             make the handle of one robot, real or simulated (``RealRobot``, ``SimRobot``)
+``Robot``             make the object that controls one robot, real (``RealRobot``) or simulated (``SimRobot``)
 ``open_robot``        the same for a trio program (``AsyncRobot``)
-``Policy``            base class of a policy; ``create_policy`` and ``register_policy`` go by name
+``Policy``            base class of a policy (a program that returns actions); ``create_policy`` makes
+                      one by name, ``register_policy`` adds a name
 ``Teleoperator``      a leader that controls a robot
-``record``, ``read``, ``replay``  record a robot, read a recording, decide it again
+``record``, ``read``, ``replay``  record a robot, read a recording, repeat its decisions from the recorded inputs
 ``record_dataset``, ``replay_episode``  episodes in LeRobot's format
-``get_peers``, ``tell``, ``broadcast``, ``estop``, ``resume``  robots on the mesh
+``get_peers``, ``tell``, ``broadcast``, ``estop``, ``resume``  robots on the mesh (the network between robots)
 ``list_robots``, ``list_driver_coverage``  names of robots, and the drivers that exist for each
 
-A name is loaded at its first use. If it needs a package that is missing, a call names that package.
+A name is loaded at its first use. If a function needs a package that is not installed, calling it
+raises an error that names the package.
 """
 
 from __future__ import annotations
@@ -54,7 +56,7 @@ if TYPE_CHECKING:
     from .surfaces.recording import RecordingError, read, record, replay
     from .teleoperation.teleoperator import Teleoperator
 
-_WHERE = {
+_MODULES = {
     "drivers": (
         "HardwareDriver",
         "list_driver_coverage",
@@ -124,14 +126,16 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     # Modules are loaded at the first use of a name, since the wire and root processes import this
     # package and do not need its user interfaces.
-    for module, names in _WHERE.items():
+    for module, names in _MODULES.items():
         if name in names:
             try:
                 return getattr(import_module(f"{__name__}.{module}"), name)
             except ImportError as failure:
-                # hasattr(), help() and ``import *`` read every name, so only a call raises.
+                # hasattr(), help() and ``import *`` read every name. So reading a name never raises, and only a
+                # call does.
                 return import_module(f"{__name__}.contract.extras").refusing(name, failure)
-    # This is an ImportError, since ``from strands_actors import ...`` hides an AttributeError's text.
+    # An ImportError is raised, because ``from strands_actors import ...`` would not show the text of an
+    # AttributeError.
     if name[:1] != "_" and (hint := import_module(f"{__name__}.caller.handle.reference_names").package_hint(name)):
         raise ImportError(hint, name=__name__)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

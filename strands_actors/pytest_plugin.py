@@ -1,7 +1,8 @@
-"""Pytest fixtures that run robots on their twins, through the real wires.
+"""Pytest fixtures that run simulated robots (twins), commanded over the real robots' protocols.
 
-``strands_twin("so101")``    start a twin; it ends with the test
-``strands_robot("so101")``   start a twin and connect a robot to it; both end with the test
+``strands_twin("so101")``    start a simulated robot; it ends with the test
+``strands_robot("so101")``   start a simulated robot and return a ``Robot`` that is connected to it; both end with
+                             the test
 ``strands_run_dir``          a run directory for the robots of this test alone
 
 The plugin imports the rest of the package only when a test uses a fixture.
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="session")
 def strands_run_dirs() -> Iterator[list[Path]]:
-    """Run directories of the session, removed at its end. The loop of the robots' handles lives as long as
-    the process, and so does its socket in the directory."""
+    """Directories for the robots' sockets, removed at the end of the test session. The event loop of the robots,
+    and its socket in the directory, live as long as the process.
+    """
     made: list[Path] = []
     yield made
     for path in made:
@@ -36,23 +38,25 @@ def strands_run_dirs() -> Iterator[list[Path]]:
 
 @pytest.fixture
 def strands_run_dir(strands_run_dirs: list[Path], monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Set a run directory for one test. Its path is short, since the path of a socket must be."""
+    """Set a directory for the robots' sockets, for one test. Its path is short, because the path of a socket is
+    limited.
+    """
     path = Path(tempfile.mkdtemp(prefix="sa-"))
     strands_run_dirs.append(path)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(path))
-    # The lock of an e-stop then ends with the test.
+    # The lock after an e-stop is stored in this directory, so it ends with the test.
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(path / "data"))
     return path
 
 
 @pytest.fixture
 def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
-    """Return ``start(robot, driver=None, fault=None)``, which starts a twin with its wire log.
+    """Return ``start(robot, driver=None, fault=None)``, which starts a simulated robot with a log of its frames.
 
     Args of ``start``:
         robot: Name of the robot.
         driver: Its driver class, if it is not registered.
-        fault: Name of a fault that the twin has.
+        fault: Name of a fault of the simulated robot.
     """
     from .testing import Twin
 
@@ -69,7 +73,8 @@ def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
 def strands_robot(
     strands_run_dir: Path, strands_twin: Callable[..., Twin]
 ) -> Iterator[Callable[..., tuple[RealRobot, Twin]]]:
-    """Return ``start(robot, driver=None, **keywords)``, which returns an armed robot and its twin.
+    """Return ``start(robot, driver=None, **keywords)``, which returns an armed robot (its motors have torque)
+    and the simulated robot that it is connected to.
 
     Args of ``start``:
         robot: Name of the robot.
@@ -77,17 +82,18 @@ def strands_robot(
         keywords: Keyword arguments of ``Robot(...)``.
     """
     from . import Robot
-    from .testing.registering import register, where_is
+    from .testing.registering import class_path_of, register
 
     made: list[RealRobot] = []
 
     def start(robot: str, driver: type[Driver] | None = None, **keywords: Any) -> tuple[RealRobot, Twin]:
         if driver is not None:
-            register(where_is(driver), robot)
+            register(class_path_of(driver), robot)
         twin = strands_twin(robot, driver)
         handle = Robot(robot, mode="real", port=twin.port, **keywords)
         made.append(handle)
-        # On a busy machine the twin may wait for a processor and then counts as silent, so try again.
+        # On a busy computer the simulated robot may wait for a processor and look silent. So connecting is tried
+        # again.
         for _ in range(3):
             problem = handle.connect_eagerly()
             if problem is None:

@@ -1,3 +1,3 @@
-"""The version of the package, which ``pyproject.toml`` has, too."""
+"""The version of the package. ``pyproject.toml`` contains the same version."""
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""Addresses of the actors of a robot: ``strands/<robot>/actor/<path>``."""
+"""Build the addresses of a robot's actors: ``strands/<robot>/actor/<path>``."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ class Addresses:
         self.standby = self.address("standby")
 
     def path(self, name: str) -> str:
-        """Return the path of an actor, for ``Node.cell``."""
+        """Return the part of an address after ``actor/``, such as ``gate``. ``Node.cell`` starts an actor under
+        this path."""
         return f"{self._robot}/actor/{name}"
 
     def introspection(self, process: str) -> str:
-        """Return the path of the actor that answers for one process: root, wire or policy."""
+        """Return the path of the actor that describes one process. ``process`` is root, wire or policy."""
         return self.path(f"introspection/{process}")
 
     def instrument(self, process: str) -> str:
-        """Return the path of the actor that a recorder of one process attaches to: root or wire."""
+        """Return the path of the actor that a recorder connects to, in one process: root or wire."""
         return self.path(f"instrument/{process}")
 
     def address(self, name: str) -> str:

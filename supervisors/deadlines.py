@@ -1,10 +1,10 @@
-"""How long to wait for a stop.
+"""Compute how long to wait for a stop.
 
-A deadline is the time that a stop may take by the driver (``Timing.safe_s``) and some margin. If an
-earlier request may still take effect, the wait for it is added (``settle_s``).
+A timeout is the time that a stop may take by the driver (``Timing.safe_s``) and a margin. A request that was sent
+before the stop may still take effect after it. The time for this is added (``settle_s``).
 
-A robot may need long to be safe, as a drone that lands. Its wire must not be fenced meanwhile, since
-the stop channel would begin the landing anew.
+A robot may need long until it is safe, such as a drone that lands. Its wire process must not be killed meanwhile,
+since the next process would begin the landing again.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ class StopDeadlines(NamedTuple):
     longer_s: float
     """How much longer than usual this robot needs until it is safe."""
     gate_s: float
-    """For the gate's reply to a stop."""
+    """Timeout for the gate's reply to a stop."""
     attempt_s: float
-    """For one attempt of a stop channel. One that takes longer hangs."""
+    """Timeout for one attempt of a stop channel. An attempt that takes longer counts as failed."""
     root_s: float
-    """For the root's reply to a stop: it fences the wire and makes an attempt itself."""
+    """Timeout for the root's reply to a stop. The root kills the wire process and stops the robot itself."""
     own_stop_s: float
-    """For the wire's own stop when the root ends. Then the root fences it."""
+    """Timeout for the stop by the wire process when the tree ends. After it, the root kills the wire process."""
     end_s: float
-    """For the root's end."""
+    """Timeout for the end of the root process."""
 
     @classmethod
     def of(cls, safe_s: float, late_s: float = 0.0) -> StopDeadlines:
-        """Return the deadlines of a robot.
+        """Return the timeouts of a robot.
 
         Args:
-            safe_s: ``Timing.safe_s``.
-            late_s: ``Driver.late_s``. The results ``attempt_s`` and ``own_stop_s`` do not include it.
+            safe_s: ``Timing.safe_s`` of the driver.
+            late_s: ``Driver.late_s``. It is not included in ``attempt_s`` and ``own_stop_s``.
         """
         settled_s = settle_s(safe_s, late_s)
         attempt_s = safe_s + ROOM_S
@@ -54,12 +54,12 @@ class StopDeadlines(NamedTuple):
             attempt_s=attempt_s,
             root_s=attempt_s + settled_s + FENCE_ROOM_S,
             own_stop_s=own_stop_s,
-            # Once for the gate's own stop, and once more from the fence on.
+            # The gate stops the robot once, and the root stops it once more after it has killed the wire process.
             end_s=own_stop_s + attempt_s + 2 * settled_s + FENCE_ROOM_S,
         )
 
 
 def settle_s(safe_s: float, late_s: float) -> float:
-    """Return how much longer a stop takes if a request may still take effect for ``late_s``: that time
-    and one more attempt."""
+    """Return how much longer a stop takes if an earlier request may still take effect for ``late_s`` seconds. It is
+    that time and one more attempt to stop the robot."""
     return late_s + safe_s if late_s else 0.0

@@ -1,12 +1,12 @@
-"""Record what the actors of a process receive, answer and send, in order.
+"""Record which messages the actors of a process receive, answer and send, in order.
 
-While there is no recorder, the node has no instrument, and the actors pay one ``if``. A recorder attaches over
-the mesh. Then a journal notes the events, and a task next to the actors sends them in numbered batches.
+Without a recorder, the actors only check whether there is one. When a recorder connects over the mesh, a journal
+stores the events, and a task in the same process sends them in numbered batches.
 
-Theory. A recorder must never delay the actors. Only a few batches may be unacknowledged, and the journal is
-bounded. So a slow, frozen or dead recorder fills the journal and has no other effect. Entries that do not fit
-are counted. After such a gap, as at the beginning, the journal continues from the whole memory of the actors,
-so that a replay can start there.
+Theory. A recorder must never delay the actors. So only a few batches may be unacknowledged, and the journal has a
+limited size. A slow, frozen or dead recorder fills the journal and has no other effect. Entries that do not fit are
+dropped and counted. After such a gap, and at the beginning, the journal contains the whole memory of each actor, so
+that a replay can start there.
 """
 
 from __future__ import annotations
@@ -26,40 +26,48 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.refusals import Code
 
 FORMAT = 1
-"""The format of the journal. A recorder with another format is refused."""
+"""Number of the journal's format. A recorder that reads another format is refused."""
 
 PERIOD_S = 0.02
-"""The longest time that an entry waits (s). A stop and its results are sent at once."""
+"""Longest time until an entry is sent, in seconds. A stop and its results are sent at once."""
 CAPACITY = 8192
-"""The most entries that wait for a recorder: some ten seconds of an arm at 50 Hz."""
+"""Largest number of entries that wait for a recorder: about ten seconds of an arm at 50 Hz."""
 BATCH_BYTES = 16 * 1024
 ENTRY_BYTES = 48 * 1024
-"""The longest entry. A longer one does not fit into a frame, and becomes a gap."""
+"""Size of the longest entry, in bytes. A longer entry does not fit into a frame and is counted as missing."""
 WINDOW = 4
-"""The most batches without acknowledgement. A frozen recorder leaves so few unread that a socket holds them, so
-sending never waits for it."""
-STILL_THERE_S = 0.25
-"""The longest pause between batches (s). An empty one is sent if there are no entries."""
+"""Largest number of batches without acknowledgement. If the recorder freezes, the socket's buffer can hold these,
+so sending never blocks."""
+KEEPALIVE_S = 0.25
+"""Longest pause between batches, in seconds. Without entries an empty batch is sent."""
 SILENT_S = 2.0
-"""Seconds without an acknowledgement after which a recorder is given up."""
+"""The session ends after this many seconds without an acknowledgement."""
 
 
 class Kind(enum.IntEnum):
-    TOOK = 0  # the actor began to handle a message
+    # An actor began to handle a message.
+    TOOK = 0
     ANSWERED = 1
     DEFERRED = 2  # the answer comes later, under ``number``
-    SETTLED = 3  # the answer of ``number``
-    SENT = 4  # a message by ``tell``, to the actor ``to``
-    SAW = 5  # a value that the handler read from outside of its message
-    REFUSED = 6  # the kernel refused a message of the type ``to`` before the actor read it
-    NOTED = 7  # an event without a message
-    MEMORY = 8  # everything that the actor's decisions depend on; ``number`` of deferred answers so far
-    GAP = 9  # ``number`` entries are missing
+    # The actor will answer later, under ``number``.
+    SETTLED = 3
+    # The actor sent the answer with this ``number``.
+    SENT = 4
+    # The actor sent a message without waiting for a reply, to the actor ``to``.
+    SAW = 5
+    # The actor read a value that is not in its message, such as a heartbeat.
+    REFUSED = 6
+    # The kernel refused a message of the type ``to`` before the actor got it.
+    NOTED = 7
+    # Everything that the actor's decisions depend on. ``number`` is the number of deferred answers so far.
+    MEMORY = 8
+    # Here ``number`` entries are missing.
+    GAP = 9
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """One line of a journal. ``at_ns`` (CLOCK_MONOTONIC) is the time of an event. It is 0 for the results of a
-    message, which follow that message."""
+    """One entry of a journal. ``at_ns`` is the time of an event (CLOCK_MONOTONIC). It is 0 for the results of a
+    message, which follow the entry of that message."""
 
     kind: Kind
     actor: str
@@ -70,14 +78,14 @@ class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 class Attach(Message, frozen=True):
-    """Begin to send batches to a recorder. This replaces its last session.
+    """Begin to send batches to a recorder. An earlier session of this recorder ends.
 
     Attributes:
         to: The recorder's address.
-        session: The number of the session.
-        by: The name of the recorder.
-        format: Its format of the journal.
-        pid: Its process id.
+        session: Number of the session, chosen by the recorder.
+        by: Name of the recorder.
+        format: Format of the journal that the recorder can read.
+        pid: Process id of the recorder.
     """
 
     to: str
@@ -88,24 +96,25 @@ class Attach(Message, frozen=True):
 
 
 class Attached(Message, frozen=True):
-    driver: dict[str, Any]  # class, robot, port and options (``loading.describe_driver``)
+    driver: dict[str, Any]  # class, robot, port and options of the driver (``loading.describe_driver``)
     axes: tuple[str, ...]
     unit: str
 
 
 class Taken(Message, frozen=True):
-    """Another recorder is attached to the robot. ``pid`` is its process id, as reported by itself."""
+    """The reply when another recorder is already connected. ``pid`` is that recorder's process id, as it reported
+    it."""
 
     by: str
     pid: int
 
     @property
     def text(self) -> str:
-        return f"{self.by} records this robot already. end that one first"
+        return f"{self.by} already records this robot. End that recording first"
 
 
 class Batch(Message, frozen=True):
-    """Encoded entries (``Entry``). An empty batch is a sign of life."""
+    """Encoded entries (``Entry``). An empty batch only shows that the process still runs."""
 
     session: int
     number: int
@@ -122,8 +131,8 @@ class Acknowledge(Message, frozen=True):
 
 
 class Detach(Message, frozen=True):
-    """End a session. The answer comes when all entries were sent and acknowledged, or a refusal if the session
-    is over."""
+    """End a session. The reply is sent when all entries were sent and acknowledged. It is a refusal if the session
+    ended earlier and entries were lost."""
 
     session: int
 
@@ -135,7 +144,7 @@ class Detached(Message, frozen=True):
 def _plain(value: object) -> int:
     if isinstance(value, Deferred):
         return value.number
-    raise TypeError(f"{type(value).__name__} has no place in a journal")
+    raise TypeError(f"a {type(value).__name__} cannot be written to a journal")
 
 
 encode = msgspec.msgpack.Encoder(enc_hook=_plain).encode
@@ -147,9 +156,9 @@ class Journal:
     """An ``Instrument`` that stores the events of some actors.
 
     Args:
-        names: The names of the actors, by address.
-        dull: Message types that are left out.
-        remember: Returns the memories to continue from, as (actor, deferrals, memory).
+        names: Name of each recorded actor, by its address.
+        dull: Types of messages that are not recorded.
+        remember: Returns the present memory of each actor, as (actor, number of deferred answers so far, memory).
     """
 
     def __init__(
@@ -164,7 +173,7 @@ class Journal:
         self._lines: deque[_Line] = deque()
         self._missing = 0
         self.hurry = trio.Event()
-        """Set by events that are sent at once."""
+        """Set when an event must be sent at once."""
 
     @property
     def empty(self) -> bool:
@@ -179,10 +188,10 @@ class Journal:
         else:
             self._lines.append((kind, name, at_ns, number, to, body))
 
-    # -- the Instrument protocol
+    # -- methods of the Instrument protocol
 
-    def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
-        self._add(Kind.TOOK, address, at_ns, int(asked), "", message)
+    def took(self, address: str, at_ns: int, message: Message, expects_answer: bool = False) -> None:
+        self._add(Kind.TOOK, address, at_ns, int(expects_answer), "", message)
         if message.lane == "urgent":
             self.hurry.set()
 
@@ -202,26 +211,26 @@ class Journal:
     def saw(self, address: str, value: object) -> None:
         self._add(Kind.SAW, address, 0, 0, "", value)
 
-    def refused(self, to: str, what: str, refusal: Refused) -> None:
-        self._add(Kind.REFUSED, to, 0, 0, what, refusal)
+    def refused(self, to: str, message_type: str, refusal: Refused) -> None:
+        self._add(Kind.REFUSED, to, 0, 0, message_type, refusal)
 
     def noted(self, address: str, at_ns: int, message: Message) -> None:
         self._add(Kind.NOTED, address, at_ns, 0, "", message)
         self.hurry.set()
 
-    # -- for the task that sends the entries
+    # -- methods for the task that sends the entries
 
     def begin(self, now_ns: int) -> None:
-        """Add the present memories of the actors. They are encoded at once, since they change."""
+        """Add the present memory of each actor. It is encoded at once, since it will change."""
         for actor, deferrals, memory in self._remember():
             body = encode(memory)
-            # Without a memory a replay compares nothing until the next one.
+            # If the memory is too large, a replay starts only at the next memory.
             if len(body) <= ENTRY_BYTES // 2:
                 self._lines.append((Kind.MEMORY, actor, now_ns, deferrals, "", msgspec.Raw(body)))
 
     def take(self, now_ns: int) -> tuple[msgspec.Raw, ...]:
-        """Return the next encoded entries, up to the size of a batch."""
-        taken: list[msgspec.Raw] = []
+        """Return the next encoded entries, as many as one batch can hold."""
+        entries: list[msgspec.Raw] = []
         size = 0
         while size < BATCH_BYTES:
             if not self._lines:
@@ -235,16 +244,16 @@ class Journal:
                 self._missing += len(self._lines)
                 self._lines.clear()
                 continue
-            if taken and size + len(line) > BATCH_BYTES:
+            if entries and size + len(line) > BATCH_BYTES:
                 break
             self._lines.popleft()
-            taken.append(msgspec.Raw(line))
+            entries.append(msgspec.Raw(line))
             size += len(line)
-        return tuple(taken)
+        return tuple(entries)
 
 
 class _RecorderSession:
-    """The session of one recorder, with its progress."""
+    """The session of one recorder: its journal, and how much was sent and acknowledged."""
 
     def __init__(self, attach: Attach, journal: Journal, now_ns: int) -> None:
         self.id = attach.session
@@ -252,11 +261,12 @@ class _RecorderSession:
         self.by = attach.by
         self.pid = attach.pid
         self.journal = journal
-        self.heard_ns = now_ns
+        self.last_received_ns = now_ns
         self.sent = 0
         self.sent_ns = 0
         self.acknowledged = 0
-        self.unsent: Batch | None = None  # the recorder's address was not hosted at that time
+        # A batch that could not be sent, because the recorder's address was not connected at that time.
+        self.unsent: Batch | None = None
         self.leaving: Deferred | None = None
 
     @property
@@ -265,14 +275,14 @@ class _RecorderSession:
 
 
 class InstrumentKeeper(Actor):
-    """The actor that a recorder attaches to, one in each process that can be recorded. It serves one recorder
-    at a time.
+    """The actor to which a recorder connects. Each process that can be recorded has one. It serves one recorder at
+    a time.
 
     Args:
-        names: The names of the recorded actors, by address.
-        attached: The description of the robot for the recorder.
-        remember: See ``Journal``.
-        dull: See ``Journal``.
+        names: Name of each recorded actor, by its address.
+        attached: The reply to the recorder, with the description of the robot.
+        remember: As for ``Journal``.
+        dull: As for ``Journal``.
     """
 
     def __init__(
@@ -287,11 +297,11 @@ class InstrumentKeeper(Actor):
         self._remember = remember
         self._dull = dull
         self._session: _RecorderSession | None = None
-        self._given_up = 0  # the last session that ended with unsent entries
+        self._abandoned = 0  # number of the last session that ended although entries had not been sent
 
     @property
     def recorder_pid(self) -> int:
-        """Return the process id of the recorder, as reported by itself, or 0."""
+        """Return the process id of the recorder, as it reported it; 0 without a recorder."""
         return 0 if self._session is None else self._session.pid
 
     def receive(
@@ -303,7 +313,7 @@ class InstrumentKeeper(Actor):
             case Acknowledge():
                 session = self._session
                 if session is not None and session.id == message.session:
-                    session.heard_ns = self.context.received_ns
+                    session.last_received_ns = self.context.received_ns
                     session.acknowledged = message.number
                 return None
             case Detach():
@@ -311,7 +321,11 @@ class InstrumentKeeper(Actor):
 
     def _attach(self, message: Attach) -> Attached | Taken | Refused:
         if message.format != FORMAT:
-            return Refused(Code.FORMAT, f"format {message.format}, this robot has {FORMAT}", "use its version")
+            return Refused(
+                Code.FORMAT,
+                f"the recorder has format {message.format}, this robot has {FORMAT}",
+                "use the robot's version",
+            )
         if self._session is not None and self._session.to != message.to:
             return Taken(self._session.by, self._session.pid)
         now_ns = self.context.received_ns
@@ -332,25 +346,25 @@ class InstrumentKeeper(Actor):
         return session.leaving
 
     def _good_bye(self, session: int) -> Detached | Refused:
-        """Return the answer to a recorder that leaves a session which is over.
+        """Return the reply to a recorder that ends a session which has already ended.
 
-        A recorder that was given up has not received the last entries. It gets a refusal, so that it does not
-        call its file whole.
+        If this process has ended the session early, the last entries were not sent. The recorder
+        then gets a refusal, so that it does not mark its file as complete.
         """
-        if session != self._given_up:
+        if session != self._abandoned:
             return Detached()
-        why = "the robot has given the recording up, and the rest was not sent"
-        return Refused(Code.GIVEN_UP, why, "give the recorder more of the computer")
+        reason = "the robot ended this recording early, and the last entries were not sent"
+        return Refused(Code.GIVEN_UP, reason, "run the recorder on a less busy computer")
 
     def _unplug(self, session: _RecorderSession) -> None:
         if self.context.node.instrument is session.journal:
             self.context.node.instrument = None
 
     async def _ship(self, session: _RecorderSession) -> None:
-        """Send the entries, in a task next to the actors.
+        """Send the entries of a session, in a task of this actor.
 
-        A failure here ends the recording and never the process. The recorder notices the silence, and notes it
-        in its file.
+        A failure here ends the recording, never the process. The recorder then receives no more batches, and notes
+        this in its file.
         """
         journal = session.journal
         try:
@@ -359,12 +373,12 @@ class InstrumentKeeper(Actor):
                     await journal.hurry.wait()
                 journal.hurry = trio.Event()
                 now_ns = self.context.clock.now_ns()
-                if now_ns - session.heard_ns > SILENT_S * NS:
-                    self._given_up = session.id
+                if now_ns - session.last_received_ns > SILENT_S * NS:
+                    self._abandoned = session.id
                     break
                 self._send_some(session, now_ns)
         except Exception as error:
-            self._given_up = session.id
+            self._abandoned = session.id
             self.context.node.dead(session.to, session, f"recording ended: {describe(error)}")
         finally:
             self._unplug(session)
@@ -378,7 +392,7 @@ class InstrumentKeeper(Actor):
             batch, session.unsent = session.unsent, None
             if batch is None:
                 entries = session.journal.take(now_ns)
-                if not entries and now_ns - session.sent_ns < STILL_THERE_S * NS:
+                if not entries and now_ns - session.sent_ns < KEEPALIVE_S * NS:
                     return
                 batch = Batch(session.id, session.sent + 1, entries)
             if not self.context.node.send_frame(session.to, TELL, 0, self.context.address, batch):

@@ -1,4 +1,4 @@
-"""Report the actors of a process, and break the process on request when faults are allowed."""
+"""Describe the actors of a process. If faults are allowed, also make the process fail on request, for tests."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.root.messages import ActorInfo, Describe, Introspection
 
-_HOW = "exception, exit, spin or leak"
+_HOW = "use exception, exit, spin or leak"
 ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"
 
 
 class Break(Message, frozen=True):
-    """Break this process, for tests and drills. ``how`` is ``exception``, ``exit``, ``spin`` or ``leak``."""
+    """Make this process fail, for tests and drills. ``how`` is ``exception``, ``exit``, ``spin`` (endless loop) or
+    ``leak`` (take all file descriptors)."""
 
     lane = "urgent"
 
@@ -26,18 +27,19 @@ class Break(Message, frozen=True):
 
 
 class Broken(BaseException):
-    """The exception by which a process ends on request. Supervisors contain other exceptions, but not this one."""
+    """An exception that ends the process on request. Supervisors restart an actor after other exceptions, but not
+    after this one."""
 
 
 def fall(how: str) -> None:
-    """Break this process on purpose.
+    """Make this process fail.
 
     Args:
-        how: ``exception``, ``exit``, ``spin`` (which does not return) or ``leak`` (which takes every free file
-            until a stop begins). Any other value does nothing.
+        how: ``exception``; ``exit``; ``spin``, which never returns; or ``leak``, which takes every free file
+            descriptor until a stop begins. Any other value does nothing.
     """
     if how == "exception":
-        raise RuntimeError("a fault was asked for")
+        raise RuntimeError("this fault was requested")
     if how == "exit":
         sys.exit(3)
     while how == "spin":
@@ -69,8 +71,15 @@ class Introspector(Actor):
 
     def _break(self, how: str) -> Refused | None:
         if os.environ.get(ALLOW_FAULTS) != "1":
-            return Refused(Code.NOT_ALLOWED, "faults are not allowed", f"set {ALLOW_FAULTS}=1", verb="break")
+            return Refused(
+                Code.NOT_ALLOWED,
+                "faults are not allowed",
+                f"set the environment variable {ALLOW_FAULTS}=1",
+                verb="break",
+            )
         if how == "exception":
-            raise Broken("a fault was asked for")
+            raise Broken("this fault was requested")
         fall(how)
-        return None if how == "leak" else Refused(Code.UNKNOWN_FAULT, f"{how} is no fault", _HOW, verb="break")
+        return (
+            None if how == "leak" else Refused(Code.UNKNOWN_FAULT, f"{how} is no known fault", _HOW, verb="break")
+        )

@@ -19,16 +19,16 @@ def describe_driver(driver_class: type[Driver], robot: str, port: str, options: 
 
 
 def without_secrets(description: dict[str, Any], driver_class: type[Driver]) -> dict[str, Any]:
-    """Return a description without the robot's passwords, for a recorder."""
+    """Return the description of a driver without passwords and other secrets, for a recorder."""
     options = {name: value for name, value in description["options"].items() if name not in driver_class.SECRETS}
     return {**description, "options": options}
 
 
 def build_driver(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> Driver:
-    """Return the driver of a robot.
+    """Build the driver of a robot and check it.
 
     Raises:
-        ValueError: Its fallbacks are incomplete, or a safe state of them or of its conditions is unknown.
+        ValueError: The driver declares no safe state for some reason of a stop, or an unknown safe state.
     """
     driver = driver_class(robot, port, options)
     driver.fallbacks = check_fallbacks(driver.robot, driver.fallbacks)
@@ -37,7 +37,7 @@ def build_driver(driver_class: type[Driver], robot: str, port: str, options: Map
 
 
 def load_driver(description: dict[str, Any]) -> Driver:
-    """Build the driver of a description, and import the modules that it needs."""
+    """Build the driver from its description, and import the modules that it needs."""
     driver_class = load(description["class"])
     driver = build_driver(driver_class, description["robot"], description["port"], description["options"])
     if "drill" in description:
@@ -47,18 +47,18 @@ def load_driver(description: dict[str, Any]) -> Driver:
 
 
 def import_ours(description: dict[str, Any]) -> None:
-    """Import the modules for ``load_driver``, if the driver is part of this package.
+    """Import the modules that ``load_driver`` needs, if the driver is part of this package.
 
-    A process calls it before it forks, and so saves its children half of the computing until they serve.
-    Modules from elsewhere may start threads, and a process with threads must not fork.
+    A process calls this before it forks, so that its children start about twice as fast. Modules of other packages
+    are not imported here, since they may start threads, and a process with threads must not fork.
     """
     if description["class"].startswith(OURS):
         load_driver(description)
 
 
 def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:
-    """Return a gate that refuses every setpoint from ``until_ns`` on, because the certificate of a stop drill
-    is missing or too old."""
+    """Return a gate that refuses every setpoint from ``until_ns`` on, because the robot has no valid certificate of
+    a stop drill."""
 
     def requires_drill(candidate: Candidate, state: GateState) -> Refused | None:
         return None if state.now_ns < until_ns else Refused(Code.NO_DRILL, reason, remedy)

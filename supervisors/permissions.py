@@ -1,21 +1,21 @@
-"""The messages that each process of a tree may send to the others.
+"""Define which messages each process of a robot may send to the others.
 
     sender                                 may send
     root, wire, standby, cameras           their own messages, over their own links only
-    policy process                         the messages of a rollout (it runs user code)
-    caller, by the secret of its session   the orders of an operator
-    visitor, by the run directory          questions, stops and resumes, but no motion
+    policy process                         the messages of a policy run (the process runs user code)
+    caller (the user's script)             all orders of an operator; its session needs a secret
+    visitor (a program of the same user)   questions, stops and resumes, but no motion
     other host                             questions to the gateway, and stops
 
-The root knows which process is at the other end of a link, since it has started it. The wire has a session for
-policies (``policy_access``).
+The root knows which process is at the other end of a link, since it has started that process. The wire process has
+a separate session for policies (``policy_access``).
 """
 
 from __future__ import annotations
 
 import functools
 
-from strands_actors.kernel.channels.permissions import Channel, Told
+from strands_actors.kernel.channels.permissions import Channel, MessageTypes
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import PREFIX
 from strands_actors.supervisors.gate.messages import (
@@ -37,18 +37,18 @@ from .mesh.gateway_messages import Dated, Sync
 
 READS: frozenset[type[Message]] = frozenset({GetObservation, GetSafety, GetStatus})
 WRITES: frozenset[type[Message]] = READS | {Setpoint, Acquire, Release, Stop}
-"""The messages of a rollout to the gate. Every sender may send a stop."""
+"""The messages that a policy may send to the gate. Every sender may send a stop."""
 COMMANDS: frozenset[type[Message]] = WRITES | {Beat, Perform, Resume}
 ORDERS: frozenset[type[Message]] = READS | {Stop, Resume}
-"""The messages to the gate from senders that write nothing."""
+"""The messages to the gate from senders that may not move the robot."""
 
 
 def _of(robot: str, process: str, names: tuple[str, ...], instruments: bool = True) -> frozenset[str]:
-    at = addresses.of(robot)
+    actors = addresses.of(robot)
     paths = (
-        [at.path(name) for name in names]
-        + [at.introspection(process)]
-        + ([at.instrument(process)] if instruments else [])
+        [actors.path(name) for name in names]
+        + [actors.introspection(process)]
+        + ([actors.instrument(process)] if instruments else [])
     )
     return frozenset(f"{PREFIX}/{path}" for path in paths)
 
@@ -66,71 +66,78 @@ def of_root(robot: str) -> Channel:
 
 
 def of_standby(robot: str) -> Channel:
-    """Return the permissions of the standby process. It only sends replies."""
+    """Return the permissions of the standby process. It may only send replies."""
     hosts = _of(robot, "standby", ("standby",), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.standby.", {})
 
 
 def of_camera(robot: str, name: str) -> Channel:
-    """Return the permissions of a camera's process. It only sends replies."""
+    """Return the permissions of the process of a camera. It may only send replies."""
     process = f"camera/{name}"
     hosts = _of(robot, process, (process,), instruments=False)
     return Channel("", hosts, f"{PREFIX}/node/{robot}.camera.{name}.", {})
 
 
 def of_policy(robot: str, name: str) -> Channel:
-    """Return the permissions of a policy process, for the root and the wire. Its leases are bound to ``name``."""
-    at = addresses.of(robot)
-    tells: dict[str, Told] = {at.gate: WRITES, at.tasks: frozenset({TaskStatus, EpisodeKey})}
+    """Return the permissions of a policy process, for the root and the wire. The gate accepts its leases only on
+    the link with this ``name``."""
+    actors = addresses.of(robot)
+    tells: dict[str, MessageTypes] = {actors.gate: WRITES, actors.tasks: frozenset({TaskStatus, EpisodeKey})}
     return Channel(
         name, _of(robot, "policy", ("policy",), instruments=False), f"{PREFIX}/node/{robot}.policy.", tells
     )
 
 
 def of_caller(robot: str, node: str) -> Channel:
-    """Return the permissions of the process that started the tree, over its link, and over its session, which
-    needs a secret. ``node`` is the address of its node. A policy object may run there."""
-    at = addresses.of(robot)
-    tells: dict[str, Told] = dict.fromkeys((at.root, at.tasks))
-    tells |= {at.gate: COMMANDS, at.guardian: frozenset({Fence})}
-    return Channel("", frozenset({at.policy}), node, tells | _inside(robot))
+    """Return the permissions of the script that started the robot. It uses its link to the root, or a session that
+    needs a secret. ``node`` is the script's address. A policy object may run in the script."""
+    actors = addresses.of(robot)
+    tells: dict[str, MessageTypes] = dict.fromkeys((actors.root, actors.tasks))
+    tells |= {actors.gate: COMMANDS, actors.guardian: frozenset({Fence})}
+    return Channel("", frozenset({actors.policy}), node, tells | _inside(robot))
 
 
 def of_user(robot: str) -> Channel:
-    """Return the permissions of visitors: programs of the same user that connect to a socket of the run
-    directory, under any name. They get no lease, and end neither the tree nor a task."""
-    at = addresses.of(robot)
-    tells: dict[str, Told] = {at.gate: ORDERS, at.guardian: frozenset({Fence}), at.root: frozenset({Describe})}
-    tells[at.tasks] = frozenset({EpisodeState})  # progress of a recorder
+    """Return the permissions of visitors. These are programs of the same user that connect to a socket in the run
+    directory. They may use any name. They get no lease, and cannot end the robot's processes or a task."""
+    actors = addresses.of(robot)
+    tells: dict[str, MessageTypes] = {
+        actors.gate: ORDERS,
+        actors.guardian: frozenset({Fence}),
+        actors.root: frozenset({Describe}),
+    }
+    # The recorder reports the progress of an episode.
+    tells[actors.tasks] = frozenset({EpisodeState})
     return Channel("a visitor", tells=tells | _inside(robot))
 
 
 def of_visitors(robot: str, process: str) -> tuple[str, ...]:
-    """Return the addresses of the actors in one process that visitors can reach."""
-    at = addresses.of(robot)
-    own = {"root": (at.root, at.guardian, at.tasks), "wire": (at.gate,)}[process]
-    return (*own, *(f"{PREFIX}/{path(process)}" for path in (at.introspection, at.instrument)))
+    """Return the addresses of the actors of one process that visitors may send messages to."""
+    actors = addresses.of(robot)
+    own = {"root": (actors.root, actors.guardian, actors.tasks), "wire": (actors.gate,)}[process]
+    return (*own, *(f"{PREFIX}/{path(process)}" for path in (actors.introspection, actors.instrument)))
 
 
 def shown(robot: str) -> str:
-    """Return the topic of the trace: sender, receiver and type of every message."""
+    """Return the topic on which a trace is published: sender, receiver and type of every message."""
     return f"{PREFIX}/{robot}/shown"
 
 
-def _inside(robot: str) -> dict[str, Told]:
-    """Return the addresses that recorders and `strands-actors tree` ask."""
-    at = addresses.of(robot)
-    paths = [path(process) for process in ("root", "wire") for path in (at.introspection, at.instrument)]
+def _inside(robot: str) -> dict[str, MessageTypes]:
+    """Return the addresses that recorders and `strands-actors tree` may send any message to."""
+    actors = addresses.of(robot)
+    paths = [path(process) for process in ("root", "wire") for path in (actors.introspection, actors.instrument)]
     return {f"{PREFIX}/{path}": None for path in paths}
 
 
-@functools.lru_cache(maxsize=64)  # needed for each setpoint
-def of_elsewhere(robot: str, who: str) -> Channel:
-    """Return the permissions of the node ``who`` for questions to the gateway."""
-    asks: frozenset[type[Message]] = READS | {Sync, Dated, Describe}
-    return Channel(who, frozenset(), f"{PREFIX}/node/{who}", {addresses.of(robot).gateway: asks})
+# Cached, since each setpoint from another host needs it.
+@functools.lru_cache(maxsize=64)
+def of_elsewhere(robot: str, client: str) -> Channel:
+    """Return the permissions of ``client``, a program on another host, for questions to the gateway."""
+    requests: frozenset[type[Message]] = READS | {Sync, Dated, Describe}
+    return Channel(client, frozenset(), f"{PREFIX}/node/{client}", {addresses.of(robot).gateway: requests})
 
 
 def of_stops_elsewhere(robot: str) -> Channel:
-    """Return the permissions for stops from other hosts, under any name."""
+    """Return the permissions for stops from other hosts. The sender may use any name."""
     return Channel(tells={addresses.of(robot).gateway_stop: frozenset({Stop})})

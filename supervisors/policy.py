@@ -1,10 +1,12 @@
-"""The policy actor: it turns observations into setpoints.
+"""The policy actor turns observations into setpoints.
 
-Inference runs in a worker thread, which may block or spin. The loop that sends setpoints does not wait for it.
-A chunk of actions is buffered and sent at the control rate while the next inference runs. That inference begins
-early enough to end before the buffer is empty, judged by the duration of the last one. If the policy is late
-all the same, the buffer runs empty, the last setpoint expires, and the robot holds. No process has to notice
-the delay for that.
+The policy runs in a worker thread, which may block. The loop that sends setpoints does not wait for it. A policy
+returns several actions at once (a chunk). They are buffered and sent at the control rate while the next chunk is
+computed. That computation begins early enough to end before the buffer is empty, judged by the duration of the last
+one.
+
+If the policy is late all the same, the buffer runs empty, the last setpoint expires, and the robot holds. No
+process has to notice the delay for that.
 """
 
 from __future__ import annotations
@@ -54,24 +56,24 @@ Infer = Callable[[dict[str, float], str], Sequence[Action]]
 
 ASK_S = 0.5
 ASK_EVERY_S = 0.01
-"""Period (s) below which a stream is *quick*. A quick stream waits for no answer. It requests an answer to one
-setpoint in this time. The gate keeps the refusal of any other setpoint for that answer, and accepts none
-after it.
+"""A stream with a shorter period than this, in seconds, is *quick*. A quick stream does not wait for answers. It
+requests an answer to only one setpoint in this time. If the gate refuses another setpoint, it accepts no further
+one, and that answer contains the refusal.
 
-The answer to a setpoint of a quick stream also contains the observation for the next inference. That is one
-message and one answer for each step. A separate request for the observation would make it two.
+The answer to a setpoint of a quick stream also contains the observation for the next computation, which saves a
+separate request for each step.
 """
 
 MARGIN = 1.5
-"""Factor on the duration of the last inference that the next one may take before the buffer is empty."""
+"""The next computation may take this factor times as long as the last one before the buffer is empty."""
 
 
 class Buffer:
-    """Actions to be sent, one in each period.
+    """Actions that wait to be sent, one in each period.
 
-    The buffer is ``low`` when the next inference has to begin: when the rest lasts no longer than ``MARGIN``
-    times the last inference, or is at most half of what that inference returned. For a quick stream one more
-    action is kept, since its period is about as long as a thread may wait for a processor.
+    The buffer is ``low`` when the policy must compute the next chunk. This is so when the remaining actions last no
+    longer than ``MARGIN`` times the last computation, or are at most half of the last chunk. For a quick stream one
+    more action must remain, since its period is about as long as a thread may wait for a processor.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -97,7 +99,7 @@ class Buffer:
 
 
 def as_infer(policy: Any) -> Infer:
-    """Return a policy as one function from (observation, instruction) to a chunk of actions.
+    """Return a policy as a function from (observation, instruction) to a list of actions.
 
     Args:
         policy: An object with ``get_actions_sync``, ``get_actions`` or ``step``, or a callable.
@@ -115,13 +117,13 @@ def as_infer(policy: Any) -> Infer:
         return lambda observation, _: _chunk(policy(observation))
     raise TypeError(
         f"{type(policy).__name__} is no policy. "
-        "give an object with get_actions_sync, get_actions or step, or a callable"
+        "Give an object with get_actions_sync, get_actions or step, or a callable"
     )
 
 
 def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] = ()) -> None:
-    """Give a policy the axes and the control rate of its robot, where it has the setters of the drivers page's
-    interface, and reset it."""
+    """Pass the axes and the control rate of the robot to a policy and reset it, if the policy has these methods
+    (``docs/drivers.md``)."""
     if not hasattr(policy, "get_actions") and not hasattr(policy, "get_actions_sync"):
         return
     settings = (("set_robot_state_keys", list(axes)), ("set_control_frequency", hz), ("set_robot_axes", table))
@@ -133,13 +135,14 @@ def prepare(policy: Any, axes: Sequence[str], hz: float, table: Sequence[Axis] =
 
 
 def _chunk(result: Any, policy: Any = None) -> Sequence[Action]:
-    """Return the chunk of actions in the result of a policy.
+    """Return the list of actions in the result of a policy.
 
-    Of a policy that blends each chunk into the last one (``supports_rtc``), only the first
-    ``execution_horizon`` actions are used. Of other policies the whole chunk is used.
+    Some policies blend each list of actions into the last one (``supports_rtc``). Of these, only the first
+    ``execution_horizon`` actions are used. Of other policies all actions are used.
     """
     if inspect.isawaitable(result):
-        import asyncio  # imported here, since it takes 8 ms and few policies need it
+        # This import takes 8 ms, and few policies need it.
+        import asyncio
 
         result = asyncio.run(_await(result))
     if isinstance(result, Mapping):
@@ -154,8 +157,8 @@ async def _await(result: Any) -> Any:
     return await result
 
 
-def _untold(count: int) -> None:
-    """Do nothing: this policy does not use the number of remaining actions."""
+def _ignore_count(count: int) -> None:
+    """Do nothing. It stands for ``actions_left`` of a policy that does not need the number of remaining actions."""
 
 
 class _Tick(Message, frozen=True):
@@ -165,7 +168,7 @@ class _Tick(Message, frozen=True):
 
 
 class Policy(Actor):
-    """One rollout. It calls ``report`` with its status during the rollout, and once at its end."""
+    """One run of a policy. It calls ``report`` with its status from time to time, and once at its end."""
 
     def __init__(
         self,
@@ -176,41 +179,42 @@ class Policy(Actor):
         ask_s: float = ASK_S,
         failed: Callable[[Exception], object] = lambda error: None,
     ) -> None:
-        """Prepare a rollout.
+        """Prepare one run of a policy.
 
         Args:
-            rollout: Its settings.
+            rollout: The settings of the run.
             make: Makes the policy, in the worker thread.
             report: Called with each status.
-            gate: The gate of a robot on another host. By default that of this robot.
-            ask_s: Seconds to wait for an answer of the gate.
+            gate: The gate of a robot on another host; None for the gate of ``rollout.robot``.
+            ask_s: Timeout for an answer of the gate, in seconds.
             failed: Called with an exception of the policy.
         """
         self._failed = failed
         self._rollout = rollout
-        self._gate_given = gate
+        self._remote_gate = gate
         self._ask_s = ask_s
         self._make = make
         self._report = report
         self._buffer = Buffer(rollout.period_s)
-        self._wanted = trio.Event()
-        self._wanted.set()
+        self._actions_requested = trio.Event()
+        self._actions_requested.set()
         self._lease: Lease | None = None
         self._acquiring = trio.Lock()
         self._steps = 0
         self._ask_every = max(1, round(ASK_EVERY_S / rollout.period_s))
         self._is_quick = self._ask_every > 1
         self._answer_is_due = False
-        self._is_waiting = False  # True while the next inference waits for a low buffer
-        self._observation: Observation | None = None  # from an answer to a setpoint
-        self._brings: trio.Event | None = None  # set when the answer with an observation has come
+        # True while the worker waits until the buffer is low.
+        self._is_waiting = False
+        self._observation: Observation | None = None  # observation from the answer to a setpoint
+        self._brings: trio.Event | None = None  # set when the answer with the observation has come
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
 
     async def started(self) -> None:
         own: ActorRef = self.context.ref(addresses.of(self._rollout.robot).gate, Gate)
-        self._gate = self._gate_given or own
+        self._gate = self._remote_gate or own
         self._began_ns = self.context.clock.now_ns()
         self.context.start_soon(self._infer)
         self.context.every(self._rollout.period_s, _Tick)
@@ -232,13 +236,13 @@ class Policy(Actor):
         if self._ended is not None:
             return
         if now_ns - self._began_ns >= rollout.duration_s * NS:
-            await self._end("duration", f"{rollout.duration_s:g} s are over")
+            await self._end("duration", f"the duration of {rollout.duration_s:g} s has passed")
         elif self._buffer and self._lease is not None:
             await self._send(self._buffer.next(), now_ns)
         elif self._steps and now_ns - self._last_ns > rollout.ttl_s * NS:
             await self._end("policy", busy.explained(f"no action for {rollout.ttl_s * 1e3:g} ms"))
         if self._buffer.low:
-            self._wanted.set()
+            self._actions_requested.set()
 
     async def _send(self, action: Action, now_ns: int) -> None:
         assert self._lease is not None
@@ -269,11 +273,10 @@ class Policy(Actor):
             self._report(self._status())
 
     async def _ask_for_a_while(self, setpoint: Setpoint) -> bool:
-        """Send a setpoint and wait for its answer for half a period at most. A quick stream does not wait at
-        all.
+        """Send a setpoint and wait for its answer, for half a period at most. A quick stream does not wait at all.
 
-        A later answer does not delay the stream: the next setpoints are sent without one, and a refusal ends
-        the rollout when it comes.
+        If the answer comes later, the stream continues meanwhile: the next setpoints need no answer. If the answer
+        is a refusal, it ends the run when it comes.
         """
         self._answer_is_due = True
         answered = trio.Event()
@@ -294,14 +297,15 @@ class Policy(Actor):
         answered.set()
 
     async def _ask(self, setpoint: Setpoint) -> bool:
-        """Send a setpoint. Return True if it was accepted. Otherwise the rollout has ended."""
+        """Send a setpoint. Return True if the gate accepted it. If not, the run has ended."""
         try:
             answer = await self._gate.ask(setpoint, self._ask_s)
         except (AskTimeout, Unreachable) as failure:
             await self._end("publish", busy.explained(f"the gate does not answer: {failure}"))
             return False
         if isinstance(answer, Refused) and answer.code == SUPERSEDED.code:
-            # The next setpoint came before the gate had read this one. The gate judges the newer one.
+            # The gate dropped this setpoint because a newer one came before it was read. The newer one is checked
+            # instead.
             return True
         if isinstance(answer, Refused):
             reason = "stop" if answer.code in (Code.STALE_EPOCH, Code.DISARMED, Code.LOCKED_OUT) else "gate"
@@ -313,44 +317,44 @@ class Policy(Actor):
 
     async def _infer(self) -> None:
         try:
-            infer, tell_left = await trio.to_thread.run_sync(contained, self._ready, abandon_on_cancel=True)
+            infer, report_remaining = await trio.to_thread.run_sync(contained, self._ready, abandon_on_cancel=True)
             with contextlib.ExitStack() as moving:
                 while self._ended is None:
                     self._is_waiting = True
-                    await self._wanted.wait()
+                    await self._actions_requested.wait()
                     self._is_waiting = False
                     began_ns = self.context.clock.now_ns()
                     observation = await self._observe()
                     if observation is None:
                         return
-                    tell_left(len(self._buffer))
+                    report_remaining(len(self._buffer))
                     chunk = await trio.to_thread.run_sync(
                         contained, infer, observation, self._rollout.instruction, abandon_on_cancel=True
                     )
                     if self._lease is None:
                         if not await self._acquire():
                             return
-                        moving.enter_context(gc_freeze.left_alone())
+                        moving.enter_context(gc_freeze.frozen_objects())
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
-                    # The ticks meanwhile have requested the actions that are here now.
-                    self._wanted = trio.Event()
+                    # The ticks during the computation asked for the actions that have just been added.
+                    self._actions_requested = trio.Event()
                     if not chunk:
                         await trio.sleep(self._rollout.period_s)
                     if self._buffer.low:
-                        self._wanted.set()
-        # The user's code may raise anything. That ends the rollout and not the actor.
+                        self._actions_requested.set()
+        # The user's code may raise anything. This must end the run, but not the actor.
         except Exception as error:
             _log.error("%s: its policy failed", self._rollout.robot, exc_info=error)
             self._failed(error)
             await self._end("policy", describe_failure(error))
 
     def _ready(self) -> tuple[Infer, Callable[[int], None]]:
-        """Return the policy as a function, and a function to call before each inference with the number of
-        remaining actions."""
+        """Make the policy. Return it as a function, and a second function that gets the number of remaining actions
+        before each computation."""
         policy = self._make()
         infer = as_infer(policy)
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s, self._rollout.table)
-        return infer, getattr(policy, "actions_left", _untold)
+        return infer, getattr(policy, "actions_left", _ignore_count)
 
     async def _observe(self) -> dict[str, float] | None:
         if self._brings is not None:
@@ -373,16 +377,16 @@ class Policy(Actor):
         return Positions(zip(self._rollout.axes, observation.position, strict=True))
 
     async def _acquire(self) -> bool:
-        """Acquire the lease when the first action is ready. Until then the robot belongs to the caller."""
+        """Acquire the lease when the first action is ready. Until then the script may still move the robot."""
         rollout = self._rollout
         async with self._acquiring:
             if self._ended is not None:
                 return False
-            wanted = Acquire(
+            request = Acquire(
                 f"policy of {rollout.robot}", rollout.over, os.getpid(), instruction=rollout.instruction
             )
             try:
-                lease = await self._gate.ask(wanted, self._ask_s + GRANT_S)
+                lease = await self._gate.ask(request, self._ask_s + GRANT_S)
             except (AskTimeout, Unreachable) as failure:
                 lease = Refused(Code.PUBLISH, busy.explained(f"the gate does not answer: {failure}"))
             if isinstance(lease, Lease):
@@ -398,12 +402,12 @@ class Policy(Actor):
         self._ended = TaskStatus(
             False, status.steps, status.elapsed_s, reason, detail, refusal, status.instruction, status.hz
         )
-        # A lease that is on its way has to be released too.
+        # If a lease was requested, wait for the reply, so that this lease is released, too.
         async with self._acquiring:
             pass
         if self._lease is not None:
-            # The gate holds the robot at its position before it releases the lease. If the gate does not
-            # answer, the setpoint expires and the lease lapses by themselves. The status reports that.
+            # The gate makes the robot hold before it releases the lease. If the gate does not answer, the setpoint
+            # and the lease end by themselves, and the status reports it.
             try:
                 await self._gate.ask(Release(self._lease.id, self._keeps(reason)), self._ask_s)
             except (AskTimeout, Unreachable) as failure:
@@ -411,11 +415,11 @@ class Policy(Actor):
         self._report(self._ended)
 
     def _keeps(self, reason: str) -> bool:
-        """Return True if the last setpoint stays in force: only after all steps."""
+        """Return True if the last setpoint stays in force after the run. This is so only if all steps were done."""
         return self._rollout.keeps and reason == "n_steps"
 
     def _not_confirmed(self, failure: Exception) -> TaskStatus:
-        """Return the status of a rollout with an unconfirmed end."""
+        """Return the status of a run that has ended without a confirmed hold."""
         ended = self._status()
         expires_ms = self._rollout.ttl_s * 1e3
         note = f"the gate does not confirm that the robot holds ({failure}); its setpoint lives {expires_ms:g} ms"

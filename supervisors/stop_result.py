@@ -1,11 +1,11 @@
 """The result of a stop as a closed type. Pure.
 
 Every operation that ends motion (stop, e-stop, release, the end of a task, cleanup) has one of three results. A
-missing answer is never success (SAF-023), so ``None`` is no result.
+missing answer never counts as success (SAF-023), so ``None`` is no result.
 
-    Confirmed      every motor was read back and is safe, or this tree has energised nothing
+    Confirmed      every motor was read back and is safe, or this program has energised nothing
     Unconfirmed    the stop was ordered, and the named motors have not confirmed it
-    Unreachable    no process answered that knows the state; all motors of the robot are named
+    Unreachable    no process that knows the state has answered; all motors of the robot are named
 
 ``match`` a result exhaustively and end with ``assert_never``.
 """
@@ -25,9 +25,9 @@ from strands_actors.supervisors.gate.messages import Released, StopReport
 
 
 class NothingRan(msgspec.Struct, frozen=True):
-    """This program has started and commanded nothing, so it has energised nothing."""
+    """This program has started no robot and sent no command, so it has energised nothing."""
 
-    why: str = "nothing was running"
+    reason: str = "nothing was running"
 
 
 class Confirmed(msgspec.Struct, frozen=True):
@@ -39,13 +39,13 @@ class Unconfirmed(msgspec.Struct, frozen=True):
 
     @property
     def unsafe(self) -> tuple[MotorReport, ...]:
-        """The motors that have not confirmed the stop."""
+        """Return the reports of the motors that have not confirmed the stop."""
         return tuple(motor for motor in self.report.motors if not motor.safe)
 
 
 class Unreachable(msgspec.Struct, frozen=True):
-    """No process answered. ``motors`` are those with an unknown state; empty if this program does not know the
-    robot's motors."""
+    """No process has answered. ``motors`` are all motors of the robot, since their state is not known. It is empty
+    if this program does not know the motors."""
 
     refusal: Refused
     motors: tuple[str, ...]
@@ -67,10 +67,10 @@ def of_report(report: StopReport) -> Confirmed | Unconfirmed:
 
 
 def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopResult:
-    """Return the result that an answer to a stop contains.
+    """Return the result of a stop from the answer to it.
 
     Args:
-        verb: The verb of the order, for refusals.
+        verb: Name of the operation, for the text of a refusal.
         answer: The answer; None if it is missing.
         motors: All motors of the robot.
     """
@@ -85,28 +85,28 @@ def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopR
 
 
 def silent(
-    verb: str, why: object, driver: Driver, remedy: str = REMEDY, code: str = Code.UNREACHABLE
+    verb: str, reason: object, driver: Driver, remedy: str = REMEDY, code: str = Code.UNREACHABLE
 ) -> Unreachable:
-    """Return the result of a stop without an answer."""
-    return Unreachable(Refused(code, str(why), remedy, verb=verb), driver.axes)
+    """Return the result of a stop that was not answered. ``reason`` is the reason for people."""
+    return Unreachable(Refused(code, str(reason), remedy, verb=verb), driver.axes)
 
 
-def timed_out(why: str, result: StopResult, confirmed: str, remedy: str) -> Refused:
-    """Return the refusal of a request that was not answered in time, so that the robot was stopped.
+def timed_out(request: str, result: StopResult, confirmed: str, remedy: str) -> Refused:
+    """Return the refusal of a request that was not answered in time. The robot was stopped because of this.
 
     Args:
-        why: Which request was not answered.
+        request: Which request was not answered.
         result: The result of the stop.
-        confirmed: The text for a confirmed stop.
-        remedy: The remedy for a confirmed stop.
+        confirmed: Text to add if the stop was confirmed.
+        remedy: What the user should do if the stop was confirmed.
     """
     match result:
         case Confirmed():
-            return Refused(Code.TIMEOUT, f"{why}; {confirmed}", remedy)
+            return Refused(Code.TIMEOUT, f"{request}; {confirmed}", remedy)
         case Unconfirmed(report):
             named = ", ".join(report.unconfirmed) or "the robot"
-            return Refused(Code.TIMEOUT, f"{why}; its stop is not confirmed by {named}", REMEDY)
+            return Refused(Code.TIMEOUT, f"{request}; {named} did not confirm the stop that followed", REMEDY)
         case Unreachable():
-            return Refused(Code.TIMEOUT, f"{why}; {result.text}")
+            return Refused(Code.TIMEOUT, f"{request}; {result.text}")
         case never:
             assert_never(never)

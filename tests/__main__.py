@@ -48,10 +48,11 @@ STEPS = (
 )
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
-"""Not in the ordinary run: their files do not begin with ``test_``, or their test is long."""
+"""These are not in the ordinary run: their files do not begin with ``test_``, or their test is long."""
 COMPILE = (sys.executable, "-m", "pytest", "--collect-only", "-q")
-"""Compiles all tests while mypy runs. Otherwise, in a fresh clone, each of the three workers would compile
-them. Its errors are not shown, because the workers report them, too."""
+"""Compile all tests while mypy runs. Otherwise, in a fresh clone, each of the three workers would compile
+them. Its errors are not shown, because the workers report them, too.
+"""
 SOME_FAILED = 1
 """Exit code of pytest when tests failed. Other codes mean that it could not run."""
 

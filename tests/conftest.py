@@ -24,16 +24,16 @@ from .forked import fork_what_is_started_here
 pytest_plugins = ["strands_actors.pytest_plugin", "tests.long", "tests.machines", "tests.real_time"]
 """The first plugin is loaded as if the package were installed with its entry point."""
 
-REGISTRY = ("_registered", "_aliases", "_broken", "_robots", "_found")
+REGISTRY = ("_registered", "_aliases", "_broken", "_robots", "_with_driver_class")
 """The names in ``strands_actors.drivers`` that hold the registry of this process."""
 
 collect_ignore = ["lerobot"]
-"""A separate run: ``python -m tests lerobot``."""
+"""LeRobot's tests are a separate run: ``python -m tests lerobot``."""
 
 fork_what_is_started_here()
 
-# A shell may ignore these signals for a run in the background. The processes under test would inherit
-# that.
+# A shell may ignore these signals for a run in the background, and the processes under test would inherit
+# this.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
@@ -50,8 +50,9 @@ settings.load_profile("here")
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Collect without the garbage collector. The collected tests stay until the end, and searching
-    them while they grow would make this 50 % longer."""
+    """Collect without the garbage collector. The collected tests stay until the end of the session, and
+    searching them for garbage would make the collection 50 % longer.
+    """
     gc.disable()
     try:
         return (yield)
@@ -135,7 +136,7 @@ def scheduled() -> Iterator[None]:
 
     before = look()
     yield
-    assert look() == before, "nice value, policy or priority are others"
+    assert look() == before, "nice value, policy or priority have changed"
 
 
 @pytest.hookimpl(wrapper=True)
@@ -148,5 +149,5 @@ def pytest_runtest_makereport(
     while error is not None:
         if isinstance(error, subprocess.CalledProcessError):
             report.sections.append(("output of the command", f"{error.stdout or ''}\n{error.stderr or ''}"))
-        error = error.__context__  # the clean-up may have failed because of it
+        error = error.__context__  # the clean-up may have failed because of the earlier error
     return report

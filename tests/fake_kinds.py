@@ -62,13 +62,13 @@ class Sent(NamedTuple):
 
 @dataclass
 class Peer:
-    """The robot. It goes on with its last command, even after the sender of the command has ended."""
+    """The robot. It continues with its last command, even after the sender of the command has ended."""
 
     axes: int
     sent: list[Sent] = field(default_factory=list)
-    answer_s: float = 0.001  # how long it takes to answer
+    answer_s: float = 0.001  # time that an answer takes
     motors_on: bool = False
-    height_m: float = 0.0  # of a drone
+    height_m: float = 0.0  # for a drone
     battery_pct: float = 100.0
     reachable: bool = True
 
@@ -78,7 +78,7 @@ class Peer:
             self.motors_on = safe_state == SafeState.LAND and self.height_m > 0
 
     @property
-    def told(self) -> tuple[float, ...]:
+    def last_values(self) -> tuple[float, ...]:
         return self.sent[-1].values if self.sent else (0.0,) * self.axes
 
     def of(self, kind: str, since_ns: int = 0) -> list[Sent]:
@@ -102,7 +102,7 @@ class NoOptions(DriverOptions, frozen=True):
 
 
 class KindConfig(msgspec.Struct, frozen=True):
-    """The robot's data for wire and stop channel."""
+    """The robot's data for its wire and its stop channel."""
 
     port: str
     axes: tuple[Axis, ...]
@@ -198,7 +198,10 @@ class FakeHttp(_Kind):
     PARTS = (
         Part(
             PartKind.ARM,
-            tuple(Axis(key=f"joint{at}", unit="rad", low=-2.0, high=2.0, speed=1.0, id=at) for at in (1, 2)),
+            tuple(
+                Axis(key=f"joint{number}", unit="rad", low=-2.0, high=2.0, speed=1.0, id=number)
+                for number in (1, 2)
+            ),
         ),
     )
     timing = Timing(control_hz=10.0, keepalive_s=0.5, stream_ttl_s=0.5, state_ttl_s=1.0)
@@ -263,7 +266,7 @@ class KindWire(Wire):
         now_ns = self._clock.now_ns()
         return Observation(
             now_ns,
-            self._peer.told,
+            self._peer.last_values,
             (now_ns,) * len(self._config.axes),
             sensors={"battery_pct": (self._peer.battery_pct,)},
         )
@@ -286,8 +289,8 @@ class KindStopChannel(ConnectWhenNeeded[KindConfig, _Connection]):
     async def make_safe_by(self, port: _Connection, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await _make_safe(self.config, self.clock, safe_state, "stop_channel")
 
-    def failed(self, why: str, port: _Connection | None = None) -> tuple[MotorReport, ...]:
-        return tuple(MotorReport(axis.key, axis.id, False, False, False, why) for axis in self.config.axes)
+    def failed(self, reason: str, port: _Connection | None = None) -> tuple[MotorReport, ...]:
+        return tuple(MotorReport(axis.key, axis.id, False, False, False, reason) for axis in self.config.axes)
 
 
 async def _make_safe(config: KindConfig, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
@@ -297,7 +300,7 @@ async def _make_safe(config: KindConfig, clock: Clock, safe_state: str, path: st
     if written:
         rest = tuple(
             axis.rest if axis.mode is AxisMode.VELOCITY else now
-            for axis, now in zip(config.axes, peer.told, strict=True)
+            for axis, now in zip(config.axes, peer.last_values, strict=True)
         )
         peer.take(clock.now_ns(), "safe", rest, safe_state, path)
     await trio.sleep(peer.answer_s)

@@ -1,8 +1,8 @@
 """Mark the tests that ``python -m tests`` leaves out and ``python -m tests long`` runs.
 
-A long test repeats what a shorter one shows, on another robot, with another fault or in a whole
-program. ``@pytest.mark.long`` marks a test. ``@pytest.mark.quick_cases(2)`` marks all cases of a
-parametrised test but the first two. A direct call of ``pytest`` runs long and short tests.
+A long test repeats a shorter one on another robot, with another fault or in a whole program.
+``@pytest.mark.long`` marks a test. ``@pytest.mark.quick_cases(2)`` marks all cases of a parametrised test
+but the first two. A direct call of ``pytest`` runs long and short tests.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Run tests of robots that count milliseconds one at a time, parallel to other tests, and first.
+"""Run tests of robots with periods of milliseconds one at a time, parallel to other tests, and first.
 
-A tree of 500 Hz and its twin take most of a processor. Two such pairs at the same time have too
-little of two processors. Their robots then correctly report an old state or a lost link, but that is
-not the subject of their tests.
+A tree at 500 Hz and its twin need most of a processor. For two such pairs at the same time, two
+processors are not enough. Then their robots correctly report an old state or a lost link, but their tests
+test something else.
 """
 
 from __future__ import annotations

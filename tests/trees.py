@@ -25,7 +25,7 @@ Step = Callable[[Mapping[str, float]], dict[str, float]]
 """A policy as a function from an observation to an action."""
 
 ATTEMPTS = 5
-"""How often a rollout is begun. On a machine that pauses, one may end before the test breaks anything."""
+"""How often a rollout is started. On a machine that pauses, one may end before the fault of the test."""
 
 
 @contextlib.contextmanager
@@ -46,15 +46,16 @@ def shared_twin(twin: Twin, *orders: str) -> Iterator[Twin]:
 
 
 def connected(robot: RealRobot) -> RealRobot:
-    """Connect and arm the robot, and return it. On a busy machine a process may be so late that it counts
-    as frozen, so try again."""
+    """Connect and arm the robot, and return it. On a busy machine a process may be late enough to count
+    as frozen, so try again.
+    """
     deadline_s = time.monotonic() + PATIENCE_S
     while (problem := robot.connect_eagerly()) is not None:
-        assert time.monotonic() < deadline_s, f"it does not connect: {problem}"
+        assert time.monotonic() < deadline_s, f"the robot does not connect: {problem}"
     return robot
 
 
-def is_lost_while_stuck(robot: RealRobot, twin: Twin, action: Mapping[str, float], said: str) -> None:
+def is_lost_while_stuck(robot: RealRobot, twin: Twin, action: Mapping[str, float], refusal_text: str) -> None:
     """Freeze only the robot's reports, and check that it counts as lost until they change again.
 
     All connections stay open meanwhile, and every call is answered.
@@ -63,18 +64,18 @@ def is_lost_while_stuck(robot: RealRobot, twin: Twin, action: Mapping[str, float
         robot: The robot.
         twin: Its twin.
         action: An action that is sent, and refused, meanwhile.
-        said: A part of the refusal's text.
+        refusal_text: A part of the refusal's text.
     """
     twin.fault("stuck")
-    until(lambda: state(robot) == "lost", "it is noticed")
+    until(lambda: state(robot) == "lost", "the robot counts as lost")
     lost_ns = time.monotonic_ns()
-    assert said in why(robot.send_action(dict(action)))
+    assert refusal_text in why(robot.send_action(dict(action)))
     time.sleep(1.0)
     assert twin.log.host("setpoint", lost_ns) == []
-    assert twin.log.host("safe", lost_ns), "it is told to be safe"
-    assert not status(robot)["connected"], "nor is it connected anew"
+    assert twin.log.host("safe", lost_ns), "the robot gets a safe frame"
+    assert not status(robot)["connected"], "the robot is not connected again"
     twin.fault("ok")
-    until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+    until(lambda: state(robot) == "disarmed", "the robot is connected again, disarmed")
     assert twin.log.host("setpoint", lost_ns) == []
 
 
@@ -147,10 +148,10 @@ def begin_moving(
         began_ns = time.monotonic_ns()
         armed(robot)
         json_of(begin())
-        now = until(functools.partial(moves_or_ended, began_ns), "it moves or has ended")
+        now = until(functools.partial(moves_or_ended, began_ns), "the robot moves or the task has ended")
         if now["running"]:
             return
-    pytest.fail(f"it does not move: {now}")
+    pytest.fail(f"the robot does not move: {now}")
 
 
 def run_for(robot: RealRobot, new_policy: Callable[[], Step], duration_s: float) -> dict[str, Any]:
@@ -169,7 +170,7 @@ def run_to_end(
         now = task_ended(robot)
         if now["exit_reason"] == exit_reason:
             return now
-    pytest.fail(f"it does not run to its end: {now}")
+    pytest.fail(f"the task does not run to its end: {now}")
 
 
 def first_safe(log: WireLog, since_ns: int, safe_state: str | None = None) -> Entry:
@@ -205,7 +206,7 @@ def comes_back(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, A
 
 def is_resumed(robot: RealRobot, log: WireLog, move: Callable[[], Mapping[str, Any]], within: float = 0.01) -> int:
     """Check as ``comes_back`` up to the resume. Return the time at which the robot had recovered."""
-    until(lambda: state(robot) == "disarmed", "it is back, disarmed")
+    until(lambda: state(robot) == "disarmed", "the robot is connected again, disarmed")
     until(lambda: not task(robot)["running"], "the rollout has ended")
     back_ns = time.monotonic_ns()
     assert "resume() first" in why(move())

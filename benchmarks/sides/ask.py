@@ -1,4 +1,6 @@
-"""Asks with a deadline in one process: ``python -m benchmarks.sides.ask SIDE [short]``."""
+"""Measure requests with a deadline to an actor in the same process: ``python -m benchmarks.sides.ask SIDE
+[short]``.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,9 @@ async def timed(n: int, ask: Callable[[], Awaitable[object]]) -> Figures:
 
 
 async def ours(short: bool) -> Figures:
-    async with hosted(Counter) as (one, _):
-        assert await one.ask(GetCount(), DEADLINE_S) == Count(0)
-        return await timed(amount(short), lambda: one.ask(GetCount(), DEADLINE_S))
+    async with hosted(Counter) as (actor, _):
+        assert await actor.ask(GetCount(), DEADLINE_S) == Count(0)
+        return await timed(amount(short), lambda: actor.ask(GetCount(), DEADLINE_S))
 
 
 async def trio_channel(n: int) -> Figures:

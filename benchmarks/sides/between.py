@@ -1,7 +1,8 @@
-"""Asks and tells between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
+"""Measure messages between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
 
-An ask has a deadline of 1 s. Tells are typed states of 217 bytes. They are sent in windows that a mailbox can
-hold, and after each window the sender asks how many have arrived.
+An ask is a request with an answer, here with a deadline of 1 s. A tell is a message without an answer, here a
+robot's state of 217 bytes. Tells are sent in groups that fit into the receiver's mailbox. After each group the
+sender asks how many tells have arrived.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def rate(messages: int, began_s: float) -> Figures:
 
 
 def serve(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run our child process: a counter that is reached over zenoh, as root and wire are."""
+    """Run our child process: an actor that counts messages from zenoh, as the processes of a robot receive them."""
     from strands_actors.kernel.channels.zenoh_session import hand_over
 
     hand_over()
@@ -72,7 +73,9 @@ async def _serve(args: dict[str, Any]) -> None:
 
 @asynccontextmanager
 async def reached() -> AsyncIterator[Ref]:
-    """Start a counter in another process. Yield a reference to it, over zenoh."""
+    """Start an actor that counts messages in another process. Yield a reference, through which messages reach it by
+    zenoh.
+    """
     from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
     from strands_actors.kernel.channels.zenoh_session import hand_over, unix_endpoint
 
@@ -118,16 +121,19 @@ async def ours(short: bool) -> Figures:
         return percentiles("ask", spans_ns) | rate(windows(short) * WINDOW, began_s)
 
 
-# -- the ground: zenoh and a socket, without actors, deadlines or types
+# -- for comparison: zenoh and a socket, without actors, deadlines or types
 
 
 def zenoh_pair(short: bool) -> Figures:
-    """Measure a put and the put that answers it, with plain callbacks, real-time and express, as ours."""
+    """Measure one zenoh message to another process and one back. The callbacks are plain; the messages have
+    real-time priority and are sent at once (``express``), as in this package.
+    """
     import zenoh
 
     with _answered_by("zenoh-server") as (session, put):
         answers = session.declare_subscriber("bench/back", zenoh.handlers.FifoChannel(1024))
-        time.sleep(0.3)  # until the route back is known, too
+        # Wait until zenoh also knows the route of the answers.
+        time.sleep(0.3)
 
         def ask() -> None:
             put(QUESTION)
@@ -138,7 +144,7 @@ def zenoh_pair(short: bool) -> Figures:
 
 @contextmanager
 def _answered_by(server: str) -> Iterator[tuple[Any, Callable[[bytes], None]]]:
-    """Start a child that runs ``server``. Yield a session, and a function that puts a message to it."""
+    """Start a child process that runs ``server``. Yield a zenoh session, and a function that sends it a message."""
     import subprocess
 
     with tempfile.TemporaryDirectory() as directory:
@@ -166,7 +172,7 @@ def zenoh_server(path: str) -> None:
 
 
 def _session(listen: list[str], connect: list[str]) -> Any:
-    """Open a session with zenoh's defaults, as users do, but without scouting."""
+    """Open a zenoh session with the default settings, as users do, but without searching the network for peers."""
     import zenoh
 
     config = zenoh.Config()
@@ -190,24 +196,25 @@ def _publisher(session: Any, key: str) -> Any:
 
 
 def zenoh_into_trio(short: bool) -> Figures:
-    """Measure the same two puts if each is handed to a trio loop first, with a deadline.
+    """Measure the same two zenoh messages if a trio loop receives each of them, with a deadline.
 
-    This is the least cost of keeping a process' state in one loop. Typed messages without an answer are
-    measured, too: each is a put that the loop decodes and counts.
+    This is the smallest cost for a process that keeps its state in one loop. Messages without an answer are
+    measured, too: the loop decodes and counts each.
     """
     with _answered_by("loop-server") as (session, put):
-        return trio.run(_asked_in_trio, session, put, short)
+        return trio.run(_ask_in_trio, session, put, short)
 
 
-async def _asked_in_trio(session: Any, put: Callable[[bytes], None], short: bool) -> Figures:
-    with _taken(session, "bench/back") as answers:
+async def _ask_in_trio(session: Any, put: Callable[[bytes], None], short: bool) -> Figures:
+    with _subscribed(session, "bench/back") as answers:
 
         async def counted(within_s: float = DEADLINE_S) -> int:
             with trio.fail_after(within_s):
                 put(QUESTION)
                 return int.from_bytes(await answers.receive(), "little")
 
-        await trio.sleep(0.3)  # until the route back is known, too
+        # Wait until zenoh also knows the route of the answers.
+        await trio.sleep(0.3)
         spans_ns = await _timed(asks(short), counted)
         began_s = time.perf_counter()
         for number in range(windows(short)):
@@ -219,10 +226,10 @@ async def _asked_in_trio(session: Any, put: Callable[[bytes], None], short: bool
 
 async def loop_server(path: str) -> None:
     count = 0
-    with _session([path], []) as session, _taken(session, "bench/one") as asked:
+    with _session([path], []) as session, _subscribed(session, "bench/one") as requests:
         put = _publisher(session, "bench/back")
         print("ready", flush=True)
-        async for payload in asked:
+        async for payload in requests:
             if payload == QUESTION:
                 put.put(count.to_bytes(8, "little"))
             else:
@@ -231,17 +238,17 @@ async def loop_server(path: str) -> None:
 
 
 @contextmanager
-def _taken(session: Any, key: str) -> Iterator[trio.MemoryReceiveChannel[bytes]]:
-    """Yield the samples of a key as a channel of the trio loop."""
+def _subscribed(session: Any, key: str) -> Iterator[trio.MemoryReceiveChannel[bytes]]:
+    """Subscribe to a zenoh key. Yield a channel from which a trio loop receives the messages."""
     import zenoh
 
     sends, receives = trio.open_memory_channel[bytes](1024)
     token = trio.lowlevel.current_trio_token()
 
-    def heard(sample: Any) -> None:
+    def on_sample(sample: Any) -> None:
         token.run_sync_soon(sends.send_nowait, sample.payload.to_bytes())
 
-    subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(heard, indirect=False))
+    subscriber = session.declare_subscriber(key, zenoh.handlers.Callback(on_sample, indirect=False))
     try:
         yield receives
     finally:
@@ -249,7 +256,7 @@ def _taken(session: Any, key: str) -> Iterator[trio.MemoryReceiveChannel[bytes]]
 
 
 def unix_socket(short: bool) -> Figures:
-    """Measure eight bytes there and back through a blocking socket pair."""
+    """Measure the time for sending eight bytes through a blocking socket pair and receiving them back."""
     ours, theirs = socket.socketpair()
     if (pid := os.fork()) == 0:
         ours.close()
@@ -302,7 +309,8 @@ def ray(short: bool) -> Figures:
                 return self.n
 
         actor = Counter.remote()  # type: ignore[attr-defined]
-        ray.get(actor.count.remote(), timeout=60)  # until its process has started
+        # The first answer means that the actor's process has started.
+        ray.get(actor.count.remote(), timeout=60)
         spans_ns = timed(asks(short), lambda: ray.get(actor.count.remote(), timeout=DEADLINE_S))
         began_s = time.perf_counter()
         some = max(1, windows(short) // 10)
@@ -346,8 +354,8 @@ async def xoscar(short: bool) -> Figures:
     pool = await xoscar.create_actor_pool("127.0.0.1", n_process=1)
     try:
         address = pool.external_address
-        there = (await xoscar.get_pool_config(address)).get_process_indexes()[1]
-        place = (await xoscar.get_pool_config(address)).get_external_address(there)
+        process_index = (await xoscar.get_pool_config(address)).get_process_indexes()[1]
+        place = (await xoscar.get_pool_config(address)).get_external_address(process_index)
         actor = await xoscar.create_actor(Theirs, address=place)
 
         async def ask() -> None:

@@ -1,10 +1,12 @@
-"""``bus WHO LENGTH ROBOT PORT``: read and write six servos as fast as possible.
+"""``bus PROGRAM LENGTH ROBOT PORT``: read and write six servos as fast as possible.
 
-WHO is one of ours, wire, sdk, lerobot, floor, loop (the floor in a trio loop).
+PROGRAM is the program that is measured: ``ours`` (our driver's bus), ``wire`` (the full cycle of our robots),
+``sdk`` (the vendor's SDK), ``lerobot``, ``floor`` (reads and writes of bytes only) or ``loop`` (the same in a
+trio loop).
 
-The other end (``line``) delays every byte as 1 Mbaud does. All sides send the same requests: the positions of
-all servos in one sync read, and the same goals in one sync write. ``wire`` is the full cycle of our robots:
-it reads all values that a servo reports, decodes them into an observation, and writes with a permit.
+The simulated servos (``line``) delay every byte as a bus at 1 Mbaud does. All sides send the same requests: the
+positions of all servos in one sync read, and the same goals in one sync write. ``wire`` reads all values that a
+servo reports, decodes them into an observation, and checks before each write that it is still allowed.
 """
 
 from __future__ import annotations
@@ -27,9 +29,9 @@ GOAL = 2048
 
 FEETECH, DYNAMIXEL = "so101", "koch"
 LIMIT_HZ = {
-    # sync read: 8 + n asked, n x (6 + 2) answered; sync write: 8 + n x 3
+    # Bytes for n servos. Sync read: a request of 8 + n, replies of n x (6 + 2). Sync write: 8 + n x 3.
     FEETECH: 1 / (BYTE_S * ((8 + 6 + 6 * 8) + (8 + 6 * 3))),
-    # fast sync read: 14 + n asked, 8 + n x (4 + 4) answered; sync write: 14 + n x 5
+    # Bytes for n servos. Fast sync read: a request of 14 + n, a reply of 8 + n x (4 + 4). Sync write: 14 + n x 5.
     DYNAMIXEL: 1 / (BYTE_S * ((14 + 6 + 8 + 6 * 8) + (14 + 6 * 5))),
 }
 """Cycles per second if the bus were never silent. It follows from both protocols, with servos that answer
@@ -43,13 +45,14 @@ def goal(number: int) -> int:
 
 
 class Laps:
-    """Yields the number of each cycle, for so many seconds. Then ``figures`` has the times of the cycles."""
+    """Iterate over the numbers of cycles for ``seconds``. Then ``figures`` has the durations of the cycles."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
 
     def __iter__(self) -> Iterator[int]:
-        yield from range(50)  # warm-up, not counted
+        # These cycles are a warm-up and are not measured.
+        yield from range(50)
         took_us: list[float] = []
         used_s, began_s = time.process_time(), time.perf_counter()
         while time.perf_counter() - began_s < self._seconds:
@@ -60,15 +63,15 @@ class Laps:
         self.figures = figures(took_us, time.process_time() - used_s, elapsed_s)
 
 
-def told(cycle: Cycle, seconds: float) -> dict[str, float]:
-    """Repeat a cycle for so many seconds. Return cycles per second and processor time."""
+def run_cycles(cycle: Cycle, seconds: float) -> dict[str, float]:
+    """Repeat ``cycle`` for ``seconds``. Return the cycles per second and the processor time."""
     laps = Laps(seconds)
     for number in laps:
         cycle(number)
     return laps.figures
 
 
-async def told_async(cycle: Callable[[int], Awaitable[None]], seconds: float) -> dict[str, float]:
+async def run_cycles_async(cycle: Callable[[int], Awaitable[None]], seconds: float) -> dict[str, float]:
     laps = Laps(seconds)
     for number in laps:
         await cycle(number)
@@ -95,7 +98,7 @@ def feetech_sdk(port: str, seconds: float) -> dict[str, float]:
     line.openPort()
     line.setBaudRate(BAUD)
     for motor in MOTORS:
-        packets.write1ByteTxRx(line, motor, 7, 0)  # answer without delay
+        packets.write1ByteTxRx(line, motor, 7, 0)  # return delay 0
         packets.write1ByteTxRx(line, motor, 40, 1)
     lost: list[int] = []
     reader, writer = GroupSyncRead(line, packets, 56, 2), GroupSyncWrite(line, packets, 42, 2)
@@ -113,7 +116,7 @@ def feetech_sdk(port: str, seconds: float) -> dict[str, float]:
             writer.changeParam(motor, [count & 255, count >> 8])
         writer.txPacket()
 
-    return _unless_lost(told(cycle, seconds), lost)
+    return _unless_lost(run_cycles(cycle, seconds), lost)
 
 
 def dynamixel_sdk(port: str, seconds: float) -> dict[str, float]:
@@ -142,15 +145,16 @@ def dynamixel_sdk(port: str, seconds: float) -> dict[str, float]:
             writer.changeParam(motor, [count & 255, count >> 8, 0, 0])
         writer.txPacket()
 
-    return _unless_lost(told(cycle, seconds), lost)
+    return _unless_lost(run_cycles(cycle, seconds), lost)
 
 
-def _unless_lost(found: dict[str, float], lost: list[int]) -> dict[str, float]:
-    """Raise ``RuntimeError`` if too many readings had no reply. A few are caused by a busy computer, but more
-    mean that the setup is wrong."""
-    if len(lost) > 0.02 * found["cycles_hz"]:
-        raise RuntimeError(f"{len(lost)} readings were not answered")
-    return found | {"lost": float(len(lost))}
+def _unless_lost(result: dict[str, float], lost: list[int]) -> dict[str, float]:
+    """Raise ``RuntimeError`` if too many reads had no reply. A busy computer causes a few; more mean that the setup
+    is wrong.
+    """
+    if len(lost) > 0.02 * result["cycles_hz"]:
+        raise RuntimeError(f"{len(lost)} reads got no reply, which is too many. Check the port and the baud rate")
+    return result | {"lost": float(len(lost))}
 
 
 def lerobot(port: str, robot: str, seconds: float) -> dict[str, float]:
@@ -161,7 +165,8 @@ def lerobot(port: str, robot: str, seconds: float) -> dict[str, float]:
     names = {f"m{motor}": Motor(motor, "sts3215", MotorNormMode.RANGE_M100_100) for motor in MOTORS}
     bus = FeetechMotorsBus(port, names)
     bus.connect()
-    bus.configure_motors()  # return delay 0, among others
+    # This also sets the servos' return delay to 0.
+    bus.configure_motors()
     bus.enable_torque()
     lost: list[int] = []
 
@@ -173,7 +178,7 @@ def lerobot(port: str, robot: str, seconds: float) -> dict[str, float]:
             return
         bus.sync_write("Goal_Position", dict.fromkeys(names, goal(number)), normalize=False)
 
-    return _unless_lost(told(cycle, seconds), lost)
+    return _unless_lost(run_cycles(cycle, seconds), lost)
 
 
 def _without_torch() -> None:
@@ -186,11 +191,11 @@ def _without_torch() -> None:
         sys.modules[name] = module
 
 
-# -- the least work that is possible
+# -- the least work that any program must do
 
 
 def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
-    """Return a request, the number of bytes of its answer, and frames of goals, all made in advance."""
+    """Return a read request, the number of bytes in its reply, and frames that write goals, encoded beforehand."""
     if robot == FEETECH:
         from strands_actors.drivers.feetech import protocol as feetech
 
@@ -203,7 +208,7 @@ def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
 
 
 def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
-    """Measure blocking reads that only count bytes: the limit of the terminal and the computer."""
+    """Measure blocking reads that only count bytes. No program can be faster on this terminal and this computer."""
     import termios
 
     import serial
@@ -213,7 +218,7 @@ def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
     fd = device.fileno()
     os.set_blocking(fd, True)
     attributes = termios.tcgetattr(fd)
-    attributes[6][termios.VMIN] = 1  # wait for a byte
+    attributes[6][termios.VMIN] = 1  # a read waits for at least one byte
     termios.tcsetattr(fd, termios.TCSANOW, attributes)
 
     def cycle(number: int) -> None:
@@ -223,11 +228,11 @@ def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
             missing -= len(os.read(fd, 4096))
         os.write(fd, frames[number % 20])
 
-    return told(cycle, seconds)
+    return run_cycles(cycle, seconds)
 
 
 def loop(robot: str, port: str, seconds: float) -> dict[str, float]:
-    """Measure as ``floor`` does, in a trio loop, which could run other tasks meanwhile."""
+    """Measure the reads and writes of ``floor`` in a trio loop, which could run other tasks while it waits."""
     import serial
     import trio
 
@@ -244,7 +249,7 @@ def loop(robot: str, port: str, seconds: float) -> dict[str, float]:
             missing -= len(os.read(fd, 4096))
         os.write(fd, frames[number % 20])
 
-    return trio.run(told_async, cycle, seconds)
+    return trio.run(run_cycles_async, cycle, seconds)
 
 
 # -- ours
@@ -265,17 +270,18 @@ async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict
     wire = driver.open_wire(MonotonicClock())
     await wire.open()
     await wire.arm(_Permit())
-    gc.freeze()  # as the wire process does
+    # The process that talks to a robot does this, too.
+    gc.freeze()
     lost: list[int] = []
     cycle = _whole(wire, driver, lost) if whole_wire else _bus(wire, robot, lost)
-    found = await told_async(cycle, seconds)
+    result = await run_cycles_async(cycle, seconds)
     wire.close()
-    return _unless_lost(found, lost)
+    return _unless_lost(result, lost)
 
 
 class _Permit:
     def check(self) -> None:
-        """Do a comparison before each write, as the transport's permit does."""
+        """Do a comparison before each write, in place of the check that the process of a robot makes there."""
         if time.monotonic_ns() < 0:
             raise RuntimeError
 
@@ -285,7 +291,8 @@ def _bus(wire: Any, robot: str, lost: list[int]) -> Callable[[int], Any]:
     position, permit = codec.POSITION, _Permit()
     if robot == FEETECH:
         request, expected = codec.sync_read(ids, position.address, position.size), dict.fromkeys(ids, position.size)
-    else:  # all answer in one frame; its first error byte and last checksum do not count as parameters
+    # All servos reply in one frame. Its first error byte and its last checksum are not among the parameters.
+    else:
         request = codec.fast_sync_read(ids, position.address, position.size)
         expected = {codec.BROADCAST: len(ids) * (4 + position.size) - 3}
 
@@ -317,23 +324,23 @@ def _whole(wire: Any, driver: Any, lost: list[int]) -> Callable[[int], Any]:
     return cycle
 
 
-def main(who: str, length: str, robot: str, port: str) -> None:
+def main(program: str, length: str, robot: str, port: str) -> None:
     seconds = SECONDS[length]
-    match who:
+    match program:
         case "ours" | "wire":
-            found = ours(robot, port, seconds, who == "wire")
+            result = ours(robot, port, seconds, program == "wire")
         case "floor":
-            found = floor(robot, port, seconds)
+            result = floor(robot, port, seconds)
         case "loop":
-            found = loop(robot, port, seconds)
+            result = loop(robot, port, seconds)
         case "sdk" if robot == FEETECH:
-            found = feetech_sdk(port, seconds)
+            result = feetech_sdk(port, seconds)
         case "sdk":
-            found = dynamixel_sdk(port, seconds)
+            result = dynamixel_sdk(port, seconds)
         case _:
-            found = lerobot(port, robot, seconds)
-    found["of_limit_x"] = found["cycles_hz"] / LIMIT_HZ[robot]
-    print(json.dumps(found), flush=True)
+            result = lerobot(port, robot, seconds)
+    result["of_limit_x"] = result["cycles_hz"] / LIMIT_HZ[robot]
+    print(json.dumps(result), flush=True)
 
 
 if __name__ == "__main__":

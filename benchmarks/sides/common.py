@@ -1,4 +1,4 @@
-"""Messages, percentiles and the output of figures, for all sides."""
+"""Parts that all sides share: messages, percentiles, and the output of figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from strands_actors.kernel.node import Node, Ref
 
 
 class State(Message, frozen=True):
-    """A reading of seven joints. It has 217 bytes in a frame."""
+    """A robot's state: a reading of seven joints. It has 217 bytes when it is encoded."""
 
     seq: int
     stamp_ns: int
@@ -37,7 +37,7 @@ class Count(Message, frozen=True):
 
 
 class Counter(Actor):
-    """Counts states. An ask returns their number, after all earlier states were handled."""
+    """Count ``State`` messages. The answer to ``GetCount`` is the number of those that came before it."""
 
     def __init__(self) -> None:
         self.n = 0
@@ -54,7 +54,7 @@ STATE = State(1, 2, "arm/left", (0.1,) * 7, (0.2,) * 7, (0.3,) * 7)
 
 @asynccontextmanager
 async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> AsyncIterator[tuple[Ref, Cell]]:
-    """Run a node with one actor. Yield a reference to the actor, and its cell."""
+    """Run one actor in this process. Yield a reference for sending to it, and the cell (its mailbox and loop)."""
     node = Node("bench", MonotonicClock())
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
@@ -67,7 +67,9 @@ async def hosted(actor: Callable[[], Actor], capacity: int | None = None) -> Asy
 
 
 def percentiles(name: str, spans_ns: list[int]) -> Figures:
-    """Return ``<name>_p50_us`` and ``<name>_p99_us`` of spans in nanoseconds."""
+    """Return the median and the 99th percentile, as ``<name>_p50_us`` and ``<name>_p99_us``, of durations in
+    nanoseconds.
+    """
     ordered = sorted(spans_ns)
     return {
         f"{name}_p50_us": ordered[len(ordered) // 2] / 1e3,

@@ -13,12 +13,14 @@ _SCRIPT = Path(__file__).with_name("erlang_peer.escript")
 
 
 def erlang(workload: str, short: bool) -> Figures:
-    """Run a workload in Erlang, and return its figures. Raise ``RuntimeError`` if Erlang is missing or fails."""
+    """Run one of the escript's measurements, and return its figures. Raise ``RuntimeError`` if Erlang is missing or
+    fails.
+    """
     if shutil.which("escript") is None:
         raise RuntimeError("Erlang is not installed: apt-get install erlang-base")
     command = ["escript", str(_SCRIPT), workload, *(["short"] if short else [])]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     if done.returncode:
-        raise RuntimeError(f"{' '.join(command)} ended with {done.returncode}:\n{done.stderr}{done.stdout}")
+        raise RuntimeError(f"{' '.join(command)} ended with code {done.returncode}:\n{done.stderr}{done.stdout}")
     figures: Figures = json.loads(done.stdout.strip().splitlines()[-1])
     return figures

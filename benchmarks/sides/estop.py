@@ -1,7 +1,8 @@
-"""A stop from a process that sends telemetry at full speed: ``python -m benchmarks.sides.estop SIDE [short]``.
+"""Measure a stop from a process that also sends telemetry at full speed: ``python -m benchmarks.sides.estop SIDE
+[short]``.
 
-The span is from before the stop is sent to its handler. The telemetry consists of readings of 1 kB. The
-receiver works 5 us for each reading that it takes.
+The measured time begins before the stop is sent and ends when the receiver's handler runs. The telemetry
+consists of readings of 1 kB. The receiver computes for 5 us per reading.
 """
 
 from __future__ import annotations
@@ -50,15 +51,15 @@ def work() -> None:
         pass
 
 
-def figures(spans_ns: list[int], taken: int, began_s: float) -> Figures:
-    return percentiles("estop", spans_ns) | {"taken_per_s": taken / (time.perf_counter() - began_s)}
+def figures(spans_ns: list[int], received: int, began_s: float) -> Figures:
+    return percentiles("estop", spans_ns) | {"taken_per_s": received / (time.perf_counter() - began_s)}
 
 
 # -- ours
 
 
 def send(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run our child process: a thread sends telemetry at full speed, and the loop sends stops."""
+    """Run our child process: one thread sends telemetry at full speed, and the trio loop sends stops."""
     trio.run(_send, args)
 
 
@@ -79,7 +80,7 @@ async def _send(args: dict[str, Any]) -> None:
 
         def flood() -> None:
             while True:
-                if topic.wanted:
+                if topic.has_subscribers:
                     topic.put(READING)
 
         threading.Thread(target=flood, daemon=True).start()
@@ -103,19 +104,19 @@ async def ours(short: bool) -> Figures:
             if len(spans_ns) == stops(short):
                 done.set()
 
-    taken = 0
+    received = 0
 
     async def take(topics: PubSub) -> None:
-        nonlocal taken
+        nonlocal received
         poll = topics.poll(1, "bench/state")
         async for _ in MonotonicClock().ticks(0.001):
             if poll.take() is not None:
-                taken += 1
+                received += 1
                 work()
 
     with tempfile.TemporaryDirectory() as directory:
-        ways = {name: unix_endpoint(f"{directory}/{name}") for name in ("actors", "topics")}
-        mesh, topics = await ZenohMesh.open([ways["actors"]]), await PubSub.open([ways["topics"]])
+        endpoints = {name: unix_endpoint(f"{directory}/{name}") for name in ("actors", "topics")}
+        mesh, topics = await ZenohMesh.open([endpoints["actors"]]), await PubSub.open([endpoints["topics"]])
         node = Node("here", MonotonicClock(), mesh)
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
@@ -123,31 +124,32 @@ async def ours(short: bool) -> Figures:
             mesh.attach(node)
             await nursery.start(mesh.run)
             nursery.start_soon(take, topics)
-            child = start(ENTRY, ways)
+            child = start(ENTRY, endpoints)
             began_s = time.perf_counter()
             with trio.fail_after(60):
                 await done.wait()
-            result = figures(spans_ns, taken, began_s)
+            result = figures(spans_ns, received, began_s)
             await child.fence()
             nursery.cancel_scope.cancel()
-        mesh.close()  # only now, since a closed session cannot be polled
+        # The session is closed only after the loop has ended, because a closed session cannot be polled.
+        mesh.close()
         topics.close()
     return result
 
 
-# -- plain zenoh: one callback for the readings and one for the stops, as in its examples
+# -- plain zenoh: one callback for the readings and one for the stops, as in zenoh's examples
 
 
 def plain(short: bool) -> Figures:
     from .between import _session
 
     spans_ns: list[int] = []
-    taken = 0
+    received = 0
     done = threading.Event()
 
     def reading(_: object) -> None:
-        nonlocal taken
-        taken += 1
+        nonlocal received
+        received += 1
         work()
 
     def stop(sample: Any) -> None:
@@ -166,7 +168,7 @@ def plain(short: bool) -> Figures:
             began_s = time.perf_counter()
             try:
                 assert done.wait(60), f"only {len(spans_ns)} stops came"
-                result = figures(spans_ns, taken, began_s)
+                result = figures(spans_ns, received, began_s)
             finally:
                 sender.kill()
                 sender.wait()

@@ -1,7 +1,8 @@
-"""``fleet LENGTH``: many arms from one process. N SO-101 twins with their trees are commanded at a steady rate.
+"""``fleet LENGTH``: command many simulated SO-101 arms from one process, at a steady rate.
 
-``--robots``, ``--hz`` and ``--seconds`` change the defaults. A robot counts as ``left_armed`` if its status
-was other than ``armed``, or its wire shows a safe frame after it was armed. The events are printed on stderr.
+``--robots``, ``--hz`` and ``--seconds`` change the defaults. The figure ``left_armed`` counts the arms that did
+not stay energised: the status was not always ``armed``, or the arm received a safe frame (a stop command). Their
+events are printed on stderr.
 """
 
 from __future__ import annotations
@@ -33,13 +34,13 @@ SIZES = {"short": (2, 4.0), "long": (12, 20.0)}
 LOOK_S = 0.25
 SWING_DEG = 20.0
 SWING_HZ = 0.25
-TOLD = 10
+MAX_PRINTED = 10
 """Number of events that are printed."""
 
 
 @dataclass
 class Arm:
-    """One robot, its events, and the function of the thread that commands it."""
+    """One robot with the log of its frames, its events, and the method that a thread runs to command it."""
 
     robot: RealRobot
     log: WireLog
@@ -51,25 +52,25 @@ class Arm:
     def command(self, hz: float, began_s: float, end: threading.Event) -> None:
         step = 0
         while not end.wait(max(0.0, began_s + step / hz - time.monotonic())):
-            asked_s = time.monotonic()
-            angle = SWING_DEG * math.sin(math.tau * SWING_HZ * (asked_s - began_s))
+            sent_s = time.monotonic()
+            angle = SWING_DEG * math.sin(math.tau * SWING_HZ * (sent_s - began_s))
             answer = self.robot.send_action({"shoulder_pan": angle})
-            self.answers_s.append(time.monotonic() - asked_s)
+            self.answers_s.append(time.monotonic() - sent_s)
             if answer["status"] != "success":
                 self.note(began_s, f"refused: {answer['content'][0]['text']}")
-            # Skip the steps that were missed.
+            # If a command took longer than its period, continue with the next time that is still to come.
             step = max(step + 1, math.ceil((time.monotonic() - began_s) * hz))
 
     def look(self, began_s: float) -> None:
         status = self.robot.get_status()["content"][0]["json"]
         state = status.get("state", "unreachable")
         if state != self.state:
-            why = status.get("cause") or status["connect_error"] or ""
-            self.note(began_s, f"{self.state} -> {state}: {why}")
+            cause = status.get("cause") or status["connect_error"] or ""
+            self.note(began_s, f"{self.state} -> {state}: {cause}")
         self.state = state
 
-    def note(self, began_s: float, what: str) -> None:
-        self.events.append(f"{time.monotonic() - began_s:.2f} s {self.robot.name}: {what}")
+    def note(self, began_s: float, event: str) -> None:
+        self.events.append(f"{time.monotonic() - began_s:.2f} s {self.robot.name}: {event}")
 
 
 def start(number: int, directory: Path) -> Arm:
@@ -89,9 +90,9 @@ def drive(arms: list[Arm], hz: float, seconds: float) -> None:
     end = threading.Event()
     began_s = time.monotonic()
     threads = [
-        # The commands are spread over the period, as those of independent robots.
-        threading.Thread(target=arm.command, args=(hz, began_s + at / hz / len(arms), end))
-        for at, arm in enumerate(arms)
+        # Each arm's thread begins at another time of the period, as independent robots would.
+        threading.Thread(target=arm.command, args=(hz, began_s + index / hz / len(arms), end))
+        for index, arm in enumerate(arms)
     ]
     for thread in threads:
         thread.start()
@@ -105,12 +106,12 @@ def drive(arms: list[Arm], hz: float, seconds: float) -> None:
 
 
 def processes(arms: list[Arm]) -> dict[str, set[int]]:
-    """Return the pids by role."""
-    found: dict[str, set[int]] = {}
+    """Return the process ids for each role (caller, root, wire and so on), of all arms together."""
+    pids: dict[str, set[int]] = {}
     for arm in arms:
         for process in (arm.robot.tree() or {"processes": ()})["processes"]:
-            found.setdefault(process["role"], set()).add(process["pid"])
-    return found
+            pids.setdefault(process["role"], set()).add(process["pid"])
+    return pids
 
 
 def restarts(arms: list[Arm]) -> int:
@@ -127,7 +128,9 @@ def cpu_s(pids: set[int]) -> float:
 
 
 def pss_mb(pids: set[int]) -> float:
-    """Return the proportional set size of processes, in which shared memory counts once."""
+    """Return the memory of these processes in MB. Memory that several of them share counts once (proportional set
+    size).
+    """
     total_kb = 0
     for pid in pids:
         with contextlib.suppress(FileNotFoundError):
@@ -137,8 +140,9 @@ def pss_mb(pids: set[int]) -> float:
 
 
 def wire_summary(arm: Arm, until_ns: int) -> tuple[int, int, float]:
-    """Return the numbers of setpoints and safe frames, and the longest pause between two setpoints in ms, from
-    arming until ``until_ns``."""
+    """Return what one arm received from arming until ``until_ns``: the number of setpoints, the number of safe
+    frames (stop commands), and the longest pause between two setpoints in ms.
+    """
     setpoints, safe = [], 0
     for entry in arm.log.entries(arm.armed_ns):
         if entry.sender != "host" or entry.t_ns > until_ns:
@@ -168,12 +172,12 @@ def run(count: int, hz: float, seconds: float, directory: Path) -> dict[str, flo
         for arm in arms:
             arm.robot.cleanup()
     wires = [wire_summary(arm, until_ns) for arm in arms]
-    left = [arm for arm, wire in zip(arms, wires, strict=True) if arm.events or wire[1]]
-    for event in [event for arm in left for event in _shortened(arm.events)][:TOLD]:
+    disturbed = [arm for arm, wire in zip(arms, wires, strict=True) if arm.events or wire[1]]
+    for event in [event for arm in disturbed for event in _shortened(arm.events)][:MAX_PRINTED]:
         print(event, file=sys.stderr)
     answers_ms = [1e3 * second for arm in arms for second in arm.answers_s]
     return {
-        "left_armed": len(left),
+        "left_armed": len(disturbed),
         "restarts": restarted,
         "safe_frames": sum(wire[1] for wire in wires),
         "commands_hz": min(len(arm.answers_s) for arm in arms) / driven_s,
@@ -186,13 +190,13 @@ def run(count: int, hz: float, seconds: float, directory: Path) -> dict[str, flo
 
 
 def _shortened(events: list[str]) -> list[str]:
-    """Return the first event of each kind."""
-    seen: Counter[str] = Counter()
+    """Return the first event of each kind. Events of one kind differ only in their times."""
+    counts: Counter[str] = Counter()
     first = []
     for event in events:
-        kind = event.partition(": ")[2]
-        seen[kind] += 1
-        if seen[kind] == 1:
+        category = event.partition(": ")[2]
+        counts[category] += 1
+        if counts[category] == 1:
             first.append(event)
     return first
 

@@ -1,4 +1,6 @@
-"""``legs_bare LENGTH``: the share of a core that an empty trio tick at 500 Hz takes on this computer."""
+"""``legs_bare LENGTH``: measure the processor time of a trio loop that wakes up 500 times per second and does
+nothing else, as a share of one core.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ SECONDS = {"short": 2.0, "long": 15.0}
 
 
 def share_of_ticks(period_s: float, seconds: float) -> float:
-    """Return the share of a core (0 to 1) of a trio loop that only wakes up once per period."""
+    """Return the processor time of a trio loop that only wakes up once per period, as a share of a core."""
 
     async def tick() -> None:
         began_s = trio.current_time()

@@ -1,7 +1,8 @@
-"""``legs_cyclone LENGTH PORT LOG``: LowState in, LowCmd out at 500 Hz, by cyclonedds as in Unitree's Python SDK.
+"""``legs_cyclone LENGTH PORT LOG``: read LowState and write LowCmd at 500 Hz with cyclonedds, which Unitree's
+Python SDK uses, too.
 
-The process does nothing else: it has no policy, no gate, no limits, and is not supervised. The types are
-Unitree's (unitree_hg), copied here. As in the SDK, the checksum is over the packed C struct.
+The process does nothing else: it has no policy, no gate, no limits, and is not supervised. The types are Unitree's
+(unitree_hg), copied here. As in the SDK, the checksum covers the packed C struct.
 """
 
 import array
@@ -134,12 +135,12 @@ def main(length: str, port: str, log_path: str) -> None:
     command = LowCmd(
         0, state.mode_machine, [MotorCmd(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0) for _ in range(SLOTS)], [0] * 4, 0
     )
-    heard = 0
+    received = 0
     log = Log(log_path)
     began_s, used_s, began_ns = time.monotonic(), time.process_time(), time.monotonic_ns()
     for step in range(round(HZ * seconds)):
         time.sleep(max(0.0, began_s + step / HZ - time.monotonic()))
-        heard += len(reader.take(8))
+        received += len(reader.take(8))
         for slot in range(JOINTS):
             motor = command.motor_cmd[slot]
             motor.mode, motor.q, motor.kp, motor.kd = 1, stand[slot], 200.0, 6.0
@@ -148,8 +149,10 @@ def main(length: str, port: str, log_path: str) -> None:
     elapsed_s = time.monotonic() - began_s
     used = time.process_time() - used_s
     times_ns = [frame.t_ns for frame in log.setpoints() if frame.t_ns >= began_ns]
-    if heard < 0.5 * HZ * seconds or len(times_ns) < 0.5 * HZ * seconds:
-        raise RuntimeError(f"{heard} states heard, {len(times_ns)} commands on the wire")
+    if received < 0.5 * HZ * seconds or len(times_ns) < 0.5 * HZ * seconds:
+        raise RuntimeError(
+            f"too few messages: {received} states came, and {len(times_ns)} commands reached the robot"
+        )
     gaps_ms = [(after - before) / 1e6 for before, after in itertools.pairwise(times_ns)]
     figures = {
         "lowcmd_hz": len(gaps_ms) / (sum(gaps_ms) / 1e3),

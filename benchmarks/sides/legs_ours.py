@@ -1,4 +1,6 @@
-"""``legs_ours LENGTH PORT LOG``: our G1 at 500 Hz, with a policy that keeps its interpreter's lock busy."""
+"""``legs_ours LENGTH PORT LOG``: command a Unitree G1 at 500 Hz with this package, by a policy that keeps the
+script's interpreter lock busy.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ CHUNK = 25
 
 
 class Spinner:
-    """A policy that holds the first pose, and computes without releasing the interpreter's lock."""
+    """A policy that commands the first observed pose, and computes without releasing the interpreter's lock."""
 
     def __init__(self) -> None:
         self._action: dict[str, Any] = {}
@@ -63,7 +65,7 @@ def main(length: str, port: str, log_path: str) -> None:
         used = {role: processor_s(pid) - before[role] for role, pid in pids.items()}
         task = robot.get_task_status()["content"][0]["json"]
         if not task["running"]:
-            raise RuntimeError(f"the rollout ended: {task}")
+            raise RuntimeError(f"the policy ended during the measurement: {task}")
     took_s = (until_ns - began_ns) / 1e9
     times_ns = [frame.t_ns for frame in log.setpoints() if began_ns <= frame.t_ns <= until_ns]
     figures = gaps(times_ns) | {"process_pct": 100 * used["wire"] / took_s, "root_pct": 100 * used["root"] / took_s}

@@ -1,11 +1,11 @@
-"""Start and restart of actors: ``python -m benchmarks.sides.life SIDE [short]``.
+"""Measure the start and the restart of actors: ``python -m benchmarks.sides.life SIDE [short]``.
 
-Our side starts processes as the product starts policies and replaces dead processes: by the root's spawner, a
-process that was forked from the parent before anything ran there, and with supervision.
+Our side starts and replaces processes as a robot does with policies: under a supervisor, by a spawner. A spawner
+is a process that was forked early, when the parent had one thread and no open files, and that forks all others.
 
-``spawn``    from the order to start a process until the parent's actor has its actor's first message
-``recover``  from SIGKILL to an answer of the actor's next incarnation, which supervision has started
-``restart``  the same for an actor of this process that raises
+``spawn``    from the order to start a process until its actor's first message has reached the parent's actor
+``recover``  from SIGKILL until the actor of the replacing process, which the supervisor starts, has answered
+``restart``  from the request at which an actor of this process raises until the restarted actor has answered
 """
 
 from __future__ import annotations
@@ -54,17 +54,18 @@ def milliseconds(name: str, spans_s: list[float]) -> Figures:
 
 
 class Parent(Actor):
-    """Receives a message from each incarnation of the child."""
+    """Receives the first message of each child process."""
 
     def __init__(self) -> None:
-        self.heard = trio.Event()
+        self.child_ready = trio.Event()
 
     def receive(self, message: Up) -> None:
-        self.heard.set()
+        self.child_ready.set()
 
 
 def ours(short: bool) -> Figures:
-    spawner = Spawner()  # it forks now, while this process has one thread and nothing open
+    # The spawner forks here, while this process has one thread and no open files.
+    spawner = Spawner()
     return trio.run(_ours, spawner, short)
 
 
@@ -90,23 +91,23 @@ async def _ours(spawner: Spawner, short: bool) -> Figures:
 
         supervisor = Supervisor([ChildSpec("child", keep)], budget=PATIENT)
         nursery.start_soon(supervisor.run)
-        await parent.heard.wait()
+        await parent.child_ready.wait()
         ref = node.ref(CHILD, Child)
         for _ in range(processes(short)):
             pid = await ref.ask(GetCount(), DEADLINE_S)
-            parent.heard = trio.Event()
+            parent.child_ready = trio.Event()
             began_s = time.perf_counter()
             children[-1].kill(signal.SIGKILL)
-            await parent.heard.wait()
+            await parent.child_ready.wait()
             assert await ref.ask(GetCount(), DEADLINE_S) != pid
             recovered_s.append(time.perf_counter() - began_s)
         for _ in range(processes(short)):
-            parent.heard = trio.Event()
+            parent.child_ready = trio.Event()
             began_s = time.perf_counter()
             child = await spawner.start(ENTRY, {})
             link = child.link(node)
             nursery.start_soon(link.run)
-            await parent.heard.wait()
+            await parent.child_ready.wait()
             spawned_s.append(time.perf_counter() - began_s)
             await child.fence()
         children[-1].kill()
@@ -142,14 +143,15 @@ async def restarts(short: bool) -> Figures:
 
 
 async def trio_restarts(short: bool) -> Figures:
-    """Measure the least that trio needs: a task that takes from a channel and raises, a loop that restarts
-    it, and an answer with a deadline. There is no budget, no backoff and no notice."""
+    """Measure the least work in trio alone: a task receives from a channel and raises, a loop starts it again, and
+    the answer has a deadline. Restarts are not limited, delayed or reported.
+    """
     spans_ns = []
-    asks, asked = trio.open_memory_channel[trio.Event | None](1)
+    sender, receiver = trio.open_memory_channel[trio.Event | None](1)
 
     async def serve(task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
-        async for each in asked:
+        async for each in receiver:
             if each is None:
                 raise RuntimeError("boom")
             each.set()
@@ -164,10 +166,10 @@ async def trio_restarts(short: bool) -> Figures:
         nursery.start_soon(keep)
         for _ in range(200 if short else 2_000):
             began_ns = time.perf_counter_ns()
-            await asks.send(None)
+            await sender.send(None)
             answered = trio.Event()
             with trio.fail_after(DEADLINE_S):
-                await asks.send(answered)
+                await sender.send(answered)
                 await answered.wait()
             spans_ns.append(time.perf_counter_ns() - began_ns)
         nursery.cancel_scope.cancel()

@@ -1,7 +1,7 @@
 """The actor that ``benchmarks.sides.life`` starts and kills, in a separate process.
 
-The parent imports this module, so that the spawner has it in memory when it forks, as a robot's root has the
-code of its children.
+The parent imports this module before it forks the spawner. So the spawner's children have the code in memory,
+as the processes of a robot do.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Child(Actor):
 
 
 def live(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run the process."""
+    """Run the child process with its actor, and report to the parent that the actor is ready."""
     trio.run(_live, sock)
 
 

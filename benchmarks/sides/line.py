@@ -1,9 +1,9 @@
-"""``line ROBOT FILE``: a twin of a servo bus that is never late. It writes the path of its port to FILE.
+"""``line ROBOT FILE``: simulate a servo bus that is never late. It writes the path of its port to FILE.
 
-It has the servos and the physics of the robot's twin, but another loop. This loop never sleeps, so that no
-wake-up of a core adds to the time of the bytes. A pseudo-terminal also delays bytes (a kernel thread carries
-them, 40 us here; a UART has no such delay). This delay is measured first, and subtracted in each direction.
-The process runs until it is killed.
+It has the servos and the physics of the simulated robot, but another main loop. This loop never sleeps, so that
+the wake-up of a core does not delay a byte. A pseudo-terminal also delays bytes (a kernel thread carries them,
+40 us here; a UART has no such delay). This delay is measured first, and subtracted in each direction. The
+process runs until it is killed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def hop_ns(master: int, slave: int) -> int:
     return sorted(took)[HOPS // 2]
 
 
-def main(robot: str, where: str) -> None:
+def main(robot: str, path: str) -> None:
     module, _, name = BUSES[robot].partition(":")
     bus = getattr(importlib.import_module(f"strands_actors.drivers.{module}.twin"), name).for_robot(robot)
     for servo in bus.servos:
@@ -56,8 +56,8 @@ def main(robot: str, where: str) -> None:
     line.plug()
     fd = line._master
     hop = hop_ns(fd, line._slave)
-    Path(f"{where}.new").write_text(line.address)
-    Path(f"{where}.new").rename(where)
+    Path(f"{path}.new").write_text(line.address)
+    Path(f"{path}.new").rename(path)
     gc.freeze()
     gc.disable()
     waiting: deque[tuple[int, bytes]] = deque()
@@ -69,10 +69,10 @@ def main(robot: str, where: str) -> None:
         except BlockingIOError:
             data = b""
         if data:
-            heard_ns = time.monotonic_ns() - hop
+            received_ns = time.monotonic_ns() - hop
             rate = line.bits_per_s() or rate
             for exchange in bus.receive(data, rate):
-                free_ns = max(heard_ns, free_ns) + len(exchange.request) * NS_PER_BYTE
+                free_ns = max(received_ns, free_ns) + len(exchange.request) * NS_PER_BYTE
                 answer = b"".join(reply.data for reply in exchange.replies)
                 delay_s = sum(reply.delay_s for reply in exchange.replies)
                 if answer:

@@ -1,12 +1,12 @@
-"""``mesh_stop WHO LENGTH ROBOT PORT LOG``: the time from an e-stop over the mesh to the first safe frame of
-another process' robot.
+"""``mesh_stop PROGRAM LENGTH ROBOT PORT LOG``: measure the time from an e-stop until another process' robot
+receives its first stop command. The e-stop is sent over the mesh (the network between robots and their users).
 
-WHO is ours, strands or bare (plain zenoh with the least at either end: a ``put``, and a process with the
-vendor's SDK).
+PROGRAM is the program that is measured: ``ours``, ``strands`` (strands-robots) or ``bare`` (one zenoh message to a
+process that only has the vendor's SDK).
 
-There are two processes with a robot each. This process sends the e-stop, while the policy of its own robot
-answers at once (``idle``) or does not return (``blocked``). The other process' robot is the one at the twin,
-and its rollout is started again each time.
+Two processes have one robot each. This process sends the e-stop. Meanwhile the policy of its own robot answers
+at once (``idle``) or does not return (``blocked``). The other process commands the simulated robot at PORT. It
+starts its policy again after each stop.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ MOVING_S = 0.5
 HERE = Path(__file__).resolve().parent
 
 
-def robot_of(who: str, robot: str, port: str, name: str) -> Any:
-    if who == "ours":
+def robot_of(program: str, robot: str, port: str, name: str) -> Any:
+    if program == "ours":
         from strands_actors import Robot
 
         return Robot(robot, mode="real", port=port, tool_name=name)
@@ -51,15 +51,15 @@ def robot_of(who: str, robot: str, port: str, name: str) -> Any:
     return Reference(robot, mode="real", driver="strands", port=port, mesh=True, peer_id=name)
 
 
-def keep_moving(who: str, robot: str, port: str) -> None:
-    """Run the process with the robot that gets the e-stop. It starts to move again after each stop."""
-    arm = robot_of(who, robot, port, "other")
+def keep_moving(program: str, robot: str, port: str) -> None:
+    """Run the other process, the one that is stopped. It makes its robot move again after each stop."""
+    arm = robot_of(program, robot, port, "other")
     problem = arm.connect_eagerly()
     if problem is not None:
         raise RuntimeError(problem)
     base = position(arm, robot)
     while True:
-        if who == "ours" and arm.get_status()["content"][0]["json"].get("state") != "armed":
+        if program == "ours" and arm.get_status()["content"][0]["json"].get("state") != "armed":
             arm.resume()
         if not arm.get_task_status()["content"][0]["json"]["running"]:
             arm.run_policy(Policy(robot, base, "idle"), duration=600.0)
@@ -67,8 +67,8 @@ def keep_moving(who: str, robot: str, port: str) -> None:
 
 
 @contextmanager
-def other(who: str, robot: str, port: str) -> Iterator[None]:
-    command = [sys.executable, "-m", "benchmarks.sides.mesh_stop", "other", who, robot, port]
+def other_process(program: str, robot: str, port: str) -> Iterator[None]:
+    command = [sys.executable, "-m", "benchmarks.sides.mesh_stop", "other", program, robot, port]
     with tempfile.TemporaryFile() as errors, subprocess.Popen(command, stderr=errors) as process:
         try:
             yield
@@ -80,7 +80,7 @@ def other(who: str, robot: str, port: str) -> Iterator[None]:
 
 
 def bare(length: str, port: str, log: Log) -> dict[str, float]:
-    """Measure plain zenoh. It has no policy, so both cases get the same figure."""
+    """Measure plain zenoh. No policy runs there, so the cases ``idle`` and ``blocked`` get the same figure."""
     from .between import _session
 
     with tempfile.TemporaryDirectory() as directory:
@@ -91,7 +91,7 @@ def bare(length: str, port: str, log: Log) -> dict[str, float]:
                 until_s = time.monotonic() + MEET_S + 15.0
                 while not os.path.exists(path):
                     if process.poll() is not None or time.monotonic() > until_s:
-                        raise RuntimeError("the process with the SDK does not begin")
+                        raise RuntimeError("the process with the vendor's SDK did not start")
                     time.sleep(0.02)
                 session = _session([], [path])
                 halt = session.declare_publisher("bench/stop")
@@ -107,14 +107,14 @@ def bare(length: str, port: str, log: Log) -> dict[str, float]:
 
 
 def with_sdk(port: str, path: str) -> None:
-    """Repeat a target at the control rate. A stop interrupts this for a second."""
+    """Send the same target at the control rate. At a stop message, stop the arm, and continue 1 s later."""
     from .between import _session
     from .setpoint import CYCLE_S, ur_arm
 
     control, _, again = ur_arm(port.partition(":")[0])
     stopped = threading.Event()
     session = _session([path], [])
-    # Keep the subscriber: without a reference it would be undeclared.
+    # Keep a reference to the subscriber. Without a reference, zenoh would end the subscription.
     _subscriber = session.declare_subscriber("bench/stop", lambda _: stopped.set())
     while True:
         again()
@@ -124,11 +124,11 @@ def with_sdk(port: str, path: str) -> None:
             stopped.clear()
 
 
-def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
-    if who == "bare":
+def main(program: str, length: str, robot: str, port: str, log_path: str) -> None:
+    if program == "bare":
         print(json.dumps(bare(length, port, Log(log_path))), flush=True)
         os._exit(0)
-    if who == "ours":
+    if program == "ours":
         from benchmarks.stage import at_home
         from strands_actors.drivers import register_native_driver
 
@@ -136,25 +136,27 @@ def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
 
         at_home()
         register_native_driver(ROBOT, Stamper)
-        own = robot_of(who, ROBOT, f"{os.environ['STRANDS_ACTORS_RUN']}/frames", "issuer")
+        own = robot_of(program, ROBOT, f"{os.environ['STRANDS_ACTORS_RUN']}/frames", "issuer")
     else:
         sys.path.insert(0, str(HERE / "standins"))
-        own = robot_of(who, "ur5e", "127.0.0.1", "issuer")
+        own = robot_of(program, "ur5e", "127.0.0.1", "issuer")
     problem = own.connect_eagerly()
     if problem is not None:
         raise RuntimeError(problem)
     figures = {}
-    with other(who, robot, port):
+    with other_process(program, robot, port):
         log = Log(log_path)
-        if who == "ours":
+        if program == "ours":
             from strands_actors.surfaces.mesh import estop_button
 
-            with estop_button(by="a benchmark") as press:  # joins the mesh in advance, as the reference does
+            # The button joins the mesh here, before it is pressed, as strands-robots does.
+            with estop_button(by="a benchmark") as press:
                 figures = measure(own, press, log, COUNT[length])
         else:
             figures = measure(own, own.mesh.emergency_stop, log, COUNT[length])
     print(json.dumps(figures), flush=True)
-    os._exit(0)  # do not wait for the reference's blocked policies
+    # A normal exit would wait for the blocked policies of strands-robots.
+    os._exit(0)
 
 
 def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict[str, float]:
@@ -169,11 +171,12 @@ def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict
             own.run_policy(policy, duration=60.0)
             wait_until_moving(log)
             if case == "blocked" and not policy.blocking.wait(5.0):
-                raise RuntimeError("the issuer's policy was not asked")
+                raise RuntimeError("the policy of this process' robot was not called within 5 s")
             began_ns = time.monotonic_ns()
             press()
             took.append(first_safe_ms(log, began_ns))
-            time.sleep(3.0)  # until the issuer's policy has returned
+            # Wait until the blocked policy of this process' robot has returned.
+            time.sleep(3.0)
         figures[f"estop_{case}_ms"] = statistics.median(took)
     return figures
 
@@ -181,7 +184,7 @@ def measure(own: Any, press: Callable[[], object], log: Log, count: int) -> dict
 def first_safe_ms(log: Log, began_ns: int) -> float:
     safe = log.first("safe", began_ns, within_s=15.0)
     if safe is None:
-        raise RuntimeError("no safe frame on the wire")
+        raise RuntimeError("the robot received no stop command within 15 s after the e-stop")
     return float(safe.t_ns - began_ns) / 1e6
 
 
@@ -190,7 +193,7 @@ def wait_until_moving(log: Log) -> None:
     began_ns = time.monotonic_ns()
     while log.first("setpoint", began_ns, within_s=0.0) is None:
         if time.monotonic() > until_s:
-            raise RuntimeError("the other robot does not move")
+            raise RuntimeError("the other process' robot got no setpoint for 15 s, so it cannot be stopped")
         time.sleep(0.02)
     time.sleep(MOVING_S)
 

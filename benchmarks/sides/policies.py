@@ -1,4 +1,4 @@
-"""Policies that all sides of a question use. Their chunks last 50 ms, and raise the elbow a little per step."""
+"""Policies that several questions use. Each chunk of actions lasts 50 ms and raises the elbow a little per step."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Still:
     ) -> list[dict[str, float]]:
         self.compute()
         first, self._steps = self._steps, self._steps + self._size
-        return [{ELBOW: (first + at) * STEP_RAD % 1.0} for at in range(self._size)]
+        return [{ELBOW: (first + index) * STEP_RAD % 1.0} for index in range(self._size)]
 
     def compute(self) -> None:
         pass

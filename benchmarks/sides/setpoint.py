@@ -1,6 +1,8 @@
-"""``setpoint WHO LENGTH ROBOT PORT LOG``: the time from the call to the first byte that the twin reads.
+"""``setpoint PROGRAM LENGTH ROBOT PORT LOG``: measure the time from the call that sends a setpoint until the
+simulated robot reads the first byte of it.
 
-WHO is ours, strands, sdk or process. All sides use the same twin over the same wire. Each has its usual units.
+PROGRAM is the program that is measured: ``ours``, ``strands`` (strands-robots), ``sdk`` (the vendor's SDK) or
+``process`` (the SDK in another process). All connect to the same simulated robot. Each commands in its own units.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ Cycle = Callable[[], object]
 
 
 def wave(robot: str, number: int) -> float:
-    """Return the offset of a setpoint. Successive ones differ."""
+    """Return the offset of setpoint ``number`` from the first position. Successive setpoints have different
+    offsets.
+    """
     return STEP[robot] * (1 + number % 3)
 
 
@@ -76,20 +80,20 @@ def sdk(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
 
 
 def process(robot: str, port: str) -> tuple[Send, Callable[[], object]]:
-    """Return a side with the SDK in a separate process, which keeps the robot's cycle, and a pipe to it.
+    """Run the SDK in a separate process, which also reads or commands the robot once per cycle. Setpoints reach it
+    through a pipe.
 
-    This is the least cost of a process that outlives the caller. It has no actors, gates, leases and
-    deadlines.
+    This is the smallest cost of a process that continues after the script. It has no actors and no checks.
     """
     context = multiprocessing.get_context("fork")
-    here, there = context.Pipe()
-    child = context.Process(target=_keep, args=(there, robot, port), daemon=True)
+    parent_end, child_end = context.Pipe()
+    child = context.Process(target=_keep, args=(child_end, robot, port), daemon=True)
     child.start()
-    here.recv()
+    parent_end.recv()
 
     def send(number: int) -> int:
         began_ns = time.monotonic_ns()
-        here.send(number)
+        parent_end.send(number)
         return began_ns
 
     return send, child.kill
@@ -136,8 +140,10 @@ def _feetech_sdk(port: str) -> tuple[Send, Cycle, Callable[[], object]]:
 
 
 def ur_arm(host: str) -> tuple[Any, list[float], Cycle]:
-    """Return the SDK's control of an arm, a target (first the present position), and a function that sends
-    the target."""
+    """Return the SDK's control object of an arm, a list with its target, and a function that sends this target.
+
+    The target is the present position at first.
+    """
     from rtde_control import RTDEControlInterface
     from rtde_receive import RTDEReceiveInterface
 
@@ -163,8 +169,8 @@ def _ur_sdk(host: str) -> tuple[Send, Cycle, Callable[[], object]]:
     return send, again, close
 
 
-def main(who: str, length: str, robot: str, port: str, log: str) -> None:
-    send, close = {"ours": ours, "strands": strands, "sdk": sdk, "process": process}[who](robot, port)
+def main(program: str, length: str, robot: str, port: str, log: str) -> None:
+    send, close = {"ours": ours, "strands": strands, "sdk": sdk, "process": process}[program](robot, port)
     calls_us: list[float] = []
 
     def timed(number: int) -> int:
@@ -173,7 +179,8 @@ def main(who: str, length: str, robot: str, port: str, log: str) -> None:
         return began_ns
 
     wire = Log(log)
-    for number in range(20):  # warm-up
+    # These setpoints are a warm-up and are not measured.
+    for number in range(20):
         send(number)
         time.sleep(0.02)
     delays = delays_us(timed, wire, COUNT[length])
@@ -183,7 +190,7 @@ def main(who: str, length: str, robot: str, port: str, log: str) -> None:
         "p50_us": percentile(delays, 0.5),
         "p99_us": p99,
         "call_p50_us": percentile(calls_us, 0.5),
-        "late_us": p99 + (ALLOWANCE_US if who == "strands" else 0.0),
+        "late_us": p99 + (ALLOWANCE_US if program == "strands" else 0.0),
     }
     print(json.dumps(figures), flush=True)
 

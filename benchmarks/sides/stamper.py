@@ -1,6 +1,6 @@
-"""A robot without hardware. Its wire appends the time and the value of every frame to a file.
+"""A robot without hardware, which appends the time and the value of every frame to a file.
 
-It serves to measure the tree: gate, watchdog, transport, leases and heartbeats are those of any robot.
+It serves to measure this package: all processes, checks and heartbeats are those of any other robot.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ class Stamper(Driver):
         quick = hz > 100.0
         self.timing = Timing(
             control_hz=hz,
-            keepalive_s=0.9 / hz if quick else 0.05,  # as in the legs' driver: not sent again if on time
+            # As in the driver of a robot with legs: while setpoints are on time, the last one is not sent again.
+            keepalive_s=0.9 / hz if quick else 0.05,
             tick_s=0.002 if quick else 0.01,
         )
 
@@ -57,9 +58,9 @@ class Stamper(Driver):
         values, named = list(state.target), []
         for key, value in action.items():
             if key not in AXES:
-                return Refused("unknown_joint", f"move: {key} is no axis", f"use {', '.join(AXES)}")
+                return Refused("unknown_joint", f"{key} is not an axis", f"use {', '.join(AXES)}")
             if not -LIMIT <= value <= LIMIT:
-                return Refused("range", f"move: {key} is {value}", f"stay within {LIMIT}", str(value))
+                return Refused("range", f"{key} is {value}", f"give {-LIMIT} to {LIMIT} radians", str(value))
             values[AXES.index(key)] = float(value)
             named.append(AXES.index(key))
         return Candidate(tuple(values), tuple(named))
@@ -71,7 +72,7 @@ class Stamper(Driver):
         return _StopChannel(self._port, clock)
 
 
-class _Replay:
+class _FrameFile:
     def __init__(self, path: str, clock: Clock) -> None:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o600)
         self._clock = clock
@@ -81,7 +82,7 @@ class _Replay:
 
     def make_safe(self) -> tuple[MotorReport, ...]:
         self.put(0.0, safe=True)
-        return tuple(MotorReport(axis, at, True, True, True) for at, axis in enumerate(AXES))
+        return tuple(MotorReport(axis, index, True, True, True) for index, axis in enumerate(AXES))
 
     def close(self) -> None:
         os.close(self._fd)
@@ -89,7 +90,7 @@ class _Replay:
 
 class _Wire(Wire):
     def __init__(self, path: str, clock: Clock) -> None:
-        self._paper = _Replay(path, clock)
+        self._frames = _FrameFile(path, clock)
         self._clock = clock
         self._position = (0.0,) * len(AXES)
 
@@ -106,22 +107,22 @@ class _Wire(Wire):
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         permit.check()
-        self._paper.put(values[2])
+        self._frames.put(values[2])
         self._position = values
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return self._paper.make_safe()
+        return self._frames.make_safe()
 
     def close(self) -> None:
-        self._paper.close()
+        self._frames.close()
 
 
 class _StopChannel(StopChannel):
     def __init__(self, path: str, clock: Clock) -> None:
-        self._paper = _Replay(path, clock)
+        self._frames = _FrameFile(path, clock)
 
     async def make_safe(self, safe_state: str) -> tuple[MotorReport, ...]:
-        return self._paper.make_safe()
+        return self._frames.make_safe()
 
     def close(self) -> None:
-        self._paper.close()
+        self._frames.close()

@@ -22,11 +22,11 @@ TIMED = "import time; began = time.perf_counter(); {}; print(time.perf_counter()
 
 
 def imported(statement: str, short: bool) -> Figures:
-    """Return the median import time over several new processes."""
+    """Return the median time of an import statement, in ms, over several new processes."""
     spans_s = [
         float(subprocess.check_output([sys.executable, "-c", TIMED.format(statement)], text=True))
         for _ in range(3 if short else 9)
-    ][1:]  # the first one may have compiled the byte code
+    ][1:]  # without the first one, which may have compiled the byte code
     return {"import_ms": statistics.median(spans_s) * 1e3}
 
 
@@ -43,7 +43,7 @@ def armed(short: bool, **options: Any) -> float:
                 raise RuntimeError(problem)
             answer = robot.get_status()["content"][0]["json"]
             if answer["state"] != "armed":
-                raise RuntimeError(f"not armed but {answer['state']}")
+                raise RuntimeError(f"the robot is not armed after connecting: its state is {answer['state']}")
             spans_s.append(time.perf_counter() - began_s)
         finally:
             robot.cleanup()

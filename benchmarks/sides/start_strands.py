@@ -1,4 +1,4 @@
-"""The time of the reference's import, in its environment: ``python -m benchmarks.sides.start_strands [short]``."""
+"""Measure the import of strands-robots in its environment: ``python -m benchmarks.sides.start_strands [short]``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ TIMED = f"import time; began = time.perf_counter(); {STATEMENT}; print(time.perf
 
 
 def imported(short: bool) -> dict[str, float]:
-    """Return the median over several new processes, without the first, which may have compiled byte code."""
+    """Return the median time of the import over several new processes.
+
+    The first process is left out, because it may have compiled byte code.
+    """
     spans_s = [
         float(subprocess.check_output([sys.executable, "-c", TIMED], text=True).splitlines()[-1])
         for _ in range(3 if short else 9)

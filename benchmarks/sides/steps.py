@@ -1,8 +1,8 @@
-"""Physics steps of an SO-101: ``python -m benchmarks.sides.steps SIDE [short]``.
+"""Measure physics steps of a simulated SO-101: ``python -m benchmarks.sides.steps SIDE [short]``.
 
-The arm gets a target, and then the physics steps for a control period (20 ms), a second or ten seconds. With
-the verbs this is ``step`` with an action. ``piped`` is the least work if the physics runs outside the script's
-process: the same model behind a socket, with requests of a few bytes.
+Each call sets a target and makes the physics steps of a control period (20 ms), of a second, or of ten seconds.
+``ours`` calls ``Robot.step``. ``mj_step`` calls MuJoCo directly. ``piped`` calls MuJoCo in another process,
+through a socket with messages of a few bytes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def rates(go: Callable[[int, int], None], short: bool) -> Figures:
     """Return the steps per second of each size.
 
     Args:
-        go: ``go(number, steps)`` sets another target and makes so many steps.
+        go: Function ``go(number, steps)``. It sets the target of this number, and makes this number of steps.
         short: Run the short form.
     """
     figures: Figures = {}
@@ -55,8 +55,8 @@ def rates(go: Callable[[int, int], None], short: bool) -> Figures:
 
 def table() -> dict[str, Any]:
     robots = tomllib.loads(resources.files("strands_actors.drivers.feetech").joinpath("robots.toml").read_text())
-    found: dict[str, Any] = robots["so101"]
-    return found
+    so101: dict[str, Any] = robots["so101"]
+    return so101
 
 
 def verbs(short: bool) -> Figures:
@@ -74,7 +74,9 @@ def verbs(short: bool) -> Figures:
 
 
 def armed() -> Any:
-    """Return the same model, armed. MuJoCo keeps its internal timer here, which our twins remove."""
+    """Return MuJoCo's model of the arm, with its motors energised. MuJoCo's internal timer stays installed; our
+    simulated robots remove it.
+    """
     import mujoco
 
     library = next(Path(mujoco.__file__).parent.glob("libmujoco*"))
@@ -86,7 +88,7 @@ def armed() -> Any:
     stopwatch.value = installed
     plant = Plant.from_table(table())
     for index in range(len(plant.joints)):
-        plant.take(index, True)
+        plant.energise(index, True)
     return plant
 
 
@@ -102,7 +104,7 @@ def raw(short: bool) -> Figures:
     return rates(go, short)
 
 
-ASKED = struct.Struct("<di")
+REQUEST = struct.Struct("<di")
 
 
 def piped(short: bool) -> Figures:
@@ -114,7 +116,7 @@ def piped(short: bool) -> Figures:
     theirs.close()
 
     def go(number: int, steps: int) -> None:
-        ours.send(ASKED.pack(math.radians(target_deg(number)), steps))
+        ours.send(REQUEST.pack(math.radians(target_deg(number)), steps))
         ours.recv(4096)
 
     with ours:
@@ -125,8 +127,8 @@ def _serve(sock: socket.socket) -> None:
     import mujoco
 
     plant = armed()
-    while data := sock.recv(ASKED.size):
-        plant.data.ctrl[0], steps = ASKED.unpack(data)
+    while data := sock.recv(REQUEST.size):
+        plant.data.ctrl[0], steps = REQUEST.unpack(data)
         mujoco.mj_step(plant.model, plant.data, steps)
         sock.send(plant.data.qpos.tobytes())
 

@@ -1,11 +1,12 @@
-"""``stop WHO LENGTH ROBOT PORT LOG``: the time from a stop to the first safe frame that the twin reads.
+"""``stop PROGRAM LENGTH ROBOT PORT LOG``: measure the time from a stop until the robot receives its first stop
+command.
 
-WHO is ours or strands. The reference's G1 has no twin (PORT and LOG are empty). Its frame counts when it is
-passed to the stand-in for Unitree's SDK.
+PROGRAM is ``ours`` or ``strands`` (strands-robots). The G1 of strands-robots is not simulated (PORT and LOG are
+empty). There the time ends when strands-robots passes the command to a fake of Unitree's SDK.
 
-A rollout runs. Its policy is ``idle`` (answers at once), ``blocked`` (does not return for 2.5 s, as with a
-server that hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process).
-``stop`` is the verb by which users and agents stop a robot; ``task`` is ``stop_task``.
+A policy runs. It is ``idle`` (answers at once), ``blocked`` (does not return for seconds, as with a server that
+hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process). The figures ``stop``
+are of ``stop()``, by which users and agents stop a robot, and the figures ``task`` of ``stop_task()``.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ HERE = Path(__file__).resolve().parent
 
 
 class Policy:
-    """A policy of one of ``CASES``. ``blocking`` is set once it blocks."""
+    """A policy that is idle, blocked or computing (``CASES``). The event ``blocking`` is set when it begins to
+    block.
+    """
 
     def __init__(self, robot: str, base: float, case: str) -> None:
         self._joint, self._base, self._step, self._case = JOINT[robot], base, STEP[robot], case
@@ -61,14 +64,15 @@ class Policy:
             time.sleep(self._block_s)
         self._actions += 1
         swing = self._actions % 20
-        return [{self._joint: self._base + self._step * (swing + at / CHUNK)} for at in range(CHUNK)]
+        return [{self._joint: self._base + self._step * (swing + index / CHUNK)} for index in range(CHUNK)]
 
 
 def position(arm: Any, robot: str) -> float:
-    """Return the position of the robot's joint. The reference's G1 reports none, so it is 0, as in the
-    stand-in."""
-    seen = arm.get_observation() if hasattr(arm, "get_observation") else {}
-    return float(seen.get(JOINT[robot], seen.get(f"{JOINT[robot]}.pos", 0.0)))
+    """Return the position of the robot's joint. The G1 of strands-robots reports no positions, so it is 0, as in
+    the fake SDK.
+    """
+    observation = arm.get_observation() if hasattr(arm, "get_observation") else {}
+    return float(observation.get(JOINT[robot], observation.get(f"{JOINT[robot]}.pos", 0.0)))
 
 
 def begin(arm: Any, robot: str, case: str) -> Policy:
@@ -80,18 +84,19 @@ def begin(arm: Any, robot: str, case: str) -> Policy:
 
 
 def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: Log, number: int) -> float | None:
-    """Return the milliseconds from the call to the frame.
+    """Return the milliseconds from the call of the stop to the first stop command that the robot receives.
 
-    It is None if the robot was made safe before the call, because its processes had to wait too long for a
-    processor.
+    Return None if the robot was stopped before the call. This happens on a busy computer, when a process waits for
+    a processor and looks frozen.
     """
     policy = begin(arm, robot, case)
     if case != "blocked":
         time.sleep(RUN_S)
-    # Stop as soon as the policy blocks. Without setpoints, a tree soon makes its robot safe without a stop.
+    # Stop as soon as the policy blocks. Without new setpoints, our processes soon stop the robot by themselves.
     elif not policy.blocking.wait(5.0):
-        raise RuntimeError(f"the policy was not asked: {arm.get_task_status()}")
-    time.sleep(0.003 * (number * 7 % 10))  # at varying moments of a chunk
+        raise RuntimeError(f"the policy was not called within 5 s: {arm.get_task_status()}")
+    # Stop at different times within a chunk of actions.
+    time.sleep(0.003 * (number * 7 % 10))
     began_ns = time.monotonic_ns()
     verb()
     safe = log.first("safe", began_ns, within_s=10.0)
@@ -99,19 +104,19 @@ def stop_once(arm: Any, robot: str, case: str, verb: Callable[[], object], log: 
     if before[-1:] == ["safe"]:
         return None
     if safe is None:
-        raise RuntimeError("no safe frame on the wire")
+        raise RuntimeError("the robot received no stop command within 10 s after the stop")
     return (safe.t_ns - began_ns) / 1e6
 
 
-class Stood(Log):
-    """The log of the stand-in's frames."""
+class FakeSdkLog(Log):
+    """The frames that the fake SDK has received, as a log."""
 
-    def __init__(self, given: list[tuple[int, float]]) -> None:
+    def __init__(self, received: list[tuple[int, float]]) -> None:
         super().__init__("")
-        self._given = given
+        self._received = received
 
     def read(self) -> list[Frame]:
-        new = self._given[len(self.frames) :]
+        new = self._received[len(self.frames) :]
         self.frames += [Frame(t_ns, "setpoint" if stiffness else "safe", "") for t_ns, stiffness in new]
         return self.frames
 
@@ -148,7 +153,7 @@ def strands(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], ob
         asyncio.run(run())
 
     def again() -> None:
-        """Wait until a blocked policy has returned, because no other rollout is accepted before."""
+        """Wait until a blocked policy has returned. Before that, strands-robots starts no other policy."""
         until_s = time.monotonic() + 2 * BLOCK_S[robot]
         while arm.get_task_status()["content"][0]["json"]["running"] and time.monotonic() < until_s:
             time.sleep(0.02)
@@ -158,24 +163,24 @@ def strands(robot: str, port: str) -> tuple[Any, Callable[[str], Callable[[], ob
     return arm, {"stop": stop, "task": arm.stop_task}.__getitem__, again
 
 
-def main(who: str, length: str, robot: str, port: str, log_path: str) -> None:
-    arm, verb_of, again = {"ours": ours, "strands": strands}[who](robot, port)
+def main(program: str, length: str, robot: str, port: str, log_path: str) -> None:
+    arm, verb_of, again = {"ours": ours, "strands": strands}[program](robot, port)
     problem = arm.connect_eagerly()
     if problem is not None:
         raise RuntimeError(problem)
-    log = Log(log_path) if log_path else Stood(importlib.import_module("unitree_sdk").FRAMES)
+    log = Log(log_path) if log_path else FakeSdkLog(importlib.import_module("unitree_sdk").FRAMES)
     figures = {}
     for verb in VERBS[robot]:
         for case in CASES:
             took: list[float] = []
             for number in range(2 * COUNT[length]):
-                found = stop_once(arm, robot, case, verb_of(verb), log, number)
+                stop_ms = stop_once(arm, robot, case, verb_of(verb), log, number)
                 again()
-                took += [] if found is None else [found]
+                took += [] if stop_ms is None else [stop_ms]
                 if len(took) == COUNT[length]:
                     break
             else:
-                raise RuntimeError(f"{robot}, {case}: made safe before it was stopped, again and again")
+                raise RuntimeError(f"{robot}, {case}: always stopped before the measured stop (busy computer?)")
             figures[f"{verb}_{case}_ms"] = statistics.median(took)
             figures[f"{verb}_{case}_worst_ms"] = percentile(took, 1.0)
     arm.cleanup()

@@ -1,9 +1,10 @@
-"""``telemetry WHO LENGTH``: of how many robots do the states reach a subscriber complete and in time?
+"""``telemetry PROGRAM LENGTH``: measure how many robots can publish their states so that all reach a subscriber in
+time.
 
-WHO is ours or strands.
+PROGRAM is ``ours`` or ``strands`` (strands-robots).
 
 Each robot (without hardware, in this process) publishes ten states per second to a subscriber in another
-process. More robots are started until more than 1 % of the states are missing, or the 99th percentile of
+process. Robots are added in steps, until more than 1 % of the states are missing, or the 99th percentile of
 their age on arrival exceeds 50 ms. The figures per robot are those of the first step.
 """
 
@@ -33,7 +34,7 @@ KEY = "strands/*/state"
 HERE = Path(__file__).resolve().parent
 
 
-# -- the subscriber, a separate process
+# -- the process that subscribes to the states
 
 
 class Window:
@@ -61,10 +62,10 @@ class Window:
         return {"lost_pct": 100 * lost / (full * robots), "age_p99_ms": percentile(ages or [1e6], 0.99)}
 
 
-def listen(who: str) -> None:
+def listen(program: str) -> None:
     window = Window()
     with contextlib.ExitStack() as stack:
-        (listen_ours if who == "ours" else listen_strands)(window, stack)
+        (listen_ours if program == "ours" else listen_strands)(window, stack)
         print("ready", flush=True)
         for line in sys.stdin:
             print(json.dumps(window.measure(int(line))), flush=True)
@@ -118,7 +119,8 @@ def our_robot(number: int) -> Any:
     from .stamper import ROBOT
 
     path = f"{os.environ['STRANDS_ACTORS_RUN']}/frames{number}"
-    options: dict[str, Any] = {"hz": 30.0}  # an option of its driver
+    # The control rate, an option of the robot's driver.
+    options: dict[str, Any] = {"hz": 30.0}
     return Robot(ROBOT, mode="real", port=path, tool_name=f"arm{number}", **options)
 
 
@@ -128,15 +130,17 @@ def processes() -> list[int]:
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
             parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
-    found, new = set(), {os.getpid()}
+    pids, new = set(), {os.getpid()}
     while new:
-        found |= new
-        new = {pid for pid, parent in parents.items() if parent in found} - found
-    return sorted(found)
+        pids |= new
+        new = {pid for pid, parent in parents.items() if parent in pids} - pids
+    return sorted(pids)
 
 
 def memory_mb(pids: list[int]) -> float:
-    """Return the proportional set size of processes, in which shared memory counts once."""
+    """Return the memory of these processes in MB. Memory that several of them share counts once (proportional set
+    size).
+    """
     total_kb = 0
     for pid in pids:
         with contextlib.suppress(OSError):
@@ -154,12 +158,12 @@ def cpu_s(pids: list[int]) -> float:
 
 
 def threads() -> int:
-    """Return the number of threads of this process, Python's and others."""
+    """Return the number of threads of this process, including those that are not Python's."""
     return len(list(Path("/proc/self/task").iterdir()))
 
 
-def main(who: str, length: str) -> None:
-    if who == "ours":
+def main(program: str, length: str) -> None:
+    if program == "ours":
         from benchmarks.stage import at_home
         from strands_actors.drivers import register_native_driver
 
@@ -171,7 +175,7 @@ def main(who: str, length: str) -> None:
     else:
         prepare_strands()
         start = strands_robot
-    command = [sys.executable, "-m", "benchmarks.sides.telemetry", "listen", who]
+    command = [sys.executable, "-m", "benchmarks.sides.telemetry", "listen", program]
     with tempfile.TemporaryFile() as errors:
         listener = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
@@ -185,7 +189,8 @@ def main(who: str, length: str) -> None:
         finally:
             listener.kill()
     print(json.dumps(figures), flush=True)
-    os._exit(0)  # the trees notice the end of their caller, and end
+    # The robots' other processes notice that this process has ended, and end, too.
+    os._exit(0)
 
 
 def ask(listener: subprocess.Popen[str], line: str = "") -> str:
@@ -195,7 +200,7 @@ def ask(listener: subprocess.Popen[str], line: str = "") -> str:
         listener.stdin.flush()
     answer = listener.stdout.readline()
     if not answer:
-        raise RuntimeError("the subscriber has ended")
+        raise RuntimeError("the process that subscribes to the states has ended. Its errors are above")
     return answer
 
 
@@ -204,7 +209,8 @@ def ramp(start: Any, listener: subprocess.Popen[str], steps: tuple[int, ...]) ->
     robots: list[Any] = []
     first: dict[str, float] = {}
     most = 0
-    start_one(start, robots)  # the first one also starts what the robots share, so it is not counted
+    # The first robot also starts parts that all robots share, so it is not counted.
+    start_one(start, robots)
     below = processes()
     base_threads, base_mb = threads(), memory_mb([pid for pid in below if pid != listener.pid])
     for count in steps:
@@ -212,21 +218,22 @@ def ramp(start: Any, listener: subprocess.Popen[str], steps: tuple[int, ...]) ->
             while len(robots) < count:
                 start_one(start, robots)
         except ConnectionError:
-            break  # the computer cannot start another one, which is a limit, too
+            # The computer cannot start another robot, which is a limit, too.
+            break
         time.sleep(SETTLE_S)
         pids = [pid for pid in processes() if pid != listener.pid]
         used_s, began_s = cpu_s(pids), time.monotonic()
-        seen = json.loads(ask(listener, str(count)))
+        measured = json.loads(ask(listener, str(count)))
         share = 100 * (cpu_s(pids) - used_s) / (time.monotonic() - began_s)
         if not first:
             first = {
                 "threads_per_robot": (threads() - base_threads) / (count - 1),
                 "memory_per_robot_mb": (memory_mb(pids) - base_mb) / (count - 1),
                 "cpu_per_robot_pct": share / count,
-                "age_p99_ms": seen["age_p99_ms"],
-                "lost_pct": seen["lost_pct"],
+                "age_p99_ms": measured["age_p99_ms"],
+                "lost_pct": measured["lost_pct"],
             }
-        if seen["lost_pct"] > LOST_PCT or seen["age_p99_ms"] > AGE_MS:
+        if measured["lost_pct"] > LOST_PCT or measured["age_p99_ms"] > AGE_MS:
             break
         most = count
     return first | {"robots_per_core": most / (os.cpu_count() or 1)}

@@ -1,8 +1,8 @@
-"""``telemetry_ticks LENGTH``: the cost of an empty tree.
+"""``telemetry_ticks LENGTH``: measure the processor time of two idle processes for each robot.
 
-A tree here is two processes, each with a trio loop that wakes 100 times per second, as wire and root do to
-watch each other. There are as many trees as in the first steps of ``telemetry``. ``robots_per_core`` is the
-number that a whole core would run if it did nothing else.
+Each robot has two processes here, each with a trio loop that wakes 100 times per second. In this package the
+processes ``wire`` and ``root`` wake as often, to watch each other. There are as many robots as in the first steps
+of ``telemetry``. ``robots_per_core`` is the number that a whole core could run if it did nothing else.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Messages into one actor of the same process: ``python -m benchmarks.sides.tell SIDE [short]``."""
+"""Measure messages without an answer to one actor in the same process: ``python -m benchmarks.sides.tell SIDE
+[short]``.
+"""
 
 from __future__ import annotations
 
@@ -29,22 +31,22 @@ def rate(n: int, began_s: float) -> float:
 
 async def ours(short: bool) -> Figures:
     n = amount(short)
-    async with hosted(Counter, capacity=n + 1) as (one, _):
+    async with hosted(Counter, capacity=n + 1) as (actor, _):
         began_s = time.perf_counter()
         for _ in range(n):
-            one.tell(STATE)
-        assert await one.ask(GetCount(), 60.0) == Count(n)
-        told_per_s = rate(n, began_s)
-    async with hosted(Counter) as (one, _):
+            actor.tell(STATE)
+        assert await actor.ask(GetCount(), 60.0) == Count(n)
+        tell_per_s = rate(n, began_s)
+    async with hosted(Counter) as (actor, _):
         n -= n % WINDOW
         began_s = time.perf_counter()
         for _ in range(n // WINDOW):
             for _ in range(WINDOW):
-                one.tell(STATE)
-            await one.ask(GetCount(), 60.0)
+                actor.tell(STATE)
+            await actor.ask(GetCount(), 60.0)
         bounded_per_s = rate(n, began_s)
-        assert await one.ask(GetCount(), 60.0) == Count(n)
-    return {"tell_per_s": told_per_s, "bounded_per_s": bounded_per_s}
+        assert await actor.ask(GetCount(), 60.0) == Count(n)
+    return {"tell_per_s": tell_per_s, "bounded_per_s": bounded_per_s}
 
 
 async def trio_channel(short: bool) -> Figures:
@@ -78,7 +80,7 @@ async def trio_channel(short: bool) -> Figures:
 
 
 def bare(short: bool) -> Figures:
-    """Measure a deque and the handler's call, in bursts that a mailbox can hold."""
+    """Measure a deque and a direct call of the handler. Messages are sent in groups that fit into a mailbox."""
     n = amount(short) - amount(short) % WINDOW
     waiting: deque[Any] = deque()
     counter = Counter()

@@ -1,4 +1,6 @@
-"""Thespian's counter. It has a module, because Thespian's processes import it by name."""
+"""The counting actor for Thespian. It needs a separate module, because Thespian's processes import the actor by
+name.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A stop behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE [short]``."""
+"""Measure a stop that arrives behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE
+[short]``.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +25,11 @@ class Work(Message, frozen=True):
 class Stop(Message, frozen=True):
     lane = "urgent"
 
-    told_ns: int
+    sent_ns: int
 
 
 class Worker:
-    """Works 20 us for each message until the stop comes. Later messages cost nothing."""
+    """Compute 20 us for each message until the stop arrives. Later messages are ignored."""
 
     def __init__(self, spans_ns: list[int]) -> None:
         self.spans_ns = spans_ns
@@ -40,7 +42,7 @@ class Worker:
                 pass
 
     def stop(self, stop: Stop) -> None:
-        self.spans_ns.append(time.perf_counter_ns() - stop.told_ns)
+        self.spans_ns.append(time.perf_counter_ns() - stop.sent_ns)
         self.stopped = True
 
 
@@ -62,12 +64,13 @@ async def ours(short: bool) -> Figures:
                 self.worker.work()
 
     for _ in range(trials(short)):
-        async with hosted(Busy, capacity=QUEUED) as (one, _):
+        async with hosted(Busy, capacity=QUEUED) as (actor, _):
             for _ in range(QUEUED):
-                one.tell(Work())
-            await trio.sleep(0.002)  # until it works
-            one.tell(Stop(time.perf_counter_ns()))
-            await one.ask(Work(), 60.0)
+                actor.tell(Work())
+            # Wait until the actor computes.
+            await trio.sleep(0.002)
+            actor.tell(Stop(time.perf_counter_ns()))
+            await actor.ask(Work(), 60.0)
     return percentiles("urgent", spans_ns)
 
 

@@ -1,9 +1,9 @@
-"""A robot's whole tree in virtual time: ``python -m benchmarks.sides.virtual SIDE [short]``.
+"""Run all actors of a robot in virtual time, and measure it: ``python -m benchmarks.sides.virtual SIDE [short]``.
 
-The robot is an SO-101 at 50 Hz: guardian, gate, watchdog, transport, and the wire with its codec, on a bus in
-memory with its twin's servos and MuJoCo at the other end. Measured are the simulated seconds per real second,
-the same while recording and in a replay, and whether two runs write the same bytes at the same times.
-``bare_x`` is for a driver without wire and physics.
+The robot is an SO-101 at 50 Hz with all our code for it. Its bus is in memory, with simulated servos and MuJoCo
+at the other end. The main figure is the number of simulated seconds per real second, alone, while a recording is
+made, and in its replay. ``same_trace`` is 1 if two runs write the same bytes at the same times. ``bare_x`` is the
+figure of a driver without bus and physics.
 """
 
 from __future__ import annotations
@@ -49,8 +49,10 @@ def simulated_s(short: bool) -> float:
 
 
 class MemoryBus:
-    """A port with servos at its other end. An answer arrives as a whole when its last byte would have passed a
-    UART of 1 Mbaud, as from a USB adapter."""
+    """A serial port in memory, with simulated servos at its other end.
+
+    A reply arrives as a whole, when its last byte would have passed a UART at 1 Mbaud. A USB adapter does the same.
+    """
 
     def __init__(self, servos: Robot) -> None:
         self.written: list[tuple[float, bytes]] = []
@@ -92,7 +94,8 @@ class MemoryBus:
         await trio.sleep_forever()
 
     def fileno(self) -> int:
-        return os.open(os.devnull, os.O_RDWR)  # for the stop channel, which is not used here
+        # The stop channel duplicates this descriptor, but is not used here.
+        return os.open(os.devnull, os.O_RDWR)
 
     def close(self) -> None:
         pass
@@ -122,7 +125,9 @@ class Ran:
 
 
 async def command(tree: InlineTree, gate: Ref, key: str, seconds: float) -> None:
-    """Do as a rollout: in every period, send a setpoint, wait for the answer, and send a heartbeat."""
+    """Command the robot as a policy does: in every period, send a setpoint, wait for the answer, and send a
+    heartbeat.
+    """
     assert isinstance(await gate.ask(Resume("bench"), 1.0), Resumed)
     lease = await gate.ask(Acquire("bench"), 1.0)
     assert isinstance(lease, Lease), lease
@@ -138,7 +143,7 @@ async def command(tree: InlineTree, gate: Ref, key: str, seconds: float) -> None
 
 
 def run_bare(seconds: float) -> float:
-    """Return the real seconds that a tree took with a driver that only stores its setpoints."""
+    """Return the real time, in seconds, that all actors need with a driver that only stores its setpoints."""
     spans_s: list[float] = []
 
     async def main() -> None:
@@ -167,7 +172,7 @@ def run_tree(seconds: float) -> Ran:
 
 
 class Taker(Actor):
-    """Stores and acknowledges the batches of a recording."""
+    """Store and acknowledge the batches of a recording."""
 
     def __init__(self, instrument: str) -> None:
         self.batches: list[Batch] = []
@@ -217,12 +222,14 @@ def run_recorded(seconds: float) -> Ran:
 
 
 def replayed(recording: Recording) -> float:
-    """Return the real seconds of the replay. Raise ``RuntimeError`` if its decisions differ from the robot's."""
+    """Return the real time of the replay, in seconds. Raise ``RuntimeError`` if the decisions in it differ from the
+    recorded ones.
+    """
     began_s = time.perf_counter()
     outcome = replay(recording, Feetech(ROBOT, "memory", Feetech.resolve(ROBOT, {})))
     span_s = time.perf_counter() - began_s
     if not outcome.equal:
-        raise RuntimeError(f"the replay decided otherwise: {outcome.difference}")
+        raise RuntimeError(f"the replay differs from the recording: {outcome.difference}")
     return span_s
 
 
@@ -246,7 +253,7 @@ of bytes, and answers."""
 
 
 def passes(short: bool) -> Figures:
-    """Measure as many passes of the loop as in such a tree, with only the physics of its twin."""
+    """Measure a loop that wakes up as often as the robot's actors do, but computes only the physics."""
     seconds = simulated_s(short)
     plant = FeetechBus.for_robot(ROBOT, lambda: 0.0).plant
     spans_s: list[float] = []

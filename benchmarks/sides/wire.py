@@ -1,5 +1,7 @@
-"""Read a twin's wire log, for sides at a robot's twin. It imports only modules that every peer's environment
-has."""
+"""Read the log of a simulated robot: each frame that it received, with its time.
+
+This module imports only modules that every peer's environment has.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ from typing import NamedTuple
 
 
 class Frame(NamedTuple):
-    """A frame from the host. ``t_ns`` is when the twin had read it, in nanoseconds of CLOCK_MONOTONIC."""
+    """A frame that the robot received, at the time ``t_ns`` (CLOCK_MONOTONIC, in nanoseconds)."""
 
     t_ns: int
     kind: str
@@ -20,30 +22,32 @@ class Frame(NamedTuple):
 
 
 class Log:
-    """The host's frames in a twin's log, which is read while it grows."""
+    """The frames that a simulated robot has received, from its log, which is read while it grows."""
 
     def __init__(self, path: str) -> None:
         self._path = Path(path)
-        self._at = 0
+        self._offset = 0
         self.frames: list[Frame] = []
 
     def read(self) -> list[Frame]:
-        """Return all frames of the host so far."""
+        """Return all frames that the robot has received so far."""
         if self._path.exists():
             with self._path.open("rb") as file:
-                file.seek(self._at)
+                file.seek(self._offset)
                 text = file.read()
             whole = text.rfind(b"\n") + 1
-            self._at += whole
+            self._offset += whole
             rows = [json.loads(line) for line in text[:whole].splitlines() if b'"host"' in line]
             self.frames += [Frame(row["t_ns"], row["kind"], row["hex"]) for row in rows]
         return self.frames
 
     def first(self, kind: str, since_ns: int, within_s: float) -> Frame | None:
-        """Wait for the first frame of a kind since a time, and return it; None after ``within_s``."""
+        """Wait for the first frame of this kind since ``since_ns``, and return it. Return None if there is none for
+        ``within_s``.
+        """
         until_s = time.monotonic() + within_s
         while True:
-            for frame in reversed_until(self.read(), since_ns):
+            for frame in frames_since(self.read(), since_ns):
                 if frame.kind == kind:
                     return frame
             if time.monotonic() > until_s:
@@ -54,12 +58,12 @@ class Log:
         return [frame for frame in self.read() if frame.kind == "setpoint"]
 
 
-def reversed_until(frames: Sequence[Frame], since_ns: int) -> list[Frame]:
-    """Return the frames since ``since_ns``, in order."""
-    at = len(frames)
-    while at and frames[at - 1].t_ns >= since_ns:
-        at -= 1
-    return list(frames[at:])
+def frames_since(frames: Sequence[Frame], since_ns: int) -> list[Frame]:
+    """Return the frames since ``since_ns``, the earliest first."""
+    first = len(frames)
+    while first and frames[first - 1].t_ns >= since_ns:
+        first -= 1
+    return list(frames[first:])
 
 
 def percentile(values: Sequence[float], share: float) -> float:
@@ -74,16 +78,17 @@ def processor_s(pid: int) -> float:
 
 
 def delays_us(send: Callable[[int], int], log: Log, count: int, pause_s: float = 0.02) -> list[float]:
-    """Return the delays of setpoints: from before each call to the next frame that differs from the last one.
+    """Send setpoints, and return the delay of each: from before the call to the first frame that differs from the
+    frame before the call.
 
     Args:
-        send: Sends setpoint ``i``, and returns when it began, in nanoseconds of CLOCK_MONOTONIC.
-        log: The twin's log.
+        send: Sends setpoint number ``i``. Returns the time before the call, in nanoseconds of CLOCK_MONOTONIC.
+        log: The log of the simulated robot.
         count: Number of setpoints.
-        pause_s: Least pause between them. Pauses vary, so that they do not coincide with a period of a side.
+        pause_s: Shortest pause between two setpoints. Pauses vary, so that they do not coincide with a period.
 
     Raises:
-        RuntimeError: Less than 95 % of them were seen on the wire.
+        RuntimeError: Less than 95 % of the setpoints reached the robot.
     """
     began = []
     for number in range(count):
@@ -91,14 +96,14 @@ def delays_us(send: Callable[[int], int], log: Log, count: int, pause_s: float =
         time.sleep(pause_s * (1 + (number * 7 % 10) / 10))
     time.sleep(0.1)
     frames = log.setpoints()
-    found, at = [], 0
+    delays, index = [], 0
     for t_ns in began:
-        while at < len(frames) and frames[at].t_ns < t_ns:
-            at += 1
-        before = frames[at - 1].data if at else ""
-        new = next((frame for frame in frames[at:] if frame.data != before), None)
+        while index < len(frames) and frames[index].t_ns < t_ns:
+            index += 1
+        before = frames[index - 1].data if index else ""
+        new = next((frame for frame in frames[index:] if frame.data != before), None)
         if new is not None:
-            found.append((new.t_ns - t_ns) / 1e3)
-    if len(found) < count * 0.95:
-        raise RuntimeError(f"{count} setpoints sent, {len(found)} seen on the wire")
-    return found
+            delays.append((new.t_ns - t_ns) / 1e3)
+    if len(delays) < count * 0.95:
+        raise RuntimeError(f"{count} setpoints were sent, but only {len(delays)} reached the robot")
+    return delays

@@ -1,4 +1,7 @@
-"""xoscar's counter. It has a module, because xoscar's processes import it by name."""
+"""The counting actor for xoscar.
+
+It needs a separate module, because xoscar's processes import the actor by name.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The configuration that the wire and the stop channel of a T1 share."""
+"""Settings of a T1, shared by the process that drives it (the wire) and the root's stop channel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find the one T1 on a network when no address was given."""
+"""Find the only T1 on a network. This is used when no address was given."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ LOOK_S = 0.05
 
 
 async def find_robot(domain: int, interface: str, robot_name: str) -> str:
-    """Return the address of the one robot that publishes its state in this domain.
+    """Return the address of the only robot that publishes its state in this DDS domain.
 
     Args:
         domain: DDS domain of the robot.
-        interface: Name or address of the host's interface; empty for the default route.
-        robot_name: The robot's own name; empty if it has none.
+        interface: Name or address of the host's network interface; empty for the default route.
+        robot_name: The name that the robot's topics contain; empty if they contain none.
 
     Raises:
-        WireDown: There is no robot, or more than one: commands would reach all of them.
+        WireDown: No robot answers, or several do: commands would reach all of them.
     """
     try:
         participant = Participant(domain, address_of(interface) if interface else own_address(MULTICAST_GROUP))
     except ValueError as error:
-        raise WireDown(f"booster: {error}. Give port=, the robot's address") from None
+        raise WireDown(f"booster: {error}. Give the robot's address with port=") from None
     states = participant.reader(p.topic("low_state", robot_name), p.STATE_TYPE, lambda *_: None)
     try:
         with trio.move_on_after(FIND_S):
@@ -47,10 +47,10 @@ async def find_robot(domain: int, interface: str, robot_name: str) -> str:
         return addresses[0]
     if addresses:
         raise WireDown(
-            f"booster: there are robots at {', '.join(sorted(addresses))}. Give port=, the address of one"
+            f"booster: several robots answer: {', '.join(sorted(addresses))}. Give the address of one with port="
         )
     name = f" called {robot_name!r}" if robot_name else ""
-    raise WireDown(f"booster: no robot{name} answers in domain {domain}. Give port=, its address")
+    raise WireDown(f"booster: no robot{name} answers in domain {domain}. Give the robot's address with port=")
 
 
 async def _look(participant: Participant) -> None:

@@ -1,14 +1,15 @@
 """Declare the Booster T1: its arms, its services, its gates and its safe states.
 
-The driver has its own DDS participant instead of the vendor's SDK, whose calls take seconds to fail.
+The driver talks DDS itself, because calls of the vendor's SDK take seconds to fail.
 
-The robot's own controller always keeps the legs. ``enable_upper_body()`` hands over the arms, which
-are then commanded joint by joint. ``move(vx, vy, vyaw)`` walks for 0.3 s, since the robot keeps its
-last twist for ever. ``rotate_head(pitch, yaw)`` turns the head.
+The robot's own controller always balances the legs. ``enable_upper_body()`` gives the arms to this
+program, which then commands them joint by joint. ``move(vx, vy, vyaw)`` walks for 0.3 s and then
+stops, because the robot would keep its last twist for ever. ``rotate_head(pitch, yaw)`` turns the
+head.
 
-    late writer   the robot stands and holds its arms
-    any stop      the robot stands and gets its arms back
-    e-stop        damping mode: the robot sinks to the floor
+    a setpoint is late   the robot stands and holds its arms
+    any stop             the robot stands and its own controller gets the arms back
+    e-stop               damping mode: the robot sinks to the floor
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+import msgspec
 from msgspec.structs import replace
 
 from strands_actors.contract.axis import Part, PartKind
@@ -57,9 +59,9 @@ class BoosterOptions(DriverOptions, frozen=True):
 
 
 class _Found(BoosterOptions, frozen=True):
-    """The options, with the address that the caller found before the tree starts."""
+    """Options of a T1, with the robot's address that was found on the network."""
 
-    found: str = ""
+    address: str = msgspec.field(default="", name="found")
 
 
 class BoosterDriver(Driver):
@@ -80,7 +82,8 @@ class BoosterDriver(Driver):
         Sensor("battery", {"pct": "battery_pct", "voltage": "battery_v"}),
     )
     SERVICES: ClassVar[Mapping[str, Service]] = {
-        # All of them count as motion, so that an older target is not sent again after them.
+        # Each of these services counts as a motion. A target from before the service is therefore not sent again
+        # after it.
         "enable_upper_body": Service(
             "hand the arms over to this program; after each stop, and each change of mode, once more. With "
             "on=False as disable_upper_body",
@@ -128,7 +131,8 @@ class BoosterDriver(Driver):
     unit = "radians"
     timing = Timing(
         control_hz=CONTROL_HZ,
-        keepalive_s=0.9 * CONTROL_S,  # less than a period: a setpoint that is on time is not doubled
+        # Repeat a setpoint just before the next one is due. A sender that is on time then causes no repetition.
+        keepalive_s=0.9 * CONTROL_S,
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=STATE_TTL_S,
@@ -155,14 +159,15 @@ class BoosterDriver(Driver):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Find the robot if no port was given, so that wire and root use the same address."""
+        """Find the robot on the network if no port was given. All processes then use the same
+        address."""
         chosen = read_options(robot, _Found, options)
-        if port or chosen.found:
+        if port or chosen.address:
             return dict(options)
         from .discovery import find_robot
 
-        found = await find_robot(chosen.domain_id, chosen.network_interface, chosen.robot_name or "")
-        return {**options, "found": found}
+        address = await find_robot(chosen.domain_id, chosen.network_interface, chosen.robot_name or "")
+        return {**options, "found": address}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         chosen = read_options(robot, _Found, options)
@@ -170,7 +175,7 @@ class BoosterDriver(Driver):
         self.robot = model.name
         self.config = BoosterConfig(
             model=model,
-            host=port or chosen.found,
+            host=port or chosen.address,
             interface=chosen.network_interface,
             domain=chosen.domain_id,
             name=chosen.robot_name or "",
@@ -182,17 +187,22 @@ class BoosterDriver(Driver):
         self._parser = Parser(model)
 
     def check_port(self) -> None:
-        if self.config.host:  # Without a host, the robot is searched for.
+        # Without a configured address, the robot is searched for on the network. There is no address to check
+        # then.
+        if self.config.host:
             check_peer(self.config.host)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Parse an action. If no target was accepted lately, joints that the action does not name
-        start at ``first_target``."""
-        seen = replace(state.observation, position=self.first_target(state.observation))
-        return refuse_others(self._model, action) or self._parser.parse(action, replace(state, observation=seen))
+        """Parse an action into a target for all arm joints. Joints that the action does not name
+        keep their goal in force, or without one start at ``first_target``."""
+        observation = replace(state.observation, position=self.first_target(state.observation))
+        return refuse_others(self._model, action) or self._parser.parse(
+            action, replace(state, observation=observation)
+        )
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return the position of each arm joint, or its last goal if it is within ``GOAL_RAD``."""
+        """Return for each arm joint its last goal if it is within ``GOAL_RAD`` of the measured
+        position, else that position."""
         goal = observation.sensors.get("goal_rad", (math.nan,) * len(self.axes))
         return tuple(
             goal_rad if abs(goal_rad - position) <= GOAL_RAD else position
@@ -203,15 +213,16 @@ class BoosterDriver(Driver):
         return super().check_service(service, arguments) or refuse_arguments(self._model, service, arguments)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the positions only. The other rows of a target stand behind them."""
+        """Return the joints' positions by name. The velocities, torques and gains that follow them
+        are left out."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = self._parser.named(action)
         return {
             "robot": self.robot,
-            "joints": [self.axes[at] for at in named],
-            "slots": [self.ids[at] for at in named],
-            "targets": {self.axes[at]: values[at] for at in named},
+            "joints": [self.axes[index] for index in named],
+            "slots": [self.ids[index] for index in named],
+            "targets": {self.axes[index]: values[index] for index in named},
             "unit": self.unit,
         }

@@ -1,7 +1,7 @@
-"""Refuse commands to a T1 by the robot's own reports. Pure: no I/O.
+"""Checks that refuse commands to a T1 in its reported state. Pure: no I/O.
 
-Conditions must hold for the robot, independently of a command. Gates check one command. Services
-have checks of their arguments and of the robot's mode.
+Conditions are true of the robot at all times, for any command. Gates check one command. Services
+check their arguments and the robot's mode.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ MODES = {mode.name.lower(): mode for mode in (Mode.DAMPING, Mode.PREPARE, Mode.W
 obeys LowCmd."""
 
 
-# -- conditions of the robot, independent of a command
+# -- conditions that must be true of the robot, for any command
 
 
 def conditions() -> tuple[Condition, ...]:
     """Return the conditions in the order in which they are checked.
 
-    When one breaks, the robot gets its upper body back at once. It needs its arms to fall, and to get
-    up.
+    When a condition becomes false, the robot's own controller gets the upper body back at once. It
+    needs the arms when the robot falls or gets up.
     """
     return (
         Condition(ready, Reason.FAULT, SafeState.STOP, always=True),
-        Condition(mode_known, Reason.FAULT, SafeState.STOP, always=True),
+        Condition(mode_reported, Reason.FAULT, SafeState.STOP, always=True),
         Condition(not_custom, Reason.FAULT, SafeState.STOP, always=True),
     )
 
@@ -64,73 +64,85 @@ def ready(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | None:
-    known = observation.sensors.get("fall_state")
-    if known is None:
-        return Refused(BoosterCode.FALL_UNKNOWN, "its fall state is not known", "check the robot's fall_down topic")
-    number, read_s = known
+    reported = observation.sensors.get("fall_state")
+    if reported is None:
+        return Refused(
+            BoosterCode.FALL_UNKNOWN,
+            "the robot has not reported its fall state",
+            "check the robot's fall_down topic",
+        )
+    number, read_s = reported
     age_s = now_ns / NS - read_s
     if age_s > ttl_s:
         age, limit = f"{age_s:.1f} s", f"{ttl_s:.1f} s"
-        why = f"its fall state is {age} old (limit {limit})"
-        return Refused(BoosterCode.FALL_STALE, why, "check the robot and the network", age, limit)
+        reason = f"the last report of the fall state is {age} old (limit {limit})"
+        return Refused(BoosterCode.FALL_STALE, reason, "check the robot and the network", age, limit)
     if number == Fall.IS_READY:
         return None
     name = Fall(int(number)).name
-    why = f"the robot reports {name}"
-    return Refused(BoosterCode.FALLEN, why, "arm writes resume at IS_READY", name, Fall.IS_READY.name)
+    reason = f"the robot reports {name}"
+    return Refused(
+        BoosterCode.FALLEN, reason, "wait until the robot has got up (IS_READY)", name, Fall.IS_READY.name
+    )
 
 
-def mode_known(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse a robot that may be in any mode, because it has not reported its mode lately, or has
+def mode_reported(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse commands while the mode is unknown: the robot has not reported it lately, or has
     answered with an error."""
-    known = observation.sensors.get("mode")
-    if known is None:
-        return Refused(Code.MODE_UNKNOWN, "the robot does not tell its mode", "check the robot's service")
-    _, read_s = known
+    reported = observation.sensors.get("mode")
+    if reported is None:
+        return Refused(
+            Code.MODE_UNKNOWN, "the robot does not report the mode", "check that the robot's service runs"
+        )
+    _, read_s = reported
     age_s = now_ns / NS - read_s
     if age_s <= MODE_TTL_S:
         return None
     age, limit = f"{age_s:.1f} s", f"{MODE_TTL_S:.1f} s"
-    why = f"its mode is {age} old (limit {limit})"
-    return Refused(Code.MODE_STALE, why, "check the robot and the network", age, limit)
+    reason = f"the last report of the mode is {age} old (limit {limit})"
+    return Refused(Code.MODE_STALE, reason, "check the robot and the network", age, limit)
 
 
 def not_custom(observation: Observation, now_ns: int) -> Refused | None:
     if mode_in(observation) is not Mode.CUSTOM:
         return None
-    why = "in custom mode every motor obeys our frame, and the legs would let go"
+    reason = "in custom mode this program commands every motor, and the legs would lose their torque"
     return Refused(
-        BoosterCode.CUSTOM_MODE, why, "bring it to walking mode by its remote", "custom", ", ".join(MODES)
+        BoosterCode.CUSTOM_MODE,
+        reason,
+        "switch it to walking mode with its remote control",
+        "custom",
+        ", ".join(MODES),
     )
 
 
 def mode_in(observation: Observation) -> Mode | None:
     """Return the mode that the robot reported; None if it is unknown."""
-    known = observation.sensors.get("mode")
-    return None if known is None else Mode(int(known[0]))
+    reported = observation.sensors.get("mode")
+    return None if reported is None else Mode(int(reported[0]))
 
 
-# -- gates: checks of one command
+# -- gates: each checks one command
 
 
 def gates(model: Model) -> tuple[GateCheck, ...]:
-    return (_known, _fall_known, _enough_motors, _handed_over, *target_gates(model, CONTROL_S))
+    return (_state_fresh, _ready_lately, _enough_motors, _handed_over, *target_gates(model, CONTROL_S))
 
 
-def _known(candidate: Candidate, state: GateState) -> Refused | None:
+def _state_fresh(candidate: Candidate, state: GateState) -> Refused | None:
     stamp_ns = state.observation.t_ns
     if stamp_ns == 0:
-        why = "no LowState yet: frame width and hold positions unknown"
-        return Refused(Code.NO_STATE, why, "wait for the first, or check the network")
+        reason = "no state has arrived yet (topic LowState)"
+        return Refused(Code.NO_STATE, reason, "wait for the first state, or check the network")
     age_ns = state.now_ns - stamp_ns
     if age_ns <= STATE_TTL_S * NS:
         return None
     age, limit = f"{age_ns / 1e6:.0f} ms", f"{STATE_TTL_S * 1e3:.0f} ms"
-    why = f"last LowState is {age} old (limit {limit})"
-    return Refused(Code.STALE, why, "check the robot and the network", age, limit)
+    reason = f"last LowState is {age} old (limit {limit})"
+    return Refused(Code.STALE, reason, "check the robot and the network", age, limit)
 
 
-def _fall_known(candidate: Candidate, state: GateState) -> Refused | None:
+def _ready_lately(candidate: Candidate, state: GateState) -> Refused | None:
     return not_ready(state.observation, state.now_ns, FALL_TTL_S)
 
 
@@ -138,31 +150,38 @@ def _enough_motors(candidate: Candidate, state: GateState) -> Refused | None:
     (count,) = state.observation.sensors.get("motors", (0.0,))
     if count > LAST_ARM:
         return None
-    why = f"the robot reports {count:.0f} motors, slot {LAST_ARM} is beyond"
+    reason = f"the robot reports {count:.0f} motors, fewer than a T1 has"
     limit = f"more than {LAST_ARM}"
-    return Refused(BoosterCode.TOO_FEW_MOTORS, why, "check that it is a T1", f"{count:.0f}", limit)
+    return Refused(BoosterCode.TOO_FEW_MOTORS, reason, "check that it is a T1", f"{count:.0f}", limit)
 
 
 def _handed_over(candidate: Candidate, state: GateState) -> Refused | None:
-    (ours,) = state.observation.sensors.get("upper_body", (0.0,))
-    if ours:
+    (host_has_arms,) = state.observation.sensors.get("upper_body", (0.0,))
+    if host_has_arms:
         return None
-    why = "the upper body belongs to the onboard controller"
-    return Refused(BoosterCode.UPPER_BODY, why, "call enable_upper_body() first")
+    reason = "the onboard controller still has the upper body"
+    return Refused(BoosterCode.UPPER_BODY, reason, "call enable_upper_body() first")
 
 
 def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
-    """Refuse motors that the robot's own controller keeps, and speeds of the base given as joints."""
+    """Refuse motors that only the robot's own controller may drive, and base speeds (``vx`` ...)
+    given as joints."""
     keys = ", ".join(joint.key for joint in model.joints)
     for key in action:
         name = str(key).removesuffix(".pos")
         motor = next((motor for motor in model.motors if motor.key == name and motor not in model.joints), None)
         if motor is not None:
-            why = f"{name} (slot {motor.slot}) is owned by the onboard controller"
+            reason = f"{name} (slot {motor.slot}) is moved only by the onboard controller"
             remedy = "call rotate_head(pitch, yaw)" if name in HEAD.values() else f"commandable: {keys}"
-            return Refused(BoosterCode.NOT_OURS, why, remedy, name, keys)
+            return Refused(BoosterCode.NOT_OURS, reason, remedy, name, keys)
         if name in BASE:
-            return Refused(BoosterCode.NOT_A_JOINT, f"{name} is no joint", "call move(vx, vy, vyaw)", name, keys)
+            return Refused(
+                BoosterCode.NOT_A_JOINT,
+                f"{name} is a speed of the base, not a joint",
+                "call move(vx, vy, vyaw)",
+                name,
+                keys,
+            )
     return None
 
 
@@ -170,7 +189,7 @@ def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
 
 
 def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -> Refused | None:
-    """Refuse an argument that is no number or outside its limits, and a mode without a name here."""
+    """Refuse an argument that is not a number or is outside its limits, and an unknown mode."""
     limits: dict[str, tuple[float, float, str]] = {}
     match service:
         case "move":
@@ -181,18 +200,19 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
         case "change_mode":
             return _refuse_mode(arguments)
         case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
-            shown = str(on)[:SHOWN]  # The text "no" would count as true.
-            why = f"on is {shown!r}"
-            return Refused(Code.BAD_ARGUMENT, why, "give True or False", shown, "True or False")
+            # Refuse any other type: the text "no" would count as true.
+            shown = str(on)[:SHOWN]
+            reason = f"on is {shown!r}"
+            return Refused(Code.BAD_ARGUMENT, reason, "give True or False", shown, "True or False")
     for name, (low, high, unit) in limits.items():
         value, shown = finite(arguments.get(name, 0.0)), str(arguments.get(name))[:SHOWN]
         if value is None:
-            why = f"{name} is {shown}"
-            return Refused(Code.NOT_FINITE, why, "give a finite number", shown, "a finite number")
+            reason = f"{name} is {shown}"
+            return Refused(Code.NOT_FINITE, reason, "give a finite number", shown, "a finite number")
         if not low <= value <= high:
             limit = f"{low:g}..{high:g} {unit}"
-            why = f"{name}={value:.4g} is outside {limit}"
-            return Refused(Code.PAST_LIMIT, why, "stay within it", f"{value:.4g}", limit)
+            reason = f"{name}={value:.4g} is outside {limit}"
+            return Refused(Code.PAST_LIMIT, reason, "stay within it", f"{value:.4g}", limit)
     return None
 
 
@@ -209,15 +229,15 @@ def move_refusal(mode: Mode | None) -> Refused | None:
         return None
     name = "unknown" if mode is None else mode.name.lower()
     remedy = "call change_mode('walking') first"
-    return Refused(Code.MODE, f"it does not walk in {name} mode", remedy, name, _names(WALKS))
+    return Refused(Code.MODE, f"the robot does not walk in {name} mode", remedy, name, _names(WALKS))
 
 
 def handover_refusal(mode: Mode | None, modes: Sequence[Mode]) -> Refused | None:
     if mode in modes:
         return None
     name = "unknown" if mode is None else mode.name.lower()
-    why = f"in {name} mode nothing keeps it up"
-    return Refused(Code.MODE, why, "call change_mode('walking') first", name, _names(modes))
+    reason = f"in {name} mode no controller balances the robot"
+    return Refused(Code.MODE, reason, "call change_mode('walking') first", name, _names(modes))
 
 
 def _names(modes: Sequence[Mode]) -> str:

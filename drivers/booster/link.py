@@ -1,7 +1,7 @@
-"""Speak to a T1 by one DDS participant: commands and requests out, states and answers in.
+"""Talk to a T1 by one DDS participant: send commands and requests, receive states and answers.
 
-The wire and the stop channel each have one. Nothing here waits or loops: ``poll`` processes what has
-arrived, ``send_*`` and ``ask`` write at once.
+The wire process and the root's stop channel each create a participant. Nothing here waits or loops:
+``poll`` processes the received messages, ``send_*`` and ``ask`` send at once.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ AGAIN_S = 0.2
 MAX_PENDING = 32
 
 T = TypeVar("T")
-Heard = Callable[[rpc.Response], None]
+ResponseHandler = Callable[[rpc.Response], None]
 
 
 class Calls:
-    """A client of the robot's service."""
+    """Send requests to the robot's service and match the answers to them."""
 
     def __init__(self, participant: Participant, robot_name: str, clock: Clock) -> None:
-        self.heard_ns = 0
+        self.last_answer_ns = 0
         """Time of the newest answer, to any request."""
         self._clock = clock
-        self._pending: dict[str, Heard] = {}
+        self._pending: dict[str, ResponseHandler] = {}
         self._writer = participant.writer(rpc.request_topic(robot_name), rpc.REQUEST_TYPE, reliable=True)
         self._reader = participant.reader(
             rpc.response_topic(robot_name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
@@ -56,71 +56,74 @@ class Calls:
 
     @property
     def matched(self) -> bool:
-        """Return True if both ways are matched. The robot's response would be lost if it did not know our
-        reader yet."""
+        """Return True if the robot reads our requests and its answers can reach us. Otherwise an
+        answer would be lost."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
-    def ask(self, api: rpc.Api, body: str, heard: Heard, stop: bool = False) -> bool:
+    def ask(self, api: rpc.Api, body: str, on_response: ResponseHandler, stop: bool = False) -> bool:
         """Send a request.
 
         Args:
             api: The function of the service.
             body: Its arguments in JSON.
-            heard: Called from ``poll`` with the response, once or never.
-            stop: Send it also to a robot that has announced its departure.
+            on_response: Called from ``poll`` with the answer, at most once.
+            stop: Send the request also to a robot that has announced its departure from DDS.
 
         Returns:
-            True if it was sent to a robot that is matched both ways. Another one may or may not take it.
+            True if it was sent and the robot can also answer. After False the request may still arrive.
         """
         number = str(uuid.uuid4())
         if len(self._pending) >= MAX_PENDING:
             del self._pending[next(iter(self._pending))]
-        self._pending[number] = heard
+        self._pending[number] = on_response
         request = CDR + rpc.encode_request(rpc.Request(number, api, body))
         if stop:
             return self._writer.write_stop(request) > 0 and (self.matched or self._writer.has_parted)
         return self._writer.write(request) > 0 and self.matched
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # An answer that cannot be read counts as a missing one.
+        # An answer that cannot be decoded counts as missing.
+        with suppress(MalformedFrame):
             response = rpc.decode_response(payload[4:])
-            heard = self._pending.pop(response.id, None)
-            if heard is not None:
-                self.heard_ns = self._clock.now_ns()
-                heard(response)
+            on_response = self._pending.pop(response.id, None)
+            if on_response is not None:
+                self.last_answer_ns = self._clock.now_ns()
+                on_response(response)
 
 
 class Order:
-    """A request of a stop. It is repeated until it is answered with success. Call ``step`` often."""
+    """One request that a stop needs. It is repeated until the robot answers with success. Call
+    ``step`` often."""
 
     def __init__(self, calls: Calls, api: rpc.Api, body: str = "") -> None:
         self.written = False
         self.answer: rpc.Response | None = None
         """The newest answer."""
         self.tries = 0
-        self._left = False
+        self._is_sent = False
         self._calls = calls
         self._api = api
         self._body = body
-        self._asked_ns = 0
+        self._requested_ns = 0
 
     @property
     def done(self) -> bool:
         return self.answer is not None and self.answer.status == rpc.OK
 
     @property
-    def why(self) -> str:
-        """Return why it is not done."""
-        return "not answered" if self.answer is None else self.answer.why
+    def error(self) -> str:
+        """Return why the request is not done: no answer, or an error in the answer."""
+        return "not answered" if self.answer is None else self.answer.error
 
     def step(self, now_ns: int) -> None:
-        pause_s = AGAIN_S if self._left else CONTROL_S  # Not yet matched: the next try comes sooner.
-        if self.done or now_ns - self._asked_ns < pause_s * NS:
+        # If the robot does not receive the request yet, try again sooner.
+        pause_s = AGAIN_S if self._is_sent else CONTROL_S
+        if self.done or now_ns - self._requested_ns < pause_s * NS:
             return
-        self._asked_ns = now_ns
-        self._left = self._calls.ask(self._api, self._body, self._hear, stop=True)
-        self.written |= self._left
-        self.tries += self._left
+        self._requested_ns = now_ns
+        self._is_sent = self._calls.ask(self._api, self._body, self._hear, stop=True)
+        self.written |= self._is_sent
+        self.tries += self._is_sent
 
     def _hear(self, answer: rpc.Response) -> None:
         if not self.done:
@@ -128,7 +131,7 @@ class Order:
 
 
 class Link:
-    """The participant, its writers and readers, and the newest state.
+    """The DDS connection to one robot: its participant, writers and readers, and the newest state.
 
     Raises:
         WireDown: The sockets cannot be opened.
@@ -147,20 +150,21 @@ class Link:
         self.name = config.name
         self.malformed = 0
         self.calls = Calls(self.participant, config.name, clock)
-        # A reliable writer matches both kinds of readers. Its history holds one sample, so that a
-        # lost command is never followed by an older one.
+        # A reliable writer serves reliable and best-effort readers. Its history has one sample, so a lost command
+        # is never followed by an older one.
         self.commands = self.participant.writer(
             p.topic("joint_ctrl", config.name), p.COMMAND_TYPE, reliable=True, depth=1
         )
-        self._kind = config.command_type
+        self._command_type = config.command_type
         self._state: State | None = None
         self._state_ns = 0
-        self._pending: tuple[bytes, int] | None = None  # the newest state, not decoded yet, and its arrival
+        # The newest state and its arrival time, until it is decoded.
+        self._pending: tuple[bytes, int] | None = None
         self._listens = False
 
     @property
-    def heard(self) -> bool:
-        """Return True if the robot takes our commands and answers our requests."""
+    def matched(self) -> bool:
+        """Return True if the robot receives our commands, and its answers can reach us."""
         return self.commands.matched > 0 and self.calls.matched
 
     def listen(self) -> None:
@@ -172,7 +176,8 @@ class Link:
     def follow(
         self, name: str, type_name: str, decode: Callable[[memoryview], T], take: Callable[[T, int], None]
     ) -> None:
-        """Subscribe to one more of the robot's topics. ``take`` gets each decoded sample and its time."""
+        """Subscribe to another topic of the robot. ``take`` is called with each decoded sample and
+        its time."""
 
         def on_sample(payload: memoryview, writer: bytes, t_ns: int) -> None:
             try:
@@ -194,34 +199,35 @@ class Link:
 
     @property
     def state(self) -> State | None:
-        """Return the newest readable state. It is decoded only here, since five states arrive between two
-        readings."""
+        """Return the newest readable state. It is decoded only when it is asked for, because about
+        five states arrive for each one that is used."""
         self._look()
         return self._state
 
     @property
     def state_ns(self) -> int:
-        """Return the arrival of ``state``; 0 if none has arrived."""
+        """Return the arrival time of ``state``; 0 if no state has arrived."""
         self._look()
         return self._state_ns
 
     def _look(self) -> None:
-        """Decode the newest payload. An unreadable one renews neither the state nor its age. Otherwise
-        the old state would pass for a new one as long as such frames arrive."""
+        """Decode the newest payload, if it is readable. An unreadable payload does not renew the
+        time of the state. Otherwise the old state would look new as long as unreadable payloads
+        arrive."""
         pending, self._pending = self._pending, None
         if pending is None:
             return
         payload, t_ns = pending
         try:
-            self._state = p.decode_state(payload[4:], self._kind)
+            self._state = p.decode_state(payload[4:], self._command_type)
         except MalformedFrame:
             self.malformed += 1
         else:
             self._state_ns = t_ns
 
     def of_arms(self, row: Sequence[float]) -> tuple[float, ...]:
-        """Return a state's row for the joints of the arms; NaN for a motor that the robot does not
-        report."""
+        """Pick the values of the arm joints from a row of all motors; NaN for a motor that the
+        robot does not report."""
         return tuple(row[joint.slot] if joint.slot < len(row) else math.nan for joint in self.model.joints)
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
@@ -230,7 +236,8 @@ class Link:
     # -- commands
 
     def send_target(self, values: Sequence[float]) -> bool:
-        """Send a target of five rows. All other motors get ``IDLE``. Return True if it was sent."""
+        """Send a target to the arm joints: rows of q, dq, tau, kp and kd, one after the other. All
+        other motors get ``IDLE``. Return True if it was sent."""
         count = len(self.model.joints)
         rows = [values[count * row : count * (row + 1)] for row in range(len(ROWS))]
         joints = zip(self.model.joints, *rows, strict=True)
@@ -240,11 +247,14 @@ class Link:
     def send_hold(self, q: Sequence[float]) -> bool:
         """Hold the arms at ``q``. Return True if it was sent."""
         joints = zip(self.model.joints, q, strict=True)
-        command = self._command([Motor(joint.mode, at, 0.0, 0.0, joint.kp, joint.kd) for joint, at in joints])
+        command = self._command(
+            [Motor(joint.mode, position, 0.0, 0.0, joint.kp, joint.kd) for joint, position in joints]
+        )
         return command is not None and self.commands.write_stop(command) > 0
 
     def _command(self, arms: Sequence[Motor]) -> bytes | None:
-        """Return the payload; None if the robot reports so few motors that it has no such arms."""
+        """Return the bytes of a command to the arms; None if the robot reports too few motors to
+        have these arms."""
         state = self.state
         count = len(self.model.motors) if state is None else len(state.q)
         if count <= LAST_ARM:
@@ -252,4 +262,4 @@ class Link:
         motors = [IDLE] * count
         for joint, motor in zip(self.model.joints, arms, strict=True):
             motors[joint.slot] = motor
-        return CDR + p.encode_command(Command(self._kind, tuple(motors)))
+        return CDR + p.encode_command(Command(self._command_type, tuple(motors)))

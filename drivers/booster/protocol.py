@@ -23,16 +23,16 @@ MOST_MOTORS = 64
 
 _COUNT = struct.Struct("<I")
 _COMMAND_HEAD = struct.Struct("<II")
-_COMMAND_MOTOR = struct.Struct("<B3x6f")  # mode, q, dq, tau, kp, kd, weight
-_IMU = struct.Struct("<9f")  # roll pitch yaw, turn rate, acceleration
-_STATE_MOTOR = struct.Struct("<B3x4fB3xI8x")  # mode, q, dq, ddq, tau, temperature, lost, reserve
+_COMMAND_MOTOR = struct.Struct("<B3x6f")  # one motor: mode, q, dq, tau, kp, kd, weight
+_IMU = struct.Struct("<9f")  # roll, pitch, yaw; turn rates; accelerations
+_STATE_MOTOR = struct.Struct("<B3x4fB3xI8x")  # one motor: mode, q, dq, ddq, tau, temperature, lost, reserve
 _FALL = struct.Struct("<i?")
-_BATTERY = struct.Struct("<4f")  # voltage, current, soc, average voltage
+_BATTERY = struct.Struct("<4f")  # voltage, current, charge, average voltage
 _ODOMETER = struct.Struct("<3f")
 
 
 class CommandType(enum.IntEnum):
-    """The order of the ankles' motors in a command. There are two."""
+    """How the ankle motors are addressed in a command: as a parallel mechanism or as serial joints."""
 
     PARALLEL = 0
     SERIAL = 1
@@ -46,13 +46,13 @@ class Fall(enum.IntEnum):
 
 
 def topic(name: str, robot_name: str) -> str:
-    """Return the name of a topic on the wire: ``rt/low_state``, or ``rt/alice/low_state`` for a robot
-    that is called alice."""
+    """Return the DDS name of a topic: ``rt/low_state``, or ``rt/alice/low_state`` for a robot with
+    the name alice."""
     return f"rt/{robot_name}/{name}" if robot_name else f"rt/{name}"
 
 
 class Motor(NamedTuple):
-    """The command to one motor. Radians, newton metres, seconds."""
+    """The command to one motor. Units are radians, newton metres and seconds."""
 
     mode: int = 0
     q: float = 0.0
@@ -68,16 +68,17 @@ IDLE = Motor()
 
 
 class Command(NamedTuple):
-    kind: CommandType
+    command_type: CommandType
     motors: tuple[Motor, ...]
 
 
 class State(NamedTuple):
-    """The content of a LowState, rows by slot. Radians, newton metres, degrees Celsius."""
+    """The content of a LowState message. Values of motors are in the order of the motors' slots.
+    Units are radians, newton metres and degrees Celsius."""
 
     rpy: tuple[float, ...]
-    gyro: tuple[float, ...]  # rad/s
-    acceleration: tuple[float, ...]  # m/s2
+    gyro: tuple[float, ...]  # turn rates about x, y and z, rad/s
+    acceleration: tuple[float, ...]  # accelerations along x, y and z, m/s2
     q: tuple[float, ...]
     dq: tuple[float, ...]
     tau: tuple[float, ...]
@@ -87,13 +88,13 @@ class State(NamedTuple):
 class Battery(NamedTuple):
     voltage: float
     current: float
-    soc: float  # in a scale that is not documented: see ``percent``
+    soc: float  # battery charge as the robot sends it; its scale is not documented, see ``percent``
     average_voltage: float
 
     @property
     def percent(self) -> float:
-        """State of charge. A value above 1 is read as a percentage, and up to 1 as a fraction
-        [assumed]: the scale is not documented."""
+        """Battery charge in percent. The robot's scale is not documented. A value above 1 is read
+        as a percentage, any other value as a fraction [assumed]."""
         return self.soc if self.soc > 1.0 else 100.0 * self.soc
 
 
@@ -104,7 +105,7 @@ class Odometer(NamedTuple):
 
 
 def encode_command(command: Command) -> bytes:
-    head = _COMMAND_HEAD.pack(command.kind, len(command.motors))
+    head = _COMMAND_HEAD.pack(command.command_type, len(command.motors))
     return head + b"".join(_COMMAND_MOTOR.pack(*motor) for motor in command.motors)
 
 
@@ -112,19 +113,19 @@ def decode_command(body: bytes | memoryview) -> Command:
     """Decode a LowCmd. Raise ``MalformedFrame``."""
     if len(body) < _COMMAND_HEAD.size:
         raise MalformedFrame(f"a LowCmd has {_COMMAND_HEAD.size} bytes at least, not {len(body)}")
-    kind, count = _COMMAND_HEAD.unpack_from(body)
-    wanted = _COMMAND_HEAD.size + count * _COMMAND_MOTOR.size
-    if count > MOST_MOTORS or len(body) != wanted:
+    command_type, count = _COMMAND_HEAD.unpack_from(body)
+    expected_size = _COMMAND_HEAD.size + count * _COMMAND_MOTOR.size
+    if count > MOST_MOTORS or len(body) != expected_size:
         raise MalformedFrame(f"a LowCmd of {len(body)} bytes for {count} motors")
-    if kind not in CommandType.__members__.values():
-        raise MalformedFrame(f"a LowCmd of type {kind}")
+    if command_type not in CommandType.__members__.values():
+        raise MalformedFrame(f"a LowCmd of type {command_type}")
     motors = tuple(Motor(*row) for row in _COMMAND_MOTOR.iter_unpack(body[_COMMAND_HEAD.size :]))
-    return Command(CommandType(kind), motors)
+    return Command(CommandType(command_type), motors)
 
 
 def encode_state(state: State) -> bytes:
-    """Encode a LowState. Its two copies of the motors, parallel and serial, are the same here, as they
-    were in the recorded states."""
+    """Encode a LowState. It contains the motors twice, as parallel and as serial joints. Both
+    copies are equal here, as they were in recorded states."""
     motors = _COUNT.pack(len(state.q)) + b"".join(
         _STATE_MOTOR.pack(1, q, dq, 0.0, tau, temperature, 0)
         for q, dq, tau, temperature in zip(state.q, state.dq, state.tau, state.temperature, strict=True)
@@ -132,26 +133,28 @@ def encode_state(state: State) -> bytes:
     return _IMU.pack(*state.rpy, *state.gyro, *state.acceleration) + motors + motors
 
 
-def decode_state(body: bytes | memoryview, kind: CommandType = CommandType.PARALLEL) -> State:
-    """Decode a LowState, with the copy of the motors that ``kind`` names. Raise ``MalformedFrame``."""
+def decode_state(body: bytes | memoryview, command_type: CommandType = CommandType.PARALLEL) -> State:
+    """Decode a LowState. ``command_type`` selects the parallel or the serial copy of the motors. Raise
+    ``MalformedFrame``."""
     imu = _unpack(_IMU, body, "LowState")
-    parallel, at = _motors(body, _IMU.size)
-    serial, end = _motors(body, at)
+    parallel, serial_start = _motors(body, _IMU.size)
+    serial, end = _motors(body, serial_start)
     if len(body) != end:
-        raise MalformedFrame(f"a LowState of {len(body)} bytes, where {end} are told")
-    rows = list(_STATE_MOTOR.iter_unpack(parallel if kind is CommandType.PARALLEL else serial))
+        raise MalformedFrame(f"a LowState of {len(body)} bytes, although its header announces {end}")
+    rows = list(_STATE_MOTOR.iter_unpack(parallel if command_type is CommandType.PARALLEL else serial))
     _, q, dq, _, tau, temperature, _ = zip(*rows, strict=True) if rows else ((),) * 7
     if not all(map(math.isfinite, (*imu, *q, *dq, *tau))):
         raise MalformedFrame("a LowState with a number that is not finite")
     return State(imu[:3], imu[3:6], imu[6:9], q, dq, tau, temperature)
 
 
-def _motors(body: bytes | memoryview, at: int) -> tuple[bytes | memoryview, int]:
-    """Return one copy of the motors, and the offset of its end."""
-    if len(body) < at + _COUNT.size:
+def _motors(body: bytes | memoryview, offset: int) -> tuple[bytes | memoryview, int]:
+    """Return the bytes of the list of motors that starts at ``offset``, and the offset behind
+    it."""
+    if len(body) < offset + _COUNT.size:
         raise MalformedFrame(f"a LowState that ends after {len(body)} bytes")
-    (count,) = _COUNT.unpack_from(body, at)
-    start = at + _COUNT.size
+    (count,) = _COUNT.unpack_from(body, offset)
+    start = offset + _COUNT.size
     end = start + count * _STATE_MOTOR.size
     if count > MOST_MOTORS or len(body) < end:
         raise MalformedFrame(f"a LowState of {len(body)} bytes for {count} motors")
@@ -190,7 +193,7 @@ def decode_odometer(body: bytes | memoryview) -> Odometer:
 
 
 def _unpack(layout: struct.Struct, body: bytes | memoryview, name: str) -> tuple[float, ...]:
-    """Read the beginning of a payload. The bytes behind it may be padding."""
+    """Decode the fields at the start of a payload. Bytes after them may be padding and are ignored."""
     if len(body) < layout.size:
         raise MalformedFrame(f"a {name} has {layout.size} bytes at least, not {len(body)}")
     return layout.unpack_from(body)

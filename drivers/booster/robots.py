@@ -1,4 +1,4 @@
-"""The robots of this wire as data: a table of ``robots.toml`` and its joints."""
+"""Load a robot and its joints from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BASE = ("vx", "vy", "vyaw")
 
 
 class Model(msgspec.Struct, frozen=True):
-    """One robot: its motors and the limits of its commands."""
+    """One robot type: its motors, and the limits of its commands."""
 
     name: str
     motors: tuple[Joint, ...]
@@ -42,13 +42,14 @@ class Model(msgspec.Struct, frozen=True):
         return tuple(joint.axis for joint in self.joints)
 
     def limits(self, joint: str) -> tuple[float, float]:
-        """Return the range of any motor, in radians."""
+        """Return the range of a motor, in radians."""
         return next((motor.low, motor.high) for motor in self.motors if motor.key == joint)
 
 
 @cache
 def model_of(robot: str) -> Model:
-    """Return a robot by name or alias. Raise ``ValueError`` if it is not of this wire."""
+    """Return a robot type by its name or alias. Raise ``ValueError`` if this driver does not
+    support it."""
     table = TABLES.table(robot)
     return Model(
         TABLES.canonical(robot),

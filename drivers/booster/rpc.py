@@ -52,7 +52,7 @@ CALL, FIRE_AND_FORGET = 0, 2
 OK, BAD_REQUEST, CONFLICT, TOO_FREQUENT, REFUSED, TRANSITION_FAILED = 0, 400, 409, 429, 501, 502
 STATUS_WORDS = {
     -1: "invalid",
-    100: "it timed out in the client",
+    100: "the request timed out in the client",
     400: "bad request",
     409: "conflict",
     429: "too frequent",
@@ -78,8 +78,8 @@ class Response(NamedTuple):
     body: str = ""
 
     @property
-    def why(self) -> str:
-        """Return what the status means; empty for success."""
+    def error(self) -> str:
+        """Return the meaning of the status in a response; empty for success."""
         return "" if self.status == OK else f"{STATUS_WORDS.get(self.status, 'an error')} ({self.status})"
 
 
@@ -92,8 +92,8 @@ def response_topic(robot_name: str) -> str:
 
 
 def encode_request(request: Request) -> bytes:
-    """Encode a request. Its header is that of the vendor's SDK 1.6.3, with the one field of the public
-    headers, ``expect_response``."""
+    """Encode a request. Its header is that of the vendor's SDK 1.6.3. The only field that the
+    public headers add is ``expect_response``."""
     mode = CALL if request.wants_answer else FIRE_AND_FORGET
     header = {
         "api_id": request.api,
@@ -129,7 +129,7 @@ def decode_response(payload: bytes | memoryview) -> Response:
 
 
 def mode_of(body: str) -> Mode:
-    """Return the mode in an answer to GetMode; ``UNKNOWN`` if it has no name here. Raise
+    """Decode the mode in an answer to GetMode. An unlisted number gives ``UNKNOWN``. Raise
     ``MalformedFrame``."""
     number = parsed(body).get("mode")
     if isinstance(number, bool) or not isinstance(number, int):
@@ -138,7 +138,8 @@ def mode_of(body: str) -> Mode:
 
 
 def number_in(body: Mapping[str, Any], name: str) -> float:
-    """Return a finite number of a body. Raise ``MalformedFrame``."""
+    """Return the number in a field of a JSON body. Raise ``MalformedFrame`` if it is not a finite
+    number."""
     value = finite(body.get(name))
     if value is None:
         raise MalformedFrame(f"{name} is {body.get(name)!r}")
@@ -161,12 +162,12 @@ def change_mode(mode: Mode) -> str:
     return json.dumps({"mode": int(mode)})
 
 
-def upper_body(ours: bool) -> str:
-    return json.dumps({"start": ours})
+def upper_body(host_has_arms: bool) -> str:
+    return json.dumps({"start": host_has_arms})
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return the object in a header or a body. Raise ``MalformedFrame``."""
+    """Decode a header or a body, which must be a JSON object. Raise ``MalformedFrame``."""
     try:
         value = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
@@ -198,6 +199,6 @@ def _read_texts(payload: bytes | memoryview) -> tuple[str, str, str]:
         try:
             texts.append(data[:-1].decode())
         except UnicodeDecodeError as error:
-            raise MalformedFrame(f"a text that is none: {error}") from None
+            raise MalformedFrame(f"a text that is not UTF-8: {error}") from None
         offset += length + -length % 4
     return texts[0], texts[1], texts[2]

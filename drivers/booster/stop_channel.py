@@ -1,4 +1,4 @@
-"""The root's stop channel to a T1."""
+"""Stop a T1 from the root process, without the process that drives it."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from .stopping import bring_down, unconfirmed
 
 
 class BoosterStopChannel(StopChannel):
-    """A stop channel with its own participant, which the robot discovers before a stop needs it.
+    """The root's own DDS connection to the robot. The robot discovers it at the start, before a
+    stop needs it.
 
-    It subscribes to states only during a stop, since the root need not process 500 of them a second.
+    It subscribes to states only during a stop. Otherwise the root would receive 500 states a
+    second.
     """
 
     def __init__(self, config: BoosterConfig, descriptors: Sequence[int], clock: Clock) -> None:
@@ -32,13 +34,15 @@ class BoosterStopChannel(StopChannel):
             await nursery.start(link.participant.run)
             with trio.move_on_after(FIND_S):
                 await link.participant.wait_matched(link.commands, *link.calls.ends)
-            if not link.heard:
-                raise WireDown(f"{self._config.host}: the robot does not hear the root")
+            if not link.matched:
+                raise WireDown(
+                    f"{self._config.host}: the robot has not discovered the stop connection. Check the network"
+                )
             task_status.started()
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._link is None:
-            return unconfirmed(self._config.model, "the root has not found the robot")
+            return unconfirmed(self._config.model, "the root has no connection to the robot")
         return await bring_down(self._link, safe_state)
 
     def close(self) -> None:

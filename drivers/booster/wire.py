@@ -1,8 +1,9 @@
-"""The wire of a T1, in the wire process.
+"""Drive a T1. This module runs in the wire process, the only process that writes commands to the
+robot.
 
-A reading is made of the samples that have arrived. The robot keeps its last twist for ever. ``Twist``
-therefore sends a zero when a twist is over, and repeats it until it is answered. The arms keep their
-last goal, too. A target is sent again as long as it is in force.
+A reading consists of the newest received samples. The robot keeps its last twist for ever.
+``Twist`` therefore sends a zero when the duration of a twist ends, and repeats it until the robot
+answers. The arms keep their last goal, too. A target is repeated as long as it is in force.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ SILENT_S = 1.0
 
 
 class Twist:
-    """The present twist of the base, and the zero that ends it."""
+    """The present twist of the base. When its duration ends, it sends a zero twist until the robot
+    answers."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -57,11 +59,11 @@ class Twist:
         self._zero: Order | None = None
 
     def begin(self, until_ns: int) -> None:
-        """Start a twist, which replaces the last one."""
+        """Start a twist. It replaces the previous twist."""
         self._until_ns, self._zero = until_ns, None
 
     def forget(self) -> None:
-        """Drop the twist, because a stop ends it in another way."""
+        """Forget the twist and send no zero for it, because a stop now makes the robot stand."""
         self._until_ns, self._zero = 0, None
 
     def end(self) -> None:
@@ -79,8 +81,9 @@ class Twist:
 
 
 class GiveBack:
-    """Hand back an upper body that the host may have without knowing it: a request for it was not
-    answered in time, or the mode has become unknown."""
+    """Give the upper body back to the robot after an unclear result: the robot did not answer the
+    request in time, or its mode is unknown. The host may then have the upper body although it seems
+    not to."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -90,7 +93,7 @@ class GiveBack:
         self._order = Order(self._link.calls, Api.UPPER_BODY, rpc.upper_body(False))
 
     def forget(self) -> None:
-        """Drop the request, because the upper body is requested again."""
+        """Cancel giving back the upper body, because the host requests it again."""
         self._order = None
 
     def step(self, now_ns: int, mode: Mode | None) -> None:
@@ -98,13 +101,14 @@ class GiveBack:
         if order is None:
             return
         order.step(now_ns)
-        # In a mode in which no controller keeps the robot up, there is nothing to hand back.
+        # In a mode in which no controller balances the robot, there is no controller to give the upper body back
+        # to.
         if order.done or (order.answer is not None and mode is not None and mode not in STANDS):
             self._order = None
 
 
 class BoosterSession:
-    """The state between ``open`` and ``close``."""
+    """The connection to the robot and its state, from ``open`` to ``close``."""
 
     def __init__(self, config: BoosterConfig, clock: Clock) -> None:
         self.link = link = Link(config, clock)
@@ -112,13 +116,14 @@ class BoosterSession:
         self.twist = Twist(link)
         self.back = GiveBack(link)
         self.armed = False
-        self.told = trio.Event()  # set by the next reading
+        self.next_reading = trio.Event()  # set when the next reading is made
         self.mode: Mode | None = None  # None if it is unknown
-        self.ours: Mode | None = None  # the mode in which the upper body was handed over; None if it was not
+        # The mode in which the robot gave the upper body to the host; None if the host does not have it.
+        self.handover_mode: Mode | None = None
         self.goal: tuple[float, ...] = ()  # last goal of the arms
         self.sensors: dict[str, tuple[float, ...]] = {}
-        self._mode_ns = 0  # when the mode was asked for
-        self._asked_ns = 0
+        self._mode_ns = 0  # when the mode was last requested
+        self._requested_ns = 0
         self._is_answered = False  # True if the last request for the mode was answered
         self._opened_ns = clock.now_ns()
         link.listen()
@@ -127,25 +132,27 @@ class BoosterSession:
         link.follow("odometer_state", p.ODOMETER_TYPE, p.decode_odometer, self._on_odometer)
 
     def poll(self, now_ns: int) -> None:
-        """Process the samples that have arrived, send due requests, and end an expired twist or mode."""
+        """Process the received messages, send the requests that are due, and end a twist or a mode
+        report that has expired."""
         self.link.poll()
         if self.mode is not None and now_ns - self._mode_ns > gates.MODE_TTL_S * NS:
             self.note_mode(None, now_ns)
         self.twist.step(now_ns, self.mode)
         self.back.step(now_ns, self.mode)
         every_s = MODE_WITH_ARMS_S if self.has_arms and self._is_answered else MODE_EVERY_S
-        if now_ns - self._asked_ns >= every_s * NS:
-            self._asked_ns, self._is_answered = now_ns, False
+        if now_ns - self._requested_ns >= every_s * NS:
+            self._requested_ns, self._is_answered = now_ns, False
             self.link.calls.ask(Api.GET_MODE, "", partial(self.hear_mode, now_ns))
 
     def silent_s(self, now_ns: int) -> float:
-        """Return the time since the newest state or the newest answer, whichever is older."""
-        heard_ns = min(self.link.state_ns, self.link.calls.heard_ns or self._opened_ns)
-        return (now_ns - heard_ns) / NS
+        """Return how long the robot has been silent: the age of the newest state or of the newest
+        answer, whichever is greater."""
+        last_received_ns = min(self.link.state_ns, self.link.calls.last_answer_ns or self._opened_ns)
+        return (now_ns - last_received_ns) / NS
 
     @property
     def has_arms(self) -> bool:
-        return self.ours is not None
+        return self.handover_mode is not None
 
     def observation(self) -> Observation:
         link, count = self.link, len(self.link.model.joints)
@@ -169,22 +176,23 @@ class BoosterSession:
 
     # -- received samples
 
-    def hear_mode(self, asked_ns: int, response: Response) -> None:
-        """Take the answer to a request for the mode. An answer without a readable mode makes the mode
-        unknown. One that refuses the request as too frequent changes nothing."""
-        if response.status == rpc.TOO_FREQUENT or asked_ns < self._mode_ns:
+    def hear_mode(self, requested_ns: int, response: Response) -> None:
+        """Process the answer to a request for the mode. An answer without a readable mode makes the
+        mode unknown. The answer "too frequent" changes nothing."""
+        if response.status == rpc.TOO_FREQUENT or requested_ns < self._mode_ns:
             return
         self._is_answered = True
         mode: Mode | None = None
         if response.status == rpc.OK:
             with suppress(MalformedFrame):
                 mode = rpc.mode_of(response.body)
-        self.note_mode(mode, asked_ns)
+        self.note_mode(mode, requested_ns)
 
     def note_mode(self, mode: Mode | None, at_ns: int) -> None:
         self.mode, self._mode_ns = mode, at_ns
-        if self.ours is not None and self.ours is not mode:
-            self.ours = None  # Another mode returns the upper body to its former owner [assumed].
+        if self.handover_mode is not None and self.handover_mode is not mode:
+            # A change of the mode ends the host's control of the upper body [assumed].
+            self.handover_mode = None
             self.back.begin()
 
     def _on_fall(self, sample: tuple[Fall, bool], t_ns: int) -> None:
@@ -216,18 +224,20 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         """Connect to the robot, and wait for its state and its mode."""
         self.close()
         self.session_or_none = session = BoosterSession(self._config, self._clock)
-        link, where = session.link, self._config.host
-        await self._until(lambda: link.participant.peers > 0, f"{where}: nobody answers. Check port=")
-        await self._until(lambda: link.commands.matched > 0, f"{where}: nobody there takes commands of a T1")
-        await self._until(lambda: link.calls.matched, f"{where}: its service does not answer. Check domain_id=")
-        await self._until(lambda: session.mode is not None, f"{where}: its mode cannot be read")
-        await self._until(lambda: link.state is not None, f"{where}: no LowState comes")
+        link, address = session.link, self._config.host
+        await self._until(lambda: link.participant.peers > 0, f"{address}: no robot answers. Check port=")
+        await self._until(lambda: link.commands.matched > 0, f"{address}: no T1 receives commands there")
+        await self._until(
+            lambda: link.calls.matched, f"{address}: the robot's service does not answer. Check domain_id="
+        )
+        await self._until(lambda: session.mode is not None, f"{address}: the robot does not report the mode")
+        await self._until(lambda: link.state is not None, f"{address}: no state arrives (topic LowState)")
         await self._look(lambda: {"fall_state", "battery_pct"} <= session.sensors.keys(), EXTRAS_S)
         assert link.state is not None and session.mode is not None
-        return {"address": where, "motors": len(link.state.q), "mode": session.mode.name.lower()}
+        return {"address": address, "motors": len(link.state.q), "mode": session.mode.name.lower()}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """End each twist in time, beside all other calls."""
+        """Process messages and end twists on time, in parallel with the other calls."""
         task_status.started()
         async with aclosing(self._clock.ticks(CONTROL_S)) as ticks:
             async for now_ns in ticks:
@@ -238,8 +248,10 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         session.poll(now_ns)
         silent_s = session.silent_s(now_ns)
         if silent_s > SILENT_S:
-            raise WireDown(f"read: no state, or no answer, for {silent_s:.1f} s. Check the robot and the network")
-        session.told.set()
+            raise WireDown(
+                f"read: no state, or no answer to a request, for {silent_s:.1f} s. Check the robot and the network"
+            )
+        session.next_reading.set()
         return session.observation()
 
     def close(self) -> None:
@@ -250,11 +262,12 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Check that the robot may be moved. Nothing is energised: its own controller keeps it up."""
+        """Check that the robot may be moved. Arming energises nothing: the robot's own controller
+        keeps it standing."""
         session = self.session
         observation = await self.read()
         now_ns = self._clock.now_ns()
-        refusal = self._unfit(observation) or gates.mode_known(observation, now_ns)
+        refusal = self._unfit(observation) or gates.mode_reported(observation, now_ns)
         refusal = refusal or gates.not_custom(observation, now_ns)
         if refusal is not None:
             raise WireDown(f"arm: {refusal.text}")
@@ -266,11 +279,11 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self.session
         if not (session.armed and session.has_arms):
-            raise PermitDenied("the upper body is not ours")
+            raise PermitDenied("the host does not have the upper body")
         permit.check()
         session.goal = values[: len(self._config.model.joints)]
         if not session.link.send_target(values):
-            raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
+            raise WireDown("write: the robot no longer receives commands. Check the robot and the network")
 
     # -- safe
 
@@ -282,19 +295,20 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         session.twist.forget()
         session.goal = ()
         if safe_state != SafeState.HOLD:
-            session.armed, session.ours = False, None
+            session.armed, session.handover_mode = False, None
         motors = await bring_down(session.link, safe_state, has_arms)
         if safe_state == SafeState.HOLD and all(motor.target is not None for motor in motors):
             session.goal = tuple(motor.target for motor in motors if motor.target is not None)
         return motors
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop by the existing participant, which the robot discovers again by itself; otherwise by a
-        new one, which has to be discovered first."""
+        """Stop the robot after its link was lost. Use the existing participant, which the robot
+        discovers again by itself. Without one, create a participant, which the robot must discover
+        first."""
         session = self.session_or_none
         if session is not None:
             session.twist.forget()
-            session.armed, session.ours = False, None
+            session.armed, session.handover_mode = False, None
             return await bring_down(session.link, safe_state)
         try:
             link = Link(self._config, self._clock)
@@ -303,7 +317,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         try:
             link.listen()
             with trio.move_on_after(REACH_S):
-                while not link.heard:
+                while not link.matched:
                     link.poll()
                     await trio.sleep(TICK_S)
             return await bring_down(link, safe_state)
@@ -333,7 +347,8 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     async def _walk(
         self, session: BoosterSession, arguments: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
-        if session.mode not in WALKS:  # The known mode may be a moment old.
+        # The stored mode may be out of date, so ask the robot again.
+        if session.mode not in WALKS:
             await self._look_at_mode(session, permit)
         refusal = gates.move_refusal(session.mode) or self._unfit(await self.read())
         if refusal is not None:
@@ -342,22 +357,23 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         permit.check()
         session.twist.begin(self._clock.now_ns() + round(TWIST_S * NS))
         answer = await self._ask(session, Api.MOVE, rpc.move(vx, vy, vyaw), permit)
-        # Set the end of the twist for any answer, because after a refusal, too, the robot may walk, now or later.
+        # The twist ends at the same time for any answer. Even after a refusal the robot may walk, now or later.
         return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
     async def _change_mode(self, session: BoosterSession, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:
         permit.check()
-        had_arms, asked_ns = session.has_arms, self._clock.now_ns()
-        session.ours, changed = None, False
+        had_arms, requested_ns = session.has_arms, self._clock.now_ns()
+        session.handover_mode, changed = None, False
         try:
             answer = await self._ask(session, Api.CHANGE_MODE, rpc.change_mode(mode), permit)
             refusal = _refused("change_mode", answer)
             changed = refusal is None
         finally:
             if had_arms and not changed:
-                session.back.begin()  # The robot is still in the mode in which it handed them over.
+                # The robot may still be in the mode in which the host has the arms. Give them back.
+                session.back.begin()
         if changed:
-            session.note_mode(mode, asked_ns)
+            session.note_mode(mode, requested_ns)
         return refusal or {"mode": mode.name.lower()}
 
     async def _take_arms(self, session: BoosterSession, permit: Permit) -> dict[str, Any] | Refused:
@@ -368,7 +384,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
             return refusal
         permit.check()
         mode = session.mode
-        session.ours, session.goal = None, ()
+        session.handover_mode, session.goal = None, ()
         session.back.forget()
         try:
             answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(True), permit)
@@ -376,31 +392,34 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
             if refusal is None and session.mode is not mode:
                 refusal = gates.handover_refusal(session.mode, (mode,) if mode else ())
             if refusal is None:
-                session.ours = mode
+                session.handover_mode = mode
         finally:
             if not session.has_arms:
-                session.back.begin()  # A hold came, or no answer. It may still hand them over.
+                # A stop ended the request, or the robot did not answer and may still hand over the arms. Give
+                # them back.
+                session.back.begin()
         if refusal is not None:
             return refusal
-        await self._told(session)
+        await self._wait_for_reading(session)
         return {"upper_body": True}
 
     async def _give_arms(self, session: BoosterSession, permit: Permit) -> dict[str, Any] | Refused:
         permit.check()
-        session.ours, session.goal = None, ()
+        session.handover_mode, session.goal = None, ()
         answer: Response | None = None
         try:
             answer = await self._ask(session, Api.UPPER_BODY, rpc.upper_body(False), permit)
         finally:
-            if answer is None or answer.why:
+            if answer is None or answer.error:
                 session.back.begin()
-        await self._told(session)
+        await self._wait_for_reading(session)
         return _refused("disable_upper_body", answer) or {"upper_body": False}
 
-    async def _told(self, session: BoosterSession) -> None:
-        """Wait for the next reading, so that the gate sees the change before the caller gets its reply."""
-        session.told = told = trio.Event()
-        await told.wait()
+    async def _wait_for_reading(self, session: BoosterSession) -> None:
+        """Wait for the next reading. The gate then sees the change before the caller gets its
+        reply."""
+        session.next_reading = next_reading = trio.Event()
+        await next_reading.wait()
 
     # -- parts
 
@@ -408,13 +427,14 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return gates.not_ready(observation, self._clock.now_ns(), gates.FALL_TTL_S)
 
     async def _look_at_mode(self, session: BoosterSession, permit: Permit) -> None:
-        asked_ns = self._clock.now_ns()
+        requested_ns = self._clock.now_ns()
         answer = await self._ask(session, Api.GET_MODE, "", permit)
         if answer is not None:
-            session.hear_mode(asked_ns, answer)
+            session.hear_mode(requested_ns, answer)
 
     async def _ask(self, session: BoosterSession, api: Api, body: str, permit: Permit) -> Response | None:
-        """Send a request and return its response; None without one in ``ANSWER_S``."""
+        """Send a request and return the response; None if it does not arrive within ``ANSWER_S``
+        seconds."""
         responses: list[Response] = []
         permit.check()
         session.link.calls.ask(api, body, responses.append)
@@ -429,7 +449,8 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
             raise WireDown(otherwise)
 
     async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Process what arrives until the condition is true. Return False after ``within_s`` seconds."""
+        """Process received messages until the condition is true. Return False after ``within_s``
+        seconds."""
         session = self.session
         with trio.move_on_after(within_s):
             while not condition():
@@ -440,12 +461,14 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
 
 
 def _refused(service: str, answer: Response | None) -> Refused | None:
-    """Return the refusal for an answer; None if the service was carried out."""
+    """Turn the robot's answer into a refusal; None if the service was carried out."""
     if answer is None:
-        why = "the robot has not answered; it may do so yet"
-        return Refused(BoosterCode.NOT_CONFIRMED, why, "look at the robot", "no answer", f"within {ANSWER_S:g} s")
-    if answer.why:
+        reason = "the robot has not answered the request and may still carry it out"
         return Refused(
-            BoosterCode.STATUS, f"the robot says {answer.why}", "look at the robot", str(answer.status), "0"
+            BoosterCode.NOT_CONFIRMED, reason, "check what the robot does", "no answer", f"within {ANSWER_S:g} s"
+        )
+    if answer.error:
+        return Refused(
+            BoosterCode.STATUS, f"the robot answered: {answer.error}", "check the robot", str(answer.status), "0"
         )
     return None

@@ -1,4 +1,4 @@
-"""The configuration that the wire and the stop channel of a Crazyflie share."""
+"""Settings of a Crazyflie, shared by the process that flies it (the wire) and the root's stop channel."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ LAST_CHANNEL = 125
 
 
 class Endpoint(msgspec.Struct, frozen=True):
-    """The place of a Crazyflie: a parsed ``port``."""
+    """Where a Crazyflie is reached: the parts of the option ``port``."""
 
     kind: Literal["udp", "tcp", "serial", "radio", "usb"]
     host: str = ""
-    number: int = 0  # network port; or the index of the dongle or drone, if there are several
+    number: int = 0  # network port, or the index of the USB device if there are several
     path: str = ""
     channel: int = 0
     rate: int = 0
@@ -42,14 +42,15 @@ class Endpoint(msgspec.Struct, frozen=True):
 
     @property
     def is_usb(self) -> bool:
-        """Return True if a USB device reaches the drone. Only one process can have that device open."""
+        """Return True if the drone is reached through a USB device, a radio dongle or its own port. Only one
+        process can open that device."""
         return self.kind in ("radio", "usb")
 
 
 def parse_port(port: str) -> Endpoint:
-    """Parse a port. Raise ``ValueError`` that names the accepted forms."""
-    scheme, found, rest = port.partition("://")
-    if not found:
+    """Parse the option ``port``. Raise ``ValueError``, which lists the accepted forms."""
+    scheme, separator, rest = port.partition("://")
+    if not separator:
         scheme, rest = "udp", port
     match scheme:
         case "udp" | "tcp" as kind:
@@ -59,8 +60,10 @@ def parse_port(port: str) -> Endpoint:
             return Endpoint("serial", path=rest if rest.startswith("/") else f"/dev/{rest}")
         case "radio" if (match := _RADIO.fullmatch(rest)) and int(match[2]) <= LAST_CHANNEL:
             dongle, channel, rate, address = match.groups()
-            where = bytes.fromhex(address or DEFAULT_ADDRESS)
-            return Endpoint("radio", number=int(dongle), channel=int(channel), rate=RATES[rate], address=where)
+            radio_address = bytes.fromhex(address or DEFAULT_ADDRESS)
+            return Endpoint(
+                "radio", number=int(dongle), channel=int(channel), rate=RATES[rate], address=radio_address
+            )
         case "usb" if rest.isdecimal():
             return Endpoint("usb", number=int(rest))
     raise ValueError(f"port is {port!r}. Give {ACCEPTED}")
@@ -79,12 +82,12 @@ class CrazyflieConfig(msgspec.Struct, frozen=True):
     battery_v: float
     climb_m_s: float
     silent_s: float = 1.0
-    """The link counts as lost after so long without a row of the log."""
+    """The link counts as lost after so long without a report."""
     fresh_s: float = 0.5
     """Age up to which a reading counts."""
 
     def endpoint(self) -> Endpoint:
-        """Return the parsed port. Raise ``WireDown`` if it is invalid."""
+        """Parse the configured port. Raise ``WireDown`` if it is invalid."""
         try:
             return parse_port(self.port)
         except ValueError as error:

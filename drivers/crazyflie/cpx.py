@@ -1,8 +1,9 @@
-"""Encode and decode CPX, which carries CRTP over TCP and serial lines: two bytes of route and function, then the
-data. Pure: no I/O.
+"""Encode and decode CPX, the packets in which CRTP (the drone's own protocol) travels over TCP and serial
+lines. A packet is two bytes of route and function, then the data. Pure: no I/O.
 
-On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the packet, and the
-XOR of all these. A length of zero means "ready for the next", and each end waits for that before it sends a frame.
+On TCP a frame is its length (16 bits) and the packet. On a serial line it is 0xFF, the length, the packet, and
+the XOR of all these. A frame of length zero means "ready for the next frame". Both sides wait for it before
+they send a frame.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ CLIENT = b"\x20\x01"
 
 
 def packet(function: Function, data: bytes, to_robot: bool = True) -> bytes:
-    """Return a packet from the host to the robot, or from the robot to the host."""
+    """Encode a CPX packet from the host to the robot, or with ``to_robot=False`` from the robot to the host."""
     source, destination = (Target.HOST, Target.STM32) if to_robot else (Target.STM32, Target.HOST)
     return bytes((source << 3 | destination, function)) + data
 
@@ -55,68 +56,69 @@ def tcp_frame(data: bytes) -> bytes:
 
 
 def uart_frame(data: bytes) -> bytes:
-    """Return a frame. Raise ``ValueError`` for a packet that is too long."""
+    """Put a CPX packet into a frame for the serial line. Raise ``ValueError`` if the packet is too long."""
     if len(data) > LONGEST:
-        raise ValueError(f"a CPX packet of {len(data)} bytes, not up to {LONGEST}")
+        raise ValueError(f"a CPX packet has at most {LONGEST} bytes, not {len(data)}")
     head = bytes((START, len(data))) + data
     return head + bytes((_xor(head),))
 
 
 class TcpDecoder:
-    """Decode a stream of bytes into packets."""
+    """Decode the bytes of a TCP connection into CPX packets."""
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._buffer = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the complete packets. Raise ``MalformedFrame`` for an impossible length: all later bytes are
-        unreadable."""
-        self._held += data
+        """Return the complete packets. Raise ``MalformedFrame`` for an impossible length, because then no later
+        byte can be decoded."""
+        self._buffer += data
         packets = []
-        while len(self._held) >= 2:
-            size = int.from_bytes(self._held[:2], "little")
+        while len(self._buffer) >= 2:
+            size = int.from_bytes(self._buffer[:2], "little")
             if size > LONGEST:
-                raise MalformedFrame(f"a CPX packet of {size} bytes, not up to {LONGEST}")
-            if len(self._held) < 2 + size:
+                raise MalformedFrame(f"a CPX packet has at most {LONGEST} bytes, not {size}")
+            if len(self._buffer) < 2 + size:
                 break
-            packets.append(bytes(self._held[2 : 2 + size]))
-            del self._held[: 2 + size]
+            packets.append(bytes(self._buffer[2 : 2 + size]))
+            del self._buffer[: 2 + size]
         return packets
 
 
 class UartDecoder:
-    """Decode a stream of bytes into packets, with b"" for each "ready". Invalid bytes are skipped and counted."""
+    """Decode the bytes of a serial line into packets. An empty packet (``b""``) stands for "ready for the next
+    frame". Invalid bytes are skipped and counted."""
 
     def __init__(self) -> None:
-        self._held = bytearray()
+        self._buffer = bytearray()
         self.damaged = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        self._held += data
+        self._buffer += data
         packets: list[bytes] = []
-        while self._held:
-            start = self._held.find(START)
+        while self._buffer:
+            start = self._buffer.find(START)
             if start:
                 self.damaged += 1
-                del self._held[: start if start > 0 else len(self._held)]
+                del self._buffer[: start if start > 0 else len(self._buffer)]
                 continue
-            if len(self._held) < 2:
+            if len(self._buffer) < 2:
                 break
-            size = self._held[1]
+            size = self._buffer[1]
             if size > LONGEST:
                 self.damaged += 1
-                del self._held[0]
+                del self._buffer[0]
             elif size == 0:
                 packets.append(b"")
-                del self._held[:2]
-            elif len(self._held) < size + 3:
+                del self._buffer[:2]
+            elif len(self._buffer) < size + 3:
                 break
-            elif _xor(self._held[: size + 2]) != self._held[size + 2]:
+            elif _xor(self._buffer[: size + 2]) != self._buffer[size + 2]:
                 self.damaged += 1
-                del self._held[0]
+                del self._buffer[0]
             else:
-                packets.append(bytes(self._held[2 : size + 2]))
-                del self._held[: size + 3]
+                packets.append(bytes(self._buffer[2 : size + 2]))
+                del self._buffer[: size + 3]
         return packets
 
 

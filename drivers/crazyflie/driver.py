@@ -1,13 +1,15 @@
-"""Declare the Bitcraze Crazyflie, on CRTP over UDP, TCP, a serial line, a Crazyradio or USB, without an SDK.
+"""Declare the Bitcraze Crazyflie, which speaks CRTP over UDP, TCP, a serial line, a Crazyradio or USB. No SDK
+is used.
 
 Four verbs begin or end a flight:
 
-``takeoff()``         arms the motors and rises; the only way up, and no agent has it
+``takeoff()``         arms the motors and rises; only this starts a flight, and AI agents cannot call it
 ``land()``            lands as a part of the program; ``takeoff()`` may follow
 ``stop()``            lands in any situation; nothing flies again before ``resume()``
 ``emergency_stop()``  cuts the motors in the air, and locks the drone until it is switched off and on
 
-After a late writer the drone hovers, level, at its place. A hover without a command lands after half a minute.
+If the next command is late, the drone hovers, level, at its present place. After half a minute without a
+command it lands.
 """
 
 from __future__ import annotations
@@ -98,7 +100,7 @@ class Crazyflie(Driver):
     }
     BEFORE_MOTION: ClassVar[str] = "takeoff"
     EXPERIMENTAL: ClassVar[Mapping[str, str]] = {
-        BY_USB: "nobody has seen it on a real drone. It was tried with a stand-in for the USB device"
+        BY_USB: "this was never run on a real drone, only with a replacement for the USB device"
     }
 
     unit = "m/s (wz: rad/s, z: m)"
@@ -146,8 +148,8 @@ class Crazyflie(Driver):
             check_device(endpoint.path)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return speeds, a height, and a flag. The flag is 1 if the height counts (a hover, with speeds in the
-        drone's own frame), and 0 if not (speeds in the world's frame)."""
+        """Parse an action into speeds, a height and a flag. The flag is 1 if the action gives a height: the
+        drone hovers there, and speeds are in its own frame. It is 0 if not: speeds are in the world's frame."""
         target = (*state.target[:Z], state.observation.position[Z])
         parsed = parse_action(action, self.robot, self.table, self._index, target)
         if isinstance(parsed, Refused):
@@ -163,13 +165,14 @@ class Crazyflie(Driver):
             return refusal
         for name, default in self.SERVICES[service].arguments.items():
             if name not in SERVICE_RANGES:
-                continue  # It is a speed, which ``parse`` checks.
+                # A speed is checked by ``parse``.
+                continue
             low, high, unit = SERVICE_RANGES[name]
             value = finite(arguments.get(name, default))
             if value is None or not low <= value <= high:
                 offered, limit = str(arguments.get(name))[:40], f"{low:g}..{high:g} {unit}"
-                why = f"{name} is {offered}"
-                return Refused(Code.BAD_ARGUMENT, why, f"give {limit}", offered, limit)
+                reason = f"{name} is {offered}"
+                return Refused(Code.BAD_ARGUMENT, reason, f"give {limit}", offered, limit)
         return None
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
@@ -187,4 +190,5 @@ def _is_usb(port: str) -> bool:
     try:
         return parse_port(port).is_usb
     except ValueError:
-        return False  # Opening it refuses this port.
+        # An invalid port is reported when it is opened.
+        return False

@@ -1,4 +1,4 @@
-"""Refuse commands to a Crazyflie by the robot's own reports. Pure: no I/O."""
+"""Checks that refuse commands to a Crazyflie in its reported state. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ BATTERY_AGE_S = 2.0
 
 
 def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_s: float) -> dict[str, Row]:
-    """Return the sensors by names that end with the unit."""
+    """Return the sensor values of a report. Each name ends with its unit."""
     return {
         "xyz_m": (position.x_m, position.y_m, flight.z_m),
         "rpy_rad": (flight.roll_rad, flight.pitch_rad, position.yaw_rad),
@@ -48,17 +48,17 @@ def sensors_of(flight: Flight, position: Position, position_age_s: float, hover_
 
 
 def bits_in(sensors: Mapping[str, Row]) -> Bit | None:
-    """Return the supervisor's flags; None if they were never read."""
+    """Return the flags of the drone's supervisor; None if they were never received."""
     row = sensors.get("supervisor")
     return None if row is None else Bit(int(row[0]))
 
 
-# -- conditions of the robot, independent of a command
+# -- conditions that must be true of the robot, for any command
 
 
 def conditions_of(battery_v: float, hover_s: float) -> tuple[Condition, ...]:
-    """Return the conditions in the order in which they are checked. Each has its own safe state: a drone that
-    lies on its back has its motors cut, one with a low battery lands.
+    """Return the conditions for flying, in the order in which they are checked. Each has its own safe state:
+    for example, a tumbled drone switches its motors off, and a drone with a low battery lands.
 
     Args:
         battery_v: Voltage below which the drone lands.
@@ -77,7 +77,9 @@ def _locked(observation: Observation, now_ns: int) -> Refused | None:
     bits = bits_in(observation.sensors)
     if bits is None or Bit.LOCKED not in bits:
         return None
-    return Refused(CrazyflieCode.LOCKED, "it is locked after an emergency stop", "switch it off and on", "locked")
+    return Refused(
+        CrazyflieCode.LOCKED, "the drone is locked after an emergency stop", "switch it off and on", "locked"
+    )
 
 
 def _upset(observation: Observation, now_ns: int) -> Refused | None:
@@ -85,15 +87,16 @@ def _upset(observation: Observation, now_ns: int) -> Refused | None:
     if bits is None or not bits & (Bit.TUMBLED | Bit.CRASHED):
         return None
     if Bit.TUMBLED in bits:
-        return Refused(CrazyflieCode.TUMBLED, "it has tumbled", "put it on its feet", "tumbled")
-    return Refused(CrazyflieCode.CRASHED, "it has crashed", "switch it off and on", "crashed")
+        return Refused(CrazyflieCode.TUMBLED, "the drone has tumbled", "put it on its feet", "tumbled")
+    return Refused(CrazyflieCode.CRASHED, "the drone has crashed", "switch it off and on", "crashed")
 
 
 def _battery(floor_v: float) -> ConditionCheck:
     def battery(observation: Observation, now_ns: int) -> Refused | None:
         bits = bits_in(observation.sensors)
         if bits is None or not bits.airborne:
-            return None  # On the floor, ``takeoff`` checks the battery.
+            # Check the battery only in flight. On the floor ``takeoff`` checks it.
+            return None
         return _refuse_battery(observation.sensors, floor_v)
 
     return battery
@@ -102,18 +105,18 @@ def _battery(floor_v: float) -> ConditionCheck:
 def _refuse_battery(sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     (age_s,) = sensors.get("position_age_s", (0.0,))
     if age_s > BATTERY_AGE_S:
-        why, limit = f"battery not heard for {age_s:.1f} s", f"{BATTERY_AGE_S:g} s"
-        return Refused(Code.BATTERY, why, "check radio and power", f"{age_s:.1f}", limit)
+        reason, limit = f"the drone has not reported its battery for {age_s:.1f} s", f"{BATTERY_AGE_S:g} s"
+        return Refused(Code.BATTERY, reason, "check radio and power", f"{age_s:.1f}", limit)
     (volts,) = sensors.get("battery_v", (math.nan,))
     (state,) = sensors.get("battery_state", (float(Battery.BATTERY),))
     if volts >= floor_v and state not in (Battery.LOW_POWER, Battery.SHUTDOWN):
         return None
     limit = f"{floor_v:.1f} V"
     if volts >= floor_v:
-        why, remedy = f"its firmware reports a low battery, at {volts:.2f} V", "charge it"
+        reason, remedy = f"the firmware reports a low battery, at {volts:.2f} V", "charge it"
     else:
-        why, remedy = f"battery at {volts:.2f} V", f"charge it above {limit}"
-    return Refused(Code.BATTERY, why, remedy, f"{volts:.2f}", limit)
+        reason, remedy = f"the battery has only {volts:.2f} V", f"charge it above {limit}"
+    return Refused(Code.BATTERY, reason, remedy, f"{volts:.2f}", limit)
 
 
 def _hovering(longest_s: float) -> ConditionCheck:
@@ -123,7 +126,10 @@ def _hovering(longest_s: float) -> ConditionCheck:
             return None
         limit = f"{longest_s:g} s"
         return Refused(
-            CrazyflieCode.HOVERING, f"it hovered without a command for {limit}", "take off again", limit=limit
+            CrazyflieCode.HOVERING,
+            f"the drone hovered without a command for {limit}",
+            "take off again",
+            limit=limit,
         )
 
     return hovering
@@ -132,13 +138,17 @@ def _hovering(longest_s: float) -> ConditionCheck:
 def _flying(observation: Observation, now_ns: int) -> Refused | None:
     bits = bits_in(observation.sensors)
     if bits is None:
-        return Refused(Code.NO_OBSERVATION, "its supervisor has said nothing yet", "wait for it")
+        return Refused(
+            Code.NO_OBSERVATION, "the drone's supervisor has not reported yet", "wait for its first report"
+        )
     if bits.airborne:
         return None
-    return Refused(CrazyflieCode.NOT_FLYING, "it stands on the floor, motors off", "call takeoff() first")
+    return Refused(
+        CrazyflieCode.NOT_FLYING, "the drone stands on the floor with its motors off", "call takeoff() first"
+    )
 
 
-# -- gates: checks of one command
+# -- gates: each checks one command
 
 
 def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
@@ -146,18 +156,19 @@ def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
 
 
 def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
-    """Return a gate that refuses a climb past the ceiling, and a descent into the drone's own downwash."""
+    """Return a gate that refuses to climb above the ceiling, or to descend so far that the drone's own downwash
+    disturbs it."""
     low, high = heights_m
 
     def within_heights(candidate: Candidate, state: GateState) -> Refused | None:
-        climb, here = candidate.values[VZ], state.observation.position[Z]
-        if climb > 0 and here >= high:
-            why, remedy = f"at {here:.2f} m, past {high:g}", "sink, or give z"
-        elif climb < 0 and here <= low:
-            why, remedy = f"at {here:.2f} m, below {low:g}", "call land()"
+        climb, height_m = candidate.values[VZ], state.observation.position[Z]
+        if climb > 0 and height_m >= high:
+            reason, remedy = f"at {height_m:.2f} m, past {high:g}", "sink, or give z"
+        elif climb < 0 and height_m <= low:
+            reason, remedy = f"at {height_m:.2f} m, below {low:g}", "call land()"
         else:
             return None
-        return Refused(Code.PAST_TRAVEL, f"vz {climb:g} m/s {why}", remedy, f"{climb:g}", f"{low:g}..{high:g}")
+        return Refused(Code.PAST_TRAVEL, f"vz {climb:g} m/s {reason}", remedy, f"{climb:g}", f"{low:g}..{high:g}")
 
     return within_heights
 
@@ -168,22 +179,25 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
 def takeoff_refusal(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     """Return why the drone may not take off now; None if it may."""
     if bits is None:
-        return Refused(Code.NO_OBSERVATION, "its supervisor does not answer", "check radio and power")
+        return Refused(Code.NO_OBSERVATION, "the drone's supervisor does not answer", "check radio and power")
     if Bit.LOCKED in bits:
-        return Refused(CrazyflieCode.LOCKED, "it is locked after an emergency stop", "switch it off and on")
+        return Refused(CrazyflieCode.LOCKED, "the drone is locked after an emergency stop", "switch it off and on")
     if bits & (Bit.TUMBLED | Bit.CRASHED):
         return Refused(
-            CrazyflieCode.TUMBLED, "it has tumbled or crashed", "put it on its feet, switch it off and on"
+            CrazyflieCode.TUMBLED, "the drone has tumbled or crashed", "put it on its feet, switch it off and on"
         )
     refusal = _refuse_battery(sensors, floor_v)
     if refusal is not None or bits.airborne:
         return refusal
     if not bits & (Bit.ARMED | Bit.CAN_BE_ARMED):
-        return Refused(CrazyflieCode.CANNOT_ARM, "its supervisor lets nobody arm it", "look at the drone")
+        return Refused(CrazyflieCode.CANNOT_ARM, "the drone's supervisor does not allow arming", "check the drone")
     tilt_deg = max(abs(math.degrees(angle)) for angle in sensors["rpy_rad"][:2])
     if tilt_deg > SETTLED_DEG:
         limit = f"{SETTLED_DEG:g} degrees"
         return Refused(
-            CrazyflieCode.TILTED, f"it is tilted by {tilt_deg:.0f} degrees", "put it on a level floor", limit=limit
+            CrazyflieCode.TILTED,
+            f"the drone is tilted by {tilt_deg:.0f} degrees",
+            "put it on a level floor",
+            limit=limit,
         )
     return None

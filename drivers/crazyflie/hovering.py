@@ -1,7 +1,8 @@
-"""Setpoints of a drone that flies without a command: a rise, then a hover. Pure: no I/O.
+"""Setpoints that the driver makes by itself: the rise of a takeoff, and a hover without a command. Pure: no
+I/O.
 
-``Wire.feed`` sends each packet, and is called only while gate and transport reply. So the firmware's own watchdog
-stays in force during a takeoff and a hover.
+``Wire.feed`` sends each packet. It is called only while the driver's own tasks still respond. If they stop, the
+packets stop, too, and the firmware's watchdog ends a takeoff or hover.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ class Hover(msgspec.Struct, frozen=True):
         to_m: The height of the hover.
         from_m: The height at the start.
         duration_s: Duration of the flight; 0 for a hover at once.
-        risen_s: Time in ``CrazyflieSession.robot_s`` of the end of the rise. If a later row does not show the
-            drone in the air, it lies on the floor. An earlier row may be from before it rose.
+        risen_s: When the rise ends, on the drone's clock (``CrazyflieSession.robot_s``). If a later report does not
+            show the drone in the air, it lies on the floor. An earlier report may be from before the rise.
     """
 
     began_ns: int

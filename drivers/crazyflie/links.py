@@ -21,14 +21,14 @@ from .config import Endpoint
 BAUD = 576_000
 READY_S = 2.0
 """Longest time until the other end of a serial line is ready."""
-UNASKED_S = 0.3
+UNSOLICITED_S = 0.3
 """How long to wait for an unsolicited ready signal. A drone that has just started sends it ten times a second."""
-SAID_AGAIN_S = 0.25
+RESEND_S = 0.25
 """Pause before an unacknowledged request is written again."""
 
 
 class Link(Protocol):
-    """A link. All methods raise ``WireDown`` once it is gone."""
+    """A connection that carries CRTP packets. All methods raise ``WireDown`` once it is lost."""
 
     name: str
     prompt: bool = True
@@ -38,11 +38,11 @@ class Link(Protocol):
     """True if a lost link may work again, because it has no connection that could be dead."""
 
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
-        """Send a packet. ``permit`` is checked immediately before."""
+        """Send a packet. ``permit`` is the last check whether it may still be sent."""
         ...
 
     async def read(self) -> bytes:
-        """Wait for the next packet. Only one task may do so at a time."""
+        """Wait for the next packet. Only one task at a time may call this."""
         ...
 
     def read_waiting(self) -> bytes | None:
@@ -50,11 +50,12 @@ class Link(Protocol):
         ...
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep the link up, if it needs that."""
+        """Do the background work of the link, if it has any, until cancelled."""
         task_status.started()
 
     def handover(self) -> Sequence[int]:
-        """Return descriptors by which another process can write. They are valid until ``close``."""
+        """Return file descriptors with which another process can write to the robot. They are valid until
+        ``close``."""
         return ()
 
     def close(self) -> None: ...
@@ -75,7 +76,8 @@ class UdpLink(Link):
         try:
             self._port.write(packet)
         except WireDown:
-            self._port.write(packet)  # The error may belong to an earlier packet, and is cleared by now.
+            # Write once more: the error may belong to an earlier packet, and is cleared by now.
+            self._port.write(packet)
 
     async def read(self) -> bytes:
         return await self._port.read()
@@ -88,7 +90,7 @@ class UdpLink(Link):
 
 
 class TcpLink(Link):
-    """A link of CPX over TCP."""
+    """CPX packets over TCP."""
 
     def __init__(self, port: TcpPort) -> None:
         self._port = port
@@ -97,7 +99,7 @@ class TcpLink(Link):
         self.name = f"tcp://{port.name}"
 
     def bridge(self) -> None:
-        """Request CRTP over CPX."""
+        """Request that the robot sends its CRTP packets inside CPX."""
         self._port.write(cpx.tcp_frame(cpx.packet(cpx.Function.SYSTEM, cpx.BRIDGE)))
 
     async def write(self, packet: bytes, permit: Permit | None = None) -> None:
@@ -122,7 +124,7 @@ class TcpLink(Link):
         try:
             packets = self._decoder.feed(data)
         except MalformedFrame as malformed:
-            raise WireDown(f"{self.name}: cannot be understood ({malformed}). Reconnect") from None
+            raise WireDown(f"{self.name}: unreadable bytes arrived ({malformed}). Reconnect") from None
         self._waiting += carried(packets)
 
     def close(self) -> None:
@@ -130,8 +132,8 @@ class TcpLink(Link):
 
 
 class SerialLink(Link):
-    """A link of CPX over a serial line. A setpoint is not written while the robot has not acknowledged the previous
-    frame. A safe frame is."""
+    """CPX over a serial line. A setpoint waits until the robot has acknowledged the previous frame. A frame of
+    a stop does not wait."""
 
     def __init__(self, port: BytePort, name: str) -> None:
         self._port = port
@@ -141,22 +143,22 @@ class SerialLink(Link):
         self.name = name
 
     async def bridge(self) -> None:
-        """Synchronise, and request CRTP over CPX. Raise ``WireDown``.
+        """Synchronise with the robot, and request its CRTP packets inside CPX. Raise ``WireDown``.
 
-        A robot that has talked to another of our processes since it was switched on does not signal by itself that
-        it is ready. It does so after a frame.
+        If another process has talked to the robot since it was switched on, the robot does not signal by itself
+        that it is ready. It does so after it has received a frame.
         """
         self._ready = False
         with trio.move_on_after(READY_S):
-            await self._until_ready(UNASKED_S)
+            await self._until_ready(UNSOLICITED_S)
             self._port.write(cpx.READY)
             for request in (cpx.BRIDGE, cpx.CLIENT):
                 self._ready = False
                 while not self._ready:
                     self._port.write(cpx.uart_frame(cpx.packet(cpx.Function.SYSTEM, request)))
-                    await self._until_ready(SAID_AGAIN_S)
+                    await self._until_ready(RESEND_S)
             return
-        raise WireDown(f"{self.name}: nobody is ready there. Check the line and its rate, {BAUD} baud")
+        raise WireDown(f"{self.name}: no Crazyflie answers on this line. Check the line and its rate, {BAUD} baud")
 
     async def _until_ready(self, within_s: float) -> None:
         with trio.move_on_after(within_s):
@@ -168,7 +170,7 @@ class SerialLink(Link):
         self._take(self._port.take())
         if permit is not None:
             if not self._ready:
-                raise PermitDenied("the robot has not taken the frame before")
+                raise PermitDenied("the robot has not acknowledged the previous frame")
             permit.check()
         self._ready = False
         self._port.write(frame)
@@ -192,7 +194,7 @@ class SerialLink(Link):
         self._waiting += carried(full)
 
     async def hung_up(self) -> None:
-        """Wait until the adapter is gone."""
+        """Wait until the serial adapter is unplugged."""
         await self._port.hung_up()
 
     def handover(self) -> Sequence[int]:
@@ -203,7 +205,8 @@ class SerialLink(Link):
 
 
 def adopt_line(descriptor: int, path: str) -> SerialLink:
-    """Return a link on a descriptor from ``SerialLink.handover`` of another process."""
+    """Make a link from the file descriptor of a serial port that another process has opened
+    (``SerialLink.handover``)."""
     return SerialLink(adopt_serial(descriptor, path), f"serial://{path}")
 
 
@@ -229,11 +232,11 @@ async def open_link(endpoint: Endpoint) -> Link:
             return tcp
         case "serial":
             return await open_line(endpoint.path)
-    raise WireDown(f"{endpoint.kind}: only the wire process has this link")
+    raise WireDown(f"{endpoint.kind}: only the process that flies the drone can open a USB device")
 
 
 def carried(packets: Sequence[bytes]) -> list[bytes]:
-    """Return the CRTP packets in CPX packets. Others are dropped."""
+    """Return the CRTP packets that are inside CPX packets. All other packets are dropped."""
     crtp = []
     for packet in packets:
         try:

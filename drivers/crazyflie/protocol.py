@@ -4,8 +4,8 @@ bytes. Pure: no I/O.
 All values are in SI units. The firmware uses degrees for yaw rates and angles; only ``_deg`` and ``_rad``
 convert them. Layouts: the CRTP pages of the firmware's documentation, tried with cflib 0.1.34.
 
-The hover of a safe state has a negative zero for ``vx``. For the firmware that is the same hover, but the log of
-a wire can tell it from a setpoint of zero.
+The hover that makes the drone safe has a negative zero for ``vx``. For the firmware this is the same hover. A
+log of packets can tell it from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Port(enum.IntEnum):
 
 
 class Setpoint(enum.IntEnum):
-    """First byte on ``Port.SETPOINT``, channel 0."""
+    """Kinds of setpoints: the first byte of the data on ``Port.SETPOINT``, channel 0."""
 
     STOP = 0
     VELOCITY_WORLD = 8
@@ -60,7 +60,7 @@ class HighLevel(enum.IntEnum):
 
 
 class Order(enum.IntEnum):
-    """First byte on ``Port.SUPERVISOR``, channel 1."""
+    """Orders to the supervisor: the first byte of the data on ``Port.SUPERVISOR``, channel 1."""
 
     ARM = 1
     RECOVER = 2
@@ -68,7 +68,7 @@ class Order(enum.IntEnum):
 
 
 class Bit(enum.IntFlag):
-    """Flags of the supervisor."""
+    """Flags that the drone's supervisor reports."""
 
     CAN_BE_ARMED = 1 << 0
     ARMED = 1 << 1
@@ -84,8 +84,8 @@ class Bit(enum.IntFlag):
 
     @property
     def airborne(self) -> bool:
-        """Return True if motors keep the drone up. The flying flag outlasts a landing, so the drone must be armed
-        and not locked, too."""
+        """Return True if motors keep the drone in the air. The flag "flying" stays set for a while after a
+        landing, so the drone must also be armed and not locked."""
         return Bit.FLYING in self and Bit.ARMED in self and Bit.LOCKED not in self
 
 
@@ -99,8 +99,9 @@ class Battery(enum.IntEnum):
     SHUTDOWN = 4
 
 
-class Block(NamedTuple):
-    """A row of the log: its number, and the name and type of each variable (at most nine)."""
+class LogBlock(NamedTuple):
+    """One report that the drone's log sends periodically: its number, and the name and type of each variable
+    (at most nine)."""
 
     number: int
     variables: tuple[tuple[str, int], ...]
@@ -109,7 +110,7 @@ class Block(NamedTuple):
 
 _FP16, _FLOAT, _U8, _U16 = 8, 7, 1, 2
 
-FLIGHT = Block(
+FLIGHT = LogBlock(
     1,
     (
         ("stateEstimate.z", _FP16),
@@ -125,7 +126,7 @@ FLIGHT = Block(
 )
 """The values that flying needs."""
 
-POSITION = Block(
+POSITION = LogBlock(
     2,
     (
         ("stateEstimate.x", _FLOAT),
@@ -136,11 +137,11 @@ POSITION = Block(
     ),
     struct.Struct("<4fB"),
 )
-"""Values that may be older. Voltage and state of the battery are in one row, so that a refusal for the state can
+"""Values that may be older. Voltage and state of the battery are in one report, so that a refusal for the state can
 name the voltage of the same moment."""
 
 STAMP_WRAP_MS = 1 << 24
-"""Value at which the robot's clock in a row of the log restarts at 0, after 4.7 hours."""
+"""Value at which the robot's clock in a report restarts at 0, after 4.7 hours."""
 
 _ALL_BITS = (1 << 11) - 1
 
@@ -156,14 +157,14 @@ def encode(port: int, channel: int, data: bytes = b"") -> bytes:
 
 
 def decode(packet: bytes) -> Packet:
-    """Split a packet. Raise ``MalformedFrame``."""
+    """Split a packet into its port, channel and data. Raise ``MalformedFrame``."""
     if not 1 <= len(packet) <= LONGEST:
         raise MalformedFrame(f"a packet of {len(packet)} bytes, not 1 to {LONGEST}")
     return Packet(packet[0] >> 4, packet[0] & 3, packet[1:])
 
 
 def is_null(packet: bytes) -> bool:
-    """Return True for a packet without content, or its answer: port 15, channel 3."""
+    """Return True for an empty packet or the answer to one (port 15, channel 3)."""
     return packet[:1] == NULL
 
 
@@ -171,17 +172,17 @@ def is_null(packet: bytes) -> bool:
 
 
 def hover(vx_m_s: float, vy_m_s: float, wz_rad_s: float, z_m: float) -> bytes:
-    """Return a setpoint at a height, with velocities in the robot's own frame."""
+    """Encode a setpoint to hover at a height, with velocities in the robot's own frame."""
     return _setpoint(Setpoint.HOVER, vx_m_s + 0.0, vy_m_s, _deg(wz_rad_s), z_m)
 
 
 def hover_still(z_m: float) -> bytes:
-    """Return the safe hover: level, at the present place."""
+    """Encode the hover that makes the drone safe: level, at its present place."""
     return _setpoint(Setpoint.HOVER, -0.0, 0.0, 0.0, z_m)
 
 
 def velocity(vx_m_s: float, vy_m_s: float, vz_m_s: float, wz_rad_s: float) -> bytes:
-    """Return a setpoint of velocities in the world's frame."""
+    """Encode a setpoint of velocities in the world's frame."""
     return _setpoint(Setpoint.VELOCITY_WORLD, vx_m_s, vy_m_s, vz_m_s, _deg(wz_rad_s))
 
 
@@ -200,18 +201,18 @@ EMERGENCY_STOP = encode(Port.SUPERVISOR, 1, bytes((Order.EMERGENCY_STOP,)))
 
 
 def land(duration_s: float) -> bytes:
-    """Return an order to the high-level commander to go straight down to the floor in so many seconds."""
+    """Encode the order to land in ``duration_s`` seconds. The high-level commander flies straight down to the
+    floor."""
     return encode(Port.HIGH_LEVEL, 0, struct.pack("<BBff?f", HighLevel.LAND, 0, 0.0, 0.0, True, duration_s))
 
 
 def land_with_velocity(mean_m_s: float) -> bytes:
-    """Return the same order with a mean speed. The robot knows its height, and takes the time that this
-    needs."""
+    """Encode the order to land with a mean speed. The robot knows its height, and chooses the duration from it."""
     data = struct.pack("<BBf?f?f", HighLevel.LAND_WITH_VELOCITY, 0, 0.0, False, 0.0, True, mean_m_s)
     return encode(Port.HIGH_LEVEL, 0, data)
 
 
-# -- requests with an answer
+# -- requests that the drone answers
 
 
 class Question(NamedTuple):
@@ -239,8 +240,8 @@ LOG_RESET_QUESTION = _ask(Port.LOG, 1, b"\x05", b"\x05")
 
 
 def landing_question(order: bytes) -> Question:
-    """Return the request for the status of ``land`` or ``land_with_velocity``. Its answer has the first three
-    bytes of data of the order, and a status."""
+    """Return the request that repeats an order to land and asks for its status. The answer repeats the first
+    three bytes of the order, followed by a status."""
     return Question(order, order[:4])
 
 
@@ -249,17 +250,17 @@ def log_item_question(number: int) -> Question:
     return _ask(Port.LOG, 0, item, item)
 
 
-def log_create_question(block: Block, numbers: Sequence[int]) -> Question:
-    """Return the request to create a block of the log. It gives each variable's number and the type to send it
-    as."""
-    kinds = (kind for _, kind in block.variables)
-    rows = b"".join(struct.pack("<BH", kind, number) for kind, number in zip(kinds, numbers, strict=True))
+def log_create_question(block: LogBlock, numbers: Sequence[int]) -> Question:
+    """Return the request to create a log block. It lists for each variable its number and the type in which it
+    is sent."""
+    rows = zip(block.variables, numbers, strict=True)
+    items = b"".join(struct.pack("<BH", type_code, number) for (_, type_code), number in rows)
     head = bytes((6, block.number))
-    return _ask(Port.LOG, 1, head + rows, head)
+    return _ask(Port.LOG, 1, head + items, head)
 
 
-def log_start_question(block: Block, period_s: float) -> Question:
-    """Return the request to start a block. The period goes in hundredths of a second, 0.01 to 2.55 s."""
+def log_start_question(block: LogBlock, period_s: float) -> Question:
+    """Return the request to start a log block. The period is sent in units of 0.01 s, from 0.01 to 2.55 s."""
     hundredths = min(255, max(1, round(period_s * 100)))
     head = bytes((3, block.number))
     return _ask(Port.LOG, 1, head + bytes((hundredths,)), head)
@@ -269,33 +270,34 @@ def log_start_question(block: Block, period_s: float) -> Question:
 
 
 def version_of(packet: bytes) -> int:
-    """Return the protocol version. Raise ``MalformedFrame``."""
+    """Decode the answer with the protocol version. Raise ``MalformedFrame``."""
     return _unpack("<BB", packet)[1]
 
 
 def firmware_of(packet: bytes) -> str:
-    """Return the firmware's name, printable characters only."""
+    """Return the firmware's name, with only the printable characters."""
     text = packet[2:].split(b"\0")[0].decode("ascii", "replace")
     return "".join(letter for letter in text if letter.isprintable())
 
 
 def supervisor_of(packet: bytes) -> Bit:
-    """Return the supervisor's flags. Raise ``MalformedFrame``."""
+    """Decode the answer with the supervisor's flags. Raise ``MalformedFrame``."""
     return Bit(_unpack("<BH", packet)[1] & _ALL_BITS)
 
 
 def is_armed(packet: bytes) -> bool:
-    """Return True if an order to arm left the robot armed. Raise ``MalformedFrame``."""
+    """Return True if the answer to an order to arm or disarm reports the drone as armed. Raise
+    ``MalformedFrame``."""
     return bool(_unpack("<BBB", packet)[2])
 
 
 def log_count_of(packet: bytes) -> int:
-    """Return the number of log variables. Raise ``MalformedFrame``."""
+    """Decode the answer with the number of log variables. Raise ``MalformedFrame``."""
     return int(_unpack("<BHI", packet)[1])
 
 
 def log_name_of(packet: bytes) -> str:
-    """Return ``group.name`` of an item of the log's table. Raise ``MalformedFrame``."""
+    """Decode the answer that names a log variable. Return ``group.name``. Raise ``MalformedFrame``."""
     try:
         group, name = packet[5:].decode("ascii").split("\0")[:2]
     except (UnicodeDecodeError, ValueError):
@@ -322,7 +324,7 @@ def landing_status_of(packet: bytes) -> int:
 
 
 class Flight(msgspec.Struct, frozen=True):
-    """A row of ``FLIGHT`` in SI units."""
+    """One report of the log block ``FLIGHT``, in SI units."""
 
     z_m: float
     velocity_m_s: tuple[float, float, float]
@@ -333,7 +335,7 @@ class Flight(msgspec.Struct, frozen=True):
 
 
 class Position(msgspec.Struct, frozen=True):
-    """A row of ``POSITION`` in SI units."""
+    """One report of the log block ``POSITION``, in SI units."""
 
     x_m: float
     y_m: float
@@ -342,30 +344,30 @@ class Position(msgspec.Struct, frozen=True):
     battery_state: int
 
 
-def row_of(packet: bytes) -> tuple[int, Flight | Position] | None:
-    """Decode a row of our blocks.
+def report_of(packet: bytes) -> tuple[int, Flight | Position] | None:
+    """Decode a report of one of the log blocks that this driver starts.
 
     Returns:
         The robot's clock (ms, 24 bits) and the reading. None for any other packet.
 
     Raises:
-        MalformedFrame: The row has another length, or a value that is not finite.
+        MalformedFrame: The report has another length, or a value that is not finite.
     """
     port, channel, data = decode(packet)
     block = next((block for block in (FLIGHT, POSITION) if data[:1] == bytes((block.number,))), None)
     if (port, channel) != (Port.LOG, 2) or block is None:
         return None
     if len(data) != 4 + block.layout.size:
-        raise MalformedFrame(f"a row of {len(data)} bytes, not {4 + block.layout.size}")
+        raise MalformedFrame(f"a report of {len(data)} bytes, not {4 + block.layout.size}")
     values = block.layout.unpack(data[4:])
     if not all(map(math.isfinite, values)):
-        raise MalformedFrame("a row with a number that is none")
+        raise MalformedFrame("a report with a number that is not finite")
     stamp_ms = int.from_bytes(data[1:4], "little")
     if block is POSITION:
         x, y, yaw, volts, battery = values
         return stamp_ms, Position(x, y, _rad(yaw), volts, battery)
     z, vx, vy, vz, turn, roll, pitch, bits = values
-    # The firmware's pitch is positive with the nose up.
+    # The firmware counts a pitch with the nose up as positive.
     return stamp_ms, Flight(z, (vx, vy, vz), _rad(turn), _rad(roll), _rad(-pitch), Bit(bits & _ALL_BITS))
 
 
@@ -378,7 +380,7 @@ def _rad(deg: float) -> float:
 
 
 def _unpack(layout: str, packet: bytes) -> tuple[int, ...]:
-    """Return the first values of a packet's data. Raise ``MalformedFrame``."""
+    """Decode the first values in a packet's data. Raise ``MalformedFrame``."""
     size = struct.calcsize(layout)
     if len(packet) < size + 1:
         raise MalformedFrame(f"an answer of {len(packet)} bytes, not {size + 1}")

@@ -1,4 +1,4 @@
-"""Refusal codes that only this wire uses."""
+"""Refusal codes that only the Crazyflie driver uses."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ class CrazyflieCode(RefusalCode):
     LOCKED = "locked", "the drone is locked after an emergency stop", "switch it off and on"
     CRASHED = "crashed", "the drone has crashed", "switch it off and on"
     TUMBLED = "tumbled", "the drone has tumbled", "put it on its feet"
-    NOT_FLYING = "not_flying", "the drone stands on the floor", "takeoff()"
+    NOT_FLYING = "not_flying", "the drone stands on the floor", "call takeoff() first"
     HOVERING = "hovering", "the drone hovered for too long without a command", "take off again"
     CANNOT_ARM = "cannot_arm", "the drone's supervisor does not allow arming", "check the drone"
     TILTED = "tilted", "the drone is tilted", "put it on a level floor"
-    STOP = "stop", "the service is an order to stop", "stop()"
-    TAKEOFF = "takeoff", "the drone is not at its height", "look at the drone"
-    LAND = "land", "the drone has not landed", "stop(), or emergency_stop()"
+    STOP = "stop", "a stop command is called as a service", "call stop() or emergency_stop()"
+    TAKEOFF = "takeoff", "the takeoff did not reach its height", "check the drone"
+    LAND = "land", "the drone has not landed", "call stop(), or emergency_stop()"

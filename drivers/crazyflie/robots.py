@@ -1,4 +1,4 @@
-"""The robots of this wire as data (``robots.toml``)."""
+"""Load the Crazyflies that this driver supports from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ VX, VY, VZ, WZ, Z = range(5)
 
 
 def part_of(robot: str) -> Part:
-    """Return the axes of a robot. Raise ``ValueError`` if it is not of this wire."""
+    """Return the axes of a robot. Raise ``ValueError`` if this driver does not support the robot."""
     table = TABLES.table(robot)
     limits = [float(table[name]) for name in ("vx_m_s", "vy_m_s", "vz_m_s", "wz_rad_s")]
     units = ("m/s", "m/s", "m/s", "rad/s")

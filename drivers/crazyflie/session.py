@@ -1,4 +1,5 @@
-"""Requests and readings over a link that may lose packets. An unanswered request is repeated until a deadline."""
+"""Requests to the drone, and its reports, over a link that may lose packets. A request is repeated until it is
+answered or its deadline passes."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ WINDOW = 8
 
 
 class CrazyflieSession:
-    """A session with the drone. ``flight`` and ``position`` are the newest readings. A repeated row is dropped,
-    and so is one that is older by the robot's own clock."""
+    """Requests to the drone and its reports, over one link. ``flight`` and ``position`` are the newest reports.
+    A report that repeats the previous time, or is older by the drone's clock, is dropped."""
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self.link = link
@@ -36,7 +37,8 @@ class CrazyflieSession:
         self.position: p.Position | None = None
         self._flights, self._positions = Stamps(p.STAMP_WRAP_MS), Stamps(p.STAMP_WRAP_MS)
         self.malformed = 0
-        self._waiting: list[dict[p.Question, bytes | None]] = []  # one for each waiting caller
+        # One table of requests and answers for each waiting caller.
+        self._waiting: list[dict[p.Question, bytes | None]] = []
         self._served = False
         self._news = trio.Event()
 
@@ -44,22 +46,24 @@ class CrazyflieSession:
 
     @property
     def flight_ns(self) -> int:
-        """Return the arrival of ``flight``; 0 if there is no reading."""
+        """Return when the newest ``flight`` arrived, ns; 0 before the first."""
         return self._flights.new_ns
 
     @property
     def position_ns(self) -> int:
-        """Return the arrival of ``position``; 0 if there is no reading."""
+        """Return when the newest ``position`` arrived, ns; 0 before the first."""
         return self._positions.new_ns
 
     @property
     def robot_s(self) -> float:
-        """Return the time of measuring ``flight`` by the robot's own clock, counted from the first row."""
+        """Return the time at which ``flight`` was measured, in seconds since the first report, by the drone's
+        clock."""
         return self._flights.passed / 1e3
 
     @property
     def goes_on(self) -> bool:
-        """Return True if both readings have changed. A first row may be the last one of a stuck log."""
+        """Return True if both reports have changed since the start. A first report alone may be the last one of
+        a log that hangs."""
         return self._flights.goes_on and self._positions.goes_on
 
     async def serve(self) -> None:
@@ -74,12 +78,12 @@ class CrazyflieSession:
             self._served = False
 
     def take_waiting(self) -> None:
-        """Process the packets that have arrived, up to the limit of one turn. Never waits."""
+        """Process the packets that have arrived, up to the limit for one call. Never waits."""
         for packet in self._budget.turn(self.link.read_waiting):
             self._take(packet)
 
     async def news(self, within_s: float) -> None:
-        """Wait for a packet, at most so long."""
+        """Wait until the next packet is processed, for at most ``within_s`` seconds."""
         with trio.move_on_after(within_s):
             if self._served:
                 await self._news.wait()
@@ -91,19 +95,19 @@ class CrazyflieSession:
         return (self._clock.now_ns() - self.flight_ns) / NS if self.flight_ns else math.inf
 
     def repeats(self) -> bool:
-        """Return True if rows arrive, but repeat the same flight."""
+        """Return True if reports still arrive, but with the same time and content."""
         return self._flights.repeats(self._clock.now_ns())
 
     def _take(self, packet: bytes) -> None:
         self._news.set()
         self._news = trio.Event()
         try:
-            row = p.row_of(packet)
+            report = p.report_of(packet)
         except MalformedFrame:
             self.malformed += 1
             return
-        if row is not None:
-            self._note(*row)
+        if report is not None:
+            self._note(*report)
             return
         for answers in self._waiting:
             for question, answer in answers.items():
@@ -120,8 +124,8 @@ class CrazyflieSession:
 
     # -- sending
 
-    async def say(self, *packets: bytes) -> None:
-        """Send packets that have no answer. Raise ``WireDown``."""
+    async def send(self, *packets: bytes) -> None:
+        """Send packets to which the drone gives no answer. Raise ``WireDown``."""
         for packet in packets:
             await self.link.write(packet)
 
@@ -136,21 +140,21 @@ class CrazyflieSession:
         pending request share its answer. Raise ``WireDown``."""
         answers: dict[p.Question, bytes | None] = dict.fromkeys(questions)
         self._waiting.append(answers)
-        asked_s: dict[p.Question, float] = {}
+        sent_s: dict[p.Question, float] = {}
         try:
             with trio.move_on_after(within_s):
                 while missing := [question for question in questions if answers[question] is None][:WINDOW]:
                     now_s = trio.current_time()
                     for question in missing:
-                        if now_s - asked_s.get(question, -math.inf) >= AGAIN_S:
-                            asked_s[question] = now_s
+                        if now_s - sent_s.get(question, -math.inf) >= AGAIN_S:
+                            sent_s[question] = now_s
                             await self.link.write(question.packet, permit)
-                    due_s = min(asked_s[question] for question in missing) + AGAIN_S - now_s
+                    due_s = min(sent_s[question] for question in missing) + AGAIN_S - now_s
                     await self.news(max(SHORTEST_S, due_s))
             return [answers[question] for question in questions]
         finally:
-            # Compare by identity: two callers with the same request have equal entries until one is answered.
-            self._waiting = [other for other in self._waiting if other is not answers]
+            # Compare by identity. Two callers with the same request have equal entries until one is answered.
+            self._waiting = [entry for entry in self._waiting if entry is not answers]
 
     async def supervisor(self, within_s: float) -> p.Bit | None:
         """Return the supervisor's present flags; None if it does not answer. Raise ``WireDown``."""
@@ -164,12 +168,12 @@ class CrazyflieSession:
 HANDSHAKE_S = 3.0
 """Longest time for each answer of the handshake."""
 TABLE_S = 10.0
-"""Longest time to read the table of log variables, some hundred rows."""
+"""Longest time to read the table of log variables, some hundred of them."""
 
 
 async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, object]:
-    """Identify the drone, and start rows of the log: flight every ``period_s``, position ten times a second. Moves
-    nothing. Return facts for ``status``. Raise ``WireDown``."""
+    """Identify the drone, and start its log: a flight report every ``period_s``, a position report ten times a
+    second. Nothing moves. Return facts for ``status``. Raise ``WireDown``."""
     name = session.link.name
     try:
         answer = await session.ask(p.VERSION_QUESTION, HANDSHAKE_S)
@@ -178,11 +182,11 @@ async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, obj
         version = p.version_of(answer)
         if version < p.OLDEST:
             raise WireDown(
-                f"{name}: its firmware speaks CRTP protocol {version}; from {p.OLDEST} on a landing can be "
-                "confirmed. Update the firmware"
+                f"{name}: its firmware speaks CRTP protocol {version}. A landing can be confirmed only "
+                f"from {p.OLDEST} on. Update the firmware"
             )
         firmware = await session.ask(p.FIRMWARE_QUESTION, HANDSHAKE_S)
-        rows = await _start_log(session, name, period_s)
+        variables = await _start_log(session, name, period_s)
     except MalformedFrame as malformed:
         raise WireDown(f"{name}: {malformed}. Is it a Crazyflie?") from None
     with trio.move_on_after(HANDSHAKE_S):
@@ -192,13 +196,14 @@ async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, obj
             "address": name,
             "firmware": p.firmware_of(firmware) if firmware else "",
             "crtp_protocol": version,
-            "log_variables": rows,
+            "log_variables": variables,
         }
-    raise WireDown(f"{name}: its log does not come. Switch it off and on")
+    raise WireDown(f"{name}: no log data arrives. Switch the drone off and on")
 
 
 async def _start_log(session: CrazyflieSession, name: str, period_s: float) -> int:
-    """Start both blocks. Return the number of log variables. Raise ``WireDown`` and ``MalformedFrame``."""
+    """Start the two log blocks. Return the number of variables that the drone can log. Raise ``WireDown`` and
+    ``MalformedFrame``."""
     await _must(session, name, p.LOG_RESET_QUESTION)
     count = p.log_count_of(await _must(session, name, p.LOG_INFO_QUESTION))
     items = await session.ask_all([p.log_item_question(number) for number in range(count)], TABLE_S)
@@ -211,7 +216,7 @@ async def _start_log(session: CrazyflieSession, name: str, period_s: float) -> i
         for question in (p.log_create_question(block, numbers), p.log_start_question(block, every_s)):
             status = p.status_of(await _must(session, name, question))
             if status not in (0, p.EXISTS):
-                raise WireDown(f"{name}: refuses a block of the log (error {status}). Switch it off and on")
+                raise WireDown(f"{name}: the drone refuses a log block (error {status}). Switch it off and on")
     return count
 
 

@@ -1,9 +1,10 @@
-"""The root's stop channel to a Crazyflie. It sends nothing before a stop.
+"""Stop a Crazyflie from the root process, without the process that flies it (the wire). Nothing is sent before
+a stop.
 
-On UDP the drone answers the last sender, so the socket is open and silent until a stop. For a serial line the root
-has a duplicate of the wire's descriptor; if that is dead, it opens the port anew. A radio's dongle belongs to the
-wire process. After its end a separate process opens the dongle, so that the root loads no USB library. Two such
-processes stand ready (``OwnProcess``).
+On UDP the drone sends its answers to the last sender, so the root's socket stays silent until a stop. For a
+serial line the root has a duplicate of the wire's file descriptor. If that is dead, the root opens the port
+again. A radio dongle is open in the wire process. After that process has ended, a separate process opens the
+dongle, so that the root loads no USB library. Two such processes stand ready (``OwnProcess``).
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from .stopping import STOP_S, bring_down
 
 
 class CrazyflieStopChannel(StopChannel):
-    """The stop channel. Its kind depends on the port."""
+    """Stop the drone from the root process. The kind of connection depends on the port."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         endpoint = config.endpoint()
-        kind = _UsbProcess if endpoint.is_usb else _SerialLine if endpoint.kind == "serial" else _OwnLink
-        self._channel: StopChannel = kind(config, descriptors, clock)
+        channel_type = _UsbProcess if endpoint.is_usb else _SerialLine if endpoint.kind == "serial" else _OwnLink
+        self._channel: StopChannel = channel_type(config, descriptors, clock)
 
     @property
     def hosts(self) -> Sequence[str]:
@@ -53,12 +54,12 @@ class CrazyflieStopChannel(StopChannel):
 
 
 def _within(safe_state: SafeState) -> SafeState:
-    """Return ``land`` in place of ``hold``, since no process is left to send a hover."""
+    """Replace ``hold`` by ``land``, because a hover needs a process that keeps sending, and none is left."""
     return SafeState.LAND if safe_state == SafeState.HOLD else safe_state
 
 
 class _OwnLink(StopChannel):
-    """A channel over UDP or TCP, with its own socket."""
+    """A stop channel over UDP or TCP, with its own socket."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
@@ -108,13 +109,13 @@ class _SerialLine(DuplicateDescriptor[CrazyflieConfig, SerialLink]):
             raise WireDown(outcome.detail)
         return outcome.reports(AXES)
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return Outcome(False, False, why).reports(AXES)
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return Outcome(False, False, reason).reports(AXES)
 
 
 class _UsbProcess(OwnProcess[CrazyflieConfig]):
     CHANNEL = f"{__package__}.usb_stop:UsbStop"
     ANSWER_S = STOP_S
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return Outcome(False, False, why).reports(AXES)
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return Outcome(False, False, reason).reports(AXES)

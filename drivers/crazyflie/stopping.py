@@ -1,6 +1,7 @@
-"""Bring a Crazyflie to a safe state that ends its flight. The wire and the root's stop channel use this.
+"""Bring a Crazyflie to a safe state that ends its flight. The process that flies it and the root's stop channel
+use this code.
 
-``land``  the high-level commander lands it, at 0.4 m/s in the mean; motors off on the floor
+``land``  the high-level commander lands it, at 0.4 m/s on average; motors off on the floor
 ``limp``  motors off at once, in any place
 ``off``   motors off at once, and locked until it is switched off and on
 """
@@ -10,9 +11,9 @@ from __future__ import annotations
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import ProcessSpent, WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.stop_steps import repeat_until_safe
 
 from . import protocol as p
 from .config import LANDING_M_S
@@ -43,10 +44,10 @@ FRESH_S = 0.5
 async def bring_down(
     session: CrazyflieSession, safe_state: SafeState, within_s: float = STOP_S, land_s: float | None = None
 ) -> Outcome:
-    """Bring the drone to a safe state that ends its flight, and read back that it is in it.
+    """Bring the drone to a safe state that ends its flight, and check that it has reached that state.
 
-    Never raises. The first frame leaves before the first wait. If the link is lost and has a connection that may be
-    dead, the attempt ends, and the caller opens another link.
+    Never raises. The first frame leaves before the first wait. If a link with a connection is lost, the attempt
+    ends, because that connection may be dead. The caller then opens another link.
 
     Args:
         session: A session with the drone.
@@ -55,64 +56,53 @@ async def bring_down(
         land_s: Duration of a landing; None for the time that the height needs, which the drone knows.
     """
     descent = _Descent(session, safe_state, land_s)
-    detail = "silent"
-    with trio.move_on_after(within_s):
-        while True:
-            try:
-                detail = await descent.step()
-                if not detail:
-                    return Outcome(True, True, "")
-            except (WireDown, ProcessSpent) as failure:
-                detail = str(failure)
-                if not session.link.outlives_a_loss:
-                    break
-            await trio.sleep(LOOK_S)
-    return Outcome(descent.written, descent.acknowledged, detail)
+    return await repeat_until_safe(descent, within_s, LOOK_S, lambda: session.link.outlives_a_loss)
 
 
 def first_frames(safe_state: SafeState) -> tuple[bytes, ...]:
-    """Return the frames that begin a safe state, for a link that may be dead."""
+    """Return the first packets of a stop. They are sent at once, even on a link that may be dead."""
     match safe_state:
         case SafeState.OFF:
             return p.STOP, p.EMERGENCY_STOP
         case SafeState.LAND:
-            # The order matters: ``YIELD`` to a high-level commander without a plan cuts the motors.
+            # The order of these packets matters. ``YIELD`` to a high-level commander without a plan cuts the
+            # motors.
             return p.land_with_velocity(LANDING_M_S), p.YIELD
     return (p.STOP,)
 
 
 class _Descent:
-    """One descent, with all repetitions of its order."""
+    """One stop (``StopSteps``): the safe state to reach, and the order to land with its repetitions."""
 
     def __init__(self, session: CrazyflieSession, safe_state: SafeState, land_s: float | None) -> None:
         self._session = session
         self._safe_state = safe_state
         self._order = p.land_with_velocity(LANDING_M_S) if land_s is None else p.land(land_s)
-        self._taken_s: float | None = None  # when the robot accepted the order to land
+        # When the drone accepted the order to land; None before that.
+        self._accepted_s: float | None = None
         self._refused = False
         self.written = False
         self.acknowledged = False
 
     async def step(self) -> str:
-        """Send the order and read the state. Return why the drone is not safe yet; empty if it is. Raise
-        ``WireDown``."""
-        return await self._say_and_look() or self._contradicted()
+        """Send the order once more and read the drone's state."""
+        return await self._send_and_read() or self._contradicted()
 
     def _contradicted(self) -> str:
-        """Return how the log contradicts an answer that the drone is safe; empty if it does not, or if there
-        is no log.
+        """Compare the answer "the drone is safe" with the reports. Return the contradiction; empty if there is
+        none, or no report.
 
-        Answers have no number, so one may belong to an older request. A row of the log has the robot's time.
+        An answer has no number, so it may belong to an older request. A report has the drone's time.
         """
         session = self._session
         if session.repeats():
-            return "its log stands still"
+            return "the drone's reports do not change"
         flight = session.flight
         if flight is not None and session.age_s() <= FRESH_S and flight.bits.airborne:
-            return "its log shows it in the air"
+            return "the drone's report shows it in the air"
         return ""
 
-    async def _say_and_look(self) -> str:
+    async def _send_and_read(self) -> str:
         match self._safe_state:
             case SafeState.OFF:
                 return await self._lock()
@@ -121,63 +111,66 @@ class _Descent:
         return await self._cut()
 
     async def _lock(self) -> str:
-        await self._say(*first_frames(SafeState.OFF))
-        bits = await self._look()
+        await self._send(*first_frames(SafeState.OFF))
+        bits = await self._read_supervisor()
         if bits is None:
             return "silent"
-        return "" if Bit.LOCKED in bits else "it is not locked"
+        return "" if Bit.LOCKED in bits else "the drone is not locked"
 
     async def _cut(self) -> str:
-        await self._say(p.STOP)
+        await self._send(p.STOP)
         return await self._disarm()
 
     async def _land(self) -> str:
         """Land, then cut the motors on the floor.
 
-        The end of the trajectory counts only after the robot has accepted this order, since an earlier end may be
-        that of another order. The robot itself switches the motors off where the trajectory ends.
+        A finished trajectory counts only after the drone has accepted this order. Before that it may be the
+        trajectory of another order. The robot itself switches the motors off where the trajectory ends.
         """
-        if self._taken_s is None:
-            await self._tell_to_land()
-        bits = await self._look(LANDING_LOOK_S)
+        if self._accepted_s is None:
+            await self._order_landing()
+        bits = await self._read_supervisor(LANDING_LOOK_S)
         if bits is None:
-            if self._taken_s is not None:
-                await self._say(p.YIELD)
+            if self._accepted_s is not None:
+                await self._send(p.YIELD)
             return "silent"
         if not bits.airborne or bits & (Bit.TUMBLED | Bit.LOCKED | Bit.CRASHED):
             return await self._cut()
         flies = Bit.HIGH_LEVEL_ACTIVE in bits
-        if self._refused and flies and self._taken_s is None:
-            self._take()  # A landing drone refuses a new order to land.
-        if self._taken_s is None:
-            return self._unlanded()
+        if self._refused and flies and self._accepted_s is None:
+            # A refusal also means acceptance here: a landing drone refuses a new order to land.
+            self._accept()
+        if self._accepted_s is None:
+            return self._reason_not_landing()
         if flies:
-            await self._say(p.YIELD)  # If the last YIELD was lost, the last setpoint is still in force.
-        if trio.current_time() - self._taken_s < NOTICED_S:
-            return self._unlanded() if self._refused else "still in the air"
+            # Repeat YIELD. If the last one was lost, the drone still obeys the last setpoint.
+            await self._send(p.YIELD)
+        if trio.current_time() - self._accepted_s < NOTICED_S:
+            return self._reason_not_landing() if self._refused else "still in the air"
         over = Bit.TRAJECTORY_FINISHED in bits and Bit.HIGH_LEVEL_DISABLED not in bits
         if over and self._is_down():
             return await self._cut()
         if flies == over:
-            # No landing is flown, and none has ended. A late setpoint was obeyed instead, or the drone hovers by an
-            # earlier order.
-            self._taken_s = None
-            return self._unlanded()
+            # No landing is under way, and no landing has finished. The drone obeyed a late setpoint instead, or it
+            # hovers by an earlier order.
+            self._accepted_s = None
+            return self._reason_not_landing()
         return "still in the air"
 
-    async def _tell_to_land(self) -> None:
-        """Send the order to land, then ``YIELD`` once it is answered.
+    async def _order_landing(self) -> None:
+        """Send the order to land. Send ``YIELD`` after the answer: it hands control from setpoints to the
+        high-level commander.
 
-        ``YIELD`` to a high-level commander without a plan cuts the motors, so it must not come earlier. It must
-        not come much later, either, because the plan advances while the last setpoint is obeyed. A drone that
-        does not answer may have received the order. It gets ``YIELD``, too, and right after that the order again,
-        which repairs a ``YIELD`` without a plan.
+        ``YIELD`` to a high-level commander without a plan cuts the motors, so it must not arrive before the
+        order. It must not arrive much later either, because the last setpoint stays in force while the plan
+        already runs. A drone that does not answer may still have received the order. It gets ``YIELD``, too,
+        and right after that the order again, which repairs a ``YIELD`` without a plan.
         """
         question = p.landing_question(self._order)
         answer = await self._session.ask(question, YIELD_S)
         self.written = True
         if answer is None:
-            await self._say(p.YIELD)
+            await self._send(p.YIELD)
             answer = await self._session.ask(question, ANSWER_S)
         try:
             status = None if answer is None else p.landing_status_of(answer)
@@ -185,14 +178,15 @@ class _Descent:
             status = None
         self._refused = bool(status)
         if status == 0:
-            self._take()
-            await self._say(p.YIELD, p.YIELD)  # twice, since it has no answer
+            self._accept()
+            # Send it twice, because the drone does not acknowledge it.
+            await self._send(p.YIELD, p.YIELD)
 
-    def _unlanded(self) -> str:
-        return "it refuses to land" if self._refused else "it does not land"
+    def _reason_not_landing(self) -> str:
+        return "the drone refuses to land" if self._refused else "the drone does not land"
 
-    def _take(self) -> None:
-        self._taken_s = trio.current_time()
+    def _accept(self) -> None:
+        self._accepted_s = trio.current_time()
         self.acknowledged = True
 
     def _is_down(self) -> bool:
@@ -200,25 +194,25 @@ class _Descent:
         return flight is not None and self._session.age_s() <= FRESH_S and flight.z_m <= FLOOR_M
 
     async def _disarm(self) -> str:
-        """Disarm the drone, which switches its motors off. A drone that arms by itself counts as flying for a
-        while."""
+        """Disarm the drone, which switches its motors off. A drone that arms by itself reports for a while that
+        it flies."""
         answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)
         try:
             if answer is not None and not p.is_armed(answer):
                 self.acknowledged = True
                 return ""
         except MalformedFrame:
-            return "what it answers is damaged"
-        bits = await self._look()
+            return "the drone's answer is damaged"
+        bits = await self._read_supervisor()
         if bits is None:
             return "silent"
-        return "its motors are not off" if bits.airborne else ""
+        return "the motors are not off" if bits.airborne else ""
 
-    async def _say(self, *packets: bytes) -> None:
-        await self._session.say(*packets)
+    async def _send(self, *packets: bytes) -> None:
+        await self._session.send(*packets)
         self.written = True
 
-    async def _look(self, within_s: float = ANSWER_S) -> Bit | None:
+    async def _read_supervisor(self, within_s: float = ANSWER_S) -> Bit | None:
         bits = await self._session.supervisor(within_s)
         self.acknowledged = self.acknowledged or bits is not None
         return bits

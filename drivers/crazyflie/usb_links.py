@@ -1,9 +1,11 @@
-"""Links over USB, by pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. They were never used on hardware.
+"""Links over USB, with pyusb: a Crazyradio dongle, and a Crazyflie's own USB port. They were never used on
+hardware.
 
-This module is loaded only in a process that may be killed, since a call of libusb cannot be cancelled. Each packet
-is one transaction, in a thread and with a deadline. A sender waits for the present transaction, and then checks
-its permit. A robot on a radio only answers, so ``read`` polls it a hundred times a second with packets without
-content. These are not setpoints, and the firmware's watchdog ignores them.
+This module is loaded only in a process that may be killed, because a call of libusb cannot be cancelled. Each
+packet is one transaction, in a thread and with a deadline. A sender waits until the running transaction ends,
+and checks only then whether its packet may still be sent. A drone on a radio sends only answers, so ``read``
+polls it a hundred times a second with empty packets. These are not setpoints, and the firmware's watchdog
+ignores them.
 """
 
 from __future__ import annotations
@@ -45,8 +47,8 @@ POLL_S = 0.01
 
 
 class UsbLink(Link):
-    """A link of either kind. A radio (``is_radio``) answers each packet with an acknowledgement, with or without
-    data."""
+    """A link over USB: a radio dongle (``is_radio``) or the drone's own port. A radio answers each packet with
+    an acknowledgement, which may contain data."""
 
     prompt: ClassVar[bool] = False  # type: ignore[misc]  # an instance attribute elsewhere
 
@@ -71,7 +73,7 @@ class UsbLink(Link):
         self._take(received)
 
     def _transfer(self, packet: bytes) -> bytes | str:
-        """Send a packet, and return the device's data; a text if the device is gone. Runs in a thread."""
+        """Send a packet and return the device's answer, or a text if the device is gone. Runs in a thread."""
         try:
             if packet:
                 self._device.write(OUT, packet, TRANSFER_MS)
@@ -115,7 +117,7 @@ _TIMEOUTS = (110, 60)
 
 
 async def open_usb_link(endpoint: Endpoint) -> Link:
-    """Open a radio or a drone, without sending a packet. Raise ``WireDown``."""
+    """Open a radio dongle or a drone on USB, without sending a packet. Raise ``WireDown``."""
     core = load_sdk("usb.core", INSTALL)
     name = f"radio://{endpoint.number}" if endpoint.kind == "radio" else f"usb://{endpoint.number}"
     calls = SdkCalls("pyusb", (OSError,))
@@ -126,13 +128,13 @@ async def open_usb_link(endpoint: Endpoint) -> Link:
 
 
 def _open(core: Any, endpoint: Endpoint) -> Any:
-    """Return the configured device, or a text with the reason of a failure. Runs in a thread."""
+    """Return the configured USB device, or a text with the reason of a failure. Runs in a thread."""
     vendor, product = RADIO_ID if endpoint.kind == "radio" else DRONE_ID
-    what = "Crazyradio" if endpoint.kind == "radio" else "Crazyflie"
+    device_name = "Crazyradio" if endpoint.kind == "radio" else "Crazyflie"
     try:
         devices = list(core.find(find_all=True, idVendor=vendor, idProduct=product))
         if endpoint.number >= len(devices):
-            return f"there are {len(devices)} of {what} on USB. Plug it in, or give another number"
+            return f"USB has {len(devices)} of {device_name}. Plug the device in, or give another number"
         device = devices[endpoint.number]
         device.set_configuration(1)
         if endpoint.kind == "usb":
@@ -151,6 +153,6 @@ def _open(core: Any, endpoint: Endpoint) -> Any:
             device.ctrl_transfer(VENDOR_OUT, request, value, 0, data)
         return device
     except core.NoBackendError:
-        return "libusb is not there. Install it: apt-get install libusb-1.0-0"
+        return "libusb is not installed. Install it: apt-get install libusb-1.0-0"
     except core.USBError as error:
-        return f"cannot be opened ({error}). Look who else has it, and the udev rules of USB devices"
+        return f"cannot be opened ({error}). Check which program has it open, and the udev rules of USB devices"

@@ -1,5 +1,5 @@
-"""Stop a Crazyflie by its radio or USB, in a separate process. It opens the device after the end of the wire
-process, which releases the device."""
+"""Stop a Crazyflie by its radio or USB, in a separate process. The process opens the device after the process
+that flew the drone has ended and thereby released it."""
 
 from __future__ import annotations
 
@@ -33,4 +33,4 @@ class UsbStop(StopChannel):
             return Outcome(False, False, str(failure)).reports(AXES)
 
     def close(self) -> None:
-        """Do nothing, since the device is open only during a stop."""
+        """Do nothing, because the device is open only during a stop."""

@@ -1,8 +1,8 @@
-"""The wire of a Crazyflie, in the wire process.
+"""Fly a Crazyflie. This module runs in the wire process, the only process that sends setpoints.
 
-A setpoint leaves when it is accepted, and is repeated while it is in force. A hover is repeated while gate and
-transport reply (``feed``). Nothing else is repeated, so that the firmware's watchdog of 0.5 s and 2 s covers a
-failure of any of our processes. Takeoff is a service: neither opening nor arming starts a motor.
+A setpoint is sent when it is accepted, and repeated while it is in force. A hover is repeated only while the
+driver's own tasks still respond (``feed``). Nothing else is repeated. The firmware's watchdog (0.5 s and 2 s)
+therefore acts if any of our processes fails. Takeoff is a service: neither opening nor arming starts a motor.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         endpoint = self._config.endpoint()
         if not endpoint.is_usb:
             return await open_link(endpoint)
-        from .usb_links import open_usb_link  # It loads pyusb, which other links do not need.
+        # Import pyusb only for the links that need it.
+        from .usb_links import open_usb_link
 
         return await open_usb_link(endpoint)
 
@@ -88,8 +89,8 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         session.take_waiting()
         silent_s = session.age_s()
         if silent_s > self._config.silent_s:
-            what = "'s log stands still" if session.repeats() else " is silent"
-            raise WireDown(f"read: {session.link.name}{what} for {silent_s:.1f} s. Check radio and power")
+            problem = " repeats one report" if session.repeats() else " is silent"
+            raise WireDown(f"read: {session.link.name}{problem} for {silent_s:.1f} s. Check radio and power")
         return self._observation(session)
 
     def handover(self) -> Sequence[int]:
@@ -109,18 +110,18 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         bits = await session.supervisor(ARM_S)
         permit.check()
         if bits is None:
-            raise WireDown("arm: no answer of its supervisor. Check radio and power")
+            raise WireDown("arm: the drone's supervisor does not answer. Check radio and power")
         if Bit.LOCKED in bits:
-            raise WireDown("arm: it is locked after an emergency stop. Switch it off and on")
+            raise WireDown("arm: the drone is locked after an emergency stop. Switch it off and on")
         if bits.airborne:
-            raise WireDown("arm: it is in the air. Wait until it stands on the floor")
+            raise WireDown("arm: the drone is in the air. Wait until it stands on the floor")
         self._is_armed = True
         return await self.read()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self.session
         if not self._is_armed:
-            raise PermitDenied("it was made safe since")
+            raise PermitDenied("the drone was stopped in the meantime")
         vx, vy, vz, wz = values[VX], values[VY], values[VZ], values[WZ]
         by_height = bool(values[Z + 1])
         packet = p.hover(vx, vy, wz, values[Z]) if by_height else p.velocity(vx, vy, vz, wz)
@@ -134,7 +135,8 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         now_ns = self._clock.now_ns()
         flight = session.flight
         if flight is not None and not flight.bits.airborne and session.robot_s > hover.risen_s:
-            self._hover = None  # The drone lies on the floor, and a hover must not start its motors.
+            # The drone lies on the floor. A hover would start its motors.
+            self._hover = None
             return
         await session.link.write(hover.packet(now_ns))
 
@@ -146,21 +148,22 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             self._is_armed = False
             return NOT_CONNECTED.reports(AXES)
         if safe_state == SafeState.HOLD:
-            with contextlib.suppress(WireDown):  # The next write reports a lost link.
+            # Ignore a lost link here. The next write reports it.
+            with contextlib.suppress(WireDown):
                 session.take_waiting()
             flight = self._fresh_flight(session)
             if flight is not None and flight.bits.airborne:
                 return await self._hover_at(session, flight.z_m)
-            # On the floor no hover is sent, since that would start the motors.
+            # Send no hover on the floor, because it would start the motors.
             if flight is None:
-                self.hold_failed = "the drone is not heard"
-        # On the floor the drone stays armed for commands, with motors off.
+                self.hold_failed = "no report of the drone arrives"
+        # On the floor the drone stays ready for commands, with its motors off.
         self._is_armed = safe_state == SafeState.HOLD and not self.hold_failed
-        within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
-        return (await bring_down(session, within)).reports(AXES)
+        end_state = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
+        return (await bring_down(session, end_state)).reports(AXES)
 
     async def _hover_at(self, session: CrazyflieSession, height_m: float) -> tuple[MotorReport, ...]:
-        """Hover at the present place, at a permitted height."""
+        """Hover at the present place. ``height_m`` is limited to the permitted heights."""
         low, high = self._config.z_m
         height_m = max(low, min(high, height_m))
         hover = Hover(self._clock.now_ns(), height_m)
@@ -172,22 +175,22 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         return Outcome(True, True, "").reports(AXES, targets=(0.0, 0.0, 0.0, 0.0, height_m))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop without a working link. UDP keeps its open socket. Other links get the first frames once and are
-        closed, since a lost one may be dead and would keep another from opening. Then a new one is opened."""
-        within = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
+        """Stop the drone after its link was lost. A UDP socket stays in use. Any other link gets the first
+        packets once and is closed, because it may be dead and would block a new one. Then a new link is opened."""
+        end_state = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         session, self._hover, self._is_armed = self.session_or_none, None, False
         if session is not None and session.link.outlives_a_loss:
-            return (await bring_down(session, within)).reports(AXES)
+            return (await bring_down(session, end_state)).reports(AXES)
         if session is not None:
             with contextlib.suppress(WireDown, ProcessSpent):
-                await session.say(*first_frames(within))
+                await session.send(*first_frames(end_state))
             self.close()
         try:
             link = await self._open_link()
         except (WireDown, ProcessSpent) as failure:
             return Outcome(False, False, str(failure)).reports(AXES)
         try:
-            return (await bring_down(CrazyflieSession(link, self._clock), within)).reports(AXES)
+            return (await bring_down(CrazyflieSession(link, self._clock), end_state)).reports(AXES)
         finally:
             link.close()
 
@@ -201,32 +204,36 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             return await self._take_off(height_m, float(arguments.get("duration", TAKEOFF_S)), permit)
         if service == "land":
             return await self._land(float(arguments.get("duration", LAND_S)), permit)
-        return Refused(CrazyflieCode.STOP, "it is an order to stop, no service", "ask for a stop")
+        return Refused(
+            CrazyflieCode.STOP, "this is an order to stop, not a service", "call stop() or emergency_stop()"
+        )
 
     async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
-        asked_ns = self._clock.now_ns()
+        requested_ns = self._clock.now_ns()
         bits = await session.supervisor(ARM_S)
         refusal = takeoff_refusal(bits, self._observation(session).sensors, self._config.battery_v)
         if refusal is not None:
             return refusal
         flight = self._fresh_flight(session)
         if flight is None:
-            why, limit = "its height is not known", f"{self._config.fresh_s:g} s"
-            return Refused(Code.STALE, why, "check radio and power", f"{session.age_s():.1f}", limit)
+            reason, limit = "the drone's height is not known", f"{self._config.fresh_s:g} s"
+            return Refused(Code.STALE, reason, "check radio and power", f"{session.age_s():.1f}", limit)
         permit.check()
         if bits is None or not bits.airborne:
             answer = await session.ask(p.ARM_QUESTION, ARM_S, permit)
             if answer is None or not _says_armed(answer):
-                await session.say(p.STOP, p.DISARM)
-                return Refused(Code.NOT_ARMED, "arming not confirmed; motors stay off", "look at the drone")
+                await session.send(p.STOP, p.DISARM)
+                return Refused(
+                    Code.NOT_ARMED, "the drone did not confirm arming, so its motors stay off", "check the drone"
+                )
             permit.check()
-        # The rise is not faster than a command may request.
+        # Rise no faster than a command may request.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
-        # The newest row was older than its arrival suggests, and the first hover arrives later than it is sent.
-        # Together that is at most the time of a request and its answer.
+        # The newest report is older than its arrival suggests, and the first hover arrives later than it is sent.
+        # Both delays together are at most the time between a request and its answer.
         began_ns = self._clock.now_ns()
-        late_s = session.age_s() + (began_ns - asked_ns) / NS
+        late_s = session.age_s() + (began_ns - requested_ns) / NS
         self._hover = Hover(began_ns, height_m, flight.z_m, duration_s, session.robot_s + late_s + duration_s)
         with trio.move_on_after(duration_s + RISE_S):
             while not self._is_up(session, height_m):
@@ -235,17 +242,18 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             return {"height": round(self._height_m(session), 3), "duration": round(duration_s, 2)}
         does_not_fly, self._hover = self._hover is None, None
         outcome = await bring_down(session, SafeState.LAND)
-        landed = "it does not fly" if does_not_fly else "it was landed"
+        landed = "the drone does not fly" if does_not_fly else "the drone was landed"
         if outcome.detail:
             landed = f"not landed: {outcome.detail}"
-        return Refused(CrazyflieCode.TAKEOFF, f"it is not at {height_m:g} m; {landed}", "look at the drone")
+        return Refused(CrazyflieCode.TAKEOFF, f"takeoff did not reach {height_m:g} m; {landed}", "check the drone")
 
     async def _land(self, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
         permit.check()
         self._hover = None
         flight = self._fresh_flight(session)
-        if flight is None:  # A landing is not refused for that, since the drone knows its height.
+        # Without a fresh report, land all the same, because the drone knows its height.
+        if flight is None:
             outcome = await bring_down(session, SafeState.LAND)
             took = {"velocity": LANDING_M_S}
         else:
@@ -273,7 +281,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
     def _observation(self, session: CrazyflieSession) -> Observation:
         flight, position = session.flight, session.position
         if flight is None or position is None:
-            raise WireDown("read: nothing was read yet. Check radio and power")
+            raise WireDown("read: no report of the drone has arrived yet. Check radio and power")
         hover = self._hover
         hover_s = 0.0 if hover is None else hover.still_s(self._clock.now_ns())
         axes = (*flight.velocity_m_s, flight.wz_rad_s, flight.z_m)

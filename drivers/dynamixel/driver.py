@@ -32,7 +32,7 @@ class Dynamixel(ServoDriver):
     MAX_OFFSET: ClassVar[int] = 1_044_479
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {"koch": ("koch_follower",)}
     SETUP: ClassVar[str] = "strands_actors.drivers.common.dynamixel.setup:DynamixelSetup"
-    HOST_INVERTS: ClassVar[bool] = False  # the servo itself inverts, by its drive mode register
+    HOST_INVERTS: ClassVar[bool] = False  # the servo itself inverts its direction, by its drive mode register
     FAULT_CODES: ClassVar[Mapping[str, MotorCode]] = FAULT_CODES
 
     firmware_watchdog = (

@@ -1,4 +1,4 @@
-"""Leader arms of Dynamixel servos: koch_leader."""
+"""Drive arms of Dynamixel X-series servos over Protocol 2.0. The robot is koch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The twin of an arm of Dynamixel servos."""
+"""Simulate an arm of Dynamixel servos behind its real serial protocol."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from .robots import LEADERS, TABLES
 class DynamixelBus(twin.DynamixelBus):
     @classmethod
     def for_robot(cls, robot: str, now_s: Callable[[], float] = time.monotonic) -> DynamixelBus:
-        """Return the bus of one robot of ``robots.toml``, or of a leader."""
+        """Return the simulated servo bus of a robot of ``robots.toml``, or of a leader arm."""
         return cls.of_table((LEADERS if robot in LEADERS.robots else TABLES).table(robot), now_s)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
     serve(DynamixelBus.for_robot(robot), read_twin_options(robot, BusOptions, options), **start)

@@ -1,7 +1,8 @@
-"""Read pictures of the rover's cameras from the service, outside the robot's tree. A camera process
-(``cameras={"front": {}}``) uses this, and any program may.
+"""Read pictures of the rover's cameras from the HTTP service of the vendor's SDK process.
 
-Pictures are larger than messages between actors, and no request for one moves the robot.
+The process of a camera (``cameras={"front": {}}``) uses this module, and any other program may use it, too.
+Pictures do not pass through the messages of the robot's processes, because they are too large for these. A request
+for a picture never moves the robot.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["open_camera", "picture", "take_picture"]
 
 PICTURE_S = 2.0
-"""Longest time for a picture, and for a new one after the last."""
+"""Longest time for one request, and for a picture that differs from the last one."""
 PICTURE_SIZE = 4 << 20
 """Largest answer in bytes: a JPEG in base64."""
 AGAIN_S = 0.02
@@ -39,15 +40,15 @@ async def picture(port: str, view: str = "front") -> Picture:
     """Return the present picture of a camera.
 
     Args:
-        port: Address of the service.
+        port: Address of the SDK process, ``host`` or ``host:port``.
         view: ``front`` or ``rear``.
 
     Raises:
-        ValueError: There is no such view.
-        WireDown: There is no picture.
+        ValueError: ``view`` is neither of these.
+        WireDown: The SDK process gave no picture.
     """
     if view not in PICTURES:
-        raise ValueError(f"picture: no camera {view!r}. Use {' or '.join(PICTURES)}")
+        raise ValueError(f"picture: there is no camera {view!r}. Use {' or '.join(PICTURES)}")
     client = _client(port)
     try:
         return await _ask(client, view)
@@ -56,45 +57,47 @@ async def picture(port: str, view: str = "front") -> Picture:
 
 
 def take_picture(port: str, view: str = "front") -> Picture:
-    """Return a picture as ``picture`` does, for a script without a trio loop."""
+    """Return a picture as ``picture`` does, for a script without a trio event loop."""
     return trio.run(picture, port, view)
 
 
 class RoverCamera:
-    """One camera of the rover, polled on one connection."""
+    """One camera of the rover. It requests pictures again and again over one connection."""
 
     paced = False
 
     def __init__(self, client: HttpPort, view: str) -> None:
         self._client = client
         self._view = view
-        self._stamp_s: float | None = None  # None before the first picture
+        self._stamp_s: float | None = None  # the rover's time of the last picture; None before the first one
 
     async def read(self) -> contract.Picture:
         """Return a picture that differs from the last one.
 
-        Its time is that of the request, since the rover's clock is not ours; it may have been taken earlier.
-        The first picture is dropped. A service that has stopped repeats its last one for ever, and a new
-        camera would take that for a new one.
+        The time of the picture is the time of our request, since the rover's clock cannot be compared with ours.
+        The picture itself may be older. The first picture is dropped, since a service without new pictures repeats
+        its last one for ever. Only a second, different picture shows that new ones come.
         """
         with trio.move_on_after(PICTURE_S):
             while True:
-                asked_ns = time.monotonic_ns()
+                requested_ns = time.monotonic_ns()
                 answer = await _ask(self._client, self._view)
                 before_s, self._stamp_s = self._stamp_s, answer.stamp_s
                 if math.isnan(answer.stamp_s) or (before_s is not None and answer.stamp_s != before_s):
-                    return contract.Picture(await trio.to_thread.run_sync(_pixels, answer.jpeg), asked_ns)
+                    return contract.Picture(await trio.to_thread.run_sync(_pixels, answer.jpeg), requested_ns)
                 await trio.sleep(AGAIN_S)
-        raise WireDown(f"picture: the {self._view} camera gives the same one again. Look at the SDK process")
+        raise WireDown(
+            f"picture: the {self._view} camera repeats its last picture. Check the rover and the SDK process"
+        )
 
     async def aclose(self) -> None:
         self._client.close()
 
 
 async def open_camera(settings: contract.CameraSettings) -> RoverCamera:
-    """Open a camera. Raise ``WireDown`` if the decoder of pictures is not installed."""
-    if why := missing("cameras", "a picture of the rover"):
-        raise WireDown(why)
+    """Open a camera. Raise ``WireDown`` if OpenCV, which decodes the pictures, is not installed."""
+    if problem := missing("cameras", "a picture of the rover"):
+        raise WireDown(problem)
     return RoverCamera(_client(settings.port), settings.view)
 
 
@@ -108,11 +111,13 @@ async def _ask(client: HttpPort, view: str) -> Picture:
     if answer.status == NOT_FOUND:
         raise WireDown(f"picture: this rover has no {view} camera")
     if answer.status != OK:
-        raise WireDown(f"picture: status {answer.status}. Look at the SDK process")
+        raise WireDown(f"picture: the SDK process answered with HTTP status {answer.status}. Check the SDK process")
     try:
         return decode_picture(answer.body, view)
     except MalformedFrame as malformed:
-        raise WireDown(f"picture: {malformed}. Look at the SDK process") from None
+        raise WireDown(
+            f"picture: the answer of the SDK process is invalid ({malformed}). Check its version"
+        ) from None
 
 
 def _pixels(jpeg: bytes) -> NDArray[numpy.uint8]:
@@ -121,6 +126,6 @@ def _pixels(jpeg: bytes) -> NDArray[numpy.uint8]:
 
     image = cv2.imdecode(numpy.frombuffer(jpeg, numpy.uint8), cv2.IMREAD_COLOR)
     if image is None:
-        raise WireDown("picture: it is no JPEG that can be decoded. Look at the SDK process")
+        raise WireDown("picture: the SDK process sent data that is no JPEG. Check its version")
     rgb: NDArray[numpy.uint8] = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     return rgb

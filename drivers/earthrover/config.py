@@ -1,4 +1,4 @@
-"""The configuration that the wire and the stop channel of a rover share."""
+"""The settings that the wire process and the root's stop channel of a rover share."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from strands_actors.drivers.common.ports.http_port import HttpPort
 from .protocol import PORT
 
 REPORT_OLD_S = 2.0
-"""A report with an older stamp does not count. Rows in the vendor's example of one report span about a
-second. So a rover may report that rarely, and the service repeats the last report until the next one
-[assumed]."""
+"""A report that arrived longer ago than this is not used, in seconds. In the vendor's example the rows of one
+report span about a second. So a rover may report only once a second, and the service repeats the last report
+until the next one [assumed]."""
 
 
 class EarthRoverConfig(msgspec.Struct, frozen=True):
@@ -28,7 +28,7 @@ class EarthRoverConfig(msgspec.Struct, frozen=True):
         return parse_web_address(self.port, PORT, "the SDK process")
 
     def open_port(self) -> HttpPort:
-        """Return a port to the service, not yet connected. Raise ``WireDown`` for an invalid address."""
+        """Return an HTTP connection that is not open yet. Raise ``WireDown`` for an invalid address."""
         try:
             return HttpPort(*self.address())
         except ValueError as error:

@@ -1,9 +1,11 @@
-"""Declare the FrodoBots EarthRover Mini, through the HTTP service of the vendor's SDK process.
+"""Declare the FrodoBots EarthRover Mini, which is driven through the HTTP service of the vendor's SDK process.
 
-The safe state is zero for every reason: the wheels stand, and the lamp keeps its state. The service
-answers when it has forwarded a command, not when the rover has received it. So zero is repeated until
-newer reports show speed 0 for a second. A command lives 300 ms. After that a new one may continue; after a
-stop only ``resume()`` permits one.
+The safe state is zero for every reason: the wheels stop, and the lamp keeps its state. The service confirms a
+command when it has forwarded it, not when the rover has received it. So the stop command is repeated until the
+rover's later reports show speed 0 for a second.
+
+A command ends after 300 ms. Then the next command may move the rover again. After a stop, only ``resume()``
+permits the next command.
 """
 
 from __future__ import annotations
@@ -35,10 +37,10 @@ _SPEED = {"type": "number", "minimum": -1, "maximum": 1}
 
 class EarthRoverOptions(DriverOptions, frozen=True):
     timeout_s: Annotated[
-        float, option("seconds within which the service must tell its first data", gt=0, le=60)
+        float, option("longest time until the SDK process sends its first data, in seconds", gt=0, le=60)
     ] = 10.0
     turn_sign: Annotated[
-        float, option("1.0, or -1.0 for a rover that turns right for a positive angular", ge=-1, le=1)
+        float, option("1.0, or -1.0 for a rover that turns right at a positive ``angular``", ge=-1, le=1)
     ] = 1.0
 
 
@@ -93,12 +95,14 @@ class EarthRover(Driver):
     unit = "fractions of full speed, -1 to 1 (lamp: lit from 0.5 on)"
     timing = Timing(
         control_hz=10.0,
-        keepalive_s=0.1,  # the SDK process stops the rover by itself after 3 s without a command
+        # Re-send often: the SDK process stops the rover after 3 s without a command.
+        keepalive_s=0.1,
         stream_ttl_s=LIFETIME_S,
         oneshot_ttl_s=LIFETIME_S,
         state_ttl_s=REPORT_OLD_S,
         call_s=0.8,
-        safe_s=3.0,  # until a stop is confirmed; zero leaves at once
+        # Longest time until a stop is confirmed. The stop command itself is sent at once.
+        safe_s=3.0,
     )
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.ZERO)
     firmware_watchdog = (
@@ -110,7 +114,9 @@ class EarthRover(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         read = read_options(robot, EarthRoverOptions, options)
         if abs(read.turn_sign) != 1.0:
-            raise ValueError(f"{robot}: turn_sign is {read.turn_sign!r}. Give 1.0 or -1.0")
+            raise ValueError(
+                f"{robot}: turn_sign is {read.turn_sign!r}. Give 1.0, or -1.0 if the rover turns the wrong way"
+            )
         return plain(read)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Simulate the rover behind its twin's service: a base in the plane that follows its last command."""
+"""Simulate the motion of the rover: a base in the plane that follows its last command."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 
 _STEP_S = 0.01
 _LONGEST_S = 0.25
@@ -18,7 +18,8 @@ _FULL_RPM = 100.0
 
 
 class Rover:
-    """The rover. The SDK process sends zero after ``watchdog_s`` without a command; 0 for never."""
+    """The simulated rover. After ``watchdog_s`` seconds without a command it gets a zero command, as from the
+    vendor's SDK process. ``watchdog_s`` 0 switches this off."""
 
     def __init__(self, table: Mapping[str, Any], watchdog_s: float, now_s: Callable[[], float]) -> None:
         self._full = float(table["full_m_s"]), float(table["full_rad_s"])
@@ -26,39 +27,39 @@ class Rover:
         self._report_s = float(table["report_s"])
         self._watchdog_s = watchdog_s
         self._now_s = now_s
-        self._seen_s = now_s()
+        self._simulated_s = now_s()
         self.time_s = 0.0
         self.reset()
 
     def reset(self) -> None:
         """Put the rover where it began, at rest."""
-        self.hand = Hand.NONE
-        self.told = (0.0, 0.0)  # fractions of full speed
+        self.commander = Commander.NONE
+        self.commanded = (0.0, 0.0)  # commanded speeds, as fractions of full speed
         self.lamp = 0.0
-        self.runs = (0.0, 0.0)  # present speed, in the same unit
+        self.runs = (0.0, 0.0)  # present speeds, as fractions of full speed
         self.x_m = self.y_m = self.heading_rad = 0.0
         self.stuck = False
-        self._told_s = self._now_s()
+        self._commanded_s = self._now_s()
         self._report()
 
-    def tell(self, linear: float, angular: float, lamp: float, hand: Hand) -> None:
-        """Take a command, from the wire or from the simulation."""
+    def tell(self, linear: float, angular: float, lamp: float, commander: Commander) -> None:
+        """Set a new command, from a client of the wire protocol or from the simulation (``commander``)."""
         self.pass_time()
-        self.told, self.lamp = (linear, angular), lamp
-        self._told_s = self._now_s()
-        self.hand = hand
+        self.commanded, self.lamp = (linear, angular), lamp
+        self._commanded_s = self._now_s()
+        self.commander = commander
 
     def pass_time(self) -> None:
-        """Advance to the present time."""
+        """Simulate the time that has passed since the last call."""
         now_s = self._now_s()
-        passed_s, self._seen_s = now_s - self._seen_s, now_s
-        overdue = self._watchdog_s and now_s - self._told_s > self._watchdog_s
-        if overdue and self.hand is Hand.WIRE:
-            self.told, self.hand = (0.0, 0.0), Hand.NONE
+        passed_s, self._simulated_s = now_s - self._simulated_s, now_s
+        overdue = self._watchdog_s and now_s - self._commanded_s > self._watchdog_s
+        if overdue and self.commander is Commander.WIRE:
+            self.commanded, self.commander = (0.0, 0.0), Commander.NONE
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
-        """Advance by so many seconds."""
+        """Simulate this number of seconds."""
         while seconds > 0:
             step_s = min(seconds, _STEP_S)
             seconds -= step_s
@@ -67,7 +68,7 @@ class Rover:
     def _step(self, step_s: float) -> None:
         self.time_s += step_s
         most = step_s / self._ramp_s
-        goals = (0.0, 0.0) if self.stuck else self.told
+        goals = (0.0, 0.0) if self.stuck else self.commanded
         self.runs = (_towards(self.runs[0], goals[0], most), _towards(self.runs[1], goals[1], most))
         linear_m_s, angular_rad_s = (run * full for run, full in zip(self.runs, self._full, strict=True))
         self.heading_rad += angular_rad_s * step_s
@@ -77,12 +78,13 @@ class Rover:
             self._report()
 
     def _report(self) -> None:
-        """Make the report that the SDK process repeats until the next one."""
+        """Note the present speeds and heading. The SDK process sends this report until the next one."""
         self.reported_s = self.time_s
         linear, angular = self.runs
-        self.reported_speed = abs(linear)  # 0 for a rover that turns on the spot
-        left, right = (_FULL_RPM * (linear + side * angular) for side in (-1, 1))
-        self.reported_rpms = (left, right, left, right)
+        # Only the forward speed is reported, so a rover that turns on the spot reports 0.
+        self.reported_speed = abs(linear)
+        left_rpm, right_rpm = (_FULL_RPM * (linear + side * angular) for side in (-1, 1))
+        self.reported_rpms = (left_rpm, right_rpm, left_rpm, right_rpm)
         self.reported_heading_deg = math.degrees(-self.heading_rad) % 360.0
 
 

@@ -1,7 +1,7 @@
 """Encode and decode the JSON bodies of the EarthRover's SDK process. Pure: no I/O.
 
-A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``). For the service they are
-equal, but the log of the wire can tell a stop from a setpoint of zero.
+A stop command has whole numbers (``0``), a setpoint has fractions (``0.0``). The service treats both alike. The
+log of sent frames uses the difference to mark stops.
 """
 
 from __future__ import annotations
@@ -36,29 +36,31 @@ _JSON = msgspec.json.Decoder()
 
 
 class Data(msgspec.Struct, frozen=True):
-    """One answer to ``GET /data``. A value that the rover does not report is NaN."""
+    """One decoded answer to ``GET /data``. A value that the rover does not report is NaN."""
 
-    stamp_s: float  # the rover's clock
-    speed: float  # unit not documented
+    stamp_s: float  # time of the report on the rover's clock, in seconds
+    speed: float  # speed of the rover; unit not documented
     battery_pct: float
     signal_level: float
     heading_deg: float
-    latitude_deg: float  # NaN without a fix
+    # NaN without a GPS fix.
+    latitude_deg: float
     longitude_deg: float
     lamp: float
     vibration: float
-    vectors: dict[str, tuple[float, ...]]  # the newest row of each, without its time; units not documented
+    # Newest row of each sensor in ``_VECTORS``, without its time; units not documented.
+    vectors: dict[str, tuple[float, ...]]
 
 
 class Picture(msgspec.Struct, frozen=True):
     """A picture of one camera."""
 
     jpeg: bytes
-    stamp_s: float  # the rover's clock; NaN if it is not reported
+    stamp_s: float  # time of the picture on the rover's clock, in seconds; NaN if the rover does not report it
 
 
 def decode_picture(body: bytes, view: str) -> Picture:
-    """Decode an answer to ``GET /v2/VIEW``. Raise ``MalformedFrame``."""
+    """Decode an answer to ``GET /v2/VIEW``. Raise ``MalformedFrame`` if it contains no valid picture."""
     fields = _decode(body)
     frame = fields.get(f"{view}_frame")
     if not isinstance(frame, str) or not frame:
@@ -76,18 +78,19 @@ def encode_setpoint(linear: float, angular: float, lamp: float) -> bytes:
 
 
 def encode_stop(lamp: float) -> bytes:
-    """Return the body of a stop."""
+    """Return the body of a stop command. The lamp keeps the state ``lamp``."""
     return msgspec.json.encode({"command": {"linear": 0, "angular": 0, "lamp": int(lamp >= LIT)}})
 
 
 def decode_command(body: bytes) -> dict[str, Any] | None:
-    """Return the command in a body of ``POST /control``; None without one. Raise ``MalformedFrame``."""
+    """Return the command in the body of a ``POST /control``; None if it has no command. Raise ``MalformedFrame``
+    for an invalid body."""
     command = _decode(body).get("command")
     return command if isinstance(command, dict) and command else None
 
 
 def is_stop(command: dict[str, Any]) -> bool:
-    """Return True if a command is a stop, and not a setpoint."""
+    """Return True if a command is a stop command (``encode_stop``), and False for a setpoint."""
     return all(type(command.get(name)) is int and command[name] == 0 for name in ("linear", "angular"))
 
 
@@ -130,8 +133,8 @@ def _number(fields: dict[str, Any], name: str) -> float:
 
 
 def _newest(rows: object) -> tuple[float, ...]:
-    """Return the last of several rows of numbers, without its last number, which is a time; empty without a
-    row."""
+    """Return the newest row of a sensor's rows, without the row's last number, which is its time. Empty if there
+    is no row."""
     if not isinstance(rows, list) or not rows or not isinstance(rows[-1], list) or len(rows[-1]) < 2:
         return ()
     numbers = [finite(value) for value in rows[-1][:-1]]

@@ -1,4 +1,4 @@
-"""Refusal codes that only this wire uses."""
+"""Refusal codes of the EarthRover driver."""
 
 from __future__ import annotations
 

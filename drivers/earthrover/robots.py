@@ -1,4 +1,4 @@
-"""The robots of this wire as data (``robots.toml``)."""
+"""Read the robots of this driver from ``robots.toml``."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Stop the rover over a separate connection, without the HTTP client of the wire process.
 
-The root's stop channel keeps a connection open, so that the first zero leaves at once. It does not know
-the lamp's state and switches it off. The wire keeps that state.
+The root process keeps this connection open, so that it can send the first zero command at once. It does not know
+whether the lamp is lit, so its stop switches the lamp off. A stop by the wire process keeps the lamp as it was.
 """
 
 from __future__ import annotations
@@ -13,25 +13,24 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.kit.outcome import Outcome, names_of
-from strands_actors.drivers.common.kit.velocity_base import Standing, stop_base
+from strands_actors.drivers.common.kit.velocity_base import MotionReport, stop_base
 from strands_actors.drivers.common.ports.http_port import HttpPort
 
 from . import protocol as p
 from .config import EarthRoverConfig
 
 STEADY_S = 1.0
-"""How long, on the rover's clock, it must report that it stands. There is a network between the SDK process
-and the rover. So a command arrives after the service has answered, and a report is from before that
-[assumed: both together within 1 s]."""
+"""How long the rover must report speed 0, on its own clock. There is a network between the SDK process and the
+rover. So a command reaches the rover after the service has answered, and a report is older than the answer that
+contains it [assumed: both delays together below 1 s]."""
 
 STOP_S = 2.7
-"""How long zero is repeated. This is less than ``Timing.safe_s``, and less than the rest of it when a new
-link has to be opened first. It is enough for a rover that reports once a second (vendor's example) to show
-that it stands."""
+"""How long the stop command is repeated, in seconds. With the time for a new connection this is still less than
+``Timing.safe_s``. A rover that reports once a second (vendor's example) can show within it that it has stopped."""
 
 
 class RoverZero:
-    """The stop request of the service. It sets the lamp to ``lamp``."""
+    """The stop command for the SDK process. It sets the lamp to ``lamp``."""
 
     target = p.CONTROL
     state_target = p.DATA
@@ -40,12 +39,15 @@ class RoverZero:
     def __init__(self, lamp: float = 0.0) -> None:
         self.body = p.encode_stop(lamp)
 
-    def standing(self, body: bytes) -> Standing:
-        """Return the reported speed. A rover that turns on the spot may report speed 0 [assumed], so its
-        wheels must stand, too, if it reports them."""
+    def read_motion(self, body: bytes) -> MotionReport:
+        """Return the time of a report and the largest reported speed, of the rover or a wheel.
+
+        A rover that turns on the spot may report speed 0 [assumed], so the wheels must have stopped, too, if the
+        rover reports them.
+        """
         data = p.decode_data(body)
         turns = (abs(rpm) for rpm in data.vectors.get("rpms", ()) if not math.isnan(rpm))
-        return Standing(data.stamp_s, max(abs(data.speed), *turns, 0.0))
+        return MotionReport(data.stamp_s, max(abs(data.speed), *turns, 0.0))
 
 
 class EarthRoverStopChannel(KeptSession[EarthRoverConfig, HttpPort]):

@@ -1,6 +1,6 @@
-"""Run the vendor's SDK process as a twin: its HTTP service with a rover behind it.
+"""Simulate the HTTP service of the vendor's SDK process, with a rover behind it.
 
-Like the real one, it answers a command when it has taken it, and reports latitude 1000 without a fix.
+As the real service, it confirms a command when it has accepted it, and reports latitude 1000 without a GPS fix.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from strands_actors.contract.axis import finite
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.http_messages import Request
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
@@ -55,7 +55,7 @@ _PICTURE = base64.b64decode(
 
 
 class RoverTwin:
-    """One service for all clients."""
+    """The simulated HTTP service. All clients control the same rover."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class RoverTwin:
         self._stuck: bytes | None = None
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
+        """Set a fault of the whole rover. ``unit`` is not used."""
         self.rover.pass_time()
         self._stuck = self.data() if fault is Fault.STUCK else None
         self.rover.stuck = fault is Fault.STUCK
@@ -107,9 +107,9 @@ class RoverTwin:
         if command is None:
             return Answer(p.BAD_REQUEST, b'{"detail":"Command not provided"}', "other")
         linear, angular, lamp = (finite(command.get(name, 0)) or 0.0 for name in ("linear", "angular", "lamp"))
-        self.rover.tell(linear, angular, lamp, Hand.WIRE if linear or angular else Hand.NONE)
-        kind, safe_state = ("safe", "zero") if p.is_stop(command) else ("setpoint", None)
-        return Answer(p.OK, b'{"message":"Command sent successfully"}', kind, safe_state)
+        self.rover.tell(linear, angular, lamp, Commander.WIRE if linear or angular else Commander.NONE)
+        message_type, safe_state = ("safe", "zero") if p.is_stop(command) else ("setpoint", None)
+        return Answer(p.OK, b'{"message":"Command sent successfully"}', message_type, safe_state)
 
     def _picture(self, view: str) -> Answer:
         if view == "rear" and not self._rear:
@@ -146,7 +146,8 @@ class RoverTwin:
 
 
 class RoverBody:
-    """The rover in a simulation. Parts that the wire drives follow the wire."""
+    """The rover as a body that a simulation can drive. While a client of the wire protocol drives it, commands of
+    the simulation are ignored."""
 
     axes = ("linear", "angular", "lamp")
 
@@ -157,34 +158,35 @@ class RoverBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
+        # Import MuJoCo only here, since the model serves for pictures only.
+        from strands_actors.drivers.common.physics.model_rows import build
 
         return build(self._table)
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return (self._rover.hand,) * len(self.axes)
+    def commanders(self) -> Sequence[Commander]:
+        return (self._rover.commander,) * len(self.axes)
 
     def felt(self) -> Felt:
         rover = self._rover
         still = (0.0,) * len(self.axes)
-        return Felt(rover.time_s, (*rover.told, rover.lamp), still, still, self.hands)
+        return Felt(rover.time_s, (*rover.commanded, rover.lamp), still, still, self.commanders)
 
     def pose(self) -> Sequence[float]:
         return [self._rover.x_m, self._rover.y_m, self._rover.heading_rad]
 
-    def take(self, on: bool) -> None:
+    def energise(self, on: bool) -> None:
         rover = self._rover
-        if rover.hand is (Hand.NONE if on else Hand.SIM):
-            rover.tell(0.0, 0.0, rover.lamp, Hand.SIM if on else Hand.NONE)
+        if rover.commander is (Commander.NONE if on else Commander.SIM):
+            rover.tell(0.0, 0.0, rover.lamp, Commander.SIM if on else Commander.NONE)
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self._rover.hand is Hand.SIM:
+    def set_targets(self, values: Sequence[float]) -> None:
+        if self._rover.commander is Commander.SIM:
             linear, angular, lamp = values
-            self._rover.tell(linear, angular, lamp, Hand.SIM)
+            self._rover.tell(linear, angular, lamp, Commander.SIM)
 
     def hold(self) -> None:
-        self.aim((0.0, 0.0, self._rover.lamp))
+        self.set_targets((0.0, 0.0, self._rover.lamp))
 
     def step(self, steps: int) -> None:
         self._rover.run(steps * TIMESTEP_S)
@@ -194,16 +196,17 @@ class RoverBody:
 
 
 def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RoverTwin:
-    """Return the twin of a robot of ``robots.toml``; ``options`` without host and port."""
+    """Return the simulated service of a robot of ``robots.toml``. ``options`` are the fields of
+    ``RoverTwinOptions`` except host and port."""
     return RoverTwin(TABLES.table(robot), now_s, **options)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, RoverTwinOptions, options)
-    twin = twin_of(robot, watchdog_s=given.watchdog_s, fix=given.fix, rear=given.rear)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, RoverTwinOptions, options)
+    twin = twin_of(robot, watchdog_s=twin_options.watchdog_s, fix=twin_options.fix, rear=twin_options.rear)
 
     def build(wire_log: WireLog) -> TcpServer:
-        return TcpServer(twin, {given.port: serving(twin)}, wire_log, given.host)
+        return TcpServer(twin, {twin_options.port: serving(twin)}, wire_log, twin_options.host)
 
     run_server(build, **start)

@@ -1,9 +1,9 @@
-"""The wire of the rover, in the wire process: commands on one connection, reports on another, stops on a
-third.
+"""Drive the rover from the wire process, over three HTTP connections: for commands, for reports and for stops.
 
-A command is written when the previous one has been answered. Without an answer within half a second the
-link ends. No stop is confirmed while an answer is pending, because that command may still be carried out.
-So zero follows the command on its own connection, which keeps their order, and then leaves on a new one.
+A command is sent when the previous one has been answered. If an answer does not come within half a second, the
+link counts as lost. While an answer is pending, no stop is confirmed, because the service may still carry out that
+command. So the stop command is sent twice: behind the pending command on its connection, which keeps the order,
+and on a new connection.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .config import REPORT_OLD_S, EarthRoverConfig
 from .stop import STOP_S, RoverZero
 
 COMMAND_S = 0.5
-"""Longest time for the answer to a command. After that the link counts as lost."""
+"""Longest time for the answer to a command, in seconds. After that the link counts as lost."""
 
 WAIT_S = 0.2
-"""How long a command waits for the answer to the previous one."""
+"""How long a command waits for the answer to the previous command, in seconds."""
 
-OWED_S = 0.03
+PENDING_S = 0.03
 """How long a stop waits for the answer to a command that was just sent."""
 
 REPORT_S = 0.3
@@ -45,10 +45,10 @@ REPORT_S = 0.3
 ARM_S = 1.0
 
 SILENT_S = 1.0
-"""The link counts as lost after so long without an answer."""
+"""The link counts as lost after this many seconds without a valid report."""
 
 QUIET_S = 0.5
-"""No command is written after so long without data from the service."""
+"""No command is sent after this many seconds without a valid report."""
 
 LOOK_S = 0.02
 """Period of polling for the second report."""
@@ -62,22 +62,24 @@ class EarthRoverWire(Wire):
         self._clock = clock
         self._stop: HttpPort | None = None
         self._commands: HttpPort | None = None
-        self._nursery: trio.Nursery | None = None  # the one of ``serve``
-        self._owed: trio.Event | None = None  # of an unanswered command; set by its answer
-        self._given_up = False  # True after a missing answer: this wire writes no more commands
-        self._told: tuple[float, ...] = (0.0, 0.0, 0.0)  # the last command, in axis order
-        self._seen: Observation | None = None
-        self._heard_ns = 0  # when the service last answered with data
-        self._stamp_s = math.nan  # of the newest report, on the rover's clock
-        self._problem = "it has told nothing yet"
+        self._nursery: trio.Nursery | None = None  # the nursery of ``serve``; None while it does not run
+        # Set when the pending command is answered; None while no answer is pending.
+        self._pending: trio.Event | None = None
+        # True after an answer did not come: this object then sends no more commands.
+        self._unanswered = False
+        self._commanded: tuple[float, ...] = (0.0, 0.0, 0.0)  # last command: linear, angular, lamp
+        self._observation: Observation | None = None
+        self._last_received_ns = 0  # when the service last answered with a valid report
+        self._stamp_s = math.nan  # time of the newest report on the rover's clock
+        self._problem = "no report has come yet"
 
     async def open(self) -> dict[str, Any]:
-        """Connect, and wait for two different reports. For a rover that is gone, the service repeats the last
-        one."""
+        """Connect, and wait for two different reports. If the rover is gone, the service repeats its last report.
+        So one report does not prove that the rover is there."""
         self.close()
         port = self._port()
         first = await self._ask(port, self._config.timeout_s)
-        self._told = (0.0, 0.0, 1.0 if first.lamp > 0 else 0.0)
+        self._commanded = (0.0, 0.0, 1.0 if first.lamp > 0 else 0.0)
         self._observe(first)
         with trio.move_on_after(REPORT_OLD_S):
             while True:
@@ -87,17 +89,19 @@ class EarthRoverWire(Wire):
                 if data.stamp_s != first.stamp_s:
                     return {"service": f"http://{port.name}", "watchdog_assumed_s": 3.0}
         raise WireDown(
-            f"{port.name}: GET {p.DATA}: the rover's report stands still for {REPORT_OLD_S:g} s. "
-            "Look at the rover and its network"
+            f"{port.name}: GET {p.DATA}: the rover sent no new report for {REPORT_OLD_S:g} s. "
+            "Check that the rover is switched on and connected"
         )
 
     async def _ask(self, port: HttpPort, within_s: float) -> p.Data:
-        """Request one report. Raise ``WireDown``."""
+        """Request one report. Raise ``WireDown`` if no valid report comes in time."""
         try:
             answer = await port.ask("GET", p.DATA, within_s=within_s)
             return self._data(answer.status, answer.body)
         except MalformedFrame as malformed:
-            raise WireDown(f"{port.name}: GET {p.DATA}: {malformed}. Check what is served there") from None
+            raise WireDown(
+                f"{port.name}: GET {p.DATA}: {malformed}. Check that the SDK process runs at this address"
+            ) from None
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         reports = self._config.open_port()
@@ -120,49 +124,54 @@ class EarthRoverWire(Wire):
         if not port.is_open:
             await port.open()
         permit.check()
-        answer = await port.answer(port.send("POST", p.CONTROL, p.encode_stop(self._told[2])), ARM_S)
+        answer = await port.answer(port.send("POST", p.CONTROL, p.encode_stop(self._commanded[2])), ARM_S)
         if answer.status != p.OK:
-            raise WireDown(f"arm: zero is answered with status {answer.status}. Look at the SDK process")
+            raise WireDown(
+                f"arm: the SDK process answered the zero command with HTTP status {answer.status}. Check it"
+            )
         return await self.read()
 
     async def read(self) -> Observation:
         await trio.lowlevel.checkpoint()
-        seen = self._seen
-        if seen is None or self._silent_s() > SILENT_S:
-            raise WireDown(f"read: no data for {SILENT_S:g} s ({self._problem}). Check the SDK process")
-        return msgspec.structs.replace(seen, position=self._told)
+        observation = self._observation
+        if observation is None or self._silent_s() > SILENT_S:
+            raise WireDown(f"read: no valid report for {SILENT_S:g} s ({self._problem}). Check the SDK process")
+        return msgspec.structs.replace(observation, position=self._commanded)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         nursery, port = self._nursery, self._commands
-        if nursery is None or port is None or self._given_up:
-            raise WireDown("write: not connected, or no answer. Open it anew")
+        if nursery is None or port is None or self._unanswered:
+            raise WireDown(
+                "write: there is no connection to the SDK process, or it did not answer a command. Reconnect"
+            )
         if not await self._answered(WAIT_S):
-            raise PermitDenied("the command before has not been answered")
+            raise PermitDenied("the SDK process has not answered the previous command")
         await port.ready()
         linear, angular, lamp = (axis.sign * value for axis, value in zip(self._config.axes, values, strict=True))
         body = p.encode_setpoint(linear, angular, lamp)
         if self._silent_s() > QUIET_S:
-            raise PermitDenied(f"the service has told nothing for {self._silent_s() * 1e3:.0f} ms")
+            raise PermitDenied(f"the SDK process sent no report for {self._silent_s() * 1e3:.0f} ms")
         permit.check()
         number = port.send("POST", p.CONTROL, body)
-        self._told, self._owed = values, trio.Event()
-        nursery.start_soon(self._take_answer, port, number, self._owed)
+        self._commanded, self._pending = values, trio.Event()
+        nursery.start_soon(self._take_answer, port, number, self._pending)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         zero = self._zero()
         is_open = self._stop is not None and self._stop.is_open
-        written = (self._owed is not None or not is_open) and self._follow(zero)
+        written = (self._pending is not None or not is_open) and self._follow(zero)
         return await self._stop_base(zero, written)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Stop on a new connection, without waiting any longer for a pending answer.
 
-        Before that, zero leaves on the open connections, in any state. If a command is pending, it leaves
-        after that command only, because a service that continues reads its connections in any order.
+        Before that, send the stop command on the open connections. If a command is pending, send it only behind
+        that command on the same connection. A service that was frozen may read its connections in any order, so on
+        another connection the stop command could be overtaken by the pending command.
         """
         zero = self._zero()
         written = self._follow(zero)
-        waits, self._owed = self._owed is not None, None
+        waits, self._pending = self._pending is not None, None
         if self._stop is not None:
             if not (waits and written):
                 written = _send_zero(self._stop, zero) or written
@@ -170,23 +179,25 @@ class EarthRoverWire(Wire):
         return await self._stop_base(zero, written)
 
     def _zero(self) -> RoverZero:
-        lamp = self._told[2]
-        self._told = (0.0, 0.0, lamp)
+        lamp = self._commanded[2]
+        self._commanded = (0.0, 0.0, lamp)
         return RoverZero(lamp)
 
     async def _stop_base(self, zero: RoverZero, written: bool) -> tuple[MotorReport, ...]:
-        """Repeat zero until the rover stands. ``written`` is True if zero has left on a connection that is
-        not used any more."""
+        """Repeat the stop command until the rover has stopped. ``written`` is True if the stop command was already
+        sent on a connection that is not used any more."""
         try:
-            if self._owed is not None and not await self._answered(OWED_S):
-                self._port().close_in_order()  # The service reads a new connection after those that wait.
+            if self._pending is not None and not await self._answered(PENDING_S):
+                # The service reads connections in order, so it reads the pending command before the new
+                # connection.
+                self._port().close_in_order()
             outcome = await stop_base(
-                self._port(), zero, STOP_S, lambda: self._owed is not None and not self._given_up
+                self._port(), zero, STOP_S, lambda: self._pending is not None and not self._unanswered
             )
         except WireDown as down:
             outcome = Outcome(False, False, str(down))
         outcome = outcome._replace(written=outcome.written or written)
-        return outcome.reports(*names_of(self._config.axes), self._told)
+        return outcome.reports(*names_of(self._config.axes), self._commanded)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         client = self._config.open_port()
@@ -196,53 +207,57 @@ class EarthRoverWire(Wire):
         finally:
             client.close()
         if answer.status != p.OK:
-            return Refused(EarthRoverCode.SERVICE, f"the SDK process answers status {answer.status}")
+            return Refused(EarthRoverCode.SERVICE, f"the SDK process answered with HTTP status {answer.status}")
         return {"spoken": arguments["text"]}
 
     def close(self) -> None:
         for port in (self._stop, self._commands):
             if port is not None:
                 port.close()
-        self._owed = self._seen = None
+        self._pending = self._observation = None
 
     # -- background tasks
 
-    async def _take_answer(self, port: HttpPort, number: int, owed: trio.Event) -> None:
-        """Wait for the answer to a command. If it does not come, send zero after the command, permit no
-        further one, and raise ``WireDown``."""
+    async def _take_answer(self, port: HttpPort, number: int, answered_event: trio.Event) -> None:
+        """Wait for the answer to a command. If it does not come in time, send the stop command on the same
+        connection, send no further command, and raise ``WireDown``."""
         answered = False
         try:
             with trio.move_on_after(COMMAND_S):
                 answer = await port.answer(number, math.inf)
                 answered = True
                 if answer.status != p.OK:
-                    raise WireDown(f"write: the answer is status {answer.status}. Look at the SDK process")
+                    raise WireDown(f"write: the SDK process answered with HTTP status {answer.status}. Check it")
                 return
-            raise WireDown(f"write: no answer within {COMMAND_S * 1e3:.0f} ms. Check the SDK process")
+            raise WireDown(
+                f"write: the SDK process did not answer a command within {COMMAND_S * 1e3:.0f} ms. Check it"
+            )
         finally:
             if answered:
-                self._owed = None
-                owed.set()
+                self._pending = None
+                answered_event.set()
             else:
-                self._given_up = True
-                self._follow(RoverZero(self._told[2]))
+                self._unanswered = True
+                self._follow(RoverZero(self._commanded[2]))
 
     async def _answered(self, within_s: float) -> bool:
-        """Wait until no answer is pending. Return False after ``within_s`` seconds."""
+        """Wait until no answer is pending. Return False if one is still pending after ``within_s`` seconds."""
         with trio.move_on_after(within_s):
-            while self._owed is not None:
-                await self._owed.wait()
-        return self._owed is None
+            while self._pending is not None:
+                await self._pending.wait()
+        return self._pending is None
 
     def _follow(self, zero: RoverZero) -> bool:
-        """Send zero on the connection of the commands, after the pending one. Return True if it was sent."""
+        """Send the stop command on the connection for commands, behind a pending command. Return True if it was
+        sent."""
         return self._commands is not None and _send_zero(self._commands, zero)
 
     async def _hear(self, reports: HttpPort) -> None:
         try:
             self._observe(await self._ask(reports, REPORT_S))
         except WireDown as problem:
-            self._problem = str(problem)  # ``read`` reports it if it lasts.
+            # One failed request does not matter. ``read`` reports this text if no report comes for ``SILENT_S``.
+            self._problem = str(problem)
 
     def _data(self, status: int, body: bytes) -> p.Data:
         if status != p.OK:
@@ -250,11 +265,11 @@ class EarthRoverWire(Wire):
         return p.decode_data(body)
 
     def _observe(self, data: p.Data) -> None:
-        """Keep a report. Its age counts from its first arrival, since the service repeats the last one until
-        the next."""
-        now_ns = self._heard_ns = self._clock.now_ns()
-        if self._seen is not None and data.stamp_s == self._stamp_s:
-            now_ns = self._seen.t_ns
+        """Store a report. The service repeats the last report until a new one comes, so the age of a report counts
+        from the first time that it arrived."""
+        now_ns = self._last_received_ns = self._clock.now_ns()
+        if self._observation is not None and data.stamp_s == self._stamp_s:
+            now_ns = self._observation.t_ns
         self._stamp_s = data.stamp_s
         readings = {
             "battery_pct": data.battery_pct,
@@ -269,15 +284,15 @@ class EarthRoverWire(Wire):
             name: (value,) for name, value in readings.items() if not math.isnan(value)
         }
         sensors["latitude_longitude_deg"] = (data.latitude_deg, data.longitude_deg)
-        self._seen = Observation(
+        self._observation = Observation(
             t_ns=now_ns,
-            position=self._told,
-            stamp_ns=(now_ns,) * len(self._told),
+            position=self._commanded,
+            stamp_ns=(now_ns,) * len(self._commanded),
             sensors={**sensors, **data.vectors},
         )
 
     def _silent_s(self) -> float:
-        return (self._clock.now_ns() - self._heard_ns) / NS
+        return (self._clock.now_ns() - self._last_received_ns) / NS
 
     def _port(self) -> HttpPort:
         self._stop = self._stop or self._config.open_port()
@@ -288,5 +303,6 @@ def _send_zero(port: HttpPort, zero: RoverZero) -> bool:
     try:
         port.send_stop("POST", zero.target, zero.body)
     except WireDown:
-        return False  # It is closed. The stop uses another connection.
+        # The connection is closed, so the stop is sent on another connection.
+        return False
     return True

@@ -1,4 +1,4 @@
-"""Feetech STS/SMS arms and legs: so100, so101, hope_jr, open_duck_mini."""
+"""Drive arms and legs of Feetech STS and SMS servos: so100, so101, hope_jr, open_duck_mini."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Feetech(ServoDriver):
     MAX_OFFSET: ClassVar[int] = (1 << (HOMING_OFFSET.sign_bit or 0)) - 1
     HOST_INVERTS: ClassVar[bool] = True
     LEROBOT_TYPES: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "so100": ("so_follower",),  # since lerobot 0.4 both arms share one folder
+        "so100": ("so_follower",),  # since lerobot 0.4 the calibrations of so100 and so101 are in one folder
         "so101": ("so_follower",),
         "hope_jr": ("hope_jr_arm",),
     }

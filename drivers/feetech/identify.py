@@ -1,4 +1,4 @@
-"""Identify a Feetech servo, check that it is the right one, and set it up."""
+"""Read the registers that identify a Feetech servo, check them, and set up the servo."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ POSITION_MODE = 0
 Bus = HalfDuplexBus[protocol.Packet]
 
 _RAM = protocol.TORQUE_ENABLE.address
-_RAM_SIZE = protocol.TABLE_SIZE - _RAM - 20  # to register 69
+_RAM_SIZE = protocol.TABLE_SIZE - _RAM - 20  # read registers 40 to 69
 
 
 class Identity(msgspec.Struct, frozen=True):
-    """The registers by which one servo identifies itself."""
+    """The registers that identify a servo, and those that decide how it moves."""
 
     model: int
     firmware: str
     id: int
     return_delay: int
-    low: int  # lowest goal that it accepts, counts
+    low: int  # lowest goal that the servo accepts, in counts
     high: int
     homing_offset: int
     mode: int
@@ -38,7 +38,7 @@ class Identity(msgspec.Struct, frozen=True):
     min_voltage_v: float
     max_voltage_v: float
     torque: bool
-    speed_limit: int  # counts/s on the way to a goal; 0: no limit
+    speed_limit: int  # highest speed on the way to a goal, in counts/s; 0 for no limit
     locked: bool
     voltage_v: float
     temperature_c: float
@@ -49,7 +49,8 @@ class Identity(msgspec.Struct, frozen=True):
 
     @property
     def travel(self) -> tuple[int, int]:
-        """The range of goals. 0, 0 in the registers means several turns; our units use one turn then."""
+        """Return the lowest and the highest goal, in counts. If both registers are 0, the servo turns several
+        times. This driver then uses one turn."""
         return (self.low, self.high) if self.high > self.low else (0, TOP)
 
 
@@ -82,22 +83,22 @@ async def identify(bus: Bus, axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Check that a servo matches its table and its calibration.
+    """Check that a servo matches the robot's table and its calibration.
 
     Raises:
-        WireDown: It does not.
+        WireDown: The servo does not match.
     """
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode != POSITION_MODE:
-        raise WireDown(f"{axis.label} is in mode {servo.mode}, must be 0 (position). Set register 33 to 0")
+        raise WireDown(f"{axis.label} is in mode {servo.mode}, not in mode 0 (position). Set register 33 to 0")
     if motor is not None:
         values = {"homing_offset": servo.homing_offset, "range_min": servo.low, "range_max": servo.high}
         check_calibration(axis, motor, values)
 
 
 async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
-    """Set the return delay to 0, behind the lock: the value is lost at the next power off, and does not wear
-    the EEPROM. Raise ``WireDown`` if the servo does not answer."""
+    """Set the return delay to 0 while the EEPROM is locked. The value is lost when the power is switched off, and
+    the EEPROM does not wear. Raise ``WireDown`` if the servo does not answer."""
     if not servo.locked:
         await _set(bus, axis, protocol.LOCK, 1)
     if servo.return_delay:
@@ -105,8 +106,8 @@ async def answer_at_once(bus: Bus, axis: Axis, servo: Identity) -> None:
 
 
 async def lift_speed_limit(bus: Bus, axis: Axis) -> None:
-    """Clear a goal velocity that another program has left, since it would delay every setpoint. Raise
-    ``WireDown`` if the servo does not answer."""
+    """Clear the speed limit (register 46) that another program has left, since it would slow down every setpoint.
+    Raise ``WireDown`` if the servo does not answer."""
     await _set(bus, axis, protocol.GOAL_VELOCITY, 0)
 
 
@@ -115,7 +116,7 @@ async def _set(bus: Bus, axis: Axis, register: protocol.Register, value: int) ->
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object]]:
-    """Return facts for ``status``, by axis key."""
+    """Return the facts about the servos that ``status`` shows, by axis key."""
     limited = {axis.key: servos[axis.id].speed_limit for axis in axes if servos[axis.id].speed_limit}
     result = facts_of({axis.key: servos[axis.id] for axis in axes})
     return {**result, "speed_limit": dict(limited)} if limited else result

@@ -1,4 +1,4 @@
-"""Leader arms of Feetech servos: so100_leader, so101_leader."""
+"""Read leader arms of Feetech servos: so100_leader, so101_leader."""
 
 from __future__ import annotations
 

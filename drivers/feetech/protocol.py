@@ -1,8 +1,8 @@
 """The Feetech STS/SMS/SCS serial protocol: frames, registers, checksums. Pure: no I/O, no clock.
 
-Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``. ``len`` counts the
-params plus two. ``sum`` is the inverted low byte of the sum of all bytes between header and sum. There is no
-sequence number, so a late reply looks like the answer to the next request with the same id and length.
+Request ``FF FF id len inst params.. sum``, status ``FF FF id len err params.. sum``. ``len`` is the number of
+parameter bytes plus two. ``sum`` is the inverted low byte of the sum of all bytes between header and sum. There is
+no sequence number, so a late reply looks like the answer to the next request with the same id and length.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ COUNTS = 4096
 
 
 class Register(NamedTuple):
-    """One entry of the control table. Signed words are sign-magnitude with the sign at ``sign_bit``, never two's
-    complement."""
+    """One entry of the control table. A signed word has its sign in the bit ``sign_bit`` and its magnitude in the
+    bits below. It is never a two's complement."""
 
     address: int
     size: int = 1
@@ -46,12 +46,12 @@ class Register(NamedTuple):
                 raise ValueError(f"{value} does not fit sign-magnitude with sign bit {sign_bit}")
             value = -value | 1 << sign_bit if value < 0 else value
         if not 0 <= value < 1 << 8 * size:
-            raise ValueError(f"{value} does not fit {size} byte(s)")
+            raise ValueError(f"{value} does not fit into {size} byte(s)")
         return value.to_bytes(size, "little")
 
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """Return the value in ``data``, a block that was read from address ``base``. The default is this
-        register's own address."""
+        """Return the value of this register from ``data``, a block that was read from address ``base``. By default
+        the block begins at this register."""
         start = 0 if base is None else self.address - base
         raw = int.from_bytes(data[start : start + self.size], "little")
         if self.sign_bit is not None and raw >> self.sign_bit & 1:
@@ -59,12 +59,12 @@ class Register(NamedTuple):
         return raw
 
 
-# EEPROM: values survive a power off only if they are written with LOCK = 0
+# EEPROM registers. A value is kept without power only if it was written while LOCK was 0.
 FIRMWARE = Register(0, 2)
 MODEL = Register(3, 2)
 ID = Register(5)
 BAUD = Register(6)
-RETURN_DELAY = Register(7)  # 2 us a count, factory 250
+RETURN_DELAY = Register(7)  # in units of 2 us; 250 at delivery
 STATUS_LEVEL = Register(8)
 MIN_POSITION = Register(9, 2)
 MAX_POSITION = Register(11, 2)
@@ -73,7 +73,7 @@ MAX_VOLTAGE = Register(14)  # 0.1 V
 MIN_VOLTAGE = Register(15)
 MAX_TORQUE = Register(16, 2)
 PHASE = Register(18)
-UNLOAD_CONDITION = Register(19)  # bits of the error byte that switch the torque off
+UNLOAD_CONDITION = Register(19)  # error bits for which the servo switches its torque off
 LED_ALARM = Register(20)
 P_GAIN = Register(21)
 D_GAIN = Register(22)
@@ -88,14 +88,14 @@ PROTECTIVE_TORQUE = Register(34)
 PROTECTION_TIME = Register(35)
 OVERLOAD_TORQUE = Register(36)
 VELOCITY_P = Register(37)
-OVERCURRENT_TIME = Register(38)  # 10 ms
+OVERCURRENT_TIME = Register(38)  # in units of 10 ms
 VELOCITY_I = Register(39)
 # RAM
 TORQUE_ENABLE = Register(40)
 ACCELERATION = Register(41)
 GOAL_POSITION = Register(42, 2, 15)
-GOAL_TIME = Register(44, 2, 10)  # in mode 2 the share of its power, 0.1 %
-GOAL_VELOCITY = Register(46, 2, 15)  # counts/s; on the way to a goal the speed limit, 0 for no limit
+GOAL_TIME = Register(44, 2, 10)  # in mode 2 (PWM) the power, in units of 0.1 %
+GOAL_VELOCITY = Register(46, 2, 15)  # counts/s; in mode 0 the highest speed on the way to a goal, 0 for no limit
 TORQUE_LIMIT = Register(48, 2)
 LOCK = Register(55)
 # read only
@@ -113,7 +113,7 @@ EEPROM_END = 40
 READ_ONLY = frozenset((*range(5), *range(56, 72)))
 POSITION_MODE, VELOCITY_MODE, PWM_MODE, STEP_MODE = range(4)
 
-MIDDLE_IS_HERE = 128
+SET_MIDDLE = 128
 """Value for TORQUE_ENABLE that makes the present position the middle (assumed for all STS firmware)."""
 
 BAUD_RATES = (1_000_000, 500_000, 250_000, 128_000, 115_200, 76_800, 57_600, 38_400)
@@ -133,7 +133,8 @@ def error_words(error: int) -> str:
 
 
 class Packet(NamedTuple):
-    """One checked frame. ``code`` is the instruction of a request or the error byte of a status."""
+    """One frame with a valid checksum. ``code`` is the instruction of a request or the error byte of a status
+    packet."""
 
     id: int
     code: int
@@ -141,7 +142,7 @@ class Packet(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """Always empty: a status reports the state of a servo, but never that it has refused a request."""
+        """Return an empty text, since a status packet never reports that the servo has refused a request."""
         return ""
 
 
@@ -180,13 +181,16 @@ def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
 
 
 def goals(counts: Mapping[int, int]) -> bytes:
-    """Return one setpoint for all servos."""
+    """Return a frame with one goal position for each servo."""
     return sync_write(GOAL_POSITION, counts)
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
-    """Return a frame that sets the goals to the measured positions. It writes the block goal + time (42, four
-    bytes, time 0). A setpoint writes the goal only, so the two can be told apart on the wire."""
+    """Return a frame that makes every servo hold its measured position.
+
+    The frame writes goal and time (register 42, four bytes, time 0). A setpoint writes the goal only. So the log of
+    sent frames can tell a hold from a setpoint.
+    """
     rows = b"".join(
         bytes((servo_id,)) + GOAL_POSITION.encode(count) + b"\0\0" for servo_id, count in positions.items()
     )
@@ -194,17 +198,18 @@ def hold(positions: Mapping[int, int]) -> bytes:
 
 
 LIMP = torque(BROADCAST, False)
-"""Switches off the torque of every servo in one frame. A broadcast has no status: read register 40 to confirm
-it."""
+"""One frame that switches off the torque of every servo. A broadcast gets no reply, so register 40 of each servo
+must be read to confirm it."""
 
 RESYNC = b"\0\0"
-"""Bytes in front of the first safe frame. After a torn ``FF FF id``, a servo would take the frame's FF for a
-length and wait for 255 bytes. A length of 0 is invalid, so its parser starts anew."""
+"""Bytes in front of the first safe frame. A servo that has received only ``FF FF id`` of an earlier frame would
+take the next FF for a length and wait for 255 bytes. A length of 0 is invalid, so the servo discards the earlier
+frame."""
 
 
 class Decoder:
-    """Decodes bytes, in pieces of any size, into checked packets. Garbage is skipped and counted. A torn frame
-    waits for its rest."""
+    """Decode bytes, in pieces of any size, into packets. Bytes that belong to no valid frame are skipped and
+    counted. The beginning of a frame is kept until the rest arrives."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -212,7 +217,7 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Number of bytes of an incomplete frame."""
+        """Return the number of bytes of a frame that is still incomplete."""
         return len(self._buffer)
 
     def clear(self) -> None:
@@ -231,7 +236,8 @@ class Decoder:
                 self._drop(start)
             if len(buffer) < 4:
                 return
-            if buffer[2] == 0xFF:  # three FF: the header begins one byte later
+            # After three bytes FF the header begins at the second one.
+            if buffer[2] == 0xFF:
                 self._drop(1)
                 continue
             size = buffer[3] + 4
@@ -261,7 +267,8 @@ def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
 
 
 def classify(packet: Packet) -> str:
-    """Return the kind of a request in the wire log: setpoint, safe, enable, read, config or other."""
+    """Return the kind of a request for the log of sent frames: setpoint, safe (torque off or hold), enable, read,
+    config or other."""
     if packet.code in (PING, READ, SYNC_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and packet.params:
@@ -275,8 +282,8 @@ def classify(packet: Packet) -> str:
 def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     covers = range(address, address + max(map(len, rows), default=0))
     if TORQUE_ENABLE.address in covers:
-        at = TORQUE_ENABLE.address - address
-        return "safe" if all(row[at] == 0 for row in rows if len(row) > at) else "enable"
+        index = TORQUE_ENABLE.address - address
+        return "safe" if all(row[index] == 0 for row in rows if len(row) > index) else "enable"
     if address == GOAL_POSITION.address and len(covers) == 4 and all(row[2:] == b"\0\0" for row in rows):
         return "safe"
     if GOAL_POSITION.address in covers or GOAL_VELOCITY.address in covers or GOAL_TIME.address in covers:
@@ -285,7 +292,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
 
 
 def safe_state(packet: Packet, ids: Collection[int]) -> str:
-    """Return the safe state to which a request brings all of ``ids``: limp, hold, or empty."""
+    """Return the safe state that a request gives to all servos in ``ids``: "limp" or "hold". Return an empty text
+    if it does not reach all of them."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

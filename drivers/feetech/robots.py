@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: ``robots.toml``."""
+"""Read the robots with Feetech servos from ``robots.toml``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Make every Feetech servo safe, with repeats of the safe frame in case replies collide with it."""
+"""Make every Feetech servo safe. The frame is sent several times, since the replies of servos may collide with it
+on the bus."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ from . import protocol
 class FeetechSafing(Safing[protocol.Packet]):
     REPEATS: ClassVar[int] = 2
     REPEAT_S: ClassVar[float] = 0.0025
-    """In this time six replies end (6 x 30 bytes); by the last repeat it is fourteen."""
+    """Pause between the repeats, in seconds. Replies of six servos (6 x 30 bytes) end within one pause, and those
+    of fourteen servos before the last repeat."""
 
     ANYWHERE: ClassVar[tuple[int, int]] = (0, TOP)

@@ -1,4 +1,4 @@
-"""One servo of the twin: its control table, and how the table moves the joint."""
+"""Simulate one servo: its control table, and how the table moves the joint."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ MOVING_RAD_S = 0.01
 MULTI_TURN_FEEDBACK = 0x10
 """Bit of PHASE. With it positions are reported beyond one turn instead of wrapped."""
 
-FELT = slice(p.POSITION.address, p.CURRENT.address + p.CURRENT.size)
+SENSOR_REGISTERS = slice(p.POSITION.address, p.CURRENT.address + p.CURRENT.size)
 """The registers that the servo's own sensors write."""
 
-FELT_LAYOUT = struct.Struct("<HHHBBxBBxxH")
+SENSOR_LAYOUT = struct.Struct("<HHHBBxBBxxH")
 """Position, velocity, load, voltage, temperature, status, moving, current. They are packed at once: otherwise
 every reading of six servos would cost fifty register writes."""
 
@@ -33,7 +33,8 @@ TOP_RAD_S = 5.8
 
 
 def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
-    """Return the values at delivery, from the vendor's table for an STS3215. The rest is zero."""
+    """Return the control table of an STS3215 at delivery, as in the vendor's documents. Registers that are not
+    documented are zero."""
     table = bytearray(p.TABLE_SIZE)
     decivolts = round(voltage_v * 10)
     for register, value in {
@@ -46,7 +47,8 @@ def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
         p.MIN_POSITION: 0,
         p.MAX_POSITION: p.COUNTS - 1,
         p.MAX_TEMPERATURE: 70,
-        p.MAX_VOLTAGE: 80 if decivolts <= 80 else decivolts + 20,  # a 12 V servo more [assumed]
+        # A 12 V servo has a higher limit [assumed].
+        p.MAX_VOLTAGE: 80 if decivolts <= 80 else decivolts + 20,
         p.MIN_VOLTAGE: 40,
         p.MAX_TORQUE: 1000,
         p.PHASE: 12,
@@ -60,7 +62,7 @@ def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
         p.PROTECTION_CURRENT: 500,
         p.ANGULAR_RESOLUTION: 1,
         p.PROTECTIVE_TORQUE: 20,
-        p.PROTECTION_TIME: 200,  # 10 ms
+        p.PROTECTION_TIME: 200,  # in units of 10 ms
         p.OVERLOAD_TORQUE: 80,  # percent
         p.VELOCITY_P: 10,
         p.OVERCURRENT_TIME: 200,
@@ -76,10 +78,10 @@ def _sign_magnitude(register: p.Register, value: int) -> int:
 
 
 class Servo(TwinServo):
-    """One servo in any of its four modes. Acceleration and dead zones are not modelled.
+    """Simulate one servo in any of its four modes, without acceleration limits and dead zones.
 
-    ``goal_energises``: a goal switches the torque on. Several public drivers report this of the STS3215: the
-    vendor's SDK has no call for torque, and still moves it [assumed: register 40 then reads 1].
+    ``goal_energises``: True if writing a goal switches the torque on. Several public drivers report this of the
+    STS3215. The vendor's SDK has no call for torque, and still moves the servo [assumed: register 40 then reads 1].
     """
 
     def __init__(
@@ -88,8 +90,8 @@ class Servo(TwinServo):
         self._goal_energises = goal_energises
         super().__init__(plant, joint, factory_table(servo_id, model, voltage_v), voltage_v, ROOM_TEMPERATURE_C)
         self._eeprom = bytearray(self.factory[: p.EEPROM_END])
-        self._since_s: dict[int, float] = {}  # error bit -> when its condition began
-        self._let_go = 0  # error bits that have switched its torque off
+        self._since_s: dict[int, float] = {}  # for each error bit, the time at which its condition began
+        self._tripped = 0  # error bits for which the servo has switched its torque off
         self._waiting = b""
         self.power_cycle()
 
@@ -112,18 +114,18 @@ class Servo(TwinServo):
         decivolts = round(self.voltage_v * 10)
         volts = table[p.MIN_VOLTAGE.address] <= decivolts <= table[p.MAX_VOLTAGE.address]
         hot = self.temperature_c >= table[p.MAX_TEMPERATURE.address]
-        return (0 if volts else ERROR_VOLTAGE) | (ERROR_OVERHEAT if hot else 0) | self._let_go
+        return (0 if volts else ERROR_VOLTAGE) | (ERROR_OVERHEAT if hot else 0) | self._tripped
 
     def power_cycle(self) -> None:
-        """Restart: EEPROM as it was saved, RAM as at delivery, torque off, the goal at the joint's position
-        [assumed]."""
-        felt = self.table[FELT]
+        """Restart the servo. The EEPROM has its saved values, the RAM has its values at delivery, the torque is
+        off, and the goal is the present position [assumed]."""
+        sensed = self.table[SENSOR_REGISTERS]
         self.table[:] = self.factory
         self.table[: p.EEPROM_END] = self._eeprom
-        self.table[FELT] = felt
+        self.table[SENSOR_REGISTERS] = sensed
         self.put(p.LOCK, 1)
         self.put(p.TORQUE_LIMIT, min(1000, self.get(p.MAX_TORQUE)))
-        self._let_go = 0
+        self._tripped = 0
         self._waiting = b""
         self.sense()
         self.put(p.GOAL_POSITION, self.get(p.POSITION))
@@ -138,21 +140,21 @@ class Servo(TwinServo):
 
     def read(self, address: int, size: int) -> bytes:
         """Return registers. Bytes beyond the end of the table are zero."""
-        if address + size > FELT.start:
+        if address + size > SENSOR_REGISTERS.start:
             self.sense()
         return bytes(self.table[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> None:
         """Write registers. Bytes that are read-only, or beyond the end, are ignored."""
         unlocked = self.table[p.LOCK.address] == 0
-        for at, byte in enumerate(data, address):
-            if at < p.TABLE_SIZE and at not in p.READ_ONLY:
-                self.table[at] = byte
+        for index, byte in enumerate(data, address):
+            if index < p.TABLE_SIZE and index not in p.READ_ONLY:
+                self.table[index] = byte
         covers = range(address, address + len(data))
         if p.TORQUE_ENABLE.address in covers:
-            self._let_go = 0
+            self._tripped = 0
             self._since_s.clear()
-            if self.table[p.TORQUE_ENABLE.address] == p.MIDDLE_IS_HERE:
+            if self.table[p.TORQUE_ENABLE.address] == p.SET_MIDDLE:
                 self.put(p.HOMING_OFFSET, max(-2047, min(2047, round(self.reading.rad * COUNTS_PER_RAD))))
                 self.put(p.TORQUE_ENABLE, 0)
                 covers = range(p.HOMING_OFFSET.address, covers.stop)
@@ -167,18 +169,19 @@ class Servo(TwinServo):
             self._apply_torque()
 
     def keep(self, params: bytes) -> None:
-        """REG_WRITE: keep address and data until ``act``."""
+        """Store a REG_WRITE (address and data) until ``act``."""
         self._waiting = params
 
     def act(self) -> None:
-        """ACTION: write the data that ``keep`` has kept."""
+        """Carry out an ACTION: write the data that ``keep`` has stored."""
         if self._waiting:
             self.write(self._waiting[0], self._waiting[1:])
         self._waiting = b""
 
     def protect(self, now_s: float) -> None:
-        """Switch the torque off for a condition that UNLOAD_CONDITION names: a load above OVERLOAD_TORQUE for
-        PROTECTION_TIME, a current above PROTECTION_CURRENT for OVERCURRENT_TIME, or overheating."""
+        """Switch the torque off for each of these conditions that is enabled in UNLOAD_CONDITION: a load above
+        OVERLOAD_TORQUE for PROTECTION_TIME, a current above PROTECTION_CURRENT for OVERCURRENT_TIME, or
+        overheating."""
         table, load = self.table, abs(self.reading.load)
         conditions = (
             (ERROR_OVERLOAD, load * 100 > table[p.OVERLOAD_TORQUE.address], table[p.PROTECTION_TIME.address]),
@@ -193,7 +196,8 @@ class Servo(TwinServo):
             if not is_so or not table[p.UNLOAD_CONDITION.address] & bit:
                 self._since_s.pop(bit, None)
             elif now_s - self._since_s.setdefault(bit, now_s) >= centiseconds * 0.01:
-                self._let_go |= bit & ~ERROR_OVERHEAT  # ``error`` reports overheating while the servo is hot
+                # Overheating is not stored, since ``error`` reports it for as long as the servo is hot.
+                self._tripped |= bit & ~ERROR_OVERHEAT
                 self.put(p.TORQUE_ENABLE, 0)
                 self._apply_torque()
 
@@ -207,7 +211,7 @@ class Servo(TwinServo):
         if not self.table[p.PHASE.address] & MULTI_TURN_FEEDBACK:
             count %= p.COUNTS
         load = round(max(-1.0, min(1.0, reading.load)) * 1000)
-        self.table[FELT] = FELT_LAYOUT.pack(
+        self.table[SENSOR_REGISTERS] = SENSOR_LAYOUT.pack(
             _sign_magnitude(p.POSITION, count),
             _sign_magnitude(p.VELOCITY, round(reading.rad_s * COUNTS_PER_RAD)),
             _sign_magnitude(p.LOAD, load),
@@ -219,8 +223,8 @@ class Servo(TwinServo):
         )
 
     def _apply_torque(self, stepped: bool = False) -> None:
-        """Make the joint follow the table. ``stepped``: a goal was written, which is another step in step
-        mode."""
+        """Set the torque, the goal and the speed of the joint from the control table. ``stepped`` is True if a goal
+        was just written. In step mode this moves the joint by one more step."""
         on = self.table[p.TORQUE_ENABLE.address] != 0
         if not on or not self.plant.torque(self.joint):
             self.stand()
@@ -237,14 +241,14 @@ class Servo(TwinServo):
                 self.turn(power * TOP_RAD_S)
             case p.STEP_MODE:
                 if stepped:
-                    self.lead(self.aimed_rad + self.get(p.GOAL_POSITION) / COUNTS_PER_RAD, abs(rate))
+                    self.move_target(self.aimed_rad + self.get(p.GOAL_POSITION) / COUNTS_PER_RAD, abs(rate))
             case _:
-                self.lead((self._goal() - ZERO_COUNT) / COUNTS_PER_RAD, abs(rate))
+                self.move_target((self._goal() - ZERO_COUNT) / COUNTS_PER_RAD, abs(rate))
         self.plant.set_effort_share(self.joint, share)
 
     def _goal(self) -> int:
-        """Return the goal in counts of the encoder."""
+        """Return the goal in raw counts of the encoder: the goal register plus the homing offset."""
         low, high, goal = self.get(p.MIN_POSITION), self.get(p.MAX_POSITION), self.get(p.GOAL_POSITION)
-        if low < high:  # both zero: no limits
+        if low < high:  # if both are zero, the goal has no limits
             goal = max(low, min(high, goal))
         return goal + self.get(p.HOMING_OFFSET)

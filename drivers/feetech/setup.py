@@ -28,7 +28,8 @@ class FeetechSetup(Setup[p.Packet]):
     async def read_calibration(self, axis: Axis) -> MotorCalibration:
         eeprom = await block(self.bus, p, axis, 0, p.EEPROM_END)
         low, high = p.MIN_POSITION.decode(eeprom, 0), p.MAX_POSITION.decode(eeprom, 0)
-        if not low < high <= p.COUNTS - 1:  # both zero: several turns
+        # Both limits are zero if the servo turns several times.
+        if not low < high <= p.COUNTS - 1:
             low, high = 0, p.COUNTS - 1
         return MotorCalibration(axis.id, 0, p.HOMING_OFFSET.decode(eeprom, 0), low, high)
 
@@ -42,14 +43,17 @@ class FeetechSetup(Setup[p.Packet]):
             await self._write(axis.id, axis, register, value)
 
     def offset_to_middle(self, position: int) -> int:
-        """Return the offset that makes this position the middle: the servo subtracts it from its reading."""
+        """Return the homing offset for which the servo reports half a turn at ``position``. The servo subtracts the
+        offset from its reading."""
         return position - HALF_TURN
 
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
         await self._write(servo, axis, p.LOCK, _OPEN)
         await self._write(servo, axis, p.ID, axis.id)
-        await self._write(axis.id, axis, p.LOCK, _OPEN)  # under the new id, since some firmware requires it
-        self.bus.send(p.write(axis.id, p.BAUD, p.BAUD_RATES.index(baud)))  # the answer may come at either rate
+        # Unlock again under the new id, since some firmware requires it.
+        await self._write(axis.id, axis, p.LOCK, _OPEN)
+        # The reply may come at the old or at the new rate, so it is not read.
+        self.bus.send(p.write(axis.id, p.BAUD, p.BAUD_RATES.index(baud)))
         await self.clock.sleep_until_ns(self.clock.now_ns() + 50_000_000)
         self._open(baud)
         await self._write(axis.id, axis, p.LOCK, _LOCKED)

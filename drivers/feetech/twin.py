@@ -1,4 +1,4 @@
-"""The robot's end of a Feetech bus: servos with their control tables, MuJoCo behind them."""
+"""Simulate the servos of a Feetech bus: their control tables, with MuJoCo for the joints."""
 
 from __future__ import annotations
 
@@ -26,8 +26,16 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         now_s: Callable[[], float] = time.monotonic,
         goal_energises: bool = True,
     ) -> None:
-        """Make a bus. ``ids`` and ``models`` (the numbers in register 3) are those of the servos at the plant's
-        joints, in order."""
+        """Make a simulated bus with one servo for each joint of ``plant``.
+
+        Args:
+            plant: The simulated joints.
+            ids: The id of each servo, in the order of the joints.
+            models: The model number (register 3) of each servo, in the same order.
+            voltage_v: Supply voltage.
+            now_s: The clock.
+            goal_energises: See ``Servo``.
+        """
         servos = [
             Servo(plant, joint, servo_id, model, voltage_v, goal_energises)
             for joint, (servo_id, model) in enumerate(zip(ids, models, strict=True))
@@ -38,7 +46,7 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
     def for_robot(
         cls, robot: str, now_s: Callable[[], float] = time.monotonic, goal_energises: bool = True
     ) -> FeetechBus:
-        """Return the bus of one robot of ``robots.toml``, or of a leader."""
+        """Return the simulated bus of a robot of ``robots.toml``, or of a leader arm."""
         table = (LEADERS if robot in LEADERS.robots else TABLES).table(robot)
         numbers = {name: number for number, name in p.MODEL_NUMBERS.items()}
         return cls(
@@ -51,9 +59,9 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         )
 
     def exchange(self, packet: p.Packet, replies: Sequence[Reply]) -> Exchange:
-        kind = p.classify(packet)
-        safe_state = p.safe_state(packet, [servo.id for servo in self.servos]) if kind == "safe" else None
-        return Exchange(kind, p.frame(*packet), replies, safe_state)
+        message_type = p.classify(packet)
+        safe_state = p.safe_state(packet, [servo.id for servo in self.servos]) if message_type == "safe" else None
+        return Exchange(message_type, p.frame(*packet), replies, safe_state)
 
     def answer(self, packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> Iterable[Reply | None]:
         if packet.code == p.SYNC_READ:
@@ -67,12 +75,13 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         return [_answer(servo, packet) for servo in hearing.get(packet.id, ())]
 
 
-def _status(servo: Servo, params: bytes = b"", kind: str = "read") -> Reply:
-    return Reply(servo.return_delay_s, p.frame(servo.id, servo.error, params), servo.id, kind)
+def _status(servo: Servo, params: bytes = b"", message_type: str = "read") -> Reply:
+    return Reply(servo.return_delay_s, p.frame(servo.id, servo.error, params), servo.id, message_type)
 
 
 def _sync_read(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> list[Reply | None]:
-    """Return the replies in the order of the request. A missing servo leaves no gap."""
+    """Return the replies of the servos in the order of the request. A missing servo does not delay the next
+    reply."""
     if len(params) < 2:
         return []
     address, size, *ids = params
@@ -89,10 +98,10 @@ def _sync_write(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> None:
 
 
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
-    """Carry out a request to one servo, or to all. Return its reply; None for an unknown request, or if it
-    gets no reply."""
+    """Carry out a request to one servo. Return its reply; None if the request is unknown or gets no reply."""
     params = packet.params
-    reply = _status(servo, kind=p.classify(packet))  # with the id and the delay from before the request
+    # Made before the request changes the id or the return delay.
+    reply = _status(servo, message_type=p.classify(packet))
     match packet.code, len(params):
         case p.PING, _:
             return reply
@@ -118,6 +127,6 @@ class FeetechTwinOptions(BusOptions, frozen=True):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
-    given = read_twin_options(robot, FeetechTwinOptions, options)
-    serve(FeetechBus.for_robot(robot, goal_energises=given.goal_energises), given, **start)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.servo_bus.serve``)."""
+    twin_options = read_twin_options(robot, FeetechTwinOptions, options)
+    serve(FeetechBus.for_robot(robot, goal_energises=twin_options.goal_energises), twin_options, **start)

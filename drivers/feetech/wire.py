@@ -1,4 +1,4 @@
-"""The Feetech bus in the wire process, and the root's stop channel to it."""
+"""Drive the Feetech bus from the wire process, and stop the servos by the root's stop channel."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class FeetechWire(ServoWire[protocol.Packet]):
     CODEC = protocol
     SAFING = FeetechSafing
     FEEDBACK: ClassVar[tuple[int, int]] = (protocol.TORQUE_ENABLE.address, 24)
-    """Registers of every reading: torque to temperature, 40 to 63. A goal would energise a servo that has lost
-    its torque, so the torque of each has to be read before anything is written."""
+    """First register and number of registers of every reading: torque to temperature, 40 to 63. The torque is read
+    before each write, because a goal would switch on a servo that has lost its torque."""
     FEEDBACK_AND_TORQUE: ClassVar[tuple[int, int]] = FEEDBACK
     _limited: list[Axis]
     """Axes with a speed limit that another program has set."""
@@ -63,8 +63,8 @@ class FeetechWire(ServoWire[protocol.Packet]):
         return Handshake(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
 
     async def before_arming(self, permit: Permit) -> None:
-        """Clear speed limits of other programs. This is not done when connecting: a servo that moves under a
-        limit would leap."""
+        """Clear speed limits that another program has set. This is not done when connecting: if a servo moves
+        slowly under a limit at that time, it would suddenly move at full speed."""
         while self._limited:
             permit.check()
             await lift_speed_limit(self.session.bus, self._limited[-1])

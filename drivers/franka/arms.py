@@ -1,4 +1,4 @@
-"""Read the arms of this wire from ``robots.toml``, and build the twin's model from them."""
+"""Read the supported Franka arms from ``robots.toml``, and build the model of the simulated arm from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import msgspec
 JOINTS = 7
 
 HOME_RAD = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
-"""Pose in which a twin starts: the vendor's start pose."""
+"""Joint positions in rad at which the simulated arm starts: the vendor's start pose."""
 
 LINKS = (
     ((0.0, 0.0, 0.333), 0.0),
@@ -38,11 +38,11 @@ _SHAPES = (
     "c.05@.088,0,0",
     "y.045,.05@0,0,.055",
 )
-"""Shapes of the links for pictures of the twin [assumed]."""
+"""Shapes of the links, for pictures of the simulated arm [assumed]."""
 
 
 class Arm(msgspec.Struct, frozen=True):
-    """One table of ``robots.toml``."""
+    """One Franka arm: its table in ``robots.toml``, with the FCI version and the limits of each joint."""
 
     fci: int
     joints: str
@@ -73,34 +73,34 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arms() -> Mapping[str, Arm]:
-    """Return the tables of ``robots.toml`` by robot name."""
+    """Return all Franka arms, by robot name."""
     tables = tomllib.loads(resources.files(__package__).joinpath("robots.toml").read_text("utf-8"))
     return {name: msgspec.convert(table, Arm) for name, table in tables.items()}
 
 
 def arm_of(robot: str) -> Arm:
-    """Return the arm of a name. Raise ``ValueError`` if the robot does not belong to this wire."""
+    """Return the arm with this robot name. Raise ``ValueError`` if no Franka arm has this name."""
     if robot not in arms():
         raise ValueError(f"{robot} is not a Franka arm. Use one of {', '.join(arms())}")
     return arms()[robot]
 
 
 def model_table(arm: Arm) -> dict[str, Any]:
-    """Return the arm in the form that ``drivers/common/model_rows`` takes."""
+    """Return the arm as a table from which ``drivers/common/physics/model_rows`` builds the simulation model."""
     rows = [
-        f"link{at + 1} {f'link{at}' if at else 'base'} {key} z {_csv(LINKS[at][0])} {LINKS[at][1]},0,0 "
-        f"{arm.low[at]},{arm.high[at]} {arm.effort[at]} {arm.speed[at]} {arm.link_kg[at]} {_csv(arm.com[at])} "
-        f"{_SHAPES[at]}"
-        for at, key in enumerate(arm.keys)
+        f"link{index + 1} {f'link{index}' if index else 'base'} {key} z {_csv(LINKS[index][0])} "
+        f"{LINKS[index][1]},0,0 {arm.low[index]},{arm.high[index]} {arm.effort[index]} {arm.speed[index]} "
+        f"{arm.link_kg[index]} {_csv(arm.com[index])} {_SHAPES[index]}"
+        for index, key in enumerate(arm.keys)
     ]
     return {
         "joints": [{"key": key} for key in arm.keys],
         "base": {"geom": "y.07,.08@-.03,0,.08", "kg": 3.0},
         "model_rows": "\n".join(rows),
         "home_rad": HOME_RAD,
-        "gravity_compensated": True,  # The controller knows its arm.
-        "armature": 0.2,  # [assumed]
-        "bandwidth": 60.0,  # [assumed]
+        "gravity_compensated": True,  # A real controller compensates gravity from its own model of the arm.
+        "armature": 0.2,  # The real value is not published: [assumed].
+        "bandwidth": 60.0,  # The real value is not published: [assumed].
     }
 
 

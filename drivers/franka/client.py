@@ -1,7 +1,8 @@
-"""Connect to a controller: send requests and take replies on TCP, and receive states on UDP.
+"""Connect to a Franka controller: send requests and receive replies on TCP, and receive states on UDP.
 
-The wire process has one connection while the link is up. The root makes one to check that the arm stands still.
-No vendor library is used, so no call here can hang or hold the interpreter's lock.
+The wire process (the only writer to the robot) keeps one connection. The root process, which supervises it, opens
+a connection to check that the arm stands still. No vendor library is used, so no call here can hang or hold the
+interpreter's lock.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ LOOK_S = 0.002
 STATES_SIZE = 256 * 1024
 """Most bytes of states in one turn: 64 states."""
 CONNECT = 0
-"""Number of the first request, the connect."""
+"""Number of the first request of a connection, ``connect``."""
 MOST_KEPT = 64
-"""Number of untaken replies to keep. The oldest are dropped for new ones."""
+"""Number of unread replies to keep. A newer reply replaces the oldest one."""
 
 _DRIVERS = {5: "panda", 10: "fr3 or fr3_v2"}
 
@@ -46,7 +47,7 @@ class Fci:
         self._states = ReceiveBudget(tcp.name, size=STATES_SIZE)
         self._decoder = p.Decoder(p.LARGEST_REPLY)
         self._id = -1
-        self._asked: dict[int, int] = {}  # number -> command, of the last requests
+        self._sent_commands: dict[int, int] = {}  # The last requests: request number -> command code.
         self._waiting: list[p.Message] = []
 
     def send(self, name: str, payload: bytes = b"") -> int:
@@ -56,14 +57,14 @@ class Fci:
         return number
 
     def greet(self) -> None:
-        """Send the connect, the first request of a connection."""
+        """Send the request ``connect``, which must be the first of a connection."""
         self._tcp.write(self._greeting())
 
     def greet_and_stop(self) -> int:
-        """Send the connect and a stop in one write, so that the stop waits for no reply.
+        """Send the requests ``connect`` and ``stop`` in one write, so that the stop does not wait for a reply.
 
         The controller carries out requests in the order in which they arrive [assumed]. Return the number of the
-        stop.
+        stop request.
         """
         greeting, stop = self._greeting(), self._number("stop")
         self._tcp.write(greeting + self.dialect.request("stop", stop))
@@ -74,32 +75,35 @@ class Fci:
 
     def _number(self, name: str) -> int:
         self._id += 1
-        self._asked[self._id] = self.dialect.commands.index(name)
-        if len(self._asked) > MOST_KEPT:
-            del self._asked[next(iter(self._asked))]
+        self._sent_commands[self._id] = self.dialect.commands.index(name)
+        if len(self._sent_commands) > MOST_KEPT:
+            del self._sent_commands[next(iter(self._sent_commands))]
         return self._id
 
     def start_motion(self) -> int:
-        """Request a motion by joint positions. Return the number of the request, which has two replies."""
+        """Request a motion by joint positions. Return the number of the request.
+
+        The controller replies to it twice: at the start and at the end of the motion.
+        """
         number = self._number("move")
         self._tcp.write(self.dialect.start_joint_motion(number))
         return number
 
     def replies(self) -> list[p.Message]:
-        """Return the received replies that were not taken yet. Never waits."""
+        """Return the replies received since the last call. Never waits."""
         for data in self._budget.turn(self._tcp.read_waiting):
             try:
                 # A reply repeats both the number and the command of its request.
                 self._waiting.extend(
-                    message for message in self._decoder.feed(data) if self._asked.get(message.id) == message.code
+                    reply for reply in self._decoder.feed(data) if self._sent_commands.get(reply.id) == reply.code
                 )
             except MalformedFrame as error:
-                raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
-        taken, self._waiting = self._waiting, []
-        return taken
+                raise WireDown(f"{self._tcp.name}: {error}. Check that this is a Franka controller") from None
+        waiting, self._waiting = self._waiting, []
+        return waiting
 
     async def answer(self, request_id: int, name: str) -> p.Message:
-        """Wait for the reply to a request. Other replies stay for ``replies``."""
+        """Wait for the reply to a request. ``replies`` returns any other reply that arrives meanwhile."""
         with trio.move_on_after(ANSWER_S):
             while True:
                 arrived = self.replies()
@@ -108,22 +112,25 @@ class Fci:
                 if reply is not None:
                     return reply
                 await trio.sleep(LOOK_S)
-        raise WireDown(f"{self._tcp.name}: no answer to {name} within {ANSWER_S:g} s. Is the controller alive?")
+        raise WireDown(
+            f"{self._tcp.name}: the controller did not answer {name} within {ANSWER_S:g} s. Check its power"
+        )
 
     async def handshake(self, robot: str) -> p.State:
-        """Wait for the reply to the connect, and for the first state. Raise ``WireDown``."""
+        """Wait for the reply to ``connect``, then for the controller's first state. Raise ``WireDown``."""
         reply = await self.answer(CONNECT, "connect")
         try:
             status, version = p.connect_reply(reply)
         except MalformedFrame as error:
-            raise WireDown(f"{self._tcp.name}: {error}. Is this a Franka controller?") from None
+            raise WireDown(f"{self._tcp.name}: {error}. Check that this is a Franka controller") from None
         if status:
-            other = f"use the {_DRIVERS[version]} driver" if version in _DRIVERS else "no driver here speaks it"
-            raise WireDown(f"controller speaks {version}, {robot} speaks {self.dialect.version}. {other}")
+            hint = f"use the {_DRIVERS[version]} driver" if version in _DRIVERS else "no driver here speaks it"
+            raise WireDown(f"controller has FCI {version}, {robot} needs FCI {self.dialect.version}. {hint}")
         return await self._first_state()
 
     async def _first_state(self) -> p.State:
-        """Return the first state, and accept states of this controller alone from now on."""
+        """Return the controller's first state. From then on the UDP socket accepts datagrams only from its
+        sender."""
         host = self._tcp.peer_host
         with trio.move_on_after(FIRST_STATE_S):
             while True:
@@ -141,7 +148,7 @@ class Fci:
                         raise WireDown(f"{self._tcp.name}: {error}") from None
         raise WireDown(
             f"{self._tcp.name}: connected, but no state within {FIRST_STATE_S:g} s. "
-            "Is FCI activated in Desk? Does a firewall keep UDP away?"
+            "Activate FCI in Desk, and let UDP pass the firewall of this computer"
         )
 
     def newest_state(self) -> p.State | None:
@@ -158,7 +165,9 @@ class Fci:
         except BlockingIOError:
             return None
         except OSError as error:
-            raise WireDown(f"{self._tcp.name}: states do not arrive any more ({error.strerror})") from None
+            raise WireDown(
+                f"{self._tcp.name}: cannot receive the controller's states ({error.strerror}). Check the network"
+            ) from None
 
     def close_in_order(self) -> None:
         """Close after the sent bytes are delivered, so that a frozen controller receives them when it continues."""
@@ -178,7 +187,7 @@ async def open_client(host: str, fci: int) -> Fci:
     except OSError as error:
         RESERVE.lacked(error)
         tcp.close()
-        raise WireDown(f"{host}: no UDP port for its states ({error.strerror})") from None
+        raise WireDown(f"{host}: cannot open a UDP port for the controller's states ({error.strerror})") from None
     client = Fci(tcp, udp, p.DIALECTS[fci])
     try:
         udp.setblocking(False)
@@ -187,7 +196,9 @@ async def open_client(host: str, fci: int) -> Fci:
     except BaseException as error:
         client.close()
         if isinstance(error, OSError):
-            raise WireDown(f"{host}: no UDP port for its states ({error.strerror})") from None
+            raise WireDown(
+                f"{host}: cannot open a UDP port for the controller's states ({error.strerror})"
+            ) from None
         raise
 
 

@@ -1,4 +1,4 @@
-"""The frozen settings that the wire and the stop channel share."""
+"""The immutable settings of a Franka arm. The wire process and the stop channel use the same ones."""
 
 from __future__ import annotations
 
@@ -22,8 +22,11 @@ class FrankaConfig(msgspec.Struct, frozen=True):
 
     @property
     def host(self) -> str:
-        """The controller's host. Raise ``ValueError`` if ``port`` is not an address, or names another than the
-        fixed TCP port."""
+        """The controller's host name or IP address, taken from ``port``.
+
+        Raises:
+            ValueError: ``port`` is not an address, or it contains another TCP port than 1337.
+        """
         host, port = parse_address(self.port, PORT)
         if port != PORT:
             raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its port is {PORT}")

@@ -1,12 +1,16 @@
 """The process that answers each state of the controller with a command, a thousand times a second.
 
-It is a separate process, so that no other work delays it: beside a loop that computed 15 % of the time, a thread
-was late 3 to 11 times in a hundred. It only receives a state, takes the next step of the trajectory and sends it.
+It is a separate process, so that no other work delays it. A thread in a process that was busy for 15 % of the time
+sent 3 to 11 % of its commands late. This process only receives a state, computes the next step of the trajectory
+and sends it.
 
-The wire process controls it over a pair of sockets (``Order``, ``Report``) and a page of shared memory. On the
-page this process notes when it received the last state, and the wire process notes that the last setpoint is
-still valid. Without that note this process brakes the arm and ends the motion. It never begins a motion: that is
-requested on TCP, as is a stop, and only the wire process has the TCP connection. The connection ends with it.
+The wire process (it talks to the controller on TCP) sends an ``Order`` with a goal over a pair of sockets, and
+receives a ``Report``. The two processes also share a page of memory. On this page the cycle process writes the time
+of the last state, and the wire process writes the time at which its setpoint was last valid. If the wire process
+stops writing that time, the cycle process brakes the arm and ends the motion.
+
+The cycle process cannot begin or stop a motion, because both are requested on TCP. The TCP connection ends with the
+wire process.
 
 The phases of a motion:
 
@@ -70,7 +74,7 @@ LARGEST = _REPORT.size + 4096
 
 
 class Ends(Protocol):
-    """The methods of a datagram socket that are used. Both raise ``OSError``."""
+    """The two methods of a datagram socket that this module calls. Both may raise ``OSError``."""
 
     def recv(self, size: int, /) -> bytes: ...
 
@@ -85,7 +89,7 @@ class Phase(enum.IntEnum):
 
 
 class Order(msgspec.Struct, frozen=True):
-    """A goal from the wire process. Number 0 cancels the last one: send nothing more."""
+    """A goal from the wire process. An order with number 0 cancels the last goal: no further command is sent."""
 
     number: int
     goal: tuple[float, ...]
@@ -98,7 +102,7 @@ STAND_DOWN = Order(0, (0.0,) * 7)
 
 
 class Report(msgspec.Struct, frozen=True):
-    """A report to the wire process, with a state as it was received."""
+    """A report to the wire process: the progress of its order, and one state of the controller, not decoded."""
 
     phase: int
     reached: int  # number of the last order whose goal was reached
@@ -115,15 +119,15 @@ class Report(msgspec.Struct, frozen=True):
         return _REPORT.pack(self.phase, self.reached, self.missed, self.stamp_ns) + self.state
 
 
-class _Told(NamedTuple):
-    """The controller's commanded motion of the arm: rad, rad/s, rad/s^2."""
+class _Motion(NamedTuple):
+    """Position, speed and acceleration that the controller commands to the joints (rad, rad/s, rad/s^2)."""
 
     position: tuple[float, ...]
     speed: tuple[float, ...]
     acceleration: tuple[float, ...]
 
     def later(self, ticks: int) -> list[float]:
-        """Return the position after this many milliseconds at constant acceleration."""
+        """Return the position in ``ticks`` milliseconds, if the acceleration stays constant."""
         return [
             rad + (rad_s + rad_s2 * STEP_S * (ticks + 1) / 2) * STEP_S * ticks
             for rad, rad_s, rad_s2 in zip(*self, strict=True)
@@ -131,7 +135,7 @@ class _Told(NamedTuple):
 
 
 class Cycle:
-    """Computes the command for each state. Pure except for the page: bytes in, bytes out."""
+    """Compute the command that answers each state. Its only I/O is to read the page of shared memory."""
 
     def __init__(self, dialect: p.Dialect, limits: Limits, heartbeat: Heartbeat) -> None:
         self.dialect = dialect
@@ -142,13 +146,13 @@ class Cycle:
         self._ended_by_itself = False
         self._waited = 0
         self._last_id = 0
-        self._heard = 0.0
+        self._last_message_id = 0.0
         self.phase = Phase.IDLE
         self.reached = 0
         self.missed = 0
-        self.went_on = 0
+        self.times_continued = 0
         """Number of times that the controller continued by itself."""
-        self._told: _Told | None = None  # from the last state
+        self._last_motion: _Motion | None = None  # The motion that the last state reported.
         self._sent: tuple[float, ...] | None = None
 
     def obey(self, data: bytes) -> None:
@@ -162,8 +166,8 @@ class Cycle:
             self._trajectory.aim(order.goal)
         elif self.phase is Phase.IDLE:
             self.phase, self._waited = Phase.STARTING, 0
-        # While it finishes or brakes, a goal is ignored. The wire process sees that the goal was not reached and
-        # sends it again.
+        # A goal that arrives while the motion finishes or brakes is ignored. The wire process sees that this goal
+        # was not reached, and sends it again.
 
     def is_news(self, data: bytes) -> bool:
         """Return whether ``data`` is a state with a later controller time than the last one. A state without
@@ -171,9 +175,9 @@ class Cycle:
         if not (self.dialect.is_plausible(data) and self.dialect.has_plausible_joints(data)):
             return False
         (message_id,) = self.dialect.get(data, "message_id")
-        if self._heard and not 0 < message_id - self._heard <= JUMP_TICKS:
-            return False  # It is an old one.
-        self._heard = message_id
+        if self._last_message_id and not 0 < message_id - self._last_message_id <= JUMP_TICKS:
+            return False  # This state is older than the last one, or not from this controller.
+        self._last_message_id = message_id
         return True
 
     def answer(self, state: bytes, now_ns: int) -> bytes | None:
@@ -204,17 +208,17 @@ class Cycle:
         if trajectory is None:
             return None
         self.missed += elapsed - 1
-        fed = now_ns - self._heartbeat.heard_ns <= FEED_S * NS
+        fed = now_ns - self._heartbeat.last_received_ns <= FEED_S * NS
         if self.phase is Phase.MOVING and not fed and not self._ended_by_itself:
             self._ended_by_itself = True
             trajectory.brake()
         for _ in range(min(elapsed, p.MISSED_TICKS) - 1):
-            trajectory.step()  # The path keeps its time.
-        commanded = _Told(*(self.dialect.get(state, name) for name in ("q_d", "dq_d", "ddq_d")))
-        if self._went_on(commanded, elapsed):
-            self.went_on += 1
+            trajectory.step()  # Skip the steps of missed states, so that the trajectory stays on time.
+        commanded = _Motion(*(self.dialect.get(state, name) for name in ("q_d", "dq_d", "ddq_d")))
+        if self._continued_by_itself(commanded, elapsed):
+            self.times_continued += 1
             trajectory.meet(*commanded)
-        self._told = commanded
+        self._last_motion = commanded
         self._sent = position = trajectory.step()
         if self.phase is Phase.MOVING and trajectory.arrived:
             self.phase = Phase.FINISHING
@@ -222,20 +226,21 @@ class Cycle:
                 self.reached = self._order.number
         return self.dialect.position_command(int(message_id), position, self.phase is Phase.FINISHING)
 
-    def _went_on(self, commanded: _Told, elapsed: int) -> bool:
-        """Return whether the controller has continued by itself because an answer came too late.
+    def _continued_by_itself(self, commanded: _Motion, elapsed: int) -> bool:
+        """Return whether the controller has continued the motion by itself because a command came too late.
 
-        It then moves at constant acceleration (libfranka's rate_limiting.h). Any other difference is not such a
-        motion, and is ignored.
+        The controller then keeps the acceleration constant (libfranka's rate_limiting.h). If its position does not
+        fit a constant acceleration, the difference has another cause and is ignored.
         """
-        before, sent = self._told, self._sent
+        before, sent = self._last_motion, self._sent
         if before is None or sent is None:
             return False
-        apart_rad = max(abs(there - here) for there, here in zip(commanded.position, sent, strict=True))
+        apart_rad = max(abs(rad - sent_rad) for rad, sent_rad in zip(commanded.position, sent, strict=True))
         if not SAME_RAD < apart_rad < LARGEST_GAP_RAD:
             return False
         by_itself = before.later(elapsed)
-        return max(abs(there - here) for there, here in zip(commanded.position, by_itself, strict=True)) < apart_rad
+        error_rad = max(abs(rad - expected) for rad, expected in zip(commanded.position, by_itself, strict=True))
+        return error_rad < apart_rad
 
     def _begin(self, q_d: tuple[float, ...]) -> bool:
         if not all(abs(rad) <= p.LARGEST_NUMBER for rad in q_d):
@@ -243,33 +248,36 @@ class Cycle:
         self._trajectory = Trajectory(self._limits, q_d)
         self._trajectory.aim(self._order.goal)
         self._ended_by_itself = False
-        self._told = self._sent = None
+        self._last_motion = self._sent = None
         self.phase = Phase.MOVING
         return True
 
 
 class Reporter:
-    """Selects the states to report to the wire process: each ``stride``-th, and each that shows a new phase,
-    mode or generator."""
+    """Select the states to report to the wire process.
+
+    These are each ``stride``-th state, and each state in which the phase, robot mode or motion generator has
+    changed.
+    """
 
     def __init__(self, dialect: p.Dialect, stride: int) -> None:
         self._dialect = dialect
         self._stride = stride
         self._next_id = 0.0
-        self._told: tuple[Any, ...] = ()
+        self._last_reported: tuple[Any, ...] = ()
 
     def is_due(self, state: bytes, phase: Phase) -> bool:
         get = self._dialect.get
         (message_id,) = get(state, "message_id")
         shown = (phase, get(state, "robot_mode"), get(state, "generator"))
-        if shown == self._told and self._next_id - self._stride <= message_id < self._next_id:
+        if shown == self._last_reported and self._next_id - self._stride <= message_id < self._next_id:
             return False
-        self._told, self._next_id = shown, message_id + self._stride
+        self._last_reported, self._next_id = shown, message_id + self._stride
         return True
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the process."""
+    """Run the process that answers the controller. This is its entry point."""
     _end_with(args["parent"])
     run_first(WIRE_PRIORITY)
     gc.disable()  # This process makes no reference cycles, and a pause would be a missed command.
@@ -298,7 +306,7 @@ def run(
     arrived.register(udp, select.POLLIN)
     while True:
         state = newest(udp) if arrived.poll(SILENT_MS) else b""
-        if turn(cycle, reporter, state, udp, wire, heartbeat, time.monotonic_ns()) and _is_gone(parent):
+        if turn(cycle, reporter, state, udp, wire, heartbeat, time.monotonic_ns()) and _has_ended(parent):
             return
 
 
@@ -308,7 +316,8 @@ def turn(
     """Answer a state and report it.
 
     Returns:
-        Whether it is time to check for the wire process: the state was reported, or it was not new.
+        True if the caller should now check whether the wire process still runs: the state was reported, or no new
+        state had arrived.
     """
     for _ in range(MOST_ORDERS):
         if (order := _receive(wire)) is None:
@@ -329,7 +338,7 @@ def turn(
 def newest(udp: Ends) -> bytes:
     """Return the newest of the waiting states; empty if there are no states."""
     state = b""
-    with contextlib.suppress(OSError):  # There are no more, or an earlier command met a closed port.
+    with contextlib.suppress(OSError):  # No state is left, or an earlier command was sent to a closed port.
         for _ in range(MOST_STATES):
             state = udp.recv(LARGEST)
     return state
@@ -342,14 +351,13 @@ def _receive(wire: Ends) -> bytes | None:
         return None
 
 
-def _send(there: Ends, data: bytes) -> None:
-    """Send a datagram now or not at all, because a delayed one would be late. A receiver that does not read is
-    detected elsewhere."""
+def _send(sock: Ends, data: bytes) -> None:
+    """Send a datagram if the socket accepts it now. Otherwise drop it, because later it would be useless."""
     with contextlib.suppress(OSError):
-        there.send(data)
+        sock.send(data)
 
 
-def _is_gone(parent: socket.socket) -> bool:
+def _has_ended(parent: socket.socket) -> bool:
     try:
         return parent.recv(1) == b""
     except BlockingIOError:
@@ -359,8 +367,11 @@ def _is_gone(parent: socket.socket) -> bool:
 
 
 def _end_with(parent: int) -> None:
-    """End when the wire process ends, even while stopped: no other process would wake this one up then."""
+    """Let the system kill this process when the wire process ends.
+
+    This also ends a process that was suspended by a signal, which could not notice the end by itself.
+    """
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # 1 is PR_SET_PDEATHSIG: the signal at the parent's death.
         if os.getppid() != parent:
             os._exit(1)

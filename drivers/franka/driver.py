@@ -1,8 +1,9 @@
-"""Drive Franka arms through FCI: panda (FER, interface 5), fr3 and fr3_v2 (interface 10).
+"""Drive Franka arms through FCI: panda (FER, FCI version 5), fr3 and fr3_v2 (FCI version 10).
 
-A command names a target for all seven joints. A trajectory generator moves the arm there within its limits of
-speed, acceleration and jerk, times ``speed_factor``. Between motions nothing is sent, and the controller holds
-the arm. The safe state is StopMove for every reason: the controller brakes the arm and holds it. There is no limp.
+A command names a target for all seven joints. A trajectory generator moves the arm to this target. It uses at most
+the share ``speed_factor`` of the arm's speed, acceleration and jerk. Between motions nothing is sent, and the
+controller holds the arm. After any fault the driver sends StopMove: the controller brakes the arm and holds it. The
+joints are never without torque.
 """
 
 from __future__ import annotations
@@ -70,11 +71,11 @@ class Franka(Driver):
         return plain(read_options(robot, Options, options))
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        given = read_options(robot, Options, options)
+        chosen = read_options(robot, Options, options)
         self.robot = robot
         self.arm = arm_of(robot)
-        self.limits = limits_of(self.arm, given.speed_factor)
-        stride = round(STATE_HZ / given.stream_rate_hz)
+        self.limits = limits_of(self.arm, chosen.speed_factor)
+        stride = round(STATE_HZ / chosen.stream_rate_hz)
         self.timing = Timing(
             control_hz=STATE_HZ / stride,
             keepalive_s=0.05,
@@ -82,10 +83,10 @@ class Franka(Driver):
             oneshot_ttl_s=None,
             state_ttl_s=0.15,
             safe_s=2.0,
-            silent_s=0.5,  # Starting the process of the cycle blocks this one until it has begun.
+            silent_s=0.5,  # The start of the 1 kHz process (``cycle``) blocks the wire process for a while.
         )
         self.config = FrankaConfig(
-            self.robot, port, self.arm, self.limits, stride, given.speed_factor, self.timing.state_ttl_s
+            self.robot, port, self.arm, self.limits, stride, chosen.speed_factor, self.timing.state_ttl_s
         )
         rows = zip(self.arm.keys, self.limits.low, self.limits.high, self.limits.speed, strict=True)
         axes = tuple(

@@ -1,4 +1,7 @@
-"""Conditions and gates that refuse a setpoint before it reaches the controller. Pure; nothing is ever clipped."""
+"""Conditions and gates: pure functions that refuse a setpoint before it reaches the controller.
+
+They never change (clip) a value.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ from .protocol import RobotMode, mode_name
 MOVABLE = (RobotMode.IDLE, RobotMode.MOVE)
 
 POOR, TOO_POOR = 0.8, 0.5
-"""Shares of the last 100 commands that reached the controller in time. Below the first, status warns. Below the
-second, a new target is refused [assumed]."""
+"""Shares of the last 100 commands that reached the controller in time. Below ``POOR`` the status has a warning.
+Below ``TOO_POOR`` a new target is refused [assumed]."""
 
 _REMEDIES = {
     RobotMode.REFLEX: "recover() first",
@@ -25,31 +28,31 @@ _REMEDIES = {
     RobotMode.GUIDING: "let go of the guiding button",
     RobotMode.RECOVERY: "wait until it has recovered",
 }
-_OTHER_REMEDY = "unlock the joints and activate FCI in Desk"
+_DEFAULT_REMEDY = "unlock the joints and activate FCI in Desk"
 
 REASONS = "reasons"
 """Key of ``Observation.faults`` for the controller's errors."""
 LOST = "motion"
-"""Key of ``Observation.faults`` for the reason why the controller ended a motion of ours."""
+"""Key of ``Observation.faults`` for the reason why the controller ended the motion of this driver."""
 
 
 def all_gates(axes: tuple[Axis, ...], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they check a setpoint. The first refusal is reported."""
     return stale(axes, state_ttl_s), all_joints(axes), past_range(axes), reaches_it
 
 
 def refuse_mode(mode: int, reasons: str) -> Refused | None:
-    """Refuse in a mode in which the controller does not move the arm for us. Arming makes the same check."""
+    """Refuse if the controller is in a mode in which it accepts no motion. Arming makes the same check."""
     if mode in MOVABLE:
         return None
     name = mode_name(mode)
-    why = f" ({reasons})" if reasons else ""
+    suffix = f" ({reasons})" if reasons else ""
     has_name = mode in tuple(RobotMode)
-    remedy = _REMEDIES.get(RobotMode(mode), _OTHER_REMEDY) if has_name else _OTHER_REMEDY
-    return Refused(Code.ROBOT_MODE, f"arm is in {name}{why}", remedy, name, "idle or move")
+    remedy = _REMEDIES.get(RobotMode(mode), _DEFAULT_REMEDY) if has_name else _DEFAULT_REMEDY
+    return Refused(Code.ROBOT_MODE, f"arm is in {name}{suffix}", remedy, name, "idle or move")
 
 
-# -- conditions for a motion to begin and to continue
+# -- conditions under which a motion may begin and continue
 
 
 def movable(observation: Observation, now_ns: int) -> Refused | None:
@@ -57,17 +60,18 @@ def movable(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def not_lost(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse after the controller has ended a motion of ours. Motion does not continue by itself."""
-    why = observation.faults.get(LOST)
-    if why is None:
+    """Refuse after the controller has ended our motion, until the caller resumes. Motion never restarts by
+    itself."""
+    reason = observation.faults.get(LOST)
+    if reason is None:
         return None
-    return Refused(FrankaCode.MOTION_ENDED, f"the controller ended the motion ({why})", "call resume()", why)
+    return Refused(FrankaCode.MOTION_ENDED, f"the controller ended the motion ({reason})", "call resume()", reason)
 
 
 CONDITIONS = (Condition(movable), Condition(not_lost, on_resume=OnResume.ARM_ANEW))
 
 
-# -- gates of one target
+# -- gates that check a new target
 
 
 def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
@@ -75,26 +79,28 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
     keys = ", ".join(axis.key for axis in axes)
 
     def all_joints(candidate: Candidate, state: GateState) -> Refused | None:
-        missing = ", ".join(axis.key for at, axis in enumerate(axes) if at not in candidate.named)
+        missing = ", ".join(axis.key for index, axis in enumerate(axes) if index not in candidate.named)
         if not missing:
             return None
-        given = ", ".join(axes[at].key for at in candidate.named)
-        why = f"the arm is moved by all its joints; {missing} missing"
-        return Refused(FrankaCode.NOT_ALL_JOINTS, why, f"send {keys}", given, f"{len(axes)} joints")
+        named = ", ".join(axes[index].key for index in candidate.named)
+        reason = f"the arm is moved by all its joints; {missing} missing"
+        return Refused(FrankaCode.NOT_ALL_JOINTS, reason, f"send {keys}", named, f"{len(axes)} joints")
 
     return all_joints
 
 
 def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse a new target while too few commands reach the controller, which would then end the motion. Without
-    a motion the rate is unknown."""
+    """Refuse a new target while too few commands reach the controller in time: it would soon end the motion.
+
+    The controller measures this rate only during a motion, so without a motion nothing is refused.
+    """
     rate = state.observation.sensors.get("success_rate", (1.0,))[0]
     if number_of(state.observation.sensors, "robot_mode", 0) != RobotMode.MOVE or rate >= TOO_POOR:
         return None
     return Refused(
         FrankaCode.SUCCESS_RATE,
         f"{rate:.0%} of the commands reach the controller in time",
-        "let the motion end; see what else this machine and its network do, and status: scheduling",
+        "wait for the end of the motion, then reduce the load on this computer and its network",
         f"{rate:.2f}",
         f"at least {TOO_POOR:g}",
     )

@@ -8,8 +8,8 @@ There are two stages. A profile keeps speed and acceleration within the limits. 
 steps then spreads each change of the acceleration over as many milliseconds, which limits the jerk. An average
 of positions goes no further, no faster, and accelerates no more than the positions that it averages.
 
-A controller that has missed a command has continued by itself. The path then continues from its position
-(``meet``), and the difference between the two fades out over ``FADE`` steps.
+A controller that has missed a command has continued the motion by itself. The trajectory then starts from the
+controller's position (``meet``), and returns to the planned path within ``FADE`` steps.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from .arms import JOINTS, Arm
 
 STEP_S = 0.001
 WINDOW = 4
-"""Number of steps in the average. The acceleration may change by twice its limit at once. Over 4 ms that is the
-jerk limit of every joint of every arm of ``robots.toml``, for any speed factor."""
+"""Number of steps in the moving average. The profile may change the acceleration by twice its limit in one step.
+Spread over 4 ms, this change keeps the jerk limit of all arms in ``robots.toml``, for any speed factor."""
 
 ARRIVED_RAD = 1e-9
 ROOM_RAD = 0.002
-"""Margin at the end of a range where the speed is limited: a joint moves this far in the 1.5 ms by which the
-average lags the profile."""
+"""Margin at the end of a joint's range, where the speed is limited. A joint moves this far in the 1.5 ms by which
+the moving average lags behind the profile."""
 FADE = 40
-"""Number of steps in which a difference fades out. It is small enough that the path is met soon, and large enough
-that the additional jerk is a small part of the controller's limit."""
+"""Number of steps after which the arm is back on the planned path. A smaller number would cause more jerk, and a
+larger one would take longer."""
 SPAN_RAD = 1e-6
 """A joint with a shorter way than this does not wait for the others."""
 
@@ -50,10 +50,12 @@ class Limits(msgspec.Struct, frozen=True):
 def limits_of(arm: Arm, speed_factor: float) -> Limits:
     """Return the limits of an arm at a share of its speed, acceleration and jerk.
 
-    Towards the end of a range the controller lowers the speed limit (``Arm.ends``: |v| <= -a + sqrt(b * d)).
-    Braking must stay below that. At a distance e from the goal the braking speed is sqrt(2 A e). With A <= b / 6 it
-    stays below if the goal keeps 1.5 a^2 / b from the end of the curve (square both sides; the worst place is where
-    the speed is a / 2).
+    Near the end of a joint's range the controller lowers its speed limit: |v| <= -a + sqrt(b * d). Here d is the
+    distance from the end of that curve, and a, b and the ends of the curve are in ``Arm.ends``.
+
+    A joint that brakes must stay below that limit. With the acceleration A, its speed at the distance e from the
+    goal is sqrt(2 A e). It stays below the limit under two conditions: A <= b / 6, and the goal is at least 1.5 a^2
+    / b away from the end of the curve. To prove this, square both sides. The worst case is at the speed a / 2.
     """
     acceleration = [most * speed_factor for most in arm.acceleration]
     low, high = list(arm.low), list(arm.high)
@@ -75,31 +77,34 @@ class Trajectory:
         self._speed = [0.0] * JOINTS
         self._limit = list(zip(limits.speed, limits.acceleration, strict=True))
         self._recent = deque([tuple(start)] * WINDOW, WINDOW)
-        self._path = deque([tuple(start)] * 3, 3)  # the newest steps, without the difference that fades out
-        self._apart: Sequence[tuple[float, float, float]] = ()  # difference per joint: now, one and two steps ago
+        # The last three planned positions, before the correction of ``meet`` is added.
+        self._path = deque([tuple(start)] * 3, 3)
+        # Per joint: controller's position minus planned position, at the last ``meet`` and one and two steps
+        # before.
+        self._apart: Sequence[tuple[float, float, float]] = ()
         self._faded = FADE
 
     @property
     def arrived(self) -> bool:
-        """Whether the goal is reached and every further step would be the same."""
+        """True if the arm is commanded to the goal, and further steps would repeat this position."""
         at_rest = all(point == self._recent[-1] for point in self._recent) and self._at_goal()
         return at_rest and self._faded >= FADE
 
     def meet(self, position: Sequence[float], speed: Sequence[float], acceleration: Sequence[float]) -> None:
-        """Continue from the controller's position instead of from the last step, with smooth differences.
+        """Continue from the controller's commanded position, and return smoothly to the planned path.
 
         Args:
-            position: In rad, as the controller reports it.
-            speed: In rad/s.
-            acceleration: In rad/s^2.
+            position: Commanded position of each joint in rad, as the controller reports it.
+            speed: Commanded speed of each joint in rad/s.
+            acceleration: Commanded acceleration of each joint in rad/s^2.
         """
         now, before, first = self._path[2], self._path[1], self._path[0]
         apart = []
         for joint in range(JOINTS):
-            here, rad_s, rad_s2 = position[joint], speed[joint], acceleration[joint]
-            a_step_ago = here - rad_s * STEP_S
+            rad, rad_s, rad_s2 = position[joint], speed[joint], acceleration[joint]
+            a_step_ago = rad - rad_s * STEP_S
             two_ago = a_step_ago - (rad_s - rad_s2 * STEP_S) * STEP_S
-            apart.append((here - now[joint], a_step_ago - before[joint], two_ago - first[joint]))
+            apart.append((rad - now[joint], a_step_ago - before[joint], two_ago - first[joint]))
         self._apart, self._faded = apart, 0
 
     def aim(self, goal: Sequence[float]) -> None:
@@ -107,11 +112,12 @@ class Trajectory:
         self._goal = list(goal)
         top = list(zip(self._limits.speed, self._limits.acceleration, strict=True))
         if any(self._speed):
-            self._limit = top  # A joint may have to brake at full acceleration.
+            self._limit = top  # The joints already move, and one may have to brake at full acceleration.
             return
-        spans = [abs(there - here) for there, here in zip(goal, self._position, strict=True)]
+        spans = [abs(goal_rad - rad) for goal_rad, rad in zip(goal, self._position, strict=True)]
         far = [(span, *limit) for span, limit in zip(spans, top, strict=True) if span > SPAN_RAD]
-        # Speed and acceleration along the straight line, as shares of its length.
+        # All joints arrive together, so scale speed and acceleration by the slowest joint. Both are shares of the
+        # whole way.
         speed = min((speed / span for span, speed, _ in far), default=0.0)
         acceleration = min((acceleration / span for span, _, acceleration in far), default=0.0)
         self._limit = [
@@ -124,8 +130,8 @@ class Trajectory:
         top = self._limits.acceleration
         self.aim(
             [
-                here + math.copysign(_braking_distance(abs(speed), acceleration), speed)
-                for here, speed, acceleration in zip(self._position, self._speed, top, strict=True)
+                rad + math.copysign(_braking_distance(abs(speed), acceleration), speed)
+                for rad, speed, acceleration in zip(self._position, self._speed, top, strict=True)
             ]
         )
 
@@ -133,15 +139,15 @@ class Trajectory:
         """Return the commanded position of the next millisecond."""
         position, speeds, goal = self._position, self._speed, self._goal
         for joint, (most, acceleration) in enumerate(self._limit):
-            left, speed = goal[joint] - position[joint], speeds[joint]
-            if not left and not speed:
+            remaining_rad, speed = goal[joint] - position[joint], speeds[joint]
+            if not remaining_rad and not speed:
                 continue
             change = acceleration * STEP_S
-            distance = abs(left)
-            # This is the highest speed from which braking, including this step, ends at the goal.
+            distance = abs(remaining_rad)
+            # ``braking`` is the highest speed from which the joint can still stop at the goal.
             braking = change * (math.sqrt(0.25 + 2 * distance / (change * STEP_S)) - 0.5)
             allowed = min(most, braking, distance / STEP_S)
-            target_speed = math.copysign(allowed, left)
+            target_speed = math.copysign(allowed, remaining_rad)
             speed += min(change, max(-change, target_speed - speed))
             position[joint] += speed * STEP_S
             if abs(goal[joint] - position[joint]) < ARRIVED_RAD and abs(speed) <= change:
@@ -164,15 +170,15 @@ class Trajectory:
 
 
 def _braking_distance(speed: float, acceleration: float) -> float:
-    """Return the distance that a joint needs to brake in whole steps."""
+    """Return the distance in which a joint stops from ``speed``, if it brakes in steps of a millisecond."""
     return speed**2 / (2 * acceleration) + speed * STEP_S / 2
 
 
 def _fading(step: int) -> tuple[float, float, float]:
-    """Return the weights of the differences of now, one step and two steps ago, after ``step`` steps.
+    """Return the weights of the three differences in ``Trajectory._apart``, ``step`` steps after ``meet``.
 
-    They are those of the polynomial of the fifth degree through these three values, and through three zeros from
-    ``FADE`` on.
+    The weights come from a polynomial of the fifth degree. It passes through the three differences, and it is zero
+    at the three steps that begin with ``FADE``.
     """
     ahead = (FADE - step) * (FADE + 1 - step) * (FADE + 2 - step)
     now = (step + 1) * (step + 2) / 2 * ahead / (FADE * (FADE + 1) * (FADE + 2))

@@ -42,7 +42,7 @@ class RobotMode(enum.IntEnum):
 
 
 class Controller(enum.IntEnum):
-    """Controller of a motion, as a Move requests it. A state has OTHER when there is no motion."""
+    """Controller that moves the arm, as the request ``move`` selects it. Without a motion a state reports OTHER."""
 
     JOINT_IMPEDANCE = 0
     CARTESIAN_IMPEDANCE = 1
@@ -51,7 +51,8 @@ class Controller(enum.IntEnum):
 
 
 class Generator(enum.IntEnum):
-    """Motion generator, as a state has it. A Move has a number that is lower by one, and so no number for IDLE."""
+    """Motion generator, with the numbers that a state reports. In the request ``move`` each number is lower by
+    one."""
 
     IDLE = 0
     JOINT_POSITION = 1
@@ -104,7 +105,7 @@ ERRORS = (
     "base_acceleration_initialization_timeout",
     "base_acceleration_invalid_reading",
 )
-"""Names of the errors by position in ``errors`` and ``reflex_reason`` of a state."""
+"""Names of the controller's errors, in the order of the flags ``errors`` and ``reflex_reason`` of a state."""
 
 _STATE_5 = (
     "message_id:Q O_T_EE:16 O_T_EE_d:16 F_T_EE:16 EE_T_K:16 F_T_NE:16 NE_T_EE:16 m_ee:1 I_ee:9 F_x_Cee:3 m_load:1 "
@@ -150,9 +151,9 @@ _Field = tuple[int, struct.Struct]
 
 
 class State(msgspec.Struct, frozen=True):
-    """The fields of a state that are used."""
+    """A state of the controller: the fields that this driver uses, in the vendor's names and in SI units."""
 
-    message_id: int  # milliseconds of the controller's clock
+    message_id: int  # The controller's time in milliseconds.
     q: tuple[float, ...]
     q_d: tuple[float, ...]
     dq: tuple[float, ...]
@@ -161,13 +162,13 @@ class State(msgspec.Struct, frozen=True):
     O_T_EE: tuple[float, ...]
     generator: int
     controller: int
-    reasons: tuple[str, ...]  # present errors, and those that ended the last motion
+    reasons: tuple[str, ...]  # Names of the present errors, and of the errors that ended the last motion.
     robot_mode: int
-    success_rate: float  # of the last 100 commands; 0 without a motion
+    success_rate: float  # Share of the last 100 commands that arrived in time. It is 0 without a motion.
 
 
 class Command(NamedTuple):
-    """One command of a motion. Generator and controller decide which of its fields have a meaning."""
+    """One command of a motion. The controller reads ``q``, ``dq`` or ``tau``, as the request ``move`` selected."""
 
     message_id: int
     q: tuple[float, ...]
@@ -176,17 +177,17 @@ class Command(NamedTuple):
     finished: bool
 
 
-_REST = (0.0,) * 24  # O_T_EE_c, O_dP_EE_c, elbow_c
+_REST = (0.0,) * 24  # The Cartesian fields O_T_EE_c, O_dP_EE_c and elbow_c, which a joint motion does not use.
 _ZEROS = (0.0,) * 7
 
 
 class Dialect:
-    """One version of the interface."""
+    """One version of FCI: its commands, and the layout of its states and commands."""
 
     def __init__(self, version: int) -> None:
-        """Raise ``ValueError`` if the version is not known."""
+        """Raise ``ValueError`` if this FCI version is not supported."""
         if version not in (5, 10):
-            raise ValueError(f"FCI {version} is not known. There are 5 and 10")
+            raise ValueError(f"FCI {version} is not supported. Use 5 or 10")
         self.version = version
         self.commands: tuple[str, ...]
         self.move_statuses: tuple[str, ...]
@@ -212,13 +213,14 @@ class Dialect:
 
     def start_joint_motion(self, request_id: int) -> bytes:
         """Encode the request for a motion by joint positions under the arm's own joint impedance controller."""
-        deviations = (10.0, math.tau / 2, math.tau) * 2  # for path and goal, as libfranka requests them
+        # Allowed deviations from the path, then from the goal. These are the values that libfranka sends.
+        deviations = (10.0, math.tau / 2, math.tau) * 2
         extra = () if self.version == 5 else (False, *_ZEROS)
         payload = self.move.pack(Controller.JOINT_IMPEDANCE, Generator.JOINT_POSITION - 1, *deviations, *extra)
         return self.request("move", request_id, payload)
 
     def name_of(self, code: int) -> str:
-        """Return the name of a command; ``?`` for an unknown number."""
+        """Return the name of the command with this number, or ``?`` for an unknown number."""
         return self.commands[code] if code < len(self.commands) else "?"
 
     def move_status(self, status: int) -> str:
@@ -261,19 +263,19 @@ class Dialect:
         return generator <= Generator.NONE and controller <= Controller.OTHER and mode <= 6 and 0.0 <= rate <= 1.001
 
     def has_plausible_joints(self, data: bytes) -> bool:
-        """Return whether positions and speeds in a state are possible for joints. It is fast enough, too, for
-        every state."""
+        """Return whether all joint positions and speeds in a state are possible. It is fast enough to check a
+        thousand states per second."""
         row = (*self.get(data, "q"), *self.get(data, "q_d"), *self.get(data, "dq"))
         # ``min`` and ``max`` may pass over a NaN, but the sum contains it.
         return min(row) >= -LARGEST_NUMBER and max(row) <= LARGEST_NUMBER and not math.isnan(sum(row))
 
     def get(self, data: bytes | bytearray, name: str) -> tuple[float, ...]:
-        at, field = self.fields[name]
-        return field.unpack_from(data, at)
+        offset, field = self.fields[name]
+        return field.unpack_from(data, offset)
 
     def put(self, data: bytearray, name: str, *values: float) -> None:
-        at, field = self.fields[name]
-        field.pack_into(data, at, *values)
+        offset, field = self.fields[name]
+        field.pack_into(data, offset, *values)
 
     # -- commands
 
@@ -291,7 +293,7 @@ class Dialect:
 
 
 class Message(NamedTuple):
-    """A request or a reply."""
+    """A request of a client, or the controller's reply to it. Both have the same ``code`` and ``id``."""
 
     code: int
     id: int
@@ -325,14 +327,14 @@ class Decoder:
 
 
 def status_of(message: Message) -> int:
-    """Return the first byte of a reply. Raise ``MalformedFrame`` if the reply is empty."""
+    """Return the status of a reply, its first byte. Raise ``MalformedFrame`` if the reply is empty."""
     if not message.payload:
         raise MalformedFrame("a reply without a status")
     return message.payload[0]
 
 
 def connect_reply(message: Message) -> tuple[int, int]:
-    """Return the status and the controller's version of the interface. Raise ``MalformedFrame``."""
+    """Decode the reply to ``connect``: its status, and the controller's FCI version. Raise ``MalformedFrame``."""
     if len(message.payload) < 3:
         raise MalformedFrame(f"an answer to connect of {len(message.payload)} bytes")
     status, version = struct.unpack_from("<BH", message.payload)
@@ -340,7 +342,7 @@ def connect_reply(message: Message) -> tuple[int, int]:
 
 
 def connect_request(payload: bytes) -> tuple[int, int]:
-    """Return the client's version of the interface and its UDP port. Raise ``MalformedFrame``."""
+    """Decode the request ``connect``: the client's FCI version, and its UDP port. Raise ``MalformedFrame``."""
     if len(payload) != 4:
         raise MalformedFrame(f"a connect of {len(payload)} bytes")
     version, port = struct.unpack("<HH", payload)
@@ -348,11 +350,11 @@ def connect_request(payload: bytes) -> tuple[int, int]:
 
 
 def _layout(fields: str, number: str) -> tuple[dict[str, _Field], int]:
-    """Return the offset and the format of each field, and the total size."""
+    """Return the offset and the format of each field of a state, and the size of the state in bytes."""
     offset, layout = 0, {}
     for text in fields.split():
-        name, _, kind = text.partition(":")
-        field = struct.Struct("<" + (kind if kind in ("Q", "B") or kind.endswith("?") else f"{kind}{number}"))
+        name, _, code = text.partition(":")
+        field = struct.Struct("<" + (code if code in ("Q", "B") or code.endswith("?") else f"{code}{number}"))
         layout[name] = offset, field
         offset += field.size
     return layout, offset
@@ -362,7 +364,7 @@ DIALECTS = {version: Dialect(version) for version in (5, 10)}
 
 
 def mode_name(mode: int) -> str:
-    """Return the name of a robot mode for people."""
+    """Return the name of a robot mode for messages, such as ``reflex``."""
     if mode not in tuple(RobotMode):
         return f"mode {mode}"
     return RobotMode(mode).name.lower()

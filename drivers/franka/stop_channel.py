@@ -1,8 +1,8 @@
-"""The root's stop channel to the arm. It is used after the wire process has ended.
+"""The stop channel to the arm: the supervising process (root) stops the arm after the wire process has ended.
 
-The wire's connection ends with its process, and a controller ends a motion together with the connection that
-began it. The stop channel only has to check that. It connects when it is needed, and sends a StopMove for the
-case that another client moves the arm.
+The connection of the wire process ends with this process, and the controller then ends the motion by itself. The
+stop channel only has to check that the arm stands still. It connects when it is needed. It also sends a StopMove,
+because another client may move the arm.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class StopWatch:
     Args:
         config: The arm's settings.
         client: The connection.
-        first: The first state on it.
-        stop: The number of the stop request.
+        first: The first state that was received on this connection.
+        stop: The number of the stop request that was sent on it.
     """
 
     def __init__(self, config: FrankaConfig, client: Fci, first: p.State, stop: int) -> None:
@@ -43,9 +43,9 @@ class StopWatch:
     def look(self) -> tuple[MotorReport, ...]:
         self._acknowledged = self._acknowledged or any(reply.id == self._stop for reply in self._client.replies())
         newest = self._client.newest_state()
-        if newest is not None and newest.message_id > self._first.message_id:
-            self._state = newest  # The time of a live controller advances.
-        return self.reports("" if self._state is not None else "the controller's time stamp stands still")
+        if newest is not None and newest.message_id > (self._state or self._first).message_id:
+            self._state = newest  # A later time stamp proves that the controller is not frozen.
+        return self.reports("" if self._state is not None else "the time stamp of the controller does not advance")
 
     def reports(self, trouble: str) -> tuple[MotorReport, ...]:
         return reports(self._config, True, self._acknowledged, self._state, trouble)
@@ -57,15 +57,15 @@ class StopWatch:
 class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
     CONFIRM_S: ClassVar[float] = CONFIRM_S
     LOOK_S: ClassVar[float] = LOOK_S
-    _told = False  # whether the last connection took the stop
+    _stop_sent = False  # True if the stop was sent on the last connection.
 
     @property
     def hosts(self) -> Sequence[str]:
         return (self.config.host,)
 
     async def connect(self) -> StopWatch:
-        """Connect and send the stop before the controller has answered anything. Then wait for a state."""
-        config, self._told = self.config, False
+        """Connect, and send the stop at once, without waiting for a reply. Then wait for a state."""
+        config, self._stop_sent = self.config, False
         try:
             host = config.host
         except ValueError as error:
@@ -73,33 +73,38 @@ class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
         client = await open_client(host, config.arm.fci)
         try:
             stop = client.greet_and_stop()
-            self._told = True
+            self._stop_sent = True
             return StopWatch(config, client, await client.handshake(config.robot), stop)
         except BaseException:
             client.close_in_order()  # A frozen controller still receives the stop when it continues.
             raise
 
-    def failed(self, why: str, watch: StopWatch | None = None) -> tuple[MotorReport, ...]:
-        return reports(self.config, self._told, False, None, why) if watch is None else watch.reports(why)
+    def failed(self, reason: str, watch: StopWatch | None = None) -> tuple[MotorReport, ...]:
+        if watch is not None:
+            return watch.reports(reason)
+        return reports(self.config, self._stop_sent, False, None, reason)
 
 
 def moving(state: p.State) -> list[int]:
     """Return the joints that may move: all of them while the controller runs a motion."""
     if state.robot_mode == p.RobotMode.MOVE:
         return list(range(len(state.dq)))
-    return [at for at, rad_s in enumerate(state.dq) if abs(rad_s) >= STANDING_RAD_S]
+    return [index for index, rad_s in enumerate(state.dq) if abs(rad_s) >= STANDING_RAD_S]
 
 
 def reports(
     config: FrankaConfig, written: bool, acknowledged: bool, state: p.State | None, trouble: str = ""
 ) -> tuple[MotorReport, ...]:
-    """Return a report per joint. ``state`` is the last one since the stop was written; None without one."""
+    """Return a report on the stop of each joint.
+
+    ``state`` is the newest state since the stop was sent, or None if no state has arrived since.
+    """
     moves: Sequence[int] = range(len(config.arm.keys)) if state is None else moving(state)
     results = []
-    for at, joint in enumerate(config.arm.keys):
-        safe = state is not None and at not in moves
-        detail = "" if safe else trouble or "it moves"
+    for index, joint in enumerate(config.arm.keys):
+        safe = state is not None and index not in moves
+        detail = "" if safe else trouble or "the joint moves"
         if safe and state is not None and state.robot_mode not in (p.RobotMode.IDLE, p.RobotMode.MOVE):
             detail = ", ".join((p.mode_name(state.robot_mode), *state.reasons))
-        results.append(MotorReport(joint, at + 1, written, acknowledged, safe, detail))
+        results.append(MotorReport(joint, index + 1, written, acknowledged, safe, detail))
     return tuple(results)

@@ -1,5 +1,8 @@
-"""Connect the wire process to a Franka controller. It begins and stops motions. Another process sends their
-commands (``cycle``)."""
+"""Connect the wire process to a Franka controller.
+
+The wire process requests the start and the stop of each motion. Another process (``cycle``) sends a command to the
+controller in each millisecond of the motion.
+"""
 
 from __future__ import annotations
 
@@ -31,12 +34,12 @@ from .gates import LOST, POOR, REASONS, refuse_mode
 from .stop_channel import CONFIRM_S, FrankaStopChannel, moving, reports
 
 BEGIN_S = 3.0
-"""Timeout for the start of the process of the cycle, on a busy machine."""
+"""Timeout for the start of the 1 kHz process, on a busy computer."""
 OLD_S = 0.02
-"""A setpoint is not written after this long without a state: that is 20 missing ones."""
+"""If no state has arrived for this time (20 states are missing), no setpoint is written."""
 ENDS_S = 1.0
-"""Longest wait for the end of the previous motion. One that runs longer belongs to another client, and no motion is
-begun after it."""
+"""Longest wait for the end of the previous motion. A motion that runs longer belongs to another client. The driver
+then starts no motion."""
 RECOVER_S = 5.0
 
 _BY_US = ("success", "preempted")
@@ -44,18 +47,18 @@ _BY_US = ("success", "preempted")
 
 
 class FrankaSession:
-    """The state that exists between ``open`` and ``close``."""
+    """One connection to the controller, from ``open`` to ``close``, with the 1 kHz process that serves it."""
 
     def __init__(self, config: FrankaConfig, client: Fci, clock: Clock) -> None:
         self.client = client
         self._clock = clock
         self._dialect = client.dialect
-        with contextlib.ExitStack() as given:
+        with contextlib.ExitStack() as resources:
             ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
             page = new_page()
-            given.callback(os.close, page)
-            udp = given.enter_context(client.udp)  # It belongs to the child from now on.
-            given.enter_context(theirs)
+            resources.callback(os.close, page)
+            udp = resources.enter_context(client.udp)  # The child takes over this socket. It is closed here.
+            resources.enter_context(theirs)
             arguments = {
                 "fci": config.arm.fci,
                 "limits": msgspec.to_builtins(config.limits),
@@ -65,7 +68,7 @@ class FrankaSession:
                 "page": page,
                 "parent": os.getpid(),
             }
-            given.enter_context(ours)
+            resources.enter_context(ours)
             self.child: ChildProcess = start(ENTRY, arguments, (udp.fileno(), theirs.fileno(), page))
             self._reports = ours.dup()
             self._budget = ReceiveBudget("the process of the 1 kHz cycle", size=STATES_SIZE)
@@ -73,20 +76,24 @@ class FrankaSession:
         self._reports.setblocking(False)
         self.report: Report | None = None
         self.state: p.State | None = None
-        self.order: Order | None = None  # the last order; None after it was cancelled
-        self.motion = 0  # number of the Move that runs; 0 without a motion
-        self.lost = ""  # the reason why the controller ended a motion of ours
+        self.order: Order | None = None  # The last order to the 1 kHz process, or None after it was cancelled.
+        self.motion = 0  # Number of the ``move`` request of the running motion. It is 0 without a motion.
+        self.lost = ""  # The reason why the controller ended our motion.
         self._orders = 0
-        self.answers: dict[int, int] = {}  # status by number, of all requests except the Move
+        self.answers: dict[int, int] = {}  # Status of each reply by request number, except replies to ``move``.
 
     def look(self) -> None:
-        """Process the received reports and replies. Never waits. Raise ``WireDown``."""
+        """Process the reports of the 1 kHz process and the replies of the controller that have arrived. Never
+        waits.
+
+        Raise ``WireDown`` if a connection is lost.
+        """
         for data in self._budget.turn(self._report):
             try:
                 report = Report.unpack(data)
                 self.state, self.report = self._dialect.state(report.state), report
             except MalformedFrame:
-                continue  # It is malformed. The last state ages.
+                continue  # Ignore a malformed report and keep the last state. If it gets too old, ``read`` fails.
         for reply in self.client.replies():
             self._take(reply)
 
@@ -96,13 +103,13 @@ class FrankaSession:
         except BlockingIOError:
             return None
         except OSError:
-            raise WireDown("the process of the 1 kHz cycle is gone") from None
+            raise WireDown("the process that sends commands at 1 kHz has ended. Reconnect") from None
 
     def _take(self, reply: p.Message) -> None:
         try:
             status = p.status_of(reply)
         except MalformedFrame as error:
-            raise WireDown(f"read: {error}. Is this a Franka controller?") from None
+            raise WireDown(f"read: {error}. Check that port= is a Franka controller") from None
         if reply.id != self.motion or not self.motion:
             self.answers[reply.id] = status
             return
@@ -115,21 +122,23 @@ class FrankaSession:
             self.stand_down()
 
     def silent_s(self) -> float:
-        """Return the time since the last state."""
-        return (self._clock.now_ns() - self.heartbeat.heard_ns) / NS
+        """Return the time in seconds since the controller's last state."""
+        return (self._clock.now_ns() - self.heartbeat.last_received_ns) / NS
 
     def aim(self, goal: tuple[float, ...]) -> None:
-        """Send a goal to the process of the cycle."""
+        """Send a goal to the 1 kHz process."""
         self._orders += 1
         self.order = Order(self._orders, goal)
         try:
             self._reports.send(self.order.pack())
         except OSError:
-            raise WireDown("the process of the 1 kHz cycle takes no orders") from None
+            raise WireDown("the process that sends commands at 1 kHz accepts no goal. Reconnect") from None
 
     def stand_down(self) -> None:
-        """Cancel the order, so that no further command leaves. The controller has received a stop, or has ended the
-        motion."""
+        """Cancel the order to the 1 kHz process, so that it sends no further command.
+
+        It is called after a stop was sent, or after the controller has ended the motion.
+        """
         self.order = None
         try:
             self._reports.send(STAND_DOWN.pack())
@@ -149,7 +158,8 @@ class FrankaWire(SessionWire[FrankaSession]):
     def __init__(self, config: FrankaConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._waits_since_ns = 0  # since when a target waits for the end of the previous motion; 0 for no target
+        # Time since which a target has waited for the end of the previous motion. It is 0 if no target waits.
+        self._waits_since_ns = 0
 
     @property
     def prompt(self) -> bool:
@@ -167,16 +177,23 @@ class FrankaWire(SessionWire[FrankaSession]):
             session = FrankaSession(config, client, self._clock)
         except OSError as error:
             client.close()
-            raise WireDown(f"open: no process for the 1 kHz cycle ({error.strerror})") from None
+            raise WireDown(
+                f"open: cannot start the process that sends commands at 1 kHz ({error.strerror})"
+            ) from None
         self.session_or_none = session
         with trio.move_on_after(BEGIN_S):
             while session.state is None:
                 if not session.child.alive:
-                    raise WireDown("open: the process of the 1 kHz cycle has ended. What it says is above")
+                    raise WireDown(
+                        "open: the process that sends commands at 1 kHz has ended. Its error message is above"
+                    )
                 session.look()
                 await trio.sleep(LOOK_S)
         if session.state is None:
-            raise WireDown(f"open: no state has passed the 1 kHz cycle within {BEGIN_S:g} s")
+            raise WireDown(
+                f"open: the process that receives the controller's states reported no state within {BEGIN_S:g} s. "
+                "Close other programs, then try again"
+            )
         return {
             "address": host,
             "fci": config.arm.fci,
@@ -197,9 +214,12 @@ class FrankaWire(SessionWire[FrankaSession]):
         if refusal is not None:
             raise WireDown(refusal.text)
         if state.robot_mode != p.RobotMode.IDLE:
-            raise WireDown("somebody else moves the arm. End that program, then resume()")
+            raise WireDown("another program moves the arm. End that program, then call resume()")
         if (silent_s := session.silent_s()) > self._config.state_ttl_s:
-            raise WireDown(f"no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
+            raise WireDown(
+                f"the controller has sent no state for {silent_s * 1e3:.0f} ms. "
+                "Check the controller and its network"
+            )
         permit.check()
         session.lost, self._waits_since_ns = "", 0
         return self._observation(session, state)
@@ -211,15 +231,18 @@ class FrankaWire(SessionWire[FrankaSession]):
         silent_s = session.silent_s()
         if silent_s > self._config.state_ttl_s:
             if not session.child.alive:
-                raise WireDown("read: the process of the 1 kHz cycle has ended")
-            raise WireDown(f"read: no state for {silent_s * 1e3:.0f} ms. Check the controller and its network")
+                raise WireDown("read: the process that sends commands at 1 kHz has ended. Reconnect")
+            raise WireDown(
+                f"read: the controller has sent no state for {silent_s * 1e3:.0f} ms. "
+                "Check the controller and its network"
+            )
         return self._observation(session, state)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write a target.
+        """Move to a target.
 
-        If no motion can begin just now, nothing is written and no error is raised. The transport re-sends an
-        accepted setpoint while it is valid, so the motion begins with a later call.
+        If a motion cannot begin yet, nothing is written and no error is raised. The caller repeats an accepted
+        setpoint while it is valid, so the motion begins at a later call.
         """
         session = self.session
         session.look()
@@ -238,7 +261,8 @@ class FrankaWire(SessionWire[FrankaSession]):
                 self._wait_for_the_end(session)
                 return
             self._waits_since_ns = 0
-            session.aim(values)  # Do this first, so that the first state of the motion is answered.
+            # Send the goal first, so that the 1 kHz process can answer the first state of the motion.
+            session.aim(values)
             session.motion = session.client.start_motion()
             return
         session.aim(values)
@@ -266,7 +290,11 @@ class FrankaWire(SessionWire[FrankaSession]):
             return reports(self._config, written, False, None, str(down))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Send a stop on the open connection and close it, which ends the motion. Then stop on a new connection."""
+        """Stop the arm although its connection may be broken.
+
+        Send a stop on the open connection and close it, which ends the motion. Then send a stop on a new
+        connection.
+        """
         session, written = self.session_or_none, False
         if session is not None:
             with contextlib.suppress(WireDown):
@@ -282,15 +310,15 @@ class FrankaWire(SessionWire[FrankaSession]):
         session = self.session
         permit.check()
         number = session.client.send(service)
-        while number not in session.answers:  # The time limit of the service ends this wait.
+        while number not in session.answers:  # The caller cancels this wait at the time limit of the service.
             await trio.sleep(LOOK_S)
             session.look()
         status = session.answers.pop(number)
         if status:
             return Refused(
                 FrankaCode.NOT_RECOVERED,
-                f"the controller refuses (status {status})",
-                "look at the arm; release its stop button, or clear the error in Desk",
+                f"the controller refuses to recover (status {status})",
+                "release the arm's stop button, or clear the error in Desk",
             )
         return {"recovered": True}
 
@@ -302,7 +330,10 @@ class FrankaWire(SessionWire[FrankaSession]):
     # -- parts
 
     def _wait_for_the_end(self, session: FrankaSession) -> None:
-        """Wait for the end of the previous motion. After ``ENDS_S`` count it as another client's."""
+        """Note that a target waits for the end of the previous motion.
+
+        If it has waited for ``ENDS_S``, the motion must be another client's, and no target is accepted any more.
+        """
         now_ns = self._clock.now_ns()
         self._waits_since_ns = self._waits_since_ns or now_ns
         if now_ns - self._waits_since_ns > ENDS_S * NS:
@@ -319,7 +350,7 @@ class FrankaWire(SessionWire[FrankaSession]):
 
     def _state(self, session: FrankaSession) -> p.State:
         if session.state is None:
-            raise WireDown("read: no state yet")
+            raise WireDown("read: no state of the controller yet. Check the controller and its network")
         return session.state
 
     def _observation(self, session: FrankaSession, state: p.State) -> Observation:
@@ -350,7 +381,7 @@ class FrankaWire(SessionWire[FrankaSession]):
 
 
 def scheduling_of(pid: int) -> str:
-    """Return the scheduling of a process, for people."""
+    """Return a text for the status: whether the system runs this process with real-time priority."""
     if hasattr(os, "sched_getscheduler") and os.sched_getscheduler(pid) == os.SCHED_FIFO:
         return f"SCHED_FIFO {os.sched_getparam(pid).sched_priority}"
     return "ordinary: SCHED_FIFO was not granted; on a busy machine commands will be missed. ulimit -r 13 allows it"

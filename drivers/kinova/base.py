@@ -1,7 +1,7 @@
-"""Simulate the base of a Gen3 for the twin: its sessions, its state and its arm.
+"""Simulate the base (controller) of a Gen3: its sessions, its state and its arm.
 
-It has no sockets, and its only clock is the one that it is given. It models the worst case of a base:
-joint speeds never expire, and the end of a connection or of a session does not stop the arm.
+This module has no sockets, and takes the time from a function that its creator passes. It simulates the worst
+case: commanded joint speeds never expire, and the end of a connection or of a session does not stop the arm.
 """
 
 from __future__ import annotations
@@ -21,40 +21,40 @@ from .protocol import ArmState, Call, Frame, ServoingMode, SubError
 
 SUBSTEP_S = 0.004
 LONGEST_S = 0.25
-"""Longest time to catch up after a stall of the twin itself. The rest of a longer one is dropped."""
+"""Longest pause of this process for which the simulation catches up. The rest of a longer pause is dropped."""
 
 FRAMES_HZ = 1000
 """Control cycles per second. Each cycle has a new measurement and a frame number."""
 
 SUPPLY_V, ROOM_C, AMPERE_PER_NM = 24.0, 30.0, 0.1
-"""[assumed]"""
+"""Values for the simulated measurements of supply, temperature and current [assumed]."""
 
 ALL = range(p.JOINTS)
 
 
 class Second(enum.StrEnum):
-    """The base's reaction to a second session. It was never seen on a real base."""
+    """How the simulated base reacts to a second session. The reaction of a real base is unknown."""
 
     ACCEPTED = "accepted"
     REFUSED = "refused"
-    POWERLESS = "powerless"  # accepted, but every call except reading is refused
+    POWERLESS = "powerless"  # The session is accepted, but it may only read.
 
 
 class CallFailed(Exception):
-    """The base answers a call with an error."""
+    """Raised in the simulated base if it must answer a call with an error."""
 
-    def __init__(self, why: SubError) -> None:
-        self.why = why
+    def __init__(self, sub_error: SubError) -> None:
+        self.sub_error = sub_error
 
 
 class BaseSession:
-    """One session. Its calls are accepted only on the connection that opened it."""
+    """One client's session. The base accepts its calls only on the connection that opened the session."""
 
     def __init__(self, number: int, connection: object, login: p.Login, now_s: float) -> None:
         self.number = number
         self.connection = connection
         self.lifetime_s = min(login.session_ms, login.connection_ms) / 1e3
-        self.heard_s = now_s
+        self.last_request_s = now_s
 
 
 class Base:
@@ -67,7 +67,7 @@ class Base:
         second: Second = Second.ACCEPTED,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take a robot of ``robots.toml`` as ``table``."""
+        """Build the base and its arm from ``table``, the robot's table in ``robots.toml``."""
         self.plant = Plant.from_table(table)
         self.now_s = now_s
         self._login = username, password
@@ -79,15 +79,15 @@ class Base:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Reset to the state after power-on: ready, with the arm where it is."""
+        """Reset to the state after power-on: ready for commands. The arm stays where it is."""
         self.state = ArmState.SERVOING_READY
         self.mode = ServoingMode.SINGLE_LEVEL
         self.fault = Fault.OK
         self.fault_bank = 0
-        self.driven = False  # whether joint speeds have arrived since the last stop
-        self.led = False  # whether a simulation moves the arm
-        self._speeds = [0.0] * p.JOINTS  # commanded, rad/s
-        self._rates = [0.0] * p.JOINTS  # present speeds, on the way to the commanded ones
+        self.driven = False  # True once a client has sent joint speeds since the last stop.
+        self.simulation_moves = False  # True while a simulation, not a Kortex client, sets the arm's targets.
+        self._speeds = [0.0] * p.JOINTS  # Commanded joint speeds in rad/s.
+        self._rates = [0.0] * p.JOINTS  # Present joint speeds in rad/s. They approach the commanded speeds.
         self._sessions.clear()
         self._woken_s = self._advanced_s = self.now_s()
         for joint in ALL:
@@ -99,14 +99,14 @@ class Base:
     # -- the arm
 
     def set_state(self, state: ArmState) -> None:
-        """Set the state. Every state except ready halts the arm."""
+        """Set the state of the base. Every state except ``SERVOING_READY`` halts the arm."""
         self.state = state
         self.fault_bank = 1 if state is ArmState.IN_FAULT else 0
         if state is not ArmState.SERVOING_READY:
             self.halt()
 
     def set_fault(self, fault: Fault) -> None:
-        """Set a fault. With ``STUCK`` the feedback repeats itself while the arm obeys: the worst case."""
+        """Inject a fault. With ``STUCK``, the worst case, the feedback repeats while the arm still moves."""
         self.felt = self.feedback()
         self.fault = fault
         for joint in ALL:
@@ -117,18 +117,18 @@ class Base:
         self._speeds = [0.0] * p.JOINTS
         self.driven = False
 
-    def lead(self, rad: list[float]) -> None:
-        """Follow a simulation's target."""
+    def set_targets(self, rad: list[float]) -> None:
+        """Move the joints to a target (rad) that a simulation has set."""
         self._target = rad
         for joint, value in enumerate(rad):
             self.plant.set_target(joint, value)
 
     def advance(self) -> None:
-        """Advance the arm to the present time. Commanded speeds continue for ever."""
+        """Simulate the arm up to the present time. It keeps turning at the commanded speeds until a stop."""
         now_s = self.now_s()
         self._advanced_s = max(self._advanced_s, now_s - LONGEST_S)
-        while (left_s := now_s - self._advanced_s) > 0 and (any(self._rates) or any(self._speeds)):
-            step_s = min(SUBSTEP_S, left_s)
+        while (remaining_s := now_s - self._advanced_s) > 0 and (any(self._rates) or any(self._speeds)):
+            step_s = min(SUBSTEP_S, remaining_s)
             self._turn(step_s)
             self._advanced_s += step_s
             self.plant.catch_up(self._advanced_s)
@@ -144,7 +144,7 @@ class Base:
             self.plant.set_target(joint, self._target[joint])
 
     def feedback(self) -> p.Feedback:
-        """Return the measurements of the arm. With a fault they are repeated or wrong."""
+        """Return the measurements of the arm. An injected fault repeats or falsifies them."""
         if self.fault is Fault.STUCK:
             return self.felt
         plant, wrong = self.plant, self.fault is Fault.WRONG
@@ -178,11 +178,11 @@ class Base:
         except MalformedFrame:
             return self._failed(request, SubError.INVALID_PARAM)
         except CallFailed as failed:
-            return self._failed(request, failed.why)
+            return self._failed(request, failed.sub_error)
         return Frame(p.Kind.RESPONSE, request.call, request.message, session, payload)
 
     def kind(self, request: Frame) -> str:
-        """Return the kind of a request, in the terms of the wire log."""
+        """Return the kind of a request as the wire log names it: ``setpoint``, ``safe``, ``read``, and so on."""
         match request.call:
             case Call.STOP | Call.APPLY_EMERGENCY_STOP:
                 return "safe"
@@ -195,9 +195,9 @@ class Base:
             case _:
                 return "config"
 
-    def _failed(self, request: Frame, why: SubError) -> Frame:
+    def _failed(self, request: Frame, sub_error: SubError) -> Frame:
         return Frame(
-            p.Kind.RESPONSE, request.call, request.message, request.session, b"", p.ERROR_OF_SERVER, int(why)
+            p.Kind.RESPONSE, request.call, request.message, request.session, b"", p.ERROR_OF_SERVER, int(sub_error)
         )
 
     def _create(self, connection: object, login: p.Login) -> int:
@@ -217,13 +217,13 @@ class Base:
         session = self._sessions.get(request.session)
         if session is None or session.connection is not connection:
             raise CallFailed(SubError.INVALID_SESSION)
-        session.heard_s = self.now_s()
+        session.last_request_s = self.now_s()
         return session
 
     def _forget_silent(self) -> None:
         now_s = self.now_s()
         for number, session in list(self._sessions.items()):
-            if now_s - session.heard_s > session.lifetime_s:
+            if now_s - session.last_request_s > session.lifetime_s:
                 del self._sessions[number]
 
     def _call(self, session: BaseSession, request: Frame) -> bytes:
@@ -278,14 +278,14 @@ class Base:
         if any(abs(value) > self._fastest[joint] for joint, value in speeds.items()):
             raise CallFailed(SubError.LARGE_SPEED)
         if not self.driven:
-            self._target = list(self.plant.position_rad) if self.led else self._target
-            self.driven, self.led = True, False
+            self._target = list(self.plant.position_rad) if self.simulation_moves else self._target
+            self.driven, self.simulation_moves = True, False
         for joint, value in speeds.items():
             self._speeds[joint] = value
 
 
 def _speeds_of(request: Frame) -> Mapping[int, float]:
-    """Return the speeds of a request; empty when they cannot be decoded."""
+    """Return the joint speeds in a request, by joint. Empty if the request cannot be decoded."""
     try:
         return p.decode_speeds(request.payload)
     except MalformedFrame:

@@ -1,7 +1,7 @@
 """Send requests to a base on one connection and session, and match the responses by number.
 
-Only ``listen``, and the methods that use it, wait. A request leaves at once. A response belongs to the
-request with the same number, however late it arrives.
+Requests are sent without waiting. Only ``listen``, and the methods that call it, wait for responses. A response
+belongs to the request with the same number, even if it arrives late.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ _PAGE = struct.Struct("<HH")
 
 
 class Page:
-    """A session's id and the number of its last request, in memory that two processes may share."""
+    """The id of a session and the number of its last request.
+
+    They may be in shared memory, so that a second process can send requests in the same session.
+    """
 
     def __init__(self, memory: bytearray | mmap.mmap) -> None:
         self._memory = memory
@@ -47,11 +50,11 @@ class Page:
         return int(_PAGE.unpack_from(self._memory)[0])
 
     def begin(self, session: int) -> None:
-        """Set the id of the session."""
+        """Store the id of a new session."""
         _PAGE.pack_into(self._memory, 0, session, _PAGE.unpack_from(self._memory)[1])
 
     def next_number(self) -> int:
-        """Return the number of the next request. It counts from 1 to 65535, then starts again."""
+        """Count up and return the number of the next request: 1 to 65535, then 1 again."""
         session, number = _PAGE.unpack_from(self._memory)
         number = number % 0xFFFF + 1
         _PAGE.pack_into(self._memory, 0, session, number)
@@ -59,7 +62,7 @@ class Page:
 
 
 class Refusal(NamedTuple):
-    """The base refused a call."""
+    """The reason why the base refused a call."""
 
     call: int
     sub_error: int
@@ -71,15 +74,17 @@ class Refusal(NamedTuple):
 
 
 class CallRefused(WireDown):
-    """The base responded with an error."""
+    """Raised when the base answers a call with an error."""
 
 
 class KortexClient:
-    """A client for one connection and session. Its calls never overlap.
+    """A Kortex client with one connection and one session.
 
     Args:
+        stream: The connection.
         name: The base's name in error messages.
-        page: Id and counter of a session that is already open; by default there is no session yet.
+        clock: The clock for timeouts.
+        page: Id and request counter of a session that is already open. By default no session is open.
     """
 
     def __init__(self, stream: ByteStream, name: str, clock: Clock, page: Page | None = None) -> None:
@@ -90,20 +95,24 @@ class KortexClient:
         self._name = name
         self._clock = clock
         self._decoder = p.Decoder()
-        self._open: dict[int, int] = {}  # number of an unanswered request -> its call
-        self._awaited: dict[int, Frame | None] = {}  # responses that a caller will read
-        self._waiting_since_ns = 0  # time of the last response, or of the first request after it
-        self._asked_ns = 0
+        self._open: dict[int, int] = {}  # Requests without a response: request number -> function (``Call``).
+        self._awaited: dict[int, Frame | None] = {}  # Request number -> response, or None before it has arrived.
+        self._waiting_since_ns = 0  # Time of the last response, or of the first request after it.
+        self._last_request_ns = 0
 
     def tell(self, call: Call, payload: bytes = b"") -> None:
-        """Send a request without reading its response. Raise ``WireDown``.
+        """Send a request for which no caller waits. Raise ``WireDown`` if the connection is lost.
 
-        If the base refuses joint speeds, ``refusal`` is set once that response has been read.
+        If the base refuses joint speeds, a later ``listen`` stores the reason in ``refusal``.
         """
         self._send(call, payload)
 
     def ask(self, call: Call, payload: bytes = b"") -> int:
-        """Send a request and return its number for ``answer``, ``taken`` or ``forget``. Raise ``WireDown``."""
+        """Send a request without waiting. Raise ``WireDown`` if the connection is lost.
+
+        Return the number of the request. Later pass it to ``answer`` or ``pop_response`` for the response, or to
+        ``forget``.
+        """
         number = self._send(call, payload)
         self._awaited[number] = None
         return number
@@ -112,26 +121,32 @@ class KortexClient:
         """Read until the response with this number has arrived or ``within_s`` have passed.
 
         Raises:
-            WireDown: Requests are open, and the base has sent no response for ``SILENT_S``.
+            WireDown: The base has not responded to any request for ``SILENT_S``, or the connection is lost.
         """
         with trio.move_on_after(within_s):
             while number in self._awaited and self._awaited[number] is None:
                 self._take(await self._stream.read())
         silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
         if self._open and silent_s > SILENT_S:
-            raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
+            raise WireDown(
+                f"{self._name}: the base did not answer for {silent_s * 1e3:.0f} ms. "
+                "Check its power, then reconnect"
+            )
 
     async def answer(self, number: int, within_s: float) -> Frame | None:
-        """Wait for a response. Return it, or None if it has not arrived yet. Raise as ``listen``."""
-        await self.listen(number, within_s)
-        return self.taken(number)
+        """Wait for the response to a request for at most ``within_s`` seconds.
 
-    def taken(self, number: int) -> Frame | None:
-        """Return the response if it has been read, else None."""
+        Return the response, or None if it has not arrived in time. Raise the same errors as ``listen``.
+        """
+        await self.listen(number, within_s)
+        return self.pop_response(number)
+
+    def pop_response(self, number: int) -> Frame | None:
+        """Return the response to a request if it has already arrived, else None. Never waits."""
         return None if self._awaited.get(number) is None else self._awaited.pop(number)
 
     def forget(self, number: int) -> None:
-        """Discard the response to a request. It may still arrive."""
+        """Discard the response to a request, whether it has arrived or arrives later."""
         self._awaited.pop(number, None)
 
     async def call(self, call: Call, payload: bytes = b"", within_s: float = HANDSHAKE_S) -> Frame:
@@ -143,13 +158,15 @@ class KortexClient:
         finally:
             self.forget(number)
         if response is None:
-            raise WireDown(f"{self._name}: no answer to {call.name} within {within_s:g} s. Check the base")
+            raise WireDown(
+                f"{self._name}: the base did not answer {call.name} within {within_s:g} s. Check its power"
+            )
         if response.error:
             raise CallRefused(f"{self._name}: {Refusal(call, response.sub_error).text}")
         return response
 
     async def number(self, call: Call) -> int:
-        """Send a request whose response is one number, and return the number. Raise ``WireDown``."""
+        """Send a request, and return the one number in its response. Raise ``WireDown``."""
         response = await self.call(call)
         try:
             return p.decode_number(response.payload)
@@ -157,15 +174,15 @@ class KortexClient:
             raise WireDown(f"{self._name}: {call.name}: {error}") from None
 
     async def log_in(self, username: str, password: str) -> None:
-        """Open a session. Raise ``WireDown``, without the password in its text."""
+        """Open a session. Raise ``WireDown`` if the base refuses. The error's text never has the password."""
         try:
             created = await self.call(Call.CREATE_SESSION, p.Login(username, password).encode())
         except CallRefused as refused:
-            raise WireDown(f"{refused}. Check username= and password=, and who else is connected") from None
+            raise WireDown(f"{refused}. Check username= and password=, and disconnect other clients") from None
         self.page.begin(created.session)
 
     def reset_if_stalled(self) -> bool:
-        """As ``TcpPort.reset_if_stalled``."""
+        """Reset the connection if sent bytes are stuck in it. Return True if it was reset."""
         return isinstance(self._stream, TcpPort) and self._stream.reset_if_stalled()
 
     def close(self) -> None:
@@ -173,9 +190,9 @@ class KortexClient:
 
     def _send(self, call: Call, payload: bytes) -> int:
         now_ns = self._clock.now_ns()
-        if not self._open or now_ns - self._asked_ns > SILENT_S * NS:
-            self._waiting_since_ns = now_ns  # No request was open, or none was sent for SILENT_S.
-        self._asked_ns = now_ns
+        if not self._open or now_ns - self._last_request_ns > SILENT_S * NS:
+            self._waiting_since_ns = now_ns  # The base had nothing to answer until now, so its silence starts here.
+        self._last_request_ns = now_ns
         number = self.page.next_number()
         self._stream.write(Frame(p.Kind.REQUEST, call, number, self.page.session, payload).encode())
         if len(self._open) >= MAX_OPEN:
@@ -185,9 +202,9 @@ class KortexClient:
 
     def _take(self, data: bytes) -> None:
         for frame in self._decoder.feed(data):
-            asked = self._open.pop(frame.message, None) if frame.kind == p.Kind.RESPONSE else None
-            if asked != frame.call:
-                continue  # A notification, a response to an earlier client, or a damaged frame.
+            requested = self._open.pop(frame.message, None) if frame.kind == p.Kind.RESPONSE else None
+            if requested != frame.call:
+                continue  # Ignore notifications, responses to an earlier client, and damaged frames.
             self._waiting_since_ns = self._clock.now_ns()
             if frame.message in self._awaited:
                 self._awaited[frame.message] = frame
@@ -198,7 +215,7 @@ class KortexClient:
 async def log_in_at(
     host: str, port: int, login: tuple[str, str], clock: Clock, open_stream: OpenStream
 ) -> KortexClient:
-    """Connect and open a session. Raise ``WireDown``."""
+    """Connect to a base and open a session. Return the client. Raise ``WireDown`` if that fails."""
     client = KortexClient(await open_stream(host, port), f"{host}:{port}", clock)
     try:
         await client.log_in(*login)

@@ -1,4 +1,4 @@
-"""The frozen settings that the wire and the stop channel share."""
+"""The immutable settings of a Gen3 arm. The wire process and the stop channel use the same ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .protocol import TCP_PORT
 class KinovaConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str
-    login: tuple[str, str]  # user and password
+    login: tuple[str, str]  # User name and password for the base.
     axes: tuple[str, ...]
     fastest_rad_s: float
     period_s: float

@@ -1,8 +1,9 @@
 """Drive Kinova Gen3 arms through Kortex: kinova_gen3, with seven joints.
 
-The base takes joint speeds, and these never expire. The wire therefore sends speeds in every control
-period while a command is valid, and ``Stop`` as soon as it expires. Before anything is energised, the root has a
-separate way to send ``Stop`` (``stop_channel``).
+The base accepts joint speeds, and a commanded speed never expires. The wire process (the only writer to the robot)
+therefore sends new speeds in every control period while a command is valid. When the command expires, it sends
+``Stop``. The supervising process (root) has a separate connection on which it can send ``Stop``, too
+(``stop_channel``). It is open before the arm is energised.
 """
 
 from __future__ import annotations
@@ -69,12 +70,12 @@ class Kinova(Driver):
         silent_s = SILENT_PERIODS * period_s
         self.timing = Timing(
             control_hz=chosen.control_frequency,
-            keepalive_s=period_s / 2,  # less than a period, so that each period has one
+            keepalive_s=period_s / 2,  # Shorter than a control period, so that speeds are sent in each period.
             stream_ttl_s=silent_s,
             oneshot_ttl_s=None,
             state_ttl_s=silent_s,
             arm_s=3.0,
-            tick_s=period_s / 2,  # a period is a whole number of ticks
+            tick_s=period_s / 2,  # The control period must be a whole number of ticks.
             heartbeat_ttl_s=silent_s,
         )
         self.declare(Part(PartKind.ARM, tuple(_axes(table, fastest_rad_s))))
@@ -93,7 +94,7 @@ class Kinova(Driver):
         self.config.address()
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the targets, followed by the speed that each of them needs."""
+        """Return the target of each joint (rad), followed by the speed of each joint that this needs (rad/s)."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target[: len(self.table)])
         if isinstance(parsed, Refused):
             return parsed
@@ -104,8 +105,10 @@ class Kinova(Driver):
         return super().as_json(values[: len(self.axes)])
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """Return the speeds that the targets need, in rad/s. The wire begins with these speeds and slows
-        down as the arm arrives."""
+        """Return the accepted joint speeds in rad/s, for the caller's answer.
+
+        The arm begins with these speeds and slows down before its target.
+        """
         named = {str(key).removesuffix(".pos") for key in action}
         speeds = dict(zip(self.axes, values[len(self.axes) :], strict=True))
         return {

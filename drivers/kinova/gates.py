@@ -1,4 +1,7 @@
-"""Conditions and gates that refuse a setpoint before it reaches the base. Pure; nothing is ever clipped."""
+"""Conditions and gates: pure functions that refuse a setpoint before it reaches the base.
+
+They never change (clip) a value.
+"""
 
 from __future__ import annotations
 
@@ -19,40 +22,40 @@ from . import speeds
 from .protocol import ArmState, arm_state_name
 
 BASE = "base"
-"""Key of ``Observation.faults`` for the reason why the wire no longer sends speeds."""
+"""Key of ``Observation.faults`` for the reason why the driver no longer sends speeds."""
 
 _ROUNDING = 1e-9
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they check a setpoint. The first refusal is reported."""
     return stale(axes, state_ttl_s), past_range(axes), too_fast(axes, period_s)
 
 
 def needed_speeds(target: Sequence[float], state: GateState, period_s: float) -> tuple[float, ...]:
-    """Return the speeds that take the arm from its present position to ``target`` in one period."""
-    seen = state.observation
-    velocity = seen.velocity or (0.0,) * len(seen.position)
-    now = speeds.position_now(seen.position, velocity, (state.now_ns - seen.t_ns) / NS)
+    """Return the speeds (rad/s) that move the arm from its present position to ``target`` in one control period."""
+    observation = state.observation
+    velocity = observation.velocity or (0.0,) * len(observation.position)
+    now = speeds.position_now(observation.position, velocity, (state.now_ns - observation.t_ns) / NS)
     return speeds.needed(target, now, period_s)
 
 
 def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
-    """Refuse a target that is further from the measured position than a joint may turn in one control
-    period.
+    """Refuse a target that a joint cannot reach from its measured position within one control period.
 
-    This also holds for a stream: if the arm falls behind its stream, it must not chase it.
+    A stream of targets is checked in the same way. If the arm lags too far behind the stream, the next target is
+    refused, so that the arm never speeds up to catch up.
     """
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            axis, speed = axes[at], abs(candidate.values[len(axes) + at])
+        for index in candidate.named:
+            axis, speed = axes[index], abs(candidate.values[len(axes) + index])
             if not speed <= axis.speed + _ROUNDING:
                 most = math.floor(axis.speed * period_s * 1e5) / 1e5
                 return Refused(
                     Code.TOO_FAST,
-                    f"{axis.key} needs {speed:.4g} rad/s to be there within {period_s * 1e3:.3g} ms",
-                    f"step at most {most:.5f} rad from the measured position",
+                    f"{axis.key} needs {speed:.4g} rad/s to reach the target within {period_s * 1e3:.3g} ms",
+                    f"send a target at most {most:.5f} rad from the measured position",
                     f"{speed:.4g}",
                     f"{axis.speed:.4g}",
                 )
@@ -62,15 +65,19 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
 
 
 def refuse_state(state: int, fault_bank: int) -> Refused | None:
-    """Refuse a base that would not move its arm. Arming makes the same check."""
+    """Refuse if the base is in a state in which it does not move the arm. Arming makes the same check."""
     if state == ArmState.SERVOING_READY:
         return None
     name, required = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
     if state == ArmState.IN_FAULT:
-        why = f"base in fault (bank 0x{fault_bank:x})"
-        return Refused(KinovaCode.BASE_IN_FAULT, why, "clear it, then reconnect", name, required)
+        reason = f"base in fault (bank 0x{fault_bank:x})"
+        return Refused(KinovaCode.BASE_IN_FAULT, reason, "clear the fault, then reconnect", name, required)
     return Refused(
-        KinovaCode.ARM_STATE, f"the arm is {name}", "make it ready on the base's own page", name, required
+        KinovaCode.ARM_STATE,
+        f"the arm is in state {name}",
+        "make it ready on the base's web page",
+        name,
+        required,
     )
 
 
@@ -80,10 +87,12 @@ def base_ready(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def commanded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse after the wire has stopped the arm by itself, or the base has refused its speeds. Motion does
-    not continue by itself after that."""
-    why = observation.faults.get(BASE)
-    return None if why is None else Refused(KinovaCode.STOPPED, why, "call resume()", why)
+    """Refuse after the driver has stopped the arm by itself, or the base has refused its speeds.
+
+    The arm moves again only after the caller has resumed.
+    """
+    reason = observation.faults.get(BASE)
+    return None if reason is None else Refused(KinovaCode.STOPPED, reason, "call resume()", reason)
 
 
 CONDITIONS = (

@@ -1,11 +1,11 @@
 """Encode and decode Kortex over TCP: frames, and the few messages that a Gen3 arm needs. Pure.
 
-A frame is eight bytes of magic, a big-endian length, and a protobuf ``Frame`` with a header and a
-payload. The layout is from the vendor's public protobuf definitions and API reference (Kortex 2.6). The
-byte order of the length and the place of the session id were observed with the vendor's Python client
-2.6.0. Facts from neither source are marked [assumed].
+A frame begins with eight fixed bytes (the magic) and a big-endian length. A protobuf ``Frame`` with a header and a
+payload follows. The layout is from the vendor's public protobuf definitions and API reference (Kortex 2.6). The
+byte order of the length and the place of the session id were observed with the vendor's Python client 2.6.0.
+Facts from neither source are marked [assumed].
 
-Function ids, error codes and states keep the vendor's names, in English.
+Function ids, error codes and states have the vendor's names.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _VERSION = 1
 
 
 class Kind(enum.IntEnum):
-    """Type of a frame."""
+    """Type of a frame, in its header."""
 
     REQUEST = 1
     RESPONSE = 3
@@ -39,13 +39,14 @@ class Kind(enum.IntEnum):
 
 
 class Call(enum.IntEnum):
-    """Functions of the base: service number, then function number."""
+    """Functions of the base. A value is the service number (high 16 bits) with the function number (low 16
+    bits)."""
 
     CREATE_SESSION = 0x10001
     CLOSE_SESSION = 0x10002
     KEEP_ALIVE = 0x10003
-    STOP = 0x20070  # decelerate and hold
-    SEND_JOINT_SPEEDS = 0x20084  # never expires
+    STOP = 0x20070  # The arm decelerates and holds its position.
+    SEND_JOINT_SPEEDS = 0x20084  # The speeds stay in force until the next command or stop.
     APPLY_EMERGENCY_STOP = 0x20091
     CLEAR_FAULTS = 0x20092
     SET_SERVOING_MODE = 0x20098
@@ -95,18 +96,18 @@ ERROR_OF_SERVER = 1
 
 
 def arm_state_name(state: int) -> str:
-    """Return the name and the number of a state, as ``SERVOING_READY (7)``."""
+    """Return the name and the number of an arm state, such as ``SERVOING_READY (7)``."""
     return _named(ArmState, state)
 
 
 def sub_error_name(number: int) -> str:
-    """Return the name and the number of a sub-error, as ``ROBOT_IN_FAULT (22)``."""
+    """Return the name and the number of a sub-error, such as ``ROBOT_IN_FAULT (22)``."""
     return _named(SubError, number)
 
 
-def _named(kind: type[enum.IntEnum], number: int) -> str:
+def _named(enum_type: type[enum.IntEnum], number: int) -> str:
     try:
-        return f"{kind(number).name} ({number})"
+        return f"{enum_type(number).name} ({number})"
     except ValueError:
         return f"unknown ({number})"
 
@@ -115,21 +116,20 @@ def _named(kind: type[enum.IntEnum], number: int) -> str:
 
 
 class Frame(msgspec.Struct, frozen=True):
-    """One request, response or notification. ``message`` is the number of the request. Its response
-    repeats it."""
+    """One request, response or notification. A response repeats the number of its request in ``message``."""
 
     kind: int
     call: int
     message: int
     session: int
     payload: bytes = b""
-    error: int = 0  # the part that failed, as ``ERROR_OF_SERVER``; 0 for success
+    error: int = 0  # 0 for success, else the part that failed, such as ``ERROR_OF_SERVER``.
     sub_error: int = 0
 
     def encode(self) -> bytes:
-        """Return the bytes for the wire."""
+        """Return the frame as bytes, with magic and length."""
         words = (
-            _VERSION << 28 | self.kind << 24 | self.error << 12 | self.sub_error,  # device 0: the base
+            _VERSION << 28 | self.kind << 24 | self.error << 12 | self.sub_error,  # The device id is 0, the base.
             self.session << 16 | self.message,
             _VERSION << 28 | self.call,
             len(self.payload),
@@ -140,7 +140,7 @@ class Frame(msgspec.Struct, frozen=True):
 
 
 def decode(body: bytes) -> Frame:
-    """Decode the protobuf ``Frame`` without magic and length. Raise ``MalformedFrame``."""
+    """Decode a protobuf ``Frame``, from which magic and length were removed. Raise ``MalformedFrame``."""
     fields = pb.message(body)
     header = pb.message(pb.last_bytes(fields, 1))
     info, message, service, size = (pb.last_int(header, number) & 0xFFFF_FFFF for number in (1, 2, 3, 4))
@@ -159,15 +159,15 @@ def decode(body: bytes) -> Frame:
 
 
 class Decoder:
-    """Decode a stream of bytes into frames. Bytes that form no frame are skipped up to the next magic, and
-    counted.
+    """Decode a stream of bytes into frames.
 
-    They raise no error, because a stop must also reach a base whose responses cannot be decoded. Another
-    process may also have read a part of a frame from this connection before.
+    Bytes that form no frame are skipped up to the next magic. They raise no error for two reasons. The driver must
+    be able to stop a base even if its responses cannot be decoded. Another process may already have read the
+    first part of a frame from this connection.
     """
 
     def __init__(self) -> None:
-        self.skipped = 0  # number of skipped stretches of bytes
+        self.skipped = 0  # How often bytes were skipped.
         self._pending = b""
 
     def feed(self, data: bytes) -> Iterator[Frame]:
@@ -184,15 +184,17 @@ class Decoder:
             try:
                 frame = decode(body)
             except MalformedFrame:
-                # The length itself may be wrong, so look for the next magic directly after this one.
+                # The length of the malformed frame may be wrong. So look for the next magic right after this magic.
                 self._skip(len(MAGIC))
                 continue
             self._pending = self._pending[_HEAD + size :]
             yield frame
 
     def _align(self) -> bool:
-        """Drop the bytes before the next magic, or before a possible beginning of it. Return whether any
-        bytes are left."""
+        """Drop the bytes before the next magic. A partial magic at the end is kept, because its rest may follow.
+
+        Return True if any bytes are left.
+        """
         start = self._pending.find(MAGIC)
         if start < 0:
             begins = (size for size in range(len(MAGIC) - 1, 0, -1) if self._pending.endswith(MAGIC[:size]))
@@ -214,7 +216,7 @@ class Login(msgspec.Struct, frozen=True):
 
     username: str
     password: str
-    # The session ends after this long without a request. Both values are from the vendor's examples.
+    # Timeouts without a request, after which the base ends the session. The values are from the vendor's examples.
     session_ms: int = 60_000
     connection_ms: int = 2_000
 
@@ -243,20 +245,19 @@ def encode_number(value: int) -> bytes:
 
 
 def decode_number(data: bytes) -> int:
-    """Return what ``encode_number`` encoded. Raise ``MalformedFrame``."""
+    """Decode the number in one of the messages of ``encode_number``. Raise ``MalformedFrame``."""
     return pb.last_int(pb.message(data), 1)
 
 
 def encode_speeds(deg_s: Sequence[float]) -> bytes:
-    """Encode ``JointSpeeds`` of all joints, without durations. The API reference calls durations not
-    implemented."""
+    """Encode ``JointSpeeds`` of all joints. Durations are left out: the vendor has not implemented them."""
     return b"".join(
         pb.bytes_field(1, pb.varint_field(1, joint) + pb.float_field(2, value)) for joint, value in enumerate(deg_s)
     )
 
 
 def decode_speeds(data: bytes) -> dict[int, float]:
-    """Return degrees per second by joint number. Raise ``MalformedFrame``."""
+    """Decode ``JointSpeeds``: return the speed in deg/s of each joint number. Raise ``MalformedFrame``."""
     speeds: dict[int, float] = {}
     for joint in _messages(pb.message(data), 1):
         speeds[pb.last_int(joint, 1)] = pb.last_float(joint, 2)
@@ -264,22 +265,22 @@ def decode_speeds(data: bytes) -> dict[int, float]:
 
 
 class Actuator(msgspec.Struct, frozen=True):
-    """Feedback of one joint."""
+    """Measurements of one joint."""
 
-    position_deg: float = 0.0  # 0 to 360
+    position_deg: float = 0.0  # Angle in degrees, 0 to 360.
     velocity_deg_s: float = 0.0
     torque_nm: float = 0.0
     current_a: float = 0.0
     motor_c: float = 0.0
     core_c: float = 0.0
-    faults: tuple[int, int] = (0, 0)  # banks A and B
+    faults: tuple[int, int] = (0, 0)  # The vendor's fault bits: bank A and bank B.
 
 
 class Feedback(msgspec.Struct, frozen=True):
-    """The fields of ``BaseCyclic.Feedback`` that are used.
+    """Measurements of the arm: the fields of ``BaseCyclic.Feedback`` that this driver uses.
 
-    ``frame`` is the number of the cycle of the measurement. A feedback that repeats it has no new
-    measurement.
+    ``frame`` is the number of the base's cycle in which it measured. A feedback with the same number as the last
+    one contains no new measurement.
     """
 
     arm_state: int
@@ -289,18 +290,18 @@ class Feedback(msgspec.Struct, frozen=True):
     faults: tuple[int, int] = (0, 0)
     frame: int = 0
 
-    def unwrapped(self, known: Sequence[float]) -> tuple[float, ...]:
-        """Return the joint positions in radians, as ``unwrap`` with the last positions in ``known``."""
-        return unwrap([math.radians(one.position_deg) for one in self.actuators], known)
+    def unwrapped(self, last_positions: Sequence[float]) -> tuple[float, ...]:
+        """Return the joint positions in rad, without jumps at 360 degrees from ``last_positions``."""
+        return unwrap([math.radians(actuator.position_deg) for actuator in self.actuators], last_positions)
 
     def encode(self) -> bytes:
         base = (
             pb.varint_field(2, self.arm_state)
             + pb.float_field(3, self.arm_v)
-            + b"".join(pb.float_field(13 + at, value) for at, value in enumerate(self.tool_m))
-            + b"".join(pb.fixed32_field(31 + at, bank) for at, bank in enumerate(self.faults))
+            + b"".join(pb.float_field(13 + index, value) for index, value in enumerate(self.tool_m))
+            + b"".join(pb.fixed32_field(31 + index, bank) for index, bank in enumerate(self.faults))
         )
-        actuators = b"".join(pb.bytes_field(3, _encode(one)) for one in self.actuators)
+        actuators = b"".join(pb.bytes_field(3, _encode(actuator)) for actuator in self.actuators)
         return pb.fixed32_field(1, self.frame) + pb.bytes_field(2, base) + actuators
 
     @classmethod
@@ -310,7 +311,7 @@ class Feedback(msgspec.Struct, frozen=True):
         base = pb.message(pb.last_bytes(fields, 2))
         return cls(
             pb.last_int(base, 2),
-            tuple(_actuator(one) for one in _messages(fields, 3)),
+            tuple(_actuator(actuator) for actuator in _messages(fields, 3)),
             _finite(base, 3),
             (_finite(base, 13), _finite(base, 14), _finite(base, 15)),
             (pb.last_int(base, 31), pb.last_int(base, 32)),
@@ -318,18 +319,19 @@ class Feedback(msgspec.Struct, frozen=True):
         )
 
 
-def unwrap(seen: Sequence[float], known: Sequence[float]) -> tuple[float, ...]:
-    """Return angles without the ambiguity of whole turns.
+def unwrap(angles: Sequence[float], last_positions: Sequence[float]) -> tuple[float, ...]:
+    """Return joint positions without jumps, from angles that were measured only within one turn.
 
-    Each result is the one nearest to the last position, because no joint makes half a turn between two
-    readings.
+    Each result is the measured angle plus the whole turns that bring it nearest to the last position. No joint
+    makes half a turn between two readings.
 
     Args:
-        seen: Measured angles in radians, known up to whole turns.
-        known: Last positions in radians.
+        angles: Measured angles in rad, each within one turn.
+        last_positions: Last positions in rad.
     """
     return tuple(
-        before + (angle - before + math.pi) % math.tau - math.pi for angle, before in zip(seen, known, strict=True)
+        before + (angle - before + math.pi) % math.tau - math.pi
+        for angle, before in zip(angles, last_positions, strict=True)
     )
 
 
@@ -341,24 +343,24 @@ def _encode(actuator: Actuator) -> bytes:
     *values, faults = msgspec.structs.astuple(actuator)
     return b"".join(
         pb.float_field(number, value) for number, value in zip(_ACTUATOR_FLOATS, values, strict=True)
-    ) + b"".join(pb.fixed32_field(11 + at, bank) for at, bank in enumerate(faults))
+    ) + b"".join(pb.fixed32_field(11 + index, bank) for index, bank in enumerate(faults))
 
 
-def _actuator(found: dict[int, list[pb.Value]]) -> Actuator:
-    position, velocity, torque, current, motor, core = (_finite(found, number) for number in _ACTUATOR_FLOATS)
-    faults = pb.last_int(found, 11), pb.last_int(found, 12)
+def _actuator(fields: dict[int, list[pb.Value]]) -> Actuator:
+    position, velocity, torque, current, motor, core = (_finite(fields, number) for number in _ACTUATOR_FLOATS)
+    faults = pb.last_int(fields, 11), pb.last_int(fields, 12)
     return Actuator(position, velocity, torque, current, motor, core, faults)
 
 
-def _messages(found: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:
-    for value in found.get(number, ()):
+def _messages(fields: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:
+    for value in fields.get(number, ()):
         if not isinstance(value, bytes):
             raise MalformedFrame(f"kortex: field {number} is no message")
         yield pb.message(value)
 
 
-def _finite(found: dict[int, list[pb.Value]], number: int) -> float:
-    value = pb.last_float(found, number)
+def _finite(fields: dict[int, list[pb.Value]], number: int) -> float:
+    value = pb.last_float(fields, number)
     if not math.isfinite(value):
         raise MalformedFrame(f"kortex: field {number} is {value}")
     return value

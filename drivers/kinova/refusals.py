@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Reasons to refuse a command that only the Kinova driver has."""
 
 from __future__ import annotations
 
@@ -8,6 +8,6 @@ from strands_actors.kernel.refusals import RefusalCode
 class KinovaCode(RefusalCode):
     """See ``docs/refusals.md``."""
 
-    STOPPED = "stopped", "the wire has stopped the arm by itself", "resume()"
-    ARM_STATE = "arm_state", "the arm is not ready", "make it ready on the base's own page"
-    BASE_IN_FAULT = "base_in_fault", "the base is in fault", "clear it, then reconnect"
+    STOPPED = "stopped", "the driver has stopped the arm by itself", "resume()"
+    ARM_STATE = "arm_state", "the arm is not ready", "make it ready on the base's web page"
+    BASE_IN_FAULT = "base_in_fault", "the base is in fault", "clear the fault, then reconnect"

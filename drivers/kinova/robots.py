@@ -1,4 +1,4 @@
-"""Read the robots of this wire from ``robots.toml``."""
+"""Read the supported Kinova robots from ``robots.toml``."""
 
 from __future__ import annotations
 

@@ -1,12 +1,13 @@
-"""The root's stop channel to the base. It uses a separate session and the wire's session.
+"""The stop channel to the base: the supervising process (root) stops the arm after the wire process has ended.
 
-Whether a base lets a second session stop the arm was never seen on a real one. The root therefore
-opens a session and also shares the wire's: a descriptor of its connection, and its id and counter in
-memory that both processes map. A stop is sent on both. If neither is answered, another session is
-opened for it. A base that takes no second session is stopped on the wire's session alone.
+It is unknown whether a real base lets a second session stop the arm. The root process therefore uses two sessions:
+one that it opens itself, and the session of the wire process. For the latter, both processes share the connection,
+and the session's id and request counter in shared memory. A stop is sent in both sessions. If neither is answered,
+the root process opens another session for the stop. If the base refuses a second session, the stop is sent in the
+wire's session only.
 
-If bytes are stuck in the wire's connection, a stop there would arrive behind joint speeds, and these
-would arrive after the stop of the other session. So that connection is reset first.
+Joint speeds may be stuck in the wire's connection, because the base has not read them yet. They would take effect
+after a stop in the other session. So such a connection is reset first.
 """
 
 from __future__ import annotations
@@ -46,12 +47,15 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
     ) -> None:
         """
         Args:
-            descriptors: The wire's connection and its page, if they were handed over.
-            wires: The wire's client, when the channel runs in the wire process. The wire closes it.
+            config: The arm's settings.
+            descriptors: File descriptors of the wire's connection and of its shared memory, or empty.
+            clock: The clock for timeouts.
+            open_stream: Opens a connection to the base.
+            wires: The client of the wire process, if the stop is made in that process. It is not closed here.
         """
         super().__init__(config, descriptors, clock)
         self._open_stream = open_stream
-        self._newest: KortexClient | None = None  # opened by the last stop
+        self._newest: KortexClient | None = None  # The additional session that the last stop has opened.
         self._wires = self._client_of(*descriptors) if descriptors else wires
         self._closes_wires = wires is None
 
@@ -77,27 +81,29 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
                 self._wires.close()
             self._wires = None
         clients = [client for client in (self.session, self._wires) if client is not None]
-        why = "not connected"
+        reason = "not connected"
 
-        async def another() -> KortexClient:
-            nonlocal why
+        async def open_session() -> KortexClient:
+            nonlocal reason
             try:
                 self._newest = await self.connect()
             except WireDown as down:
-                why = str(down)
+                reason = str(down)
                 raise
             return self._newest
 
-        reports = await stop_arm(self.config.axes, clients, another)
+        reports = await stop_arm(self.config.axes, clients, open_session)
         if not any(report.written for report in reports):
-            return Outcome(False, False, why).reports(self.config.axes)
+            return Outcome(False, False, reason).reports(self.config.axes)
         if all(report.safe for report in reports):
             self._log_out()
         return reports
 
     def close(self) -> None:
-        """Also close our sessions at the base. A session that the base still keeps could take the place of
-        the next wire's."""
+        """Close the connections, and first the sessions at the base.
+
+        A base may have room for only one session. A session left open could keep out the next wire process.
+        """
         for client in (self.session, self._newest):
             if client is not None:
                 with contextlib.suppress(WireDown):
@@ -109,7 +115,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         self._newest = self._wires = None
 
     def _log_out(self) -> None:
-        """End all sessions, because a base may have room for only one. A further stop opens another."""
+        """Close all sessions, because a base may have room for only one. A later stop opens a new session."""
         if self._wires is not None:
             with contextlib.suppress(WireDown):
                 self._wires.tell(Call.CLOSE_SESSION)

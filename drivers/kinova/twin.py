@@ -1,7 +1,8 @@
-"""Simulate the robot's end of the wire: a Kortex server on TCP with a base and its arm behind it.
+"""Simulate a Gen3 (a "twin"): a Kortex server on TCP, its base and its arm.
 
-Besides the control lines of every twin it takes ``state NAME`` and ``mode NAME``, with the names of
-``protocol.ArmState`` and ``protocol.ServoingMode``. Passwords are blanked in its wire log.
+A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``state
+NAME`` and ``mode NAME``, with the names of ``protocol.ArmState`` and ``protocol.ServoingMode``. Its log of all
+frames (wire log) shows no passwords.
 """
 
 from __future__ import annotations
@@ -56,16 +57,16 @@ class KinovaBody(ControlledBody):
         return self._base.driven
 
     @property
-    def led(self) -> bool:
-        return self._base.led
+    def simulation_moves(self) -> bool:
+        return self._base.simulation_moves
 
-    def lead(self, on: bool) -> None:
-        self._base.led = True
+    def let_simulation_move(self, on: bool) -> None:
+        self._base.simulation_moves = True
         self.hold()
-        self._base.led = on
+        self._base.simulation_moves = on
 
-    def aim_controller(self, values: Sequence[float]) -> None:
-        self._base.lead(list(values))
+    def set_controller_targets(self, values: Sequence[float]) -> None:
+        self._base.set_targets(list(values))
 
     def reset(self) -> None:
         super().reset()
@@ -73,7 +74,7 @@ class KinovaBody(ControlledBody):
 
 
 class KinovaTwin:
-    """One arm that all clients share."""
+    """The simulated robot: one base with its arm, which all clients share."""
 
     def __init__(self, base: Base) -> None:
         self.base = base
@@ -81,7 +82,7 @@ class KinovaTwin:
         self.faults = Faults()
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here, because there is only one server."""
+        """Inject a fault. ``unit`` is ignored, because this robot has only one unit."""
         self.base.advance()
         self.base.set_fault(fault)
         self.faults.set(fault)
@@ -91,7 +92,7 @@ class KinovaTwin:
 
 
 class KortexSession:
-    """The server's side of one client's connection."""
+    """One client's connection, as the simulated base handles it."""
 
     def __init__(self, twin: KinovaTwin) -> None:
         self._twin = twin
@@ -102,7 +103,7 @@ class KortexSession:
             kind = self._twin.base.kind(frame)
             yield Exchange(kind, _without_password(frame).encode(), self._replies(frame, kind))
         if self._decoder.skipped:
-            raise ClientGone  # A server closes the connection when it cannot decode it [assumed].
+            raise ClientGone  # A real base also closes the connection after unreadable bytes [assumed].
 
     def _replies(self, request: p.Frame, kind: str) -> list[Reply]:
         if request.kind != p.Kind.REQUEST or self._twin.faults.of(None) is Fault.OFF:
@@ -122,7 +123,7 @@ def _without_password(frame: p.Frame) -> p.Frame:
 
 
 class KinovaServer(TcpServer):
-    """Serve one arm and advance its time. The arm moves between requests, too."""
+    """Serve the clients of one simulated robot, and let its arm move between their requests, too."""
 
     def __init__(self, twin: KinovaTwin, port: int, log: WireLog, host: str | None) -> None:
         super().__init__(twin, {port: answering(lambda: KortexSession(twin))}, log, host)
@@ -137,7 +138,7 @@ class KinovaServer(TcpServer):
             self.power_cycle()
 
     def power_cycle(self) -> None:
-        """End every connection and every session."""
+        """Restart the base, which closes every connection and every session."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -165,16 +166,16 @@ class KinovaServer(TcpServer):
 
 
 def twin_of(robot: str, **options: Any) -> KinovaTwin:
-    """Return the twin of a robot of ``robots.toml``. ``options`` are those of ``Base``."""
+    """Return a simulated robot of ``robots.toml``. ``options`` are the keyword arguments of ``Base``."""
     return KinovaTwin(Base(TABLES.table(robot), **options))
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, KinovaTwinOptions, options)
-    twin = twin_of(robot, username=given.username, password=given.password, second=given.second)
+    """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    chosen = read_twin_options(robot, KinovaTwinOptions, options)
+    twin = twin_of(robot, username=chosen.username, password=chosen.password, second=chosen.second)
 
     def build(wire_log: WireLog) -> KinovaServer:
-        return KinovaServer(twin, given.port, wire_log, given.host)
+        return KinovaServer(twin, chosen.port, wire_log, chosen.host)
 
     run_server(build, **start)

@@ -1,11 +1,12 @@
 """Connect the wire process to the base of a Gen3: read its feedback, and send speeds towards the target.
 
-Joint speeds never expire, so the wire itself enforces a lifetime. If no speed was sent, or no new
-feedback arrived, for three periods while joints may be turning, ``read`` sends ``Stop``. It repeats it in
-every period until the base answers. After that no speed is sent before the arm is armed again.
+In the base, joint speeds never expire. So the wire process (the only writer to the robot) limits their lifetime.
+While joints may be turning, a speed must be sent and new feedback must arrive at least every three control periods.
+Otherwise ``read`` sends ``Stop``, and repeats it in every period until the base answers. After that the driver
+sends no speed until the arm is armed again.
 
-A feedback that repeats its frame number is not new. With corrections from old feedback, an arm would
-turn without end.
+Feedback with the same frame number as before is not new. If speeds were corrected from such feedback, the arm
+would never stop turning.
 """
 
 from __future__ import annotations
@@ -37,65 +38,66 @@ from .stop_channel import KinovaStopChannel
 from .stopping import POLL_S, STANDING_DEG_S, stop_arm
 
 READ_S = 0.01
-"""Timeout of one reading. A later response is taken by the next reading."""
+"""Longest wait for feedback in one ``read``. A response that arrives later is used by the next ``read``."""
 
 FORGET_S = 1.0
-"""The response to a reading is discarded after this time, because it is too old."""
+"""Feedback that arrives later than this after its request is discarded as too old."""
 
 
 class SharedStream(ByteStream, Protocol):
-    """A connection whose descriptor another process can receive."""
+    """A connection with a file descriptor, which can be passed to another process."""
 
     def fileno(self) -> int: ...
 
 
 class KinovaSession:
-    """The state that exists between ``open`` and ``close``."""
+    """One session with the base, from ``open`` to ``close``, with its newest feedback and commands."""
 
     def __init__(self, client: KortexClient, stream: SharedStream, page_fd: int) -> None:
         self.client = client
         self.stream = stream
         self.page_fd = page_fd
-        self.asked_ns: dict[int, int] = {}  # time of each reading that has no response yet
+        self.requested_ns: dict[int, int] = {}  # Feedback requests without a response: request number -> time sent.
         self.feedback = Feedback(0, ())
-        self.position: tuple[float, ...] = (0.0,) * p.JOINTS  # unwrapped, of the newest feedback
-        self.stamp_ns = 0  # when the newest feedback was requested
-        self.still_s = 0.0  # how long the feedback has repeated itself: the base responds but does not measure
+        # Joint positions of the newest feedback in rad, without jumps at whole turns.
+        self.position: tuple[float, ...] = (0.0,) * p.JOINTS
+        self.stamp_ns = 0  # Time at which the newest feedback was requested.
+        self.still_s = 0.0  # Time for which the base has only repeated its last measurement.
         self.course: Course | None = None
         self.sent_ns = 0
-        self.turning = False  # joints may be turning because of our speeds
-        self.stops: list[int] = []  # numbers of the stops from ``read`` that have no response yet
-        self.lost = ""  # the reason why no speeds are sent before the next arming
+        self.turning = False  # True if joints may be turning because of speeds that this driver sent.
+        self.stops: list[int] = []  # Request numbers of the stops that ``read`` has sent, without a response yet.
+        self.lost = ""  # The reason why no speeds are sent until the arm is armed again.
 
     def take(self, number: int) -> None:
-        """Take the response to a reading, if it has arrived and is newer than the present feedback."""
-        answer = self.client.taken(number)
+        """Store the feedback that answers request ``number``, if it has arrived and is newer than the last one."""
+        answer = self.client.pop_response(number)
         if answer is None:
             return
-        asked_ns = self.asked_ns.pop(number)
-        if answer.error or asked_ns < self.stamp_ns:
+        requested_ns = self.requested_ns.pop(number)
+        if answer.error or requested_ns < self.stamp_ns:
             return
         try:
             feedback = Feedback.decode(answer.payload)
         except MalformedFrame:
-            return  # Malformed feedback is ignored. The present feedback ages.
+            return  # Ignore malformed feedback and keep the last one. If that gets too old, the arm is stopped.
         if len(feedback.actuators) != p.JOINTS:
             return
         if self.feedback.actuators and feedback.frame == self.feedback.frame:
-            self.still_s = (asked_ns - self.stamp_ns) / NS
+            self.still_s = (requested_ns - self.stamp_ns) / NS
             return
         self.position = feedback.unwrapped(self.position)
-        self.feedback, self.stamp_ns, self.still_s = feedback, asked_ns, 0.0
+        self.feedback, self.stamp_ns, self.still_s = feedback, requested_ns, 0.0
 
     def forget_stops(self) -> None:
-        """Discard the responses to earlier stops. They do not cover any later speed."""
+        """Discard the responses to earlier stops. They would not show that later speeds were stopped, too."""
         for number in self.stops:
             self.client.forget(number)
         self.stops.clear()
 
     @property
     def velocity(self) -> tuple[float, ...]:
-        return tuple(math.radians(one.velocity_deg_s) for one in self.feedback.actuators)
+        return tuple(math.radians(joint.velocity_deg_s) for joint in self.feedback.actuators)
 
 
 class KinovaWire(SessionWire[KinovaSession]):
@@ -125,7 +127,9 @@ class KinovaWire(SessionWire[KinovaSession]):
         await client.log_in(*self._config.login)
         joints = await client.number(Call.GET_ACTUATOR_COUNT)
         if joints != p.JOINTS:
-            raise WireDown(f"{self._config.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7")
+            raise WireDown(
+                f"{self._config.robot}: the arm has {joints} joints, not {p.JOINTS}. Use a Gen3 with 7 joints"
+            )
         await self._see_it_measure(session)
         return {"address": f"{host}:{port}", "actuators": joints}
 
@@ -138,13 +142,16 @@ class KinovaWire(SessionWire[KinovaSession]):
             raise WireDown(refusal.text)
         for axis, joint in zip(self._config.axes, feedback.actuators, strict=True):
             if abs(joint.velocity_deg_s) >= STANDING_DEG_S:
-                raise WireDown(f"arm: {axis} turns, and not by us. Check who else commands the arm, then try again")
+                raise WireDown(
+                    f"arm: {axis} turns, and not by a command of this program. Check which other program "
+                    "commands the arm, then try again"
+                )
         client = session.client
         if await client.number(Call.GET_SERVOING_MODE) != ServoingMode.SINGLE_LEVEL:
             permit.check()
             await client.call(Call.SET_SERVOING_MODE, p.encode_number(ServoingMode.SINGLE_LEVEL))
         permit.check()
-        # The first command is speed zero, so that a base that takes no speeds refuses it now.
+        # Send the speed zero first: a base that accepts no speeds refuses it now, not during the motion.
         await client.call(Call.SEND_JOINT_SPEEDS, p.encode_speeds([0.0] * p.JOINTS))
         await self._refresh(session)
         session.forget_stops()
@@ -158,8 +165,8 @@ class KinovaWire(SessionWire[KinovaSession]):
         self._collect(session)
         if session.still_s > SILENT_S:
             raise WireDown(
-                f"read: the feedback of {self._config.robot} stands still for {session.still_s * 1e3:.0f} ms. "
-                "Check the base"
+                f"read: the base of {self._config.robot} has repeated the same measurement for "
+                f"{session.still_s * 1e3:.0f} ms. Restart the base"
             )
         self._expire(session)
         return self._observation(session)
@@ -172,11 +179,11 @@ class KinovaWire(SessionWire[KinovaSession]):
         now_ns = self._clock.now_ns()
         age_s = (now_ns - session.stamp_ns) / NS
         if age_s > config.silent_s:
-            raise PermitDenied(f"nothing new was heard for {age_s * 1e3:.0f} ms")
+            raise PermitDenied(f"no new feedback for {age_s * 1e3:.0f} ms")
         position, now_s = position_now(session.position, session.velocity, age_s), now_ns / NS
         goal, course = values[: p.JOINTS], session.course
         if course is None or goal != course.goal:
-            course = Course(course.at(now_s) if course else position, goal, now_s, config.period_s)
+            course = Course(course.position_at(now_s) if course else position, goal, now_s, config.period_s)
         speeds = course.speeds(now_s, position, config.fastest_rad_s)
         payload = p.encode_speeds([math.degrees(speed) for speed in speeds])
         permit.check()
@@ -188,13 +195,13 @@ class KinovaWire(SessionWire[KinovaSession]):
         if session is None:
             return NOT_CONNECTED.reports(self._config.axes)
         session.course = None
-        reports = await stop_arm(self._config.axes, [session.client], known=session.position)
+        reports = await stop_arm(self._config.axes, [session.client], last_positions=session.position)
         if all(report.acknowledged for report in reports):
             session.turning = False
         return reports
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop the arm on the lost connection, if it still takes bytes, and on a new session."""
+        """Stop the arm on a new session, and also on the lost connection if it still accepts bytes."""
         session = self.session_or_none
         wires = None if session is None else session.client
         channel = KinovaStopChannel(self._config, (), self._clock, self._open_stream, wires)
@@ -217,45 +224,49 @@ class KinovaWire(SessionWire[KinovaSession]):
 
     def _ask(self, session: KinovaSession) -> int:
         now_ns = self._clock.now_ns()
-        for number, asked_ns in list(session.asked_ns.items()):
-            if now_ns - asked_ns > FORGET_S * NS:
+        for number, requested_ns in list(session.requested_ns.items()):
+            if now_ns - requested_ns > FORGET_S * NS:
                 session.client.forget(number)
-                del session.asked_ns[number]
+                del session.requested_ns[number]
         number = session.client.ask(Call.REFRESH_FEEDBACK)
-        session.asked_ns[number] = now_ns
+        session.requested_ns[number] = now_ns
         return number
 
     def _collect(self, session: KinovaSession) -> None:
-        for number in list(session.asked_ns):
+        for number in list(session.requested_ns):
             session.take(number)
 
     async def _see_it_measure(self, session: KinovaSession) -> None:
-        """Take two readings, since one may be the last of a base that no longer measures. Raise
-        ``WireDown`` if they do not arrive."""
+        """Check that the base still measures: wait for two new measurements. Raise ``WireDown`` without them.
+
+        One measurement would not be enough, because a base that no longer measures repeats its last one.
+        """
         for _ in range(2):
             await self._refresh(session)
 
     async def _refresh(self, session: KinovaSession) -> None:
-        """Take a new reading. Raise ``WireDown`` if it does not arrive."""
+        """Wait for a new measurement. Raise ``WireDown`` if it does not arrive in time."""
         before_ns, until_s = session.stamp_ns, trio.current_time() + HANDSHAKE_S
         while session.stamp_ns == before_ns:
-            left_s = until_s - trio.current_time()
-            if left_s <= 0.0:
-                raise WireDown(f"{self._config.robot}: no new feedback of {p.JOINTS} joints comes. Check the base")
-            await session.client.listen(self._ask(session), left_s)
+            remaining_s = until_s - trio.current_time()
+            if remaining_s <= 0.0:
+                raise WireDown(
+                    f"{self._config.robot}: the base sends no new feedback of {p.JOINTS} joints. Restart the base"
+                )
+            await session.client.listen(self._ask(session), remaining_s)
             self._collect(session)
             if session.stamp_ns == before_ns:
-                await trio.sleep(POLL_S)  # The reading was of the previous cycle.
+                await trio.sleep(POLL_S)  # The base has not measured again since the last reading. Wait for it.
 
     def _look_for_refusal(self, session: KinovaSession) -> None:
         if session.client.refusal is not None and not session.lost:
             session.lost = session.client.refusal.text
 
     def _expire(self, session: KinovaSession) -> None:
-        """Stop an arm that may be turning and no longer gets valid speeds."""
+        """Send ``Stop`` if joints may be turning, but no new speeds are sent or no new feedback arrives."""
         self._look_for_refusal(session)
-        answers = [answer for number in session.stops if (answer := session.client.taken(number))]
-        for answer in answers[:1]:  # The other responses are the same.
+        answers = [answer for number in session.stops if (answer := session.client.pop_response(number))]
+        for answer in answers[:1]:  # One response is enough: the others answer repetitions of the same stop.
             session.forget_stops()
             if answer.error:
                 session.lost = f"the base refuses STOP: {p.sub_error_name(answer.sub_error)}"
@@ -264,19 +275,22 @@ class KinovaWire(SessionWire[KinovaSession]):
         if not session.turning:
             return
         now_ns = self._clock.now_ns()
-        for since_ns, what in ((session.sent_ns, "nothing was sent"), (session.stamp_ns, "nothing new was heard")):
+        for since_ns, missing in (
+            (session.sent_ns, "no speed was sent"),
+            (session.stamp_ns, "no new feedback arrived"),
+        ):
             silent_s = (now_ns - since_ns) / NS
             if silent_s > self._config.silent_s and not session.lost:
-                session.lost = f"stopped, because {what} for {silent_s * 1e3:.0f} ms"
+                session.lost = f"stopped, because {missing} for {silent_s * 1e3:.0f} ms"
         if session.lost:
             session.stops.append(session.client.ask(Call.STOP))
 
     def _observation(self, session: KinovaSession) -> Observation:
         feedback = session.feedback
         faults = {
-            axis: f"fault banks 0x{one.faults[0]:x} 0x{one.faults[1]:x}"
-            for axis, one in zip(self._config.axes, feedback.actuators, strict=True)
-            if any(one.faults)
+            axis: f"fault banks 0x{joint.faults[0]:x} 0x{joint.faults[1]:x}"
+            for axis, joint in zip(self._config.axes, feedback.actuators, strict=True)
+            if any(joint.faults)
         }
         if session.lost:
             faults[BASE] = session.lost
@@ -286,9 +300,9 @@ class KinovaWire(SessionWire[KinovaSession]):
             stamp_ns=(session.stamp_ns,) * p.JOINTS,
             velocity=session.velocity,
             sensors={
-                "torque_nm": tuple(one.torque_nm for one in feedback.actuators),
-                "current_a": tuple(one.current_a for one in feedback.actuators),
-                "temperature_c": tuple(one.motor_c for one in feedback.actuators),
+                "torque_nm": tuple(joint.torque_nm for joint in feedback.actuators),
+                "current_a": tuple(joint.current_a for joint in feedback.actuators),
+                "temperature_c": tuple(joint.motor_c for joint in feedback.actuators),
                 "arm_voltage_v": (feedback.arm_v,),
                 "tool_position_m": feedback.tool_m,
                 "arm_state": (float(feedback.arm_state),),

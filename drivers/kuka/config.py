@@ -1,4 +1,7 @@
-"""The frozen settings that the wire and the stop channel share, and the UDP port of a process."""
+"""The immutable settings of a KUKA arm, and the UDP port on which a process talks to the controller.
+
+The wire process and the stop channel use the same settings.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +24,9 @@ class KukaConfig(msgspec.Struct, frozen=True):
     stream_ttl_s: float
 
     def address(self) -> tuple[str, int]:
-        """Return the controller's address, empty for any, and the UDP port of both ends.
+        """Return the controller's address and the UDP port, which is the same at both ends.
 
-        The UDP port is the one in ``port``, or else ``fri_port``.
+        An empty address means any controller. The UDP port is the one in ``port``, or else ``fri_port``.
 
         Raises:
             ValueError: ``port`` is not an address.
@@ -31,7 +34,7 @@ class KukaConfig(msgspec.Struct, frozen=True):
         return parse_address(self.port, self.fri_port) if self.port else ("", self.fri_port)
 
     def numeric_host(self) -> str:
-        """Return the controller's address if it is given as a number. Empty if it would have to be resolved."""
+        """Return the controller's IPv4 address. Empty if ``port`` has a host name or no address."""
         try:
             return str(IPv4Address(self.address()[0]))
         except ValueError:
@@ -47,21 +50,24 @@ class KukaConfig(msgspec.Struct, frozen=True):
 
 
 class KeptPort:
-    """The UDP port of this process, kept from one wire to the next. The root has a duplicate of its socket,
-    and a second socket could not be bound beside that."""
+    """The UDP port of the wire process. It stays open when the wire reconnects.
+
+    The supervising process (root) has a duplicate of its socket. While this duplicate is open, no second socket can
+    be bound to the port.
+    """
 
     def __init__(self, config: KukaConfig) -> None:
         self._config = config
         self._port: UdpListener | None = None
 
     async def get(self) -> UdpListener:
-        """Return the port, and open it first if needed. Raise ``WireDown``."""
+        """Return the open port. Open it first if needed. Raise ``WireDown`` if that fails."""
         if self._port is None:
             self._port = await self._config.listen()
         return self._port
 
     def release(self) -> None:
-        """Close the port before the end of the process does."""
+        """Close the port now, not only at the end of the process."""
         if self._port is not None:
             self._port.close()
             self._port = None

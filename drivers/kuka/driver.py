@@ -1,8 +1,8 @@
 """Drive a KUKA LBR iiwa 14 through FRI, with joint positions: ``kuka_iiwa``.
 
-The controller sends first, and the client must answer in every cycle. To hold means to answer with the last
-commanded position. This is the safe state for every reason. The drives stay on; the brakes and the e-stop
-belong to the pendant.
+The controller sends a message in every cycle, and this driver must answer each one with joint positions. To hold
+the arm means to answer with the last commanded position. After any fault the driver holds the arm. The drives stay
+on. Brakes and e-stop are operated on the robot's pendant.
 """
 
 from __future__ import annotations
@@ -82,19 +82,21 @@ class Kuka(Driver):
         self.config.address()
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return the commanded position. The measured position lags behind it."""
+        """Return the position from which the first motion begins: the commanded one, which the arm follows."""
         return observation.sensors.get("commanded_rad", observation.position)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the target of all joints, followed by the time over which the wire may spread it. Joints
-        that are not named keep their commanded position."""
+        """Return the target of all joints (rad), followed by the time in which the arm should reach it (s).
+
+        Joints that the action does not name keep their commanded position.
+        """
         parsed = super().parse(action, replace(state, target=last_target(state)))
         if isinstance(parsed, Refused):
             return parsed
         return Candidate((*parsed.values, span_s(state, self.period_s)), parsed.named)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the positions by name. The time after them in a target is left out."""
+        """Return the joint positions of a target by joint name, without the time at its end."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

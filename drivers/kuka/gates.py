@@ -1,8 +1,8 @@
-"""Conditions and gates that refuse a setpoint before it reaches the arm. All are pure; nothing is ever
-clipped.
+"""Conditions and gates: pure functions that refuse a setpoint before it reaches the arm.
 
-A target has one position per joint in radians, followed by the time in seconds over which the wire spreads
-it. A target without that time is the position at which the arm was held: no setpoint was accepted since.
+They never change (clip) a value. A target has one position per joint in rad, followed by the time in seconds in
+which the arm should reach it. A target without a time is the position at which the arm was last held, if no
+setpoint was accepted since then.
 """
 
 from __future__ import annotations
@@ -24,29 +24,30 @@ from strands_actors.kernel.refusals import Code
 from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, State, name_of
 
 LONGEST_STEP_S = 0.1
-"""Longest period for which a stream's step is allowed to grow. A slower stream gets no larger steps."""
-
-_ON_THE_PENDANT = "clear it on the pendant"
+"""A stream of targets with a longer period than this may not make larger steps."""
 
 
 def span_s(state: GateState, oneshot_s: float) -> float:
-    """Return the time over which a step may be spread: the period of its stream."""
+    """Return the time in which the arm should make a step: the period of the stream, or ``oneshot_s``."""
     return min(state.period_s, LONGEST_STEP_S) if state.stream else oneshot_s
 
 
 def last_target(state: GateState) -> tuple[float, ...]:
-    """Return the position from which a step is counted. Before the first target this is the position that
-    the arm is commanded to now: the robot's own program may have moved it since it was armed or held."""
+    """Return the position from which the size of the next step is measured, in rad.
+
+    It is the last target. If there was no target since the arm was armed or held, it is the position that the
+    controller commands now, because the program on the controller may have moved the arm.
+    """
     if len(state.target) == JOINTS and state.observation.t_ns > state.target_ns:
         return state.observation.sensors.get("commanded_rad", state.target)
     return state.target[:JOINTS]
 
 
-# -- conditions for a motion to begin and to continue
+# -- conditions under which a motion may begin and continue
 
 
 def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...]:
-    """Return the conditions in the order of their checks. The first that refuses gives the answer."""
+    """Return the conditions in the order in which they are checked. The first refusal is reported."""
     of_the_session = (session, client_mode, control_mode, overlay, quality)
     checks = map(Condition, (safety, drives(axes), *of_the_session))
     return Condition(stale(state_ttl_s), is_silence=True), *checks
@@ -61,8 +62,8 @@ def stale(ttl_s: float) -> ConditionCheck:
         if age_ns <= ttl_ns and all(map(math.isfinite, observation.position)):
             return None
         age = f"{age_ns / 1e6:.0f} ms"
-        why = f"no FRI message for {age}"
-        return Refused(Code.STALE, why, "check the controller, its FRI session and the network", age, limit)
+        reason = f"no FRI message for {age}"
+        return Refused(Code.STALE, reason, "check the controller, its FRI session and the network", age, limit)
 
     return stale
 
@@ -71,47 +72,49 @@ def safety(observation: Observation, now_ns: int) -> Refused | None:
     level = number_of(observation.sensors, "safety_state")
     if level == 0:
         return None
-    return Refused(KukaCode.SAFETY, f"safety stop, level {level}", _ON_THE_PENDANT, f"{level}", "0")
+    return Refused(KukaCode.SAFETY, f"safety stop, level {level}", "clear it on the pendant", f"{level}", "0")
 
 
 def drives(axes: Sequence[Axis]) -> ConditionCheck:
     def drives(observation: Observation, now_ns: int) -> Refused | None:
         row = observation.sensors.get("drive_state", ())
         if not row:
-            return Refused(KukaCode.DRIVES, "the state of the drives is not known", _ON_THE_PENDANT, "", "ACTIVE")
-        # A controller may send one number for all joints.
+            remedy = "check the FRI version of the controller, and look at its drives on the pendant"
+            return Refused(KukaCode.DRIVES, "the controller does not report its drives", remedy, "", "ACTIVE")
+        # A controller may report only one state for the drives of all joints.
         for axis, number in zip(axes, row, strict=False):
             if number != Drive.ACTIVE:
                 name = name_of(Drive, round(number))
-                return Refused(KukaCode.DRIVES, f"drive of {axis.key} is {name}", _ON_THE_PENDANT, name, "ACTIVE")
+                remedy = "switch the drives on at the pendant"
+                return Refused(KukaCode.DRIVES, f"drive of {axis.key} is {name}", remedy, name, "ACTIVE")
         return None
 
     return drives
 
 
 def session(observation: Observation, now_ns: int) -> Refused | None:
-    return _refuse_other(
+    return _refuse_unless(
         observation, KukaCode.FRI_STATE, State.COMMANDING_ACTIVE, "FRI session", "start the motion on the pendant"
     )
 
 
 def client_mode(observation: Observation, now_ns: int) -> Refused | None:
     remedy = "let the robot program command positions: ClientCommandMode.POSITION"
-    return _refuse_other(observation, KukaCode.CLIENT_MODE, ClientMode.POSITION, "FRI client command mode", remedy)
+    return _refuse_unless(observation, KukaCode.CLIENT_MODE, ClientMode.POSITION, "FRI client command mode", remedy)
 
 
 def control_mode(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse other modes than position control. Only for this mode is it known what the arm does when the
-    session ends."""
+    """Refuse every mode except position control. In other modes it is unknown how the arm reacts to the end of
+    the FRI session."""
     remedy = "use PositionControlMode in the robot program"
-    return _refuse_other(observation, KukaCode.CONTROL_MODE, ControlMode.POSITION, "control mode", remedy)
+    return _refuse_unless(observation, KukaCode.CONTROL_MODE, ControlMode.POSITION, "control mode", remedy)
 
 
 def overlay(observation: Observation, now_ns: int) -> Refused | None:
     if number_of(observation.sensors, "overlay") != Overlay.NO_OVERLAY:
         return None
     remedy = "start the robot program's motion again, with the FRI overlay"
-    return Refused(KukaCode.OVERLAY, "the overlay is lost", remedy, "NO_OVERLAY", "JOINT")
+    return Refused(KukaCode.OVERLAY, "the controller has ended the FRI overlay", remedy, "NO_OVERLAY", "JOINT")
 
 
 def quality(observation: Observation, now_ns: int) -> Refused | None:
@@ -119,21 +122,23 @@ def quality(observation: Observation, now_ns: int) -> Refused | None:
     if number >= Quality.GOOD:
         return None
     name = name_of(Quality, number)
-    remedy = "wait until it is GOOD; check the network and the load of this machine"
+    remedy = "check the network and the load of this computer, and wait until the quality is GOOD"
     return Refused(KukaCode.QUALITY, f"FRI connection quality is {name}", remedy, name, "GOOD")
 
 
-# -- gates of one setpoint
+# -- gates that check a setpoint
 
 
 def gates(axes: Sequence[Axis], oneshot_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they check a setpoint. The first refusal is reported."""
     return (past_range(axes), too_fast(axes, oneshot_s))
 
 
 def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
-    """Refuse a step from the last target that is larger than a joint turns in one period of the stream. The
-    period of a single command is that of the control loop."""
+    """Refuse a target that is further from the last target than a joint can turn in one period.
+
+    For a stream this is the period of the stream. For a single command it is the control period.
+    """
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         speeds = [axis.speed for axis in axes]
@@ -142,11 +147,11 @@ def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
     return too_fast
 
 
-def _refuse_other(
-    observation: Observation, sensor: KukaCode, wanted: State | ClientMode | ControlMode, what: str, remedy: str
+def _refuse_unless(
+    observation: Observation, sensor: KukaCode, required: State | ClientMode | ControlMode, label: str, remedy: str
 ) -> Refused | None:
     number = number_of(observation.sensors, sensor)
-    if number == wanted:
+    if number == required:
         return None
-    name = name_of(type(wanted), number)
-    return Refused(sensor, f"{what} is {name}", remedy, name, wanted.name)
+    name = name_of(type(required), number)
+    return Refused(sensor, f"{label} is {name}", remedy, name, required.name)

@@ -2,9 +2,9 @@
 in front.
 
 The controller sends a *monitoring message* in every cycle. The client answers with a *command message* that
-contains its number. Field numbers are from public descriptions of FRI 1.x. Repeated doubles are read packed
-and unpacked, and written unpacked [?]. The checksum is neither required nor checked, because its polynomial
-is not published.
+contains its number. Field numbers are from public descriptions of FRI 1.x. Protobuf can encode repeated doubles
+packed or unpacked: this module reads both, and writes unpacked ones [?]. Checksums are not checked, because their
+polynomial is not published.
 """
 
 from __future__ import annotations
@@ -77,54 +77,54 @@ class ControlMode(enum.IntEnum):
 
 
 class Overlay(enum.IntEnum):
-    """Motion to which the client's commands are added [?]."""
+    """Type of motion on the controller to which the client's commands are added (FRI overlay) [?]."""
 
     NO_OVERLAY = 0
     JOINT = 1
     CARTESIAN = 2
 
 
-def has_reached(sequence: int, other: int) -> bool:
-    """Return whether a sequence number is ``other`` or a later one, with wrap-around."""
-    return (sequence - other) & COUNTER <= COUNTER // 2
+def has_reached(sequence: int, number: int) -> bool:
+    """Return True if ``sequence`` is equal to ``number`` or later. Sequence numbers wrap around at 32 bits."""
+    return (sequence - number) & COUNTER <= COUNTER // 2
 
 
-def name_of(kind: type[enum.IntEnum], number: int) -> str:
+def name_of(enum_type: type[enum.IntEnum], number: int) -> str:
     """Return the name of an enum's number, or the number itself if it has no name."""
     try:
-        return kind(number).name
+        return enum_type(number).name
     except ValueError:
         return str(number)
 
 
 class Monitoring(msgspec.Struct, frozen=True, gc=False):
-    """A monitoring message: the controller's state in one cycle. Radians, newton metres, milliseconds."""
+    """A monitoring message: the controller's state in one cycle, in rad, Nm and ms."""
 
     sequence: int
-    reflected: int = 0  # sequence of the last command message that the controller took
-    safety: int = 0  # 0 normal, else a safety stop
+    reflected: int = 0  # Sequence number of the last command message that the controller accepted.
+    safety: int = 0  # 0 for normal operation, else the level of the safety stop.
     drives: tuple[int, ...] = ()
-    operation_mode: int = 0  # 0 T1, 1 T2, 2 automatic [?]
+    operation_mode: int = 0  # Operation mode of the robot: 0 for T1, 1 for T2, 2 for automatic [?].
     control_mode: int = 0
-    position: tuple[float, ...] = NO_JOINTS  # measured
+    position: tuple[float, ...] = NO_JOINTS  # Measured joint positions in rad.
     torque: tuple[float, ...] = NO_JOINTS
-    commanded: tuple[float, ...] = NO_JOINTS  # the last position that the joints were commanded to
+    commanded: tuple[float, ...] = NO_JOINTS  # Joint positions that the controller commands, in rad.
     external_torque: tuple[float, ...] = NO_JOINTS
     state: int = 0
     quality: int = 0
     sample_ms: int = 0
-    multiplier: int = 1  # number of cycles per answer of the client
-    interpolated: tuple[float, ...] = ()  # position of the robot program; empty if not sent
+    multiplier: int = 1  # Number of cycles after which the client must answer (receive multiplier).
+    interpolated: tuple[float, ...] = ()  # Target of the robot program in rad. Empty if it was not sent.
     client_mode: int = 0
     overlay: int = 0
-    tracking: float = 0.0  # how well the commands are followed, 0 to 1
+    tracking: float = 0.0  # How well the arm follows the client's commands, 0 to 1.
 
 
 class Command(msgspec.Struct, frozen=True, gc=False):
-    """A command message of the client. An empty ``position`` commands nothing."""
+    """A command message: the client's answer to a monitoring message. An empty ``position`` moves nothing."""
 
     sequence: int
-    reflected: int  # sequence of the answered monitoring message
+    reflected: int  # Sequence number of the monitoring message that it answers.
     position: tuple[float, ...] = ()
 
 
@@ -170,40 +170,46 @@ def encode_command(command: Command) -> bytes:
 
 
 def decode_command(data: bytes) -> Command:
-    """Decode a command message, for a twin. Raise ``MalformedFrame``."""
+    """Decode a command message. Only the simulated controller needs this. Raise ``MalformedFrame``."""
     top = _top(data, COMMAND_ID)
     header = pb.message(pb.last_bytes(top, 1))
     position = _joints(pb.message(pb.last_bytes(top, 2)), 1, "positions", ())
     return Command(pb.last_int(header, 2) & COUNTER, pb.last_int(header, 3) & COUNTER, position)
 
 
-def encode_monitoring(said: Monitoring, packed: bool = False, checksum: bool = True) -> bytes:
-    """Encode a monitoring message, for a twin. ``packed`` selects the encoding of repeated numbers."""
+def encode_monitoring(message: Monitoring, packed: bool = False, checksum: bool = True) -> bytes:
+    """Encode a monitoring message. Only the simulated controller needs this.
+
+    ``packed`` selects how protobuf encodes repeated numbers.
+    """
     double, whole = pb.double_field, pb.varint_field
 
     def joints(number: int, values: Sequence[float]) -> bytes:
         return pb.bytes_field(number, pb.double_fields(1, values, packed))
 
-    drives = pb.bytes_field(5, bytes(said.drives)) if packed else b"".join(whole(5, drive) for drive in said.drives)
-    robot = whole(1, JOINTS) + whole(2, said.safety) + drives
-    robot += whole(6, said.operation_mode) + whole(7, said.control_mode)
-    measured = joints(1, said.position) + joints(2, said.torque) + joints(3, said.commanded)
-    measured += joints(4, said.torque) + joints(5, said.external_torque)
-    connection = whole(1, said.state) + whole(2, said.quality) + whole(3, said.sample_ms)
+    if packed:
+        drives = pb.bytes_field(5, bytes(message.drives))
+    else:
+        drives = b"".join(whole(5, drive) for drive in message.drives)
+    robot = whole(1, JOINTS) + whole(2, message.safety) + drives
+    robot += whole(6, message.operation_mode) + whole(7, message.control_mode)
+    measured = joints(1, message.position) + joints(2, message.torque) + joints(3, message.commanded)
+    measured += joints(4, message.torque) + joints(5, message.external_torque)
+    connection = whole(1, message.state) + whole(2, message.quality) + whole(3, message.sample_ms)
     program = b""
-    if said.interpolated:
-        program = joints(1, said.interpolated) + whole(10, said.client_mode) + whole(11, said.overlay)
-        program += double(12, said.tracking)
-    body = _header(MONITORING_ID, said.sequence, said.reflected)
+    if message.interpolated:
+        program = joints(1, message.interpolated) + whole(10, message.client_mode) + whole(11, message.overlay)
+        program += double(12, message.tracking)
+    body = _header(MONITORING_ID, message.sequence, message.reflected)
     body += pb.bytes_field(2, robot) + pb.bytes_field(3, measured)
-    body += pb.bytes_field(4, connection + whole(4, said.multiplier)) + pb.bytes_field(5, program)
+    body += pb.bytes_field(4, connection + whole(4, message.multiplier)) + pb.bytes_field(5, program)
     end = whole(1, len(body))
     if checksum:
         end += pb.bytes_field(2, whole(1, zlib.crc32(body)))
     return body + pb.bytes_field(15, end)
 
 
-_Found = dict[int, list[pb.Value]]
+_Fields = dict[int, list[pb.Value]]
 
 
 def _header(number: int, sequence: int, reflected: int) -> bytes:
@@ -211,7 +217,7 @@ def _header(number: int, sequence: int, reflected: int) -> bytes:
     return pb.bytes_field(1, fields + pb.varint_field(3, reflected & COUNTER))
 
 
-def _top(data: bytes, number: int) -> _Found:
+def _top(data: bytes, number: int) -> _Fields:
     if len(data) > LARGEST:
         raise MalformedFrame(f"FRI: {len(data)} bytes, {LARGEST} at most")
     top = pb.message(data)
@@ -221,16 +227,19 @@ def _top(data: bytes, number: int) -> _Found:
     return top
 
 
-def _joints(found: _Found, number: int, name: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Return one finite number per joint. If the field is missing, return ``missing`` unless that is None."""
-    if missing is not None and number not in found:
+def _joints(fields: _Fields, number: int, name: str, missing: tuple[float, ...] | None = None) -> tuple[float, ...]:
+    """Return the numbers in a field, one per joint. Raise ``MalformedFrame`` if they are not seven finite numbers.
+
+    If the message has no such field, return ``missing``, or raise if ``missing`` is None.
+    """
+    if missing is not None and number not in fields:
         return missing
-    values = pb.doubles(pb.last_bytes(found, number), 1)
+    values = pb.doubles(pb.last_bytes(fields, number), 1)
     if len(values) != JOINTS or not all(map(math.isfinite, values)):
         raise MalformedFrame(f"FRI: {len(values)} {name} instead of {JOINTS}, or one that is not finite")
     return values
 
 
-def _tracking(program: _Found) -> float:
+def _tracking(program: _Fields) -> float:
     value = pb.as_double(pb.last_int(program, 12))
     return value if math.isfinite(value) else 0.0

@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Reasons to refuse a command that only the KUKA driver has."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class KukaCode(RefusalCode):
 
     DRIVES = "drives", "a drive is not active", "look at the pendant"
     SAFETY = "safety", "the robot is in a safety stop", "clear it on the pendant"
-    OVERLAY = "overlay", "the controller has lost the overlay", "start its application again"
+    OVERLAY = "overlay", "the controller has ended the FRI overlay", "start the robot program's motion again"
     QUALITY = "quality", "the FRI connection is poor", "check the network"
     FRI_STATE = "fri_state", "the FRI session takes no commands", "start the motion on the pendant"
     CONTROL_MODE = (

@@ -1,4 +1,4 @@
-"""Read the arms of this wire and their joints from ``robots.toml``."""
+"""Read the supported KUKA arms and their joints from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TABLES = RobotTables(__package__, "KUKA")
 
 
 class Joint(msgspec.Struct, frozen=True):
-    """One joint, in the units of the data sheet: degrees, degrees per second, newton metres."""
+    """One joint: its range, top speed and torque, in the units of the data sheet (deg, deg/s, Nm)."""
 
     key: str
     range_deg: float
@@ -23,7 +23,7 @@ class Joint(msgspec.Struct, frozen=True):
 
     @property
     def reach_rad(self) -> float:
-        """The largest angle to either side."""
+        """The largest angle of the joint in rad. Its range is the same in both directions."""
         return math.radians(self.range_deg)
 
     @property
@@ -39,7 +39,7 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def part(self) -> Part:
-        """The joints as axes, numbered from 1."""
+        """The joints as axes that can be commanded. Their ids count from 1."""
         axes = (
             Axis(
                 key=joint.key,
@@ -64,7 +64,7 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Return an arm by name or alias. Raise ``ValueError`` if the robot does not belong to this wire."""
+    """Return an arm by name or alias. Raise ``ValueError`` if no KUKA arm has this name."""
     joints = []
     for line in TABLES.table(robot)["joints"].splitlines():
         if line.strip():

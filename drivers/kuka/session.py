@@ -1,17 +1,18 @@
 """Compute the client's answers in an FRI session, cycle by cycle. Pure: no clock, no socket.
 
-A message is checked against our own answers. It is new if its sequence number continues the last one. The
-position that the controller has taken is looked up in the sent answers, by the number that the message
-reflects. A repeated, late or forged message therefore neither moves a hold nor confirms one (SAF-022).
+A message of the controller is never trusted alone. It counts as new only if its sequence number continues that of
+the last message. It also has the number of the last answer that the controller has accepted. The position in that
+answer is taken from our own list of sent answers. So a repeated, late or forged message cannot move an arm that
+is held, and cannot confirm a hold (SAF-022).
 
-Every cycle gets one answer, by the state of the session:
+In every cycle one answer is sent. Its positions depend on the state of the session:
 
     monitoring           no positions
     COMMANDING_WAIT      the controller's own interpolated position
     COMMANDING_ACTIVE    the last commanded position, or a step from it towards the goal
 
-To hold means to repeat the answer. While a setpoint is valid, successive answers differ by at least
-``LIVE_RAD``, so that a hold and a setpoint can be distinguished on the wire.
+To hold the arm, the same positions are sent again. While a setpoint is valid, successive answers differ by at least
+``LIVE_RAD``. So a log of the network shows whether an answer was a hold or a setpoint.
 """
 
 from __future__ import annotations
@@ -23,41 +24,42 @@ from .protocol import COUNTER, Command, Monitoring, State, has_reached
 LIVE_RAD = 1e-12
 """A millionth of an encoder's resolution."""
 LATE = 10
-"""A message this few numbers behind was overtaken on the way. A larger step back is a new session. A new
-session begins by monitoring, so a message in a commanding state cannot belong to one."""
+"""A message up to this many numbers behind the newest was delayed in the network. A message further behind shows a
+new session, but not if it is in a commanding state: a new session begins in a monitoring state."""
 RUN, GAP = 3, 2
-"""After a gap in the numbers, ``RUN`` messages are required that follow each other by ``GAP`` at most. A single
-one may be old: the arm has left the position in it."""
+"""After a gap in the sequence numbers, ``RUN`` messages in a row are required, with numbers at most ``GAP`` apart.
+A single message may be an old one, with a position that the arm has left."""
 MOST_SENT = 256
-"""Number of answers to remember. A controller drops the session after a few that it has not taken."""
+"""Number of sent answers to remember. A controller ends the session after fewer answers that it did not accept."""
 
 Row = tuple[float, ...]
 
 
-def follow_each_other(run: Sequence[Monitoring], said: Monitoring) -> bool:
-    """Return whether a message continues a run of messages."""
-    return bool(run) and 0 < (said.sequence - run[-1].sequence) & COUNTER <= GAP
+def follow_each_other(run: Sequence[Monitoring], message: Monitoring) -> bool:
+    """Return True if ``message`` follows the last message of ``run``: its number is at most ``GAP`` later."""
+    return bool(run) and 0 < (message.sequence - run[-1].sequence) & COUNTER <= GAP
 
 
 class FriSession:
-    """The client's side of one session. ``speed_rad_s`` is the fastest commanded speed of each joint."""
+    """The client's state in one FRI session, and its answers. ``speed_rad_s`` limits the speed of each joint."""
 
     def __init__(self, speed_rad_s: Row) -> None:
         self._speed_rad_s = speed_rad_s
-        self._answered: int | None = None  # sequence of the last answered message
-        self._heard: int | None = None  # sequence of the newest message
-        self._unconnected: list[Monitoring] = []  # a run of messages that does not continue the newest
-        self._sent: dict[int, Row] = {}  # sent positions by number, from the last taken one on
+        self._answered: int | None = None  # Sequence number of the last message that was answered.
+        self._newest: int | None = None  # Sequence number of the newest message.
+        self._unconnected: list[Monitoring] = []  # Successive messages after a gap in the sequence numbers.
+        # Sent positions by answer number, from the last answer that the controller has accepted.
+        self._sent: dict[int, Row] = {}
         self._sequence = 0
-        self._sent_by_then = 0  # sequence of our last answer when the newest message arrived
-        self._commanded: Row = ()  # position in the last answer; empty for no position
+        self._sent_by_then = 0  # Number of our last answer at the time when the newest message arrived.
+        self._commanded: Row = ()  # Positions in the last answer. Empty if it had no positions.
         self._goal: Row = ()
         self._span_s = 0.0
         self._per_cycle: Row = ()
 
     @property
     def commanded(self) -> Row:
-        """The position that the arm is commanded to; empty for no position."""
+        """The joint positions in the last answer, in rad. Empty if it had no positions."""
         return self._commanded
 
     @property
@@ -69,7 +71,7 @@ class FriSession:
 
         Args:
             goal: Positions in rad.
-            span_s: Time for the motion. Joints that are too slow take longer.
+            span_s: Time for the motion in seconds. A joint whose speed limit is too low takes longer.
         """
         if goal != self._goal:
             self._goal, self._span_s = goal, span_s
@@ -79,89 +81,103 @@ class FriSession:
         """Repeat the last commanded position from the next cycle on."""
         self._goal = self._per_cycle = ()
 
-    def hear(self, said: Monitoring) -> bool:
-        """Note a message. Return whether it is new: its number continues the last one, or it belongs to a new
-        session."""
-        if self._heard is not None:
-            ahead = (said.sequence - self._heard) & COUNTER
+    def accept(self, message: Monitoring) -> bool:
+        """Check the sequence number of a received message, and store it if the message is new.
+
+        Return True if it is new: its number continues that of the last message, or it begins a new session.
+        """
+        if self._newest is not None:
+            ahead = (message.sequence - self._newest) & COUNTER
             if not ahead or ahead > COUNTER - LATE:
                 return False
-            if ahead > LATE and not self._goes_on(said):
+            if ahead > LATE and not self._goes_on(message):
                 return False
-            if ahead > COUNTER // 2 and said.state >= State.COMMANDING_WAIT:
+            if ahead > COUNTER // 2 and message.state >= State.COMMANDING_WAIT:
                 return False
-        self._heard, self._sent_by_then = said.sequence, self._sequence
+        self._newest, self._sent_by_then = message.sequence, self._sequence
         return True
 
-    def _goes_on(self, said: Monitoring) -> bool:
-        follows = follow_each_other(self._unconnected, said)
-        self._unconnected = [*self._unconnected, said][-RUN:] if follows else [said]
+    def _goes_on(self, message: Monitoring) -> bool:
+        follows = follow_each_other(self._unconnected, message)
+        self._unconnected = [*self._unconnected, message][-RUN:] if follows else [message]
         return len(self._unconnected) == RUN
 
-    def is_due(self, said: Monitoring) -> bool:
-        """Return whether an answer is due. With a receive multiplier only one message in several is answered. A
-        repeated or late message gets no answer."""
+    def is_due(self, message: Monitoring) -> bool:
+        """Return True if this message must be answered.
+
+        With a receive multiplier N, only every N-th message is answered. A repeated or late message is not
+        answered.
+        """
         if self._answered is None:
             return True
-        ahead = (said.sequence - self._answered) & COUNTER
-        return said.multiplier <= ahead <= COUNTER - LATE
+        ahead = (message.sequence - self._answered) & COUNTER
+        return message.multiplier <= ahead <= COUNTER - LATE
 
-    def has_received_answer(self, said: Monitoring, number: int) -> bool:
-        """Return whether the controller has taken answer ``number``, or a later one that was sent before the
-        newest message arrived."""
-        return has_reached(said.reflected, number) and has_reached(self._sent_by_then, said.reflected)
+    def has_received_answer(self, message: Monitoring, number: int) -> bool:
+        """Return True if ``message`` shows that the controller has accepted answer ``number`` or a later answer.
 
-    def next_number(self, said: Monitoring) -> int:
-        """Return the number of the next answer. Our first number continues the last one that the controller has
-        taken, from any client."""
-        return ((said.reflected if self._answered is None else self._sequence) + 1) & COUNTER
+        A number that was not yet sent when the message arrived does not count.
+        """
+        return has_reached(message.reflected, number) and has_reached(self._sent_by_then, message.reflected)
 
-    def answer(self, said: Monitoring) -> Command:
-        """Return the answer to a message that is due."""
-        number = self.next_number(said)
+    def next_number(self, message: Monitoring) -> int:
+        """Return the sequence number for the next answer.
+
+        The first number of this client continues the last number that the controller has accepted from any client.
+        """
+        return ((message.reflected if self._answered is None else self._sequence) + 1) & COUNTER
+
+    def answer(self, message: Monitoring) -> Command:
+        """Return the answer to a message for which ``is_due`` is True."""
+        number = self.next_number(message)
         if self._answered is None:
-            self._sent[said.reflected] = said.commanded  # sent by an earlier client
-        missed = (said.reflected + 1) & COUNTER != number
-        position = self._next(said, missed)
-        self._answered = said.sequence
-        return self._send(number, said, position)
+            self._sent[message.reflected] = message.commanded  # An earlier client has sent this answer.
+        missed = (message.reflected + 1) & COUNTER != number
+        position = self._next(message, missed)
+        self._answered = message.sequence
+        return self._send(number, message, position)
 
-    def again(self, said: Monitoring) -> Command:
-        """Return a hold in answer to an old message, for use when no newer one arrives."""
+    def again(self, message: Monitoring) -> Command:
+        """Return another answer to an old message, which holds the arm. It is sent when no new message arrives."""
         self.hold()
-        return self._send((self._sequence + 1) & COUNTER, said, self._commanded)
+        return self._send((self._sequence + 1) & COUNTER, message, self._commanded)
 
-    def _send(self, number: int, said: Monitoring, position: Row) -> Command:
+    def _send(self, number: int, message: Monitoring, position: Row) -> Command:
         self._commanded = self._sent[number] = position
         self._sequence = number
         if len(self._sent) > MOST_SENT:
             del self._sent[next(iter(self._sent))]
-        return Command(number, said.sequence, position)
+        return Command(number, message.sequence, position)
 
-    def _taken(self, said: Monitoring) -> Row:
-        """Return the position that the controller has taken, as it was sent. If the controller reflects none of
-        our numbers, return the last sent position."""
-        if said.reflected not in self._sent:
+    def _accepted_position(self, message: Monitoring) -> Row:
+        """Return the positions in the last answer that the controller has accepted.
+
+        If the controller reports a number that we did not send, return the positions in our last answer.
+        """
+        if message.reflected not in self._sent:
             return self._commanded
-        while next(iter(self._sent)) != said.reflected:
-            del self._sent[next(iter(self._sent))]  # The controller does not go back to these.
-        return self._sent[said.reflected] or self._commanded
+        while next(iter(self._sent)) != message.reflected:
+            del self._sent[next(iter(self._sent))]  # The controller has accepted a later answer than this one.
+        return self._sent[message.reflected] or self._commanded
 
-    def _next(self, said: Monitoring, missed: bool) -> Row:
-        if said.state == State.COMMANDING_ACTIVE:
-            # After a lost answer, continue from the position that the controller has. Otherwise two steps at
-            # once would be a jump.
-            before = self._taken(said) if missed else self._commanded
-            before = before or said.commanded
-            return self._step(before, said) if self._goal else before
-        self.hold()  # A goal ends with the session in which it was given.
-        if said.state == State.COMMANDING_WAIT:
-            return said.interpolated or said.commanded
+    def _next(self, message: Monitoring, missed: bool) -> Row:
+        if message.state == State.COMMANDING_ACTIVE:
+            # After a lost answer, continue from the position that the controller has accepted. Otherwise the arm
+            # would make two steps at once.
+            before = self._accepted_position(message) if missed else self._commanded
+            before = before or message.commanded
+            return self._step(before, message) if self._goal else before
+        self.hold()  # Outside COMMANDING_ACTIVE, forget the goal, so that it does not move the arm later.
+        if message.state == State.COMMANDING_WAIT:
+            return message.interpolated or message.commanded
         return ()
 
-    def _step(self, before: Row, said: Monitoring) -> Row:
-        """Return the next step: at most speed x sample time, and at most an even share of the distance."""
-        cycle_s = said.sample_ms * said.multiplier / 1e3
+    def _step(self, before: Row, message: Monitoring) -> Row:
+        """Return the positions for the next answer, one step from ``before`` towards the goal.
+
+        A joint moves at most at its speed limit, and at most by an even share of the distance.
+        """
+        cycle_s = message.sample_ms * message.multiplier / 1e3
         if not self._per_cycle:
             cycles = max(1.0, round(self._span_s / cycle_s))
             self._per_cycle = tuple(
@@ -172,7 +188,8 @@ class FriSession:
             to if abs(to - rad) <= most else rad + (most if to > rad else -most)
             for rad, to, most in zip(before, self._goal, self._per_cycle, strict=True)
         )
-        while after in (before, self._commanded):  # The controller received one of these last.
+        # The answer must differ from the last one, or it would look like a hold. So change it by a tiny amount.
+        while after in (before, self._commanded):
             first = after[0] - LIVE_RAD if after[0] > 0 else after[0] + LIVE_RAD
             after = (first, *after[1:])
         return after

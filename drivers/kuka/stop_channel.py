@@ -1,10 +1,9 @@
-"""The root's stop channel to a KUKA arm: a duplicate of the wire's socket. The root answers from it after the
-wire has ended.
+"""The stop channel to a KUKA arm: the supervising process (root) holds the arm after the wire process has ended.
 
-The ownership of UDP port 30200: the wire has it from ``open`` to its end. After that the duplicate keeps the
-same socket open, with the messages that the controller has sent meanwhile. When the duplicate is closed, the
-port is free for the next wire. While the wire lives, nothing is read here: a message that one process reads is
-lost to the other.
+It uses a duplicate of the socket that the wire process has bound to UDP port 30200. While the wire process runs,
+only this process reads from the socket, because a message that one process reads is lost to the other. After its
+end the duplicate keeps the socket open, with the messages that have arrived meanwhile, and the root process answers
+them. When the duplicate is closed, the next wire process can bind the port.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from .config import KukaConfig
 from .link import answer_instead, failed
 
 ANSWER_S = 0.5
-"""The root answers for at least this long, even if the arm stands still earlier [assumed]. The session then
-ends at rest."""
+"""The root process answers for at least this time, even if the arm stands still earlier [assumed]. So the arm is at
+rest when the session ends."""
 
 
 class KukaStopChannel(DuplicateDescriptor[KukaConfig, UdpListener]):
@@ -32,9 +31,9 @@ class KukaStopChannel(DuplicateDescriptor[KukaConfig, UdpListener]):
         return await self.config.listen()
 
     async def make_safe_on(self, port: UdpListener, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        detail = "held by the root; its FRI session ends with this"
+        detail = "held by the root process, which now ends the FRI session"
         reports = await answer_instead(port, self.config.arm, self.clock, ANSWER_S, detail)
-        return reports or self.failed("the controller says nothing")
+        return reports or self.failed("the controller sends no messages")
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return failed(self.config.arm, why)
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return failed(self.config.arm, reason)

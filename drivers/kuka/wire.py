@@ -1,5 +1,8 @@
-"""Connect the wire process to a KUKA controller by FRI. It answers every cycle, and moves the arm while a
-setpoint is valid."""
+"""Connect the wire process (the only writer to the robot) to a KUKA controller by FRI.
+
+It answers the controller in every cycle. While a setpoint is valid, the answers move the arm. Otherwise they hold
+it.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +21,12 @@ from .link import Link, answer_instead, failed, first_message
 from .protocol import JOINTS, Drive, Monitoring, State
 
 SHORTEST_MS, LONGEST_MS = 2, 20
-"""Limits of the cycle time. Python cannot answer every millisecond, and a hold must reach the arm within the
-published bound."""
+"""Limits of the time between two answers. A shorter time is too fast for Python. With a longer time a hold would
+reach the arm later than the driver promises."""
 LOST_S = 0.5
-"""The link counts as lost after this long without a message."""
+"""The connection counts as lost if no message arrives for this time."""
 ACTIVE_S = 3.0
-"""Longest wait of an arming for a session that is about to accept commands."""
+"""Longest time for which arming waits until the session accepts commands."""
 
 
 class KukaWire(PromptSessionWire[Link]):
@@ -33,43 +36,43 @@ class KukaWire(PromptSessionWire[Link]):
         self._config = config
         self._kept = kept or KeptPort(config)
         self._clock = clock
-        self._permit: Permit | None = None  # of the setpoint that moves the arm
-        self._written_ns = 0  # when that setpoint was written or re-sent
-        self._seen: Monitoring | None = None
+        self._permit: Permit | None = None  # Permission of the present setpoint. None: hold the arm.
+        self._written_ns = 0  # Time at which the present setpoint was last written.
+        self._last_message: Monitoring | None = None
         self._observation = Observation(0, (math.nan,) * JOINTS, (0,) * JOINTS)
 
     async def open(self) -> dict[str, Any]:
-        """Wait for the first message of the controller. Nothing is sent."""
+        """Open the UDP port and wait for the controller's first message. Nothing is sent yet."""
         self.close()
         config = self._config
         port = await self._kept.get()
-        said: Monitoring | None = None
+        message: Monitoring | None = None
         with trio.move_on_after(config.connect_timeout_s):
-            said = await first_message(port)
-        if said is None:
+            message = await first_message(port)
+        if message is None:
             host, number = config.address()
             raise WireDown(
-                f"open: no FRI message of {host or 'any controller'} at UDP port {number} within "
-                f"{config.connect_timeout_s:g} s. Start the FRI session in the robot program, and check the "
-                "address that it speaks to"
+                f"open: no FRI message from {host or 'any controller'} at UDP port {number} within "
+                f"{config.connect_timeout_s:g} s. Start the FRI session in the robot program, and check that it "
+                "sends to the address of this computer"
             )
-        refuse_cycle(said)
-        self.session_or_none = Link(port, config.arm, self._clock, said)
-        return {"address": port.name, "sample_ms": said.sample_ms, "receive_multiplier": said.multiplier}
+        refuse_cycle(message)
+        self.session_or_none = Link(port, config.arm, self._clock, message)
+        return {"address": port.name, "sample_ms": message.sample_ms, "receive_multiplier": message.multiplier}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Answer every cycle. Any answer keeps the session alive, whatever it contains."""
+        """Answer the controller in every cycle, without end. Without answers the controller ends the session."""
         link = self.session
         task_status.started()
         while True:
-            said = await link.hear()
-            refuse_cycle(said)
+            message = await link.receive()
+            refuse_cycle(message)
             if link.session.has_goal and not self._is_live():
                 link.session.hold()
-            link.answer(said)
+            link.answer(message)
 
     def _is_live(self) -> bool:
-        """Whether the arm may still move: the setpoint is permitted, and was written or re-sent recently."""
+        """Return True if the arm may move on: the setpoint is still permitted, and was written a short time ago."""
         lifetime_ns = self._config.stream_ttl_s * NS
         if self._permit is None or self._clock.now_ns() - self._written_ns > lifetime_ns:
             return False
@@ -80,16 +83,16 @@ class KukaWire(PromptSessionWire[Link]):
         return True
 
     async def arm(self, permit: Permit) -> Observation:
-        """Hold, and wait a while for a session that may soon accept commands.
+        """Hold the arm, and wait up to ``ACTIVE_S`` until the session accepts commands.
 
-        Nothing is energised: that is done on the pendant. A session without commands is armed all the same,
-        and setpoints are refused until it accepts them.
+        Nothing is energised here, because the drives are switched on at the pendant. If the session does not accept
+        commands in time, arming still succeeds, and setpoints are refused until it does.
         """
         link = self.session
         self._permit = None
         permit.check()
         with trio.move_on_after(ACTIVE_S):
-            while link.said.state != State.COMMANDING_ACTIVE and _is_ready(link.said):
+            while link.message.state != State.COMMANDING_ACTIVE and _is_ready(link.message):
                 await link.news.wait()
                 permit.check()
         permit.check()
@@ -101,17 +104,21 @@ class KukaWire(PromptSessionWire[Link]):
     def _read(self, link: Link) -> Observation:
         silent_s = link.silent_s()
         if silent_s > LOST_S:
-            raise WireDown(f"read: no FRI message for {silent_s:.1f} s. Check the controller and the network")
-        said = link.said
-        if said is not self._seen:
-            self._seen = said
-            self._observation = observation_of(said, link.session.commanded, link.heard_ns)
+            raise WireDown(
+                f"read: the controller has sent no FRI message for {silent_s:.1f} s. "
+                "Check the controller and the network"
+            )
+        message = link.message
+        if message is not self._last_message:
+            self._last_message = message
+            self._observation = observation_of(message, link.session.commanded, link.last_received_ns)
         return self._observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Set a target. The next answers move towards it while the permit is valid."""
+        """Set a target. The next answers move the arm to it, as long as ``permit`` (the setpoint's permission) is
+        valid."""
         link = self.session
-        if link.said.state != State.COMMANDING_ACTIVE:
+        if link.message.state != State.COMMANDING_ACTIVE:
             raise PermitDenied(f"FRI session is {link.state}")
         permit.check()
         self._permit, self._written_ns = permit, self._clock.now_ns()
@@ -121,16 +128,19 @@ class KukaWire(PromptSessionWire[Link]):
         link = self.session_or_none
         if link is None:
             return failed(self._config.arm, "not connected")
-        self._permit = None  # The next answers hold.
+        self._permit = None  # Without a permit, the next answers hold the arm.
 
         async def cycle() -> None:
-            await link.news.wait()  # ``serve`` sends the answer.
+            await link.news.wait()  # The task ``serve`` answers the message.
 
         return await link.bring_to_stand(cycle, "")
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Send one hold without a request, since a controller may receive without being received. Then answer
-        any controller that sends."""
+        """Stop the arm although its connection may be broken.
+
+        First send one hold, because the controller may receive it even if its own messages do not arrive here. Then
+        hold the arm by answers, if a controller sends messages.
+        """
         arm, link = self._config.arm, self.session_or_none
         written = False
         try:
@@ -141,55 +151,58 @@ class KukaWire(PromptSessionWire[Link]):
             reports = await answer_instead(port, arm, self._clock, 0.0, "")
         except WireDown as down:
             return failed(arm, str(down), written)
-        return reports or failed(arm, "the controller says nothing", written)
+        return reports or failed(arm, "the controller sends no messages", written)
 
     def handover(self) -> tuple[int, ...]:
         return (self.session.port.fileno(),)
 
     def close(self) -> None:
-        """Stop answering. The controller then drops the session and holds the arm."""
+        """Stop answering. The controller then ends the session and holds the arm."""
         self.session_or_none = self._permit = None
 
 
-def refuse_cycle(said: Monitoring) -> None:
-    """Raise ``WireDown`` if the cycle time is outside the limits."""
-    cycle_ms = said.sample_ms * said.multiplier
-    if said.sample_ms < SHORTEST_MS or not SHORTEST_MS <= cycle_ms <= LONGEST_MS:
+def refuse_cycle(message: Monitoring) -> None:
+    """Raise ``WireDown`` if the controller's cycle is too short or too long for this driver."""
+    cycle_ms = message.sample_ms * message.multiplier
+    if message.sample_ms < SHORTEST_MS or not SHORTEST_MS <= cycle_ms <= LONGEST_MS:
         raise WireDown(
-            f"FRI sample time {said.sample_ms} ms, receive multiplier {said.multiplier}. Set a sample time "
-            f"of {SHORTEST_MS} ms or more in the robot program, and both together {LONGEST_MS} ms or less"
+            f"FRI sample time {message.sample_ms} ms, receive multiplier {message.multiplier}. Set a sample time "
+            f"of {SHORTEST_MS} ms or more in the robot program. Sample time times multiplier must be "
+            f"{LONGEST_MS} ms or less"
         )
 
 
-def observation_of(said: Monitoring, commanded: tuple[float, ...], heard_ns: int) -> Observation:
-    """Return a message as an observation. ``commanded`` is the position that we command; empty if we command
-    nothing."""
+def observation_of(message: Monitoring, commanded: tuple[float, ...], received_ns: int) -> Observation:
+    """Convert a message of the controller to an observation.
+
+    ``commanded`` is the position in our last answer, or empty if it had no position.
+    """
     numbers = {
-        "fri_state": said.state,
-        "fri_quality": said.quality,
-        "sample_time_s": said.sample_ms / 1e3,
-        "safety_state": said.safety,
-        "operation_mode": said.operation_mode,
-        "control_mode": said.control_mode,
-        "client_mode": said.client_mode,
-        "overlay": said.overlay,
-        "tracking": said.tracking,
+        "fri_state": message.state,
+        "fri_quality": message.quality,
+        "sample_time_s": message.sample_ms / 1e3,
+        "safety_state": message.safety,
+        "operation_mode": message.operation_mode,
+        "control_mode": message.control_mode,
+        "client_mode": message.client_mode,
+        "overlay": message.overlay,
+        "tracking": message.tracking,
     }
     sensors = {name: (float(number),) for name, number in numbers.items()}
     return Observation(
-        t_ns=heard_ns,
-        position=said.position,
-        stamp_ns=(heard_ns,) * JOINTS,
+        t_ns=received_ns,
+        position=message.position,
+        stamp_ns=(received_ns,) * JOINTS,
         sensors={
-            "torque_nm": said.torque,
-            "external_torque_nm": said.external_torque,
-            "commanded_rad": commanded or said.commanded,
-            "drive_state": tuple(map(float, said.drives)),
+            "torque_nm": message.torque,
+            "external_torque_nm": message.external_torque,
+            "commanded_rad": commanded or message.commanded,
+            "drive_state": tuple(map(float, message.drives)),
             **sensors,
         },
     )
 
 
-def _is_ready(said: Monitoring) -> bool:
-    """Whether the session only needs time to accept commands, as far as the message shows."""
-    return not said.safety and all(drive == Drive.ACTIVE for drive in said.drives)
+def _is_ready(message: Monitoring) -> bool:
+    """Return True if the robot could accept commands soon: no safety stop, and all drives active."""
+    return not message.safety and all(drive == Drive.ACTIVE for drive in message.drives)

@@ -1,8 +1,8 @@
-"""Simulate the duck behind its twin's socket: a base that walks by a twist in the plane, a head and a mouth
-that follow, legs that step, and skills that play for a while.
+"""Simulate the duck behind the simulated daemon: a base that walks in the plane by a twist, a head and a mouth
+that follow their goals, legs that step, and skills that play for a while.
 
-The duck is kinematic. It does what it is commanded, unless it is held, sits, is relaxed or plays a skill. A
-relaxed one sinks down [assumed: the real one collapses].
+Only its motion is simulated, not forces. The duck does what it is commanded, unless it is held, sits, is
+relaxed or plays a skill. A relaxed duck sinks down [assumed: the real one collapses].
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 
 from .protocol import HELD, SIT_TOGGLE
 from .robots import AXES, HEAD, POSE, TWIST
@@ -32,8 +32,8 @@ _MOUTH_RAD = 0.6
 
 
 class Duck:
-    """The duck. ``applied`` is its present twist. It zeroes a twist after ``deadman_s`` without another; 0
-    for never."""
+    """The simulated duck. ``applied`` is its present twist. A twist that is not repeated for ``deadman_s``
+    seconds becomes zero; with ``deadman_s`` 0 it never does."""
 
     axes = AXES
 
@@ -41,13 +41,13 @@ class Duck:
         self._table = table
         self._deadman_s = deadman_s
         self._now_s = now_s
-        self._seen_s = now_s()
+        self._updated_s = now_s()
         self.time_s = 0.0
         self.reset()
 
     def reset(self) -> None:
-        """Restart as after switching on: on its stand, powered, without a driving policy."""
-        self.hand = Hand.NONE
+        """Restart as after switching the duck on: on its stand, powered, and driven by no policy."""
+        self.commander = Commander.NONE
         self.mode = "walk"
         self.enabled = False
         self.powered = True
@@ -62,12 +62,12 @@ class Duck:
         self.mouth = 0.0
         self.skill = ""
         self.x_m = self.y_m = self.yaw_rad = self._phase = 0.0
-        self._told_s = self._now_s()
+        self._commanded_s = self._now_s()
         self._skill_until_s = self._up_at_s = 0.0
 
     @property
     def policy(self) -> str:
-        """Return the name of the present policy, in robotd's words."""
+        """Return the name of the present policy, as robotd reports it."""
         if not self.enabled or not self.powered or self._now_s() < self._up_at_s:
             return HELD
         if self.skill:
@@ -78,13 +78,13 @@ class Duck:
 
     # -- commands
 
-    def walk(self, twist: Sequence[float], hand: Hand) -> None:
+    def walk(self, twist: Sequence[float], commander: Commander) -> None:
         self.pass_time()
-        self.requested, self._told_s = tuple(twist), self._now_s()
-        self.hand = hand if any(twist) else Hand.NONE if hand is Hand.WIRE else hand
+        self.requested, self._commanded_s = tuple(twist), self._now_s()
+        self.commander = commander if any(twist) else Commander.NONE if commander is Commander.WIRE else commander
 
     def enable(self, on: bool) -> None:
-        """Stand up if it is limp, and let a policy drive; with False, hold the pose."""
+        """Stand up if the duck is limp, and let a walking policy drive it. With ``on=False`` hold the pose."""
         self.pass_time()
         if on and not self.enabled:
             self._up_at_s = self._now_s() + float(self._table["rise_s"])
@@ -99,7 +99,7 @@ class Duck:
             self.skill = ""
 
     def do(self, skill: str) -> str:
-        """Begin a skill. Return why it did not begin; empty if it did."""
+        """Begin a skill. Return the reason if it cannot begin, otherwise an empty text."""
         self.pass_time()
         if self.policy == HELD:
             return "no policy drives the robot: enable it first"
@@ -115,11 +115,11 @@ class Duck:
     # -- time
 
     def pass_time(self) -> None:
-        """Advance to the present time."""
+        """Advance the simulation to the present time."""
         now_s = self._now_s()
-        passed_s, self._seen_s = now_s - self._seen_s, now_s
-        if self._deadman_s and self.hand is Hand.WIRE and now_s - self._told_s > self._deadman_s:
-            self.requested, self.hand = _REST, Hand.NONE
+        passed_s, self._updated_s = now_s - self._updated_s, now_s
+        if self._deadman_s and self.commander is Commander.WIRE and now_s - self._commanded_s > self._deadman_s:
+            self.requested, self.commander = _REST, Commander.NONE
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
@@ -133,10 +133,10 @@ class Duck:
         self.time_s += step_s
         if self.skill and self._now_s() >= self._skill_until_s:
             self.skill = ""
-        driven = self.hand is Hand.SIM or self.policy != HELD
-        why = self.skill or ("sitting" if self.sitting else "" if driven else HELD)
-        goals = _REST if why or self.stuck else self.requested
-        self.limited_by = (why,) if why and any(self.requested) else ()
+        driven = self.commander is Commander.SIM or self.policy != HELD
+        reason = self.skill or ("sitting" if self.sitting else "" if driven else HELD)
+        goals = _REST if reason or self.stuck else self.requested
+        self.limited_by = (reason,) if reason and any(self.requested) else ()
         most = (table["accel_m_s2"], table["accel_m_s2"], table["accel_rad_s2"])
         self.applied = tuple(
             now + max(-rate * step_s, min(rate * step_s, to - now))
@@ -164,7 +164,7 @@ class Duck:
 
     @property
     def joints_rad(self) -> list[float]:
-        """Return all joints, in the order of robotd's rows."""
+        """Return the positions of all joints, in robotd's order."""
         return [*self._leg(0.0), *self.head_rad, self.mouth * _MOUTH_RAD, *self._leg(math.pi)]
 
     @property
@@ -179,8 +179,8 @@ class Duck:
         return math.acos(max(math.cos(_FOLDED_RAD), min(1.0, straight)))
 
     def _leg(self, lag_rad: float) -> list[float]:
-        """Return yaw, roll, pitch, knee and ankle: bent, with the foot flat. A walking leg swings and
-        lifts."""
+        """Return the five joint angles of a leg (yaw, roll, pitch, knee, ankle). The leg is bent with a flat
+        foot. While walking it swings and lifts."""
         bend, phase = self._bend_rad, self._phase + lag_rad
         pace = min(1.0, math.hypot(*self.applied) / 0.3)
         lift = _LIFT_RAD * pace * max(0.0, math.sin(phase))
@@ -193,41 +193,42 @@ class Duck:
             -swing - bend - lift + max(0.0, 2 * bend + 2 * lift - 1.5),
         ]
 
-    # -- as a simulation
+    # -- methods for a local simulation
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
+        # Import MuJoCo only here. It only draws the duck.
+        from strands_actors.drivers.common.physics.model_rows import build
 
         return build(self._table)
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return (self.hand,) * len(AXES)
+    def commanders(self) -> Sequence[Commander]:
+        return (self.commander,) * len(AXES)
 
     def felt(self) -> Felt:
         still = (0.0,) * len(AXES)
         position = (*self.applied, *self.head_rad, *self.pose_target, self.mouth)
-        return Felt(self.time_s, position, still, still, self.hands)
+        return Felt(self.time_s, position, still, still, self.commanders)
 
     def pose(self) -> Sequence[float]:
         _, roll, pitch = self.body_pose
         left, head, right = self.joints_rad[:5], self.joints_rad[5:10], self.joints_rad[10:]
         return [self.x_m, self.y_m, self.height_m, self.yaw_rad, pitch, roll, *left, *head, *right]
 
-    def take(self, on: bool) -> None:
-        if self.hand is (Hand.NONE if on else Hand.SIM):
-            self.hand, self.requested = (Hand.SIM if on else Hand.NONE), _REST
+    def energise(self, on: bool) -> None:
+        if self.commander is (Commander.NONE if on else Commander.SIM):
+            self.commander, self.requested = (Commander.SIM if on else Commander.NONE), _REST
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self.hand is Hand.SIM:
+    def set_targets(self, values: Sequence[float]) -> None:
+        if self.commander is Commander.SIM:
             self.requested = tuple(values[: len(TWIST)])
             self.head_target = tuple(values[3:7])
             self.pose_target = tuple(values[7:11])
             self.mouth = values[11]
 
     def hold(self) -> None:
-        if self.hand is Hand.SIM:
+        if self.commander is Commander.SIM:
             self.requested = _REST
 
     def step(self, steps: int) -> None:

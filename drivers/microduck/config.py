@@ -1,4 +1,4 @@
-"""The configuration that the wire and the stop channel of a Microduck share."""
+"""Settings of a Microduck, shared by the process that drives it (the wire) and the root's stop channel."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ connection one request at a time, and the root has its own connection."""
 
 
 class Endpoint(msgspec.Struct, frozen=True):
-    """The address of robotd: a local path, or one on ``host``, which ssh reaches."""
+    """The address of the daemon robotd: a path on this machine, or one on ``host``, which is reached with ssh."""
 
     path: str
-    host: str = ""  # user@host
-    ssh_port: int = 0  # 0 for ssh's own default
+    host: str = ""  # ``user@host`` for ssh; empty for this machine
+    ssh_port: int = 0  # 0 for the default port of ssh
 
     @property
     def name(self) -> str:
@@ -40,10 +40,10 @@ class Endpoint(msgspec.Struct, frozen=True):
 
 
 def parse_port(port: str, user: str = USER) -> Endpoint:
-    """Parse a port. Raise ``ValueError`` that names the accepted forms. A host never begins with a dash, since ssh
-    would take that for an option."""
-    scheme, found, rest = port.partition("://")
-    if not found:
+    """Parse the option ``port``. Raise ``ValueError``, which lists the accepted forms. A host that begins with
+    a dash is refused, because ssh would take it for an option."""
+    scheme, separator, rest = port.partition("://")
+    if not separator:
         scheme, rest = "unix", port
     if scheme == "unix" and rest.startswith("/") and rest.isprintable():
         return Endpoint(rest)
@@ -56,8 +56,8 @@ def parse_port(port: str, user: str = USER) -> Endpoint:
 
 
 def endpoint_of_environment(environment: Mapping[str, str]) -> str:
-    """Return the port that ``MICRODUCK_SOCKET`` or ``MICRODUCK_HOST`` gives; otherwise that of a program on the
-    duck itself."""
+    """Return the port from the environment: the value of ``MICRODUCK_SOCKET``, else of ``MICRODUCK_HOST``.
+    Without both return the port for a program that runs on the duck itself."""
     if path := environment.get("MICRODUCK_SOCKET"):
         return path
     if host := environment.get("MICRODUCK_HOST"):
@@ -72,7 +72,7 @@ class MicroduckConfig(msgspec.Struct, frozen=True):
     axes: tuple[str, ...]
     ids: tuple[int, ...]
     modes: tuple[str, ...]  # known drive modes, in the order of their codes
-    skills: tuple[str, ...]  # skills of a stock robot, used if it reports no skills
+    skills: tuple[str, ...]  # skills of the standard robot, used if the robot reports no skills
     api_version: int
     timeout_s: float
     subscribe_hz: int | None
@@ -80,7 +80,7 @@ class MicroduckConfig(msgspec.Struct, frozen=True):
     """The link counts as lost after so long without a state."""
 
     def endpoint(self) -> Endpoint:
-        """Return the parsed port. Raise ``WireDown`` if it is invalid."""
+        """Parse the configured port. Raise ``WireDown`` if it is invalid."""
         try:
             return parse_port(self.port, self.user)
         except ValueError as error:

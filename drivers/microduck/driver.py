@@ -1,10 +1,10 @@
-"""Declare Pollen Robotics' Microduck, through its own daemon robotd: JSON-RPC over a unix socket, local or by
-ssh.
+"""Declare Pollen Robotics' Microduck. Its own daemon, robotd, is reached by JSON-RPC over a unix socket, on
+this machine or through ssh.
 
-The duck walks by its own policy. It accepts intents, and no joint targets. The safe state is to stand for
-every reason: the twist is zero, torque stays on, and head, body and mouth stay. A command of the base lasts for
-its duration, and after that a new one may continue. After a stop only ``resume()`` permits one. Connecting and
-``resume()`` power nothing; ``enable()`` does.
+The duck walks by its own policy. It accepts intents such as "walk at this speed", and no joint targets. Every
+stop leads to the same safe state: the duck stands, its twist is zero, torque stays on, and head, body and mouth
+keep their position. A command to walk lasts for its duration, and another may follow. After a stop, commands
+are accepted only after ``resume()``. Connecting and ``resume()`` switch no motor on; ``enable()`` does.
 """
 
 from __future__ import annotations
@@ -76,9 +76,11 @@ class Microduck(Driver):
     unit = "m/s (vyaw: rad/s), head, roll and pitch: rad, z: m, open: 0..1"
     timing = Timing(
         control_hz=20.0,
-        keepalive_s=3600.0,  # never: ``Wire.feed`` repeats a twist, and nothing else may be repeated
+        # Practically never: ``Wire.feed`` repeats a twist, and nothing else may be repeated.
+        keepalive_s=3600.0,
         stream_ttl_s=0.3,
-        oneshot_ttl_s=None,  # head, body and mouth stay, and a twist ends with its duration
+        # No expiry: head, body and mouth keep their goals, and a twist ends with its duration.
+        oneshot_ttl_s=None,
         state_ttl_s=0.5,
         safe_s=2.0,
     )
@@ -93,14 +95,14 @@ class Microduck(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         smuggled = ("endpoint", "user")
         read = read_options(
-            robot, MicroduckOptions, {key: one for key, one in options.items() if key not in smuggled}
+            robot, MicroduckOptions, {key: value for key, value in options.items() if key not in smuggled}
         )
         endpoint = options.get("endpoint") or endpoint_of_environment(os.environ)
         user = options.get("user") or os.environ.get("DUCK_BOARD_USER") or USER
         try:
             parse_port(endpoint, user)
         except ValueError as error:
-            raise ValueError(f"{robot}: MICRODUCK_SOCKET or MICRODUCK_HOST: {error}") from None
+            raise ValueError(f"{robot}: MICRODUCK_SOCKET or MICRODUCK_HOST is invalid: {error}") from None
         return {**plain(read), "endpoint": endpoint, "user": user}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
@@ -128,7 +130,8 @@ class Microduck(Driver):
         )
         timing = type(self).timing
         by_ssh = self.config.port.startswith("ssh://")
-        handover_s = timing.handover_s + (timeout_s if by_ssh else 0.0)  # the root has its own ssh
+        # The root opens its own ssh connection, which takes time, too.
+        handover_s = timing.handover_s + (timeout_s if by_ssh else 0.0)
         self.timing = msgspec.structs.replace(timing, handover_s=handover_s, open_s=timeout_s + handover_s + 1.0)
         self.gates = all_gates(self.table, modes, timing.state_ttl_s)
         self._motors, self._slots = tuple(table["ids"]), tuple(table["slots"])
@@ -141,7 +144,8 @@ class Microduck(Driver):
         return parse(action, self.robot, self.table, self._index, state)
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Start at robotd's goal of the head, and not at its sagging position."""
+        """Return the targets from which an action starts. The head starts at robotd's goal, because its
+        measured position sags below the goal."""
         row = super().first_target(observation)
         head = observation.sensors.get("head_target_rad") or row[HEAD_AT]
         return (*row[: HEAD_AT.start], *head, *row[HEAD_AT.stop :])
@@ -151,7 +155,7 @@ class Microduck(Driver):
         return refusal or verbs.check_arguments(service, arguments, self._motors, self.config.modes, self._slots)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the axes of a row, without the flags behind them."""
+        """Return the axes by name. The flags that follow them in a row are left out."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""Turn an action into a target, and refuse targets before they reach robotd. Pure: no I/O. Nothing is ever
-clipped."""
+"""Parse an action into a target, and refuse targets that robotd must not get. Pure: no I/O. No value is ever
+limited silently."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DURATION = "duration"
 
 SHORTEST_S, LONGEST_S, USUAL_S = 0.1, 10.0, 1.0
 
-MOVES, HEADS, POSES, MOUTHS, UNTIL = (len(AXES) + at for at in range(5))
+MOVES, HEADS, POSES, MOUTHS, UNTIL = (len(AXES) + offset for offset in range(5))
 """Indices of the values behind a target's axes: four flags for the intents that the action names (1 or 0),
 and the end of its twist, by the clock in seconds."""
 
@@ -37,13 +37,13 @@ _ROUNDING = 1e-9
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target and its flags.
+    """Return the target of all axes, and the flags that show which parts the action commands.
 
     Head, pose and mouth keep their targets where the action does not name them. If it names no twist, the
-    present one continues to its own end.
+    present twist continues until its duration ends.
     """
     targets = {str(key): value for key, value in action.items()}
-    given = targets.pop(DURATION, None)
+    duration = targets.pop(DURATION, None)
     if refusal := _no_axis(targets, index, robot) or _active(targets):
         return refusal
     on_axes = msgspec.structs.replace(state, target=state.target[: len(AXES)])
@@ -54,13 +54,13 @@ def parse(
     moves = bool(named & set(TWIST))
     until_ns = candidate.until_ns
     if moves:
-        duration_s = _duration(given)
+        duration_s = _duration(duration)
         if isinstance(duration_s, Refused):
             return duration_s
         until_ns = state.now_ns + round(duration_s * NS)
-    elif given is not None:
-        why, remedy = f"{DURATION} is of a twist, and there is none", f"name one of {', '.join(TWIST)}"
-        return Refused(Code.DURATION, why, remedy, str(given)[:SHOWN], ", ".join(TWIST))
+    elif duration is not None:
+        reason, remedy = f"{DURATION} applies to a twist, and none is given", f"name one of {', '.join(TWIST)}"
+        return Refused(Code.DURATION, reason, remedy, str(duration)[:SHOWN], ", ".join(TWIST))
     values = list(candidate.values)
     if named & set(POSE) and "active" not in named:
         values[ACTIVE] = 1.0
@@ -69,27 +69,27 @@ def parse(
 
 
 def _no_axis(targets: Mapping[str, object], index: Mapping[str, int], robot: str) -> Refused | None:
-    """Refuse unknown names, in most cases joints or skills, and name the intents to use instead."""
+    """Refuse unknown names, which are mostly joints or skills. The refusal lists the commands to use instead."""
     for key in targets:
         plain = key.removesuffix(".pos")
         if plain == "skill":
             shown = str(targets[key])[:SHOWN]
             return Refused(
                 MicroduckCode.SKILL,
-                "a skill is asked for and answered",
+                "a skill is a service, not a target",
                 f"call do(skill={shown!r})",
                 shown,
                 "do(skill=...)",
             )
         if plain not in index:
             shown = key[:SHOWN] or "''"
-            why = f"{shown} is no intent of {robot}: robotd takes no joint targets"
-            return Refused(Code.UNKNOWN_JOINT, why, f"use {INTENTS}", shown, ", ".join(AXES))
+            reason = f"{shown} is not a command of {robot}: robotd accepts no joint targets"
+            return Refused(Code.UNKNOWN_JOINT, reason, f"use {INTENTS}", shown, ", ".join(AXES))
     return None
 
 
 def _active(targets: dict[str, object]) -> Refused | None:
-    """Convert ``active`` to a number. Refuse an action that both ends and sets a pose."""
+    """Convert ``active`` to a number. Refuse an action that ends a body pose and also sets one."""
     for key in ("active", "active.pos"):
         if isinstance(targets.get(key), bool):
             targets[key] = 1.0 if targets[key] else 0.0
@@ -97,19 +97,19 @@ def _active(targets: dict[str, object]) -> Refused | None:
         if key in targets and value not in (0, 1):
             shown = str(value)[:SHOWN]
             return Refused(Code.NOT_FINITE, f"active is {shown}", "give true or false", shown, "true, false")
-        if value == 0 and (also := [one for one in POSE[:3] if {one, f"{one}.pos"} & targets.keys()]):
-            why = f"active=False ends the pose, and {also[0]} is given"
-            return Refused(Code.BOTH, why, "send one of them", also[0], "active=False alone")
+        if value == 0 and (also := [name for name in POSE[:3] if {name, f"{name}.pos"} & targets.keys()]):
+            reason = f"active=False ends the pose, and {also[0]} is given"
+            return Refused(Code.BOTH, reason, "send only one of the two", also[0], "active=False alone")
     return None
 
 
-def _duration(given: object) -> float | Refused:
-    if given is None:
+def _duration(value: object) -> float | Refused:
+    if value is None:
         return USUAL_S
-    duration_s, limit = finite(given), f"{SHORTEST_S:g}..{LONGEST_S:g} s"
+    duration_s, limit = finite(value), f"{SHORTEST_S:g}..{LONGEST_S:g} s"
     if duration_s is not None and SHORTEST_S <= duration_s <= LONGEST_S:
         return duration_s
-    shown = str(given)[:SHOWN]
+    shown = str(value)[:SHOWN]
     return Refused(Code.DURATION, f"{DURATION} is {shown}", f"give {limit}", shown, limit)
 
 
@@ -119,7 +119,7 @@ def all_gates(axes: Sequence[Axis], modes: Mapping[str, ModeLimits], state_ttl_s
 
 
 def silent(ttl_s: float) -> GateCheck:
-    """Return a gate that refuses commands while no state arrives."""
+    """Return a gate that refuses commands while robotd sends no state."""
     limit = f"{ttl_s * 1e3:.0f} ms"
 
     def silent(candidate: Candidate, state: GateState) -> Refused | None:
@@ -127,13 +127,13 @@ def silent(ttl_s: float) -> GateCheck:
         if age_ns <= ttl_s * NS:
             return None
         age = f"{age_ns / 1e6:.0f} ms"
-        return Refused(Code.STALE, f"no state for {age}", "check robotd: it is back by itself", age, limit)
+        return Refused(Code.STALE, f"no state for {age}", "check robotd. Its next state ends this", age, limit)
 
     return silent
 
 
 def seated(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse to walk while the duck sits."""
+    """Return a refusal to walk if the duck sits."""
     if not candidate.values[MOVES] or not any(candidate.values[: len(TWIST)]):
         return None
     if not any(state.observation.sensors.get("sitting", ())):
@@ -142,7 +142,7 @@ def seated(candidate: Candidate, state: GateState) -> Refused | None:
 
 
 def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
-    """Return a gate that refuses a twist outside the training of the present drive mode."""
+    """Return a gate that refuses a twist beyond the limits of the present drive mode."""
     names = tuple(modes)
 
     def within_mode(candidate: Candidate, state: GateState) -> Refused | None:
@@ -150,13 +150,16 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
             return None
         vx, vy, vyaw = candidate.values[: len(TWIST)]
         if not (vx or vy or vyaw):
-            return None  # A zero stops the duck in any mode.
+            # A zero twist stops the duck in any mode.
+            return None
         reported = state.observation.sensors.get("mode", (-1.0,))
         number = round(reported[0])
         if not 0 <= number < len(names):
-            known = ", ".join(names)
-            why = "the drive mode is not known, or none of ours"
-            return Refused(Code.MODE, why, f"set_mode(mode=...) to one of {known}", "unknown", known)
+            mode_names = ", ".join(names)
+            reason = "the drive mode is unknown or not supported"
+            return Refused(
+                Code.MODE, reason, f"call set_mode(mode=...) with one of {mode_names}", "unknown", mode_names
+            )
         mode = names[number]
         limit = modes[mode]
         ahead = limit.forward if vx >= 0 else limit.backward
@@ -179,15 +182,15 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
     return within_mode
 
 
-def _over(why: str, offered: str, limit: str) -> Refused:
-    return Refused(Code.PAST_TRAVEL, why, f"stay within {limit}", offered, limit)
+def _over(reason: str, offered: str, limit: str) -> Refused:
+    return Refused(Code.PAST_TRAVEL, reason, f"stay within {limit}", offered, limit)
 
 
-# -- conditions of the robot, independent of a command
+# -- conditions that must be true of the robot, for any command
 
 
 def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while the duck has fallen, is limp or is held up."""
+    """Return a refusal if the duck has fallen, is limp or is held up."""
     codes = (
         (MicroduckCode.FALLEN, "has fallen"),
         (MicroduckCode.LIMP, "yields"),
@@ -200,7 +203,7 @@ def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def driven(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while no policy drives the duck. robotd accepts intents then, too, but they have no effect."""
+    """Refuse while no policy drives the duck. robotd would accept intents, but they would have no effect."""
     reported = observation.sensors.get("driven")
     if reported is not None and reported[0]:
         return None

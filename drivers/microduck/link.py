@@ -1,5 +1,5 @@
-"""A connection to robotd for intents, states and stops. robotd processes it in order, so a stop never overtakes
-the intent before it."""
+"""One connection to robotd for intents, states and stops. robotd processes a connection in order, so a stop
+never overtakes an earlier intent."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strands_actors.drivers.common.codecs.json_rpc import Call
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.reporting_base import Report
 from strands_actors.drivers.common.kit.stamps import Stamps
-from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, SaidNo
+from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, RequestFailed
 from strands_actors.drivers.common.ports.ssh_forward import SshForward
 from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
 from strands_actors.drivers.common.ports.unix_port import open_unix
@@ -27,8 +27,8 @@ LOOK_HZ = 20
 """Rate of states that a stop requests, on a connection without a subscription."""
 
 
-class Way:
-    """The way to robotd's sockets: a local path, or our own ssh."""
+class Connector:
+    """Open connections to robotd's sockets, by a local path or through an ssh process of ours."""
 
     def __init__(self, config: MicroduckConfig) -> None:
         self._config = config
@@ -39,7 +39,7 @@ class Way:
         return self._config.endpoint()
 
     async def open(self, remote: str = "") -> OrderlyStream:
-        """Connect to robotd, or to the socket ``remote`` of another daemon. Raise ``WireDown``."""
+        """Connect to robotd, or to the socket of another daemon if ``remote`` names one. Raise ``WireDown``."""
         endpoint = self.endpoint
         if not endpoint.host:
             return await open_unix(remote or endpoint.path)
@@ -53,27 +53,28 @@ class Way:
 
 
 class DuckLink:
-    """The link. ``state`` is the newest state, and ``stamps`` the times at which its ``t`` changed."""
+    """The connection to robotd. ``state`` is the newest state. ``stamps`` records when the time in the states
+    (``t``) last changed."""
 
-    def __init__(self, config: MicroduckConfig, clock: Clock, way: Way | None = None) -> None:
+    def __init__(self, config: MicroduckConfig, clock: Clock, connector: Connector | None = None) -> None:
         self._config = config
         self._clock = clock
-        self._way = way or Way(config)
-        self._own_way = way is None
-        self.port = JsonRpcPort(self._way.open, self._take)
+        self._connector = connector or Connector(config)
+        self._owns_connector = connector is None
+        self.port = JsonRpcPort(self._connector.open, self._take)
         self._subscribed = False
         self.state: p.State | None = None
-        self.told: Mapping[str, Any] = {}  # the newest state as received
+        self.raw_state: Mapping[str, Any] = {}  # the newest state, as received JSON
         self.stamps = Stamps()
         self.states = 0
-        self.problem = "it has told nothing yet"
+        self.problem = "no state has arrived yet"
 
     @property
     def is_open(self) -> bool:
         return self.port.is_open
 
     async def connect(self) -> None:
-        """Connect, unless it is connected, and send nothing. Raise ``WireDown``, as all methods here do."""
+        """Connect if there is no connection. Nothing is sent. Raise ``WireDown``, as all methods here do."""
         if not self.port.is_open:
             self._subscribed = False
             self.stamps.connected()
@@ -89,23 +90,23 @@ class DuckLink:
         return p.read_skills(answer)
 
     async def ask(self, method: str, params: Mapping[str, Any], within_s: float) -> Any:
-        """Send a request and return its answer. Raise ``WireDown`` for an error, too."""
+        """Send a request and return its answer. An error in the answer raises ``WireDown``, too."""
         try:
             return await self.port.ask(method, params, within_s)
-        except SaidNo as no:
-            raise WireDown(f"{method}: robotd says {no} ({no.code}). Look at its log") from None
+        except RequestFailed as no:
+            raise WireDown(f"{method}: robotd answered with an error: {no} ({no.code}). Check its log") from None
 
     async def hear(self) -> None:
         """Receive states until the connection is lost."""
         await self.port.hear()
 
     async def next_state(self) -> p.State:
-        """Wait for the next state, after subscribing if that was not done."""
+        """Wait for the next state. Subscribe first if that was not done."""
         if not self._subscribed:
             self.port.forget(self.port.send(p.SUBSCRIBE, {"hz": LOOK_HZ}))
             self._subscribed = True
-        seen = self.states
-        await self.port.until(lambda: self.states > seen)
+        states_before = self.states
+        await self.port.until(lambda: self.states > states_before)
         assert self.state is not None
         return self.state
 
@@ -113,14 +114,14 @@ class DuckLink:
         await self.port.until(lambda: self.state is not None and is_so(self.state))
 
     async def until_it_goes_on(self) -> None:
-        """Wait for two states with different stamps. A single one may be the last of a stuck loop."""
+        """Wait for two states with different times. A single state may be the last one of a robotd that hangs."""
         await self.port.until(lambda: self.stamps.goes_on)
 
     def close(self) -> None:
-        """Close the connection at once. It may be called again."""
+        """Close the connection at once. A second call does nothing."""
         self.port.close()
-        if self._own_way:
-            self._way.close()
+        if self._owns_connector:
+            self._connector.close()
 
     def _take(self, call: Call) -> None:
         if call.method != p.STATE:
@@ -128,14 +129,15 @@ class DuckLink:
         try:
             state = p.read_state(call.params)
         except MalformedFrame as malformed:
-            self.problem = str(malformed)  # ``read`` reports it if it lasts.
+            # A single unreadable state is ignored. ``read`` reports the problem if it persists.
+            self.problem = str(malformed)
             return
         self.stamps.take(state.t_s, self._clock.now_ns())
-        self.state, self.told = state, call.params
+        self.state, self.raw_state = state, call.params
         self.states += 1
 
 
 def report_of(state: p.State) -> Report:
-    """Return the report of the base as a whole."""
+    """Summarise a state as one report for the whole base: its time, whether the duck stands, and its motion."""
     moving = state.applied if any(state.applied) else state.requested
     return Report(round(state.t_s * NS), state.stands, ", ".join(f"{value:.3g}" for value in moving))

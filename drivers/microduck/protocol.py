@@ -56,27 +56,27 @@ class Hello(NamedTuple):
 
 
 class State(NamedTuple):
-    """One ``robot.state``. Velocities: forward, left, turn."""
+    """One state of the duck, from ``robot.state``. Velocities are forward, left and turn."""
 
-    t_s: float  # robotd's clock
+    t_s: float  # time of the state by robotd's clock
     policy: str
     requested: Row
     applied: Row
     limited_by: tuple[str, ...]
     head_rad: Row
     fallen: bool
-    limp: bool  # its gains are low, so it yields to a push
+    limp: bool  # True if the motors yield to a push, because their gains are low
     picked_up: bool
-    joints_rad: Row  # measured; empty if not reported
+    joints_rad: Row  # measured joint positions; empty if not reported
     targets_rad: Row  # goals of the joints; empty if not reported
     position_m: Row
     yaw_rad: float
-    gyro_rad_s: Row  # empty if not reported
+    gyro_rad_s: Row  # turn rates; empty if not reported
     quaternion_wxyz: Row
 
     @property
     def stands(self) -> bool:
-        """Return True if the duck neither is requested to walk nor walks."""
+        """Return True if the duck does not walk and has no command to walk."""
         return not any(self.requested) and not any(self.applied)
 
 
@@ -105,7 +105,7 @@ are equal."""
 
 
 def is_rest(params: Mapping[str, Any]) -> bool:
-    """Return True if the parameters of ``robot.move`` are those of a stop."""
+    """Return True if the parameters of a ``robot.move`` command the duck to stand."""
     return all(type(value) is int and value == 0 for value in params.values())
 
 
@@ -123,7 +123,7 @@ def pose(row: Sequence[float]) -> dict[str, float | bool]:
 
 
 def read_hello(value: object) -> Hello:
-    """Decode the answer to ``hello``. Raise ``MalformedFrame``, as all of these functions do."""
+    """Decode the answer to ``hello``. Raise ``MalformedFrame``, as all functions here do."""
     fields = _object(value, "hello")
     version = fields.get("api_version")
     if isinstance(version, bool) or not isinstance(version, int):
@@ -171,7 +171,7 @@ def read_health(value: object) -> Health:
 
 
 def read_policies(value: object) -> Policies:
-    """Decode the policies. Skills are names, or objects with a name."""
+    """Decode the answer with the drive mode and the skills. A skill is a name or an object with a name."""
     fields = _object(value, "policies")
     sitting = fields.get("sitting")
     mode, skills = fields.get("mode"), fields.get("skills") or []
@@ -179,7 +179,7 @@ def read_policies(value: object) -> Policies:
         raise MalformedFrame("policies without a mode, or whose skills are no list")
     return Policies(
         mode[:64],
-        _names([_name_of(one) for one in skills], "skills"),
+        _names([_name_of(entry) for entry in skills], "skills"),
         sitting if isinstance(sitting, bool) else None,
     )
 
@@ -192,8 +192,8 @@ def read_mode(value: object) -> str:
 
 
 def read_skills(subscribed: object) -> tuple[str, ...]:
-    """Return the skills in the answer to ``robot.subscribe``: a list, or before version 17 a member for
-    each."""
+    """Return the skills in the answer to ``robot.subscribe``. They are a list, or before version 17 one field
+    for each skill."""
     fields = _object(subscribed, "subscribe")
     if "skills" in fields:
         return _names(fields["skills"], "skills")
@@ -201,20 +201,20 @@ def read_skills(subscribed: object) -> tuple[str, ...]:
 
 
 def read_intent(value: object) -> tuple[bool, str]:
-    """Return True if the intent was accepted, and robotd's reason."""
+    """Decode the answer to a command: True if robotd accepted it, and robotd's reason."""
     fields = _object(value, "an answer")
     accepted = fields.get("accepted")
     if not isinstance(accepted, bool):
-        raise MalformedFrame("an answer that does not say whether it was accepted")
+        raise MalformedFrame("an answer without the field that shows whether the request was accepted")
     return accepted, str(fields.get("reason") or "")[:200]
 
 
 def read_look(value: object) -> tuple[dict[str, float], bool]:
-    """Return the goal of the head, and True if the point is out of its reach."""
+    """Decode the answer to "look at a point": the goal of the head, and True if the point is out of reach."""
     fields = _object(value, "look")
-    where = _object(fields.get("head"), "head")
+    head = _object(fields.get("head"), "head")
     names = ("neck_pitch", "head_pitch", "head_yaw", "head_roll")
-    return {name: _number(where.get(name), name) for name in names}, fields.get("clamped") is True
+    return {name: _number(head.get(name), name) for name in names}, fields.get("clamped") is True
 
 
 def read_object(value: object) -> dict[str, Any]:
@@ -222,34 +222,34 @@ def read_object(value: object) -> dict[str, Any]:
 
 
 def read_distances(value: Mapping[str, Any]) -> list[float]:
-    """Return one frame of the depth sensor in millimetres, row by row, the top first."""
+    """Return one frame of the depth sensor in millimetres, row by row from the top."""
     return list(_row(value.get("distance_mm"), "distance_mm", ZONES))
 
 
-def _object(value: object, what: str) -> dict[str, Any]:
+def _object(value: object, label: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise MalformedFrame(f"{what} is no object")
+        raise MalformedFrame(f"{label} is no object")
     return value
 
 
-def _number(value: object, what: str) -> float:
+def _number(value: object, label: str) -> float:
     number = finite(value)
     if number is None:
-        raise MalformedFrame(f"{what} is no finite number")
+        raise MalformedFrame(f"{label} is no finite number")
     return number
 
 
-def _row(value: object, what: str, length: int) -> Row:
+def _row(value: object, label: str, length: int) -> Row:
     if not isinstance(value, list) or len(value) != length:
-        raise MalformedFrame(f"{what} are not {length} numbers")
-    return tuple(_number(one, what) for one in value)
+        raise MalformedFrame(f"{label} are not {length} numbers")
+    return tuple(_number(number, label) for number in value)
 
 
 def _name_of(value: object) -> object:
     return value.get("name") if isinstance(value, dict) else value
 
 
-def _names(value: object, what: str) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-        raise MalformedFrame(f"{what} are no names")
-    return tuple(one[:64] for one in value[:64])
+def _names(value: object, label: str) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise MalformedFrame(f"{label} are no names")
+    return tuple(name[:64] for name in value[:64])

@@ -1,4 +1,4 @@
-"""Refusal codes that only this wire uses."""
+"""Refusal codes that only the Microduck driver uses."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from strands_actors.kernel.refusals import RefusalCode
 class MicroduckCode(RefusalCode):
     """See ``docs/refusals.md``."""
 
-    SEATED = "seated", "the duck sits", "stand()"
-    NOT_DRIVEN = "not_driven", "no policy drives the duck", "enable()"
-    SKILL = "skill", "a skill is no action", "do(skill=...)"
-    NO_SKILL = "no_skill", "the robot has no such skill", "use one that is named"
-    UNSUPPORTED = "unsupported", "this robotd does not have it", "update the robot"
+    SEATED = "seated", "the duck sits", "call stand() first"
+    NOT_DRIVEN = "not_driven", "no walking policy drives the duck", "call enable() first"
+    SKILL = "skill", "a skill is a service, not a target", "call do(skill=...)"
+    NO_SKILL = "no_skill", "the robot has no such skill", "use one of the listed skills"
+    UNSUPPORTED = "unsupported", "this version of robotd lacks the function", "update the robot"
     FALLEN = "fallen", "the duck has fallen", "put it on its feet"
-    LIMP = "limp", "the duck yields", "put it on its feet"
+    LIMP = "limp", "the duck is limp: its motors yield to a push", "put it on its feet"
     PICKED_UP = "picked_up", "the duck is held up", "put it on its feet"

@@ -1,4 +1,4 @@
-"""The robots of this wire as data (``robots.toml``)."""
+"""Load the robots that the Microduck driver supports from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ HEAD_JOINTS = slice(5, 9)
 class ModeLimits(msgspec.Struct, frozen=True):
     """The limits of a twist in one drive mode."""
 
-    forward: float  # m/s
+    forward: float  # largest speed forward, m/s
     backward: float
     side: float
-    turn: float  # rad/s
+    turn: float  # largest turn rate, rad/s
 
 
 def axes_of(robot: str) -> tuple[Axis, ...]:
-    """Return the axes of a robot, in the order of a row. Raise ``ValueError`` for an unknown robot."""
+    """Return the axes of a robot, in the order of a target's values. Raise ``ValueError`` for an unknown robot."""
     rows = TABLES.table(robot)["axes"]
     modes = {"v": AxisMode.VELOCITY, "p": AxisMode.POSITION}
     return tuple(

@@ -1,5 +1,5 @@
-"""The services of a Microduck. Each sends one or a few requests to robotd, on a separate connection: robotd
-serves a connection one request at a time, so a slow request would delay a stop."""
+"""The services of a Microduck. Each sends a few requests to robotd. They use a separate connection, because
+robotd answers one request of a connection after the other, and a slow one would delay a stop."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import trio
 from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.codecs.json_rpc import METHOD_NOT_FOUND, Call
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, SaidNo
+from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, RequestFailed
 from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
 from .config import MicroduckConfig
-from .link import DuckLink, Way
+from .link import Connector, DuckLink
 from .verbs import motor_ids
 
 LOOK_S = 1.0
@@ -35,7 +35,7 @@ QUESTIONS = {
 }
 """Services that return robotd's answer unchanged."""
 
-TOLD = ("t", "policy", "move", "head", "safety", "loop")
+MONITORED = ("t", "policy", "move", "head", "safety", "loop")
 """Members of a state that ``monitor`` shows."""
 
 
@@ -44,52 +44,55 @@ class Services:
 
     Attributes:
         skills: The robot's skills.
-        unanswered: Number of pending requests that move the robot.
+        unanswered: Number of requests that move the robot and are not answered yet.
         broken: Set when such a request was not answered in time, so that its effect is unknown.
     """
 
-    def __init__(self, config: MicroduckConfig, way: Way, link: DuckLink, hello: p.Hello) -> None:
+    def __init__(self, config: MicroduckConfig, connector: Connector, link: DuckLink, hello: p.Hello) -> None:
         self._config = config
-        self._way = way
+        self._connector = connector
         self._link = link
         self._hello = hello
-        self.port = JsonRpcPort(way.open, lambda _: None)
+        self.port = JsonRpcPort(connector.open, lambda _: None)
         self.skills: tuple[str, ...] = ()
         self.unanswered = 0
         self.broken = trio.Event()
 
     async def look(self) -> tuple[p.Health, p.Policies]:
-        """Read the values that change without us. Raise ``WireDown`` or ``MalformedFrame``."""
+        """Read the mode, the skills and the health of the robot, which may change without a command. Raise
+        ``WireDown`` or ``MalformedFrame``."""
         try:
             health = p.read_health(await self.port.ask(p.HEALTH, {}, LOOK_S))
             if self._hello.api_version < p.POLICIES_SINCE:
                 mode = p.read_mode(await self.port.ask(p.GET_MODE, {}, LOOK_S))
                 return health, p.Policies(mode, self.skills, None)
             policies = p.read_policies(await self.port.ask(p.POLICIES, {}, LOOK_S))
-        except SaidNo as no:
-            raise WireDown(f"robotd says {no} ({no.code}). Look at its log") from None
+        except RequestFailed as no:
+            raise WireDown(f"robotd answered with an error: {no} ({no.code}). Check its log") from None
         self.skills = policies.skills or self.skills
         return health, policies
 
-    async def perform(self, service: str, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+    async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """Run a service. Raise ``WireDown`` or ``PermitDenied``."""
         try:
-            return await self._perform(service, given, permit)
-        except SaidNo as no:
+            return await self._perform(service, arguments, permit)
+        except RequestFailed as no:
             if no.code == METHOD_NOT_FOUND:
-                why = f"robotd (API {self._hello.api_version}) does not have it"
+                reason = f"robotd (API {self._hello.api_version}) does not have this function"
                 return Refused(
                     MicroduckCode.UNSUPPORTED,
-                    why,
+                    reason,
                     "update the robot",
                     str(self._hello.api_version),
                     str(p.API_VERSION),
                 )
-            return Refused(Code.ROBOT, f"robotd says {no} ({no.code})", "look at the robot")
+            return Refused(Code.ROBOT, f"robotd answered with an error: {no} ({no.code})", "check the robot")
         except MalformedFrame as malformed:
-            raise WireDown(f"{malformed}. Look at robotd") from None
+            raise WireDown(f"robotd sent an invalid answer: {malformed}. Check robotd") from None
 
-    async def _perform(self, service: str, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
+    async def _perform(
+        self, service: str, arguments: Mapping[str, Any], permit: Permit
+    ) -> dict[str, Any] | Refused:
         if service in QUESTIONS:
             return p.read_object(await self._ask(QUESTIONS[service], {}, permit))
         match service:
@@ -105,36 +108,36 @@ class Services:
             case "init":
                 return await self._intent(service, p.INIT, {}, permit)
             case "reboot_motors":
-                ids = motor_ids(given.get("ids", "")) or []
+                ids = motor_ids(arguments.get("ids", "")) or []
                 return await self._intent(service, p.REBOOT_MOTORS, {"ids": ids}, permit)
             case "do":
-                return await self._do(service, given["skill"], permit)
+                return await self._do(service, arguments["skill"], permit)
             case "sit" | "stand":
                 return await self._sit(service, service == "sit", permit)
             case "look_at":
-                return await self._look_at(given, permit)
+                return await self._look_at(arguments, permit)
             case "skills":
                 return {"skills": list(self.skills)}
             case "sounds":
                 return {"sounds": list(p.SOUNDS)}
             case "play_sound":
-                tag = given.get("tag", "chirp")
+                tag = arguments.get("tag", "chirp")
                 return await self._intent(service, p.SOUND, {"tag": tag}, permit)
             case "theremin":
-                return await self._intent(service, p.THEREMIN, {"active": given.get("active", True)}, permit)
+                return await self._intent(service, p.THEREMIN, {"active": arguments.get("active", True)}, permit)
             case "set_mode":
-                return await self._intent(service, p.SET_MODE, {"mode": given["mode"]}, permit)
+                return await self._intent(service, p.SET_MODE, {"mode": arguments["mode"]}, permit)
             case "load_policy":
-                wanted = {"slot": given["slot"], "path": given.get("path") or None}
-                return await self._intent(service, p.LOAD_POLICY, wanted, permit)
+                slot_params = {"slot": arguments["slot"], "path": arguments.get("path") or None}
+                return await self._intent(service, p.LOAD_POLICY, slot_params, permit)
             case "reload_policies":
                 return await self._intent(service, p.RELOAD_POLICIES, {}, permit)
             case "tof":
                 return await self._tof()
-        return self._known(service)
+        return self._answer_from_state(service)
 
-    def _known(self, service: str) -> dict[str, Any]:
-        """Answer from the present state, without a request."""
+    def _answer_from_state(self, service: str) -> dict[str, Any]:
+        """Answer a service from the newest received state, without a request."""
         if service == "version":
             return {
                 "api_version": self._hello.api_version,
@@ -143,36 +146,42 @@ class Services:
             }
         state = self._link.state
         if state is None:
-            raise WireDown("no state has come yet")
+            raise WireDown("robotd has not sent a state yet")
         if service == "odometry":
             return {"position_m": list(state.position_m), "yaw_rad": state.yaw_rad}
-        return {name: self._link.told[name] for name in TOLD if name in self._link.told}
+        return {name: self._link.raw_state[name] for name in MONITORED if name in self._link.raw_state}
 
     async def _do(self, service: str, skill: str, permit: Permit) -> dict[str, Any] | Refused:
         """Run a skill. Its name is checked here, because only the robot knows its skills."""
         if skill not in self.skills:
-            known = ", ".join(self.skills) or "none"
+            skill_names = ", ".join(self.skills) or "none"
             return Refused(
-                MicroduckCode.NO_SKILL, f"the robot has no skill {skill}", f"it has {known}", skill, known
+                MicroduckCode.NO_SKILL,
+                f"the robot has no skill {skill}",
+                f"it has {skill_names}",
+                skill,
+                skill_names,
             )
         return await self._intent(service, p.DO, {"skill": skill}, permit)
 
     async def _sit(self, service: str, down: bool, permit: Permit) -> dict[str, Any] | Refused:
-        """Sit or stand. One skill does both, so robotd is asked for the present posture first."""
+        """Sit down or stand up. One skill toggles between both, so robotd is asked first whether the duck sits."""
         policies = p.read_policies(await self._ask(p.POLICIES, {}, permit))
         if policies.sitting is None:
-            why = f"robotd (API {self._hello.api_version}) does not say whether the duck sits"
-            remedy = f"update the robot, or look, then call do(skill={p.SIT_TOGGLE!r})"
-            return Refused(MicroduckCode.UNSUPPORTED, why, remedy, str(self._hello.api_version), str(p.HOMED_SINCE))
+            reason = f"robotd (API {self._hello.api_version}) does not report whether the duck sits"
+            remedy = f"update the robot, or look at the duck, then call do(skill={p.SIT_TOGGLE!r})"
+            return Refused(
+                MicroduckCode.UNSUPPORTED, reason, remedy, str(self._hello.api_version), str(p.HOMED_SINCE)
+            )
         if policies.sitting is down:
             return {"sitting": down, "already": True}
         done = await self._do(service, p.SIT_TOGGLE, permit)
         return done if isinstance(done, Refused) else {**done, "sitting": down}
 
-    async def _look_at(self, given: Mapping[str, Any], permit: Permit) -> dict[str, Any]:
-        point = {name: float(given.get(name, 0.0)) for name in ("x", "y", "z", "neck_pitch")}
-        where, clamped = p.read_look(await self._request(p.LOOK, point, permit))
-        return {"head": where, "clamped": clamped}
+    async def _look_at(self, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any]:
+        point = {name: float(arguments.get(name, 0.0)) for name in ("x", "y", "z", "neck_pitch")}
+        head, clamped = p.read_look(await self._request(p.LOOK, point, permit))
+        return {"head": head, "clamped": clamped}
 
     async def _tof(self) -> dict[str, Any]:
         frames: list[list[float]] = []
@@ -181,7 +190,7 @@ class Services:
             if call.method == p.TOF_FRAME:
                 frames.append(p.read_distances(call.params))
 
-        port = JsonRpcPort(lambda: self._way.open(p.TOF_SOCKET), take)
+        port = JsonRpcPort(lambda: self._connector.open(p.TOF_SOCKET), take)
         try:
             await port.open()
             port.forget(port.send(p.TOF_STREAM, {}))
@@ -190,20 +199,22 @@ class Services:
                 return {"distance_mm": frames[0]}
         finally:
             port.close()
-        raise WireDown(f"no frame within {TOF_S:g} s. Check tofd")
+        raise WireDown(f"no frame of the depth sensor within {TOF_S:g} s. Check its daemon tofd")
 
     async def _intent(
         self, service: str, method: str, params: Mapping[str, Any], permit: Permit
     ) -> dict[str, Any] | Refused:
-        """Send a request whose answer is whether it was accepted."""
+        """Send a request that robotd accepts or refuses. A refusal by robotd is returned as ours."""
         accepted, reason = p.read_intent(await self._request(method, params, permit))
         if not accepted:
-            return Refused(Code.ROBOT, f"robotd says no: {reason or 'without a reason'}", "look at the robot")
+            return Refused(
+                Code.ROBOT, f"robotd refused the request: {reason or 'no reason given'}", "check the robot"
+            )
         return {"accepted": True, **({"reason": reason} if reason else {})}
 
     async def _request(self, method: str, params: Mapping[str, Any], permit: Permit) -> Any:
-        """Send a request that is carried out. A stop does not cancel the wait for its answer, since the stop has
-        to know whether the request is still pending."""
+        """Send a request that moves the robot. A stop does not cancel the wait for its answer. The stop must
+        know whether the request may still be carried out."""
         permit.check()
         number = self.port.send(method, params)
         self.unanswered += 1
@@ -211,9 +222,10 @@ class Services:
             with trio.CancelScope(shield=True):
                 answer = await self.port.answer(number, self._config.timeout_s)
         except WireDown:
-            self.broken.set()  # The request stays in ``unanswered``.
+            # The request stays counted in ``unanswered``, because it may still be carried out.
+            self.broken.set()
             raise
-        except SaidNo:
+        except RequestFailed:
             self.unanswered -= 1
             raise
         self.unanswered -= 1

@@ -1,8 +1,8 @@
-"""Stop a Microduck: repeat a zero twist until its own state shows that it neither is requested to walk nor walks.
-The wire and the root's stop channel use this.
+"""Stop a Microduck: send a zero twist until the duck reports that it stands and has no command to walk. The
+process that drives the robot and the root's stop channel use this code.
 
-The duck stays on its feet. Torque stays on, and head, body and mouth keep their last targets. A skill that has
-begun plays to its end, since robotd has no method to end one.
+The duck stays on its feet. Torque stays on, and head, body and mouth keep their last goals. A skill that has
+begun plays to its end, because robotd cannot end one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.drivers.common.kit.reporting_base import Report, stop_until_it_stands
 from strands_actors.drivers.common.kit.velocity_base import nothing_pending
-from strands_actors.drivers.common.ports.json_rpc_port import SaidNo
+from strands_actors.drivers.common.ports.json_rpc_port import RequestFailed
 
 from . import protocol as p
 from .config import MicroduckConfig
@@ -32,8 +32,8 @@ GREET_S = 1.0
 
 
 class Stopping:
-    """A link as a base that can be stopped (``ReportingBase``). ``pending`` returns True if an earlier request on
-    another connection is unanswered, so that it may be carried out later."""
+    """Make a connection to robotd stoppable as a base (``ReportingBase``). ``pending`` returns True if an
+    earlier request on another connection has no answer yet, and may therefore still be carried out."""
 
     def __init__(
         self, link: DuckLink, safe_state: SafeState, pending: Callable[[], bool] = nothing_pending
@@ -50,8 +50,8 @@ class Stopping:
         await self._link.connect()
 
     def zero(self) -> None:
-        """Send a zero. A hold zeroes the twist as a writer would. A stop uses robotd's stop method, and ends the
-        theremin, which moves the mouth."""
+        """Send a zero twist. A hold uses the same method as a walk command. A stop uses robotd's stop method,
+        and also ends the skill "theremin", which moves the mouth."""
         port = self._link.port
         if self._safe_state == SafeState.ZERO:
             port.notify_stop(p.MOVE, p.REST)
@@ -59,17 +59,18 @@ class Stopping:
             port.send_stop(p.STOP, {})
             port.notify_stop(p.THEREMIN, {"active": False})
 
-    async def taken(self, within_s: float) -> None:
-        """Request a stop and wait for the answer. robotd has processed all earlier messages by then."""
+    async def acknowledged(self, within_s: float) -> None:
+        """Request a stop and wait for the answer. By then robotd has processed all earlier messages of this
+        connection."""
         port = self._link.port
         try:
             accepted, reason = p.read_intent(await port.ask(p.STOP, {}, ANSWER_S))
-        except (SaidNo, MalformedFrame) as problem:
-            raise WireDown(f"{p.STOP}: robotd says {problem}") from None
+        except (RequestFailed, MalformedFrame) as problem:
+            raise WireDown(f"{p.STOP}: robotd answered: {problem}") from None
         if not accepted:
-            raise WireDown(f"{p.STOP}: robotd says no: {reason}")
+            raise WireDown(f"{p.STOP}: robotd refused it: {reason}")
         if self._pending():
-            raise WireDown("an earlier request has not been answered")
+            raise WireDown("an earlier request has no answer yet, so it may still be carried out")
 
     async def next_report(self, within_s: float) -> Report:
         return report_of(await self._link.next_state())
@@ -78,12 +79,13 @@ class Stopping:
 async def stop_by(
     link: DuckLink, safe_state: SafeState, within_s: float = STOP_S, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Stop the duck. Never raises. On a connected link, the first frame leaves before the first wait."""
+    """Stop the duck. Never raises. If the link is connected, the first frame is sent before the first wait."""
     return await stop_until_it_stands(Stopping(link, safe_state, pending), within_s)
 
 
 class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
-    """The root's own connection. It is greeted before anything is armed, and kept open."""
+    """Stop the duck from the root process, by the root's own connection. It is opened and tested before the
+    robot is armed, and stays open."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
@@ -94,7 +96,7 @@ class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
             await link.greet(GREET_S)
         except MalformedFrame as malformed:
             link.close()
-            raise WireDown(f"{self.config.endpoint().name}: {malformed}. Check what is served there") from None
+            raise WireDown(f"{self.config.endpoint().name}: {malformed}. Check that robotd runs there") from None
         except BaseException:
             link.close()
             raise

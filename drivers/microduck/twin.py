@@ -1,7 +1,7 @@
-"""Run robotd as a twin: its JSON-RPC on a unix socket, with a walking duck behind it.
+"""Simulate robotd: its JSON-RPC on a unix socket, with a walking duck behind it.
 
-It behaves as robotd of API 31. It serves each connection in order, refuses unknown fields by name, clamps
-nothing, and zeroes a twist that is not repeated. With ``api_version=16`` it has the methods of that version. It
+It behaves as robotd of API 31: it answers each connection in order, refuses unknown fields by name, limits no
+value, and zeroes a twist that is not repeated. With ``api_version=16`` it has the methods of that version. It
 makes no sound and has no camera.
 """
 
@@ -29,7 +29,7 @@ from strands_actors.drivers.common.codecs.json_rpc import (
     encode_result,
 )
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import (
     ClientGone,
     Connection,
@@ -69,9 +69,9 @@ _ACCEPTED: dict[str, Any] = {"accepted": True}
 
 
 class Param(NamedTuple):
-    """One parameter: its type, and whether it is required."""
+    """One parameter of a simulated method: its type, and whether it is required."""
 
-    kind: type
+    value_type: type
     needed: bool = False
 
 
@@ -109,7 +109,7 @@ SINCE = {p.POLICIES: 18, p.LOAD_POLICY: 18, p.RELOAD_POLICIES: 19, p.MODEL: 24, 
 
 
 class DuckTwin:
-    """One robotd for all clients."""
+    """One simulated robotd, which all clients share."""
 
     def __init__(
         self,
@@ -121,10 +121,11 @@ class DuckTwin:
         mode: str = "walk",
         enabled: bool = False,
     ) -> None:
-        """Build the twin. Raise ``ValueError`` for an unknown mode."""
+        """Build the simulated robotd. ``mode`` is its first drive mode. Raise ``ValueError`` if the robot lacks
+        it."""
         table = TABLES.table(robot)
         if mode not in table["modes"]:
-            raise ValueError(f"mode is {mode!r}. use {', '.join(table['modes'])}")
+            raise ValueError(f"mode is {mode!r}. Use {', '.join(table['modes'])}")
         self.body = Duck(table, deadman_s, now_s)
         self.faults = Faults()
         self.api_version = api_version
@@ -136,7 +137,7 @@ class DuckTwin:
         self.power_cycle()
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
+        """Inject a fault. ``unit`` is ignored, because a duck has no units that can fail separately."""
         self.body.pass_time()
         self._frozen = self.state() if fault is Fault.STUCK else None
         self.body.stuck = fault is Fault.STUCK
@@ -154,37 +155,37 @@ class DuckTwin:
 
     def answer(self, call: Call) -> Any:
         """Carry out a call and return its result. Raise ``_No`` for an error."""
-        known = METHODS.get(call.method)
-        if known is None or self.api_version < SINCE.get(call.method, 0):
+        declared = METHODS.get(call.method)
+        if declared is None or self.api_version < SINCE.get(call.method, 0):
             raise _No(METHOD_NOT_FOUND, f"unknown method {call.method!r}")
-        _check(call.params, known)
+        _check(call.params, declared)
         self.body.pass_time()
         return self._do(call.method, call.params)
 
-    def _do(self, method: str, given: Mapping[str, Any]) -> Any:
+    def _do(self, method: str, params: Mapping[str, Any]) -> Any:
         body = self.body
 
         def number(name: str) -> float:
-            return float(given.get(name) or 0.0)
+            return float(params.get(name) or 0.0)
 
         match method:
             case p.HELLO:
                 return {"api_version": self.api_version, "daemon_version": VERSION, "revision": None}
             case p.MOVE:
-                body.walk((number("vx"), number("vy"), number("vyaw")), Hand.WIRE)
+                body.walk((number("vx"), number("vy"), number("vyaw")), Commander.WIRE)
             case p.STOP:
-                body.walk((0.0, 0.0, 0.0), Hand.WIRE)
+                body.walk((0.0, 0.0, 0.0), Commander.WIRE)
             case p.HEAD:
                 body.head_target = tuple(map(number, ("neck_pitch", "head_pitch", "head_yaw", "head_roll")))
             case p.POSE:
-                active = given.get("active", True)
+                active = params.get("active", True)
                 body.pose_target = (number("z"), number("roll"), number("pitch"), float(active))
             case p.MOUTH:
                 body.mouth = max(0.0, min(1.0, number("open")))
             case p.LOOK:
                 return self._look(number("x"), number("y"), number("z"), number("neck_pitch"))
             case p.ENABLE:
-                on = not body.enabled if given.get("toggle") else bool(given.get("on"))
+                on = not body.enabled if params.get("toggle") else bool(params.get("on"))
                 body.enable(on)
                 return {"accepted": True, "reason": "driving" if on else "holding"}
             case p.INIT:
@@ -192,20 +193,20 @@ class DuckTwin:
             case p.RELAX | p.REBOOT_MOTORS:
                 body.power(False)
             case p.DO:
-                return self._skill(given["skill"])
-            case p.SOUND if given["tag"] not in (*p.SOUNDS, "wheee"):
-                raise _No(INVALID_PARAMS, f"unknown tag {given['tag']!r}")
+                return self._skill(params["skill"])
+            case p.SOUND if params["tag"] not in (*p.SOUNDS, "wheee"):
+                raise _No(INVALID_PARAMS, f"unknown tag {params['tag']!r}")
             case p.THEREMIN:
-                self._theremin = given["active"]
+                self._theremin = params["active"]
             case p.SET_MODE:
-                return self._set_mode(given.get("mode", ""))
+                return self._set_mode(params.get("mode", ""))
             case p.LOAD_POLICY:
-                return self._load(given.get("slot"), given.get("path"))
+                return self._load(params.get("slot"), params.get("path"))
             case _:
-                return self._tell(method)
+                return self._answer_query(method)
         return dict(_ACCEPTED)
 
-    def _tell(self, method: str) -> Any:
+    def _answer_query(self, method: str) -> Any:
         body, table = self.body, self._table
         match method:
             case p.GET_MODE:
@@ -257,34 +258,34 @@ class DuckTwin:
         return dict(_ACCEPTED)
 
     def _skill(self, skill: str) -> dict[str, Any]:
-        known = self._table["skills"]
-        if skill not in known:
-            return {"accepted": False, "reason": f"no skill named {skill!r}; known: {', '.join(known)}"}
-        why = self.body.do(skill)
-        return {"accepted": False, "reason": why} if why else dict(_ACCEPTED)
+        skills = self._table["skills"]
+        if skill not in skills:
+            return {"accepted": False, "reason": f"no skill named {skill!r}; known: {', '.join(skills)}"}
+        reason = self.body.do(skill)
+        return {"accepted": False, "reason": reason} if reason else dict(_ACCEPTED)
 
     def _look(self, x: float, y: float, z: float, neck_pitch: float) -> dict[str, Any]:
-        """Turn the head as if it were at rest. The neck has no kinematics here."""
+        """Turn the head towards a point, calculated for a head at rest. The simulation has no neck kinematics."""
         yaw, pitch = math.atan2(y, x), math.atan2(-z, math.hypot(x, y))
         axes = self._table["axes"]
-        held = [
+        clamped = [
             max(axes[key][1], min(axes[key][2], value)) for key, value in (("head_pitch", pitch), ("head_yaw", yaw))
         ]
-        self.body.head_target = (neck_pitch, *held, 0.0)
+        self.body.head_target = (neck_pitch, *clamped, 0.0)
         head = dict(zip(("neck_pitch", "head_pitch", "head_yaw", "head_roll"), self.body.head_target, strict=True))
-        return {"head": head, "clamped": held != [pitch, yaw]}
+        return {"head": head, "clamped": clamped != [pitch, yaw]}
 
     def _set_mode(self, mode: str) -> dict[str, Any]:
-        known = ", ".join(self._table["modes"])
+        modes = ", ".join(self._table["modes"])
         if mode not in self._table["modes"]:
-            return {"accepted": False, "reason": f"no mode {mode!r}; known: {known}"}
+            return {"accepted": False, "reason": f"no mode {mode!r}; known: {modes}"}
         self.body.mode = mode
         return dict(_ACCEPTED)
 
     def _load(self, slot: object, path: object) -> dict[str, Any]:
-        known = self._table["slots"]
-        if slot not in known:
-            return {"accepted": False, "reason": f"no slot {slot!r}; known: {', '.join(known)}"}
+        slots = self._table["slots"]
+        if slot not in slots:
+            return {"accepted": False, "reason": f"no slot {slot!r}; known: {', '.join(slots)}"}
         if path:
             self._overridden[str(slot)] = str(path)
         else:
@@ -305,7 +306,7 @@ class DuckTwin:
     # -- states
 
     def state(self) -> dict[str, Any]:
-        """Return the present ``robot.state``."""
+        """Return the present state, as the notification ``robot.state`` contains it."""
         if self._frozen is not None:
             return self._frozen
         body = self.body
@@ -339,28 +340,30 @@ class DuckTwin:
 
 
 class _No(Exception):
-    """A JSON-RPC error."""
+    """An error that the simulated robotd sends as a JSON-RPC error."""
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)
         self.code = code
 
 
-def _check(given: Mapping[str, Any], known: Mapping[str, Param]) -> None:
-    for name, value in given.items():
-        if name not in known:
-            raise _No(INVALID_PARAMS, f"unknown field `{name}`, expected {', '.join(known) or 'none'}")
-        kind = known[name].kind
-        fits = value is None or isinstance(value, kind) if kind is not float else finite(value) is not None
-        if not fits or (kind is int and isinstance(value, bool)):
-            raise _No(INVALID_PARAMS, f"invalid type of `{name}`, expected {kind.__name__}")
-    for name, param in known.items():
-        if param.needed and given.get(name) is None:
+def _check(params: Mapping[str, Any], declared: Mapping[str, Param]) -> None:
+    for name, value in params.items():
+        if name not in declared:
+            raise _No(INVALID_PARAMS, f"unknown field `{name}`, expected {', '.join(declared) or 'none'}")
+        value_type = declared[name].value_type
+        fits = (
+            value is None or isinstance(value, value_type) if value_type is not float else finite(value) is not None
+        )
+        if not fits or (value_type is int and isinstance(value, bool)):
+            raise _No(INVALID_PARAMS, f"invalid type of `{name}`, expected {value_type.__name__}")
+    for name, param in declared.items():
+        if param.needed and params.get(name) is None:
             raise _No(INVALID_PARAMS, f"missing field `{name}`")
 
 
 def kind_of(call: Call) -> tuple[str, str | None]:
-    """Return the kind of a call for the wire log, and the safe state to which it brings the robot."""
+    """Return the kind of a call for the log of messages, and the safe state to which the call brings the robot."""
     match call.method:
         case p.MOVE:
             return ("safe", "zero") if p.is_rest(call.params) else ("setpoint", None)
@@ -378,7 +381,7 @@ def kind_of(call: Call) -> tuple[str, str | None]:
 
 
 class _Client:
-    """One connection, served in order."""
+    """One client's connection. Its requests are answered in order."""
 
     def __init__(self, twin: DuckTwin, connection: Connection) -> None:
         self._twin = twin
@@ -394,19 +397,20 @@ class _Client:
                     for line in lines.feed(data):
                         self._hear(t_ns, line, nursery)
                 except MalformedFrame:
-                    raise ClientGone from None  # A server drops a connection that it cannot parse.
+                    # Disconnect a client that sends an invalid message, as a server does.
+                    raise ClientGone from None
 
     def _hear(self, t_ns: int, line: bytes, nursery: trio.Nursery) -> None:
         twin, connection = self._twin, self._connection
         try:
             call = decode(line)
         except MalformedFrame as malformed:
-            connection.heard(t_ns, "other", line)
+            connection.log_received(t_ns, "other", line)
             if twin.faults.of(None) is not Fault.OFF:
                 self._reply(nursery, encode_failure(None, PARSE_ERROR, str(malformed)))
             return
         if not isinstance(call, Call):
-            connection.heard(t_ns, "other", line)
+            connection.log_received(t_ns, "other", line)
             self._reply(nursery, encode_failure(call.id, INVALID_REQUEST, "no call"))
             return
         kind, safe_state = kind_of(call)
@@ -431,14 +435,14 @@ class _Client:
         if reply.delay_s or reply.late_s:
             nursery.start_soon(self._say_later, reply)
         else:
-            self._connection.say(reply.kind, reply.data)
+            self._connection.send_logged(reply.kind, reply.data)
 
     async def _say_later(self, reply: Reply) -> None:
         await trio.sleep(reply.delay_s + reply.late_s)
-        self._connection.say(reply.kind, reply.data)
+        self._connection.send_logged(reply.kind, reply.data)
 
     async def _stream(self, hz: float) -> None:
-        """Send the state until the client is gone. States are not logged."""
+        """Send states until the client disconnects. They are not logged."""
         twin, connection = self._twin, self._connection
         while True:
             await connection.frost.thawed()
@@ -452,7 +456,7 @@ class _Client:
 
 
 def serving(twin: DuckTwin) -> Handler:
-    """Return the handler of robotd's socket."""
+    """Return the function that serves each connection to robotd's socket."""
 
     async def handle(connection: Connection) -> None:
         await _Client(twin, connection).serve()
@@ -461,17 +465,17 @@ def serving(twin: DuckTwin) -> Handler:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, DuckTwinOptions, options)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, DuckTwinOptions, options)
     twin = DuckTwin(
         robot,
-        deadman_s=given.deadman_s,
-        api_version=given.api_version,
-        mode=given.mode,
-        enabled=given.enabled,
+        deadman_s=twin_options.deadman_s,
+        api_version=twin_options.api_version,
+        mode=twin_options.mode,
+        enabled=twin_options.enabled,
     )
 
     def build(wire_log: WireLog) -> UnixServer:
-        return UnixServer(twin, serving(twin), wire_log, given.path)
+        return UnixServer(twin, serving(twin), wire_log, twin_options.path)
 
     run_server(build, **start)

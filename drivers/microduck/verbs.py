@@ -1,4 +1,4 @@
-"""The services of a Microduck beyond move, head, pose and mouth, and the verbs of an agent."""
+"""The services of a Microduck, except move, head, pose and mouth, and the verbs that an AI agent may use."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ MOVING_POWER = frozenset({"enable", "init", "set_mode", "load_policy", "reload_p
 """Services after which the robot moves by itself, with or without a policy. They are refused when the robot is
 disarmed, and while it walks."""
 
-_ASKED = (
+_WITHOUT_INPUT = (
     "enable", "disable", "sit", "stand", "skills", "sounds", "mode", "policies", "reload_policies", "health",
     "version", "model", "odometry", "monitor", "tof",
 )  # fmt: skip
@@ -100,9 +100,9 @@ _ASKED = (
 
 
 def tool_verbs() -> tuple[ToolVerb, ...]:
-    """Return the verbs of an agent."""
+    """Return the commands that an AI agent may call."""
 
-    def asked(name: str, inputs: Mapping[str, Any], required: Sequence[str] = ()) -> ToolVerb:
+    def service_verb(name: str, inputs: Mapping[str, Any], required: Sequence[str] = ()) -> ToolVerb:
         about = SERVICES[name].about
         return ToolVerb(name, "service", f"{about[:1].upper()}{about[1:]}.", inputs, tuple(required))
 
@@ -139,66 +139,68 @@ def tool_verbs() -> tuple[ToolVerb, ...]:
             {"open": {"type": "number", "minimum": 0, "maximum": 1}},
             ("open",),
         ),
-        asked("look_at", {"x": _METRES, "y": _METRES, "z": _METRES, "neck_pitch": _RAD}, ("x", "y", "z")),
-        asked("do", {"skill": _TEXT}, ("skill",)),
-        asked("play_sound", {"tag": {"type": "string", "enum": list(SOUNDS)}}),
-        asked("theremin", {"active": {"type": "boolean"}}, ("active",)),
-        asked("set_mode", {"mode": _TEXT}, ("mode",)),
-        asked("load_policy", {"slot": _TEXT, "path": _TEXT}, ("slot",)),
-        asked("relax", {CONFIRM: _YES}, (CONFIRM,)),
-        asked("init", {CONFIRM: _YES}, (CONFIRM,)),
-        asked("reboot_motors", {"ids": ids, CONFIRM: _YES}, (CONFIRM,)),
-        *(asked(name, {}) for name in _ASKED),
+        service_verb("look_at", {"x": _METRES, "y": _METRES, "z": _METRES, "neck_pitch": _RAD}, ("x", "y", "z")),
+        service_verb("do", {"skill": _TEXT}, ("skill",)),
+        service_verb("play_sound", {"tag": {"type": "string", "enum": list(SOUNDS)}}),
+        service_verb("theremin", {"active": {"type": "boolean"}}, ("active",)),
+        service_verb("set_mode", {"mode": _TEXT}, ("mode",)),
+        service_verb("load_policy", {"slot": _TEXT, "path": _TEXT}, ("slot",)),
+        service_verb("relax", {CONFIRM: _YES}, (CONFIRM,)),
+        service_verb("init", {CONFIRM: _YES}, (CONFIRM,)),
+        service_verb("reboot_motors", {"ids": ids, CONFIRM: _YES}, (CONFIRM,)),
+        *(service_verb(name, {}) for name in _WITHOUT_INPUT),
     )
 
 
-def motor_ids(given: object) -> list[int] | None:
+def motor_ids(value: object) -> list[int] | None:
     """Return the numbers in a text such as ``20, 21``, or one number; None for anything else."""
-    number = finite(given)
+    number = finite(value)
     if number is not None:
         return [int(number)] if number == int(number) else None
-    if not isinstance(given, str) or not _IDS.fullmatch(given):
+    if not isinstance(value, str) or not _IDS.fullmatch(value):
         return None
-    return [int(one) for one in re.findall(r"\d+", given)]
+    return [int(digits) for digits in re.findall(r"\d+", value)]
 
 
 def check_arguments(
     service: str, arguments: Mapping[str, Any], ids: Sequence[int], modes: Sequence[str], slots: Sequence[str]
 ) -> Refused | None:
     """Return a refusal for invalid arguments of a service; None if they are valid."""
-    given = {**SERVICES[service].arguments, **arguments}
-    if service in CONFIRMED and given[CONFIRM] is not True:
-        why = CONFIRMED[service]
-        return Refused(Code.UNCONFIRMED, why, f"call {service}({CONFIRM}=True)", str(given[CONFIRM])[:40], "true")
+    values = {**SERVICES[service].arguments, **arguments}
+    if service in CONFIRMED and values[CONFIRM] is not True:
+        reason = CONFIRMED[service]
+        return Refused(
+            Code.UNCONFIRMED, reason, f"call {service}({CONFIRM}=True)", str(values[CONFIRM])[:40], "true"
+        )
     match service:
         case "do":
-            if not isinstance(given["skill"], str) or not NAME.fullmatch(given["skill"]):
-                return _bad(service, "skill", given["skill"], "the name of a skill: skills() has them")
+            if not isinstance(values["skill"], str) or not NAME.fullmatch(values["skill"]):
+                return _bad(service, "skill", values["skill"], "the name of a skill: skills() has them")
         case "look_at":
             for name in ("x", "y", "z"):
-                value = finite(given[name])
+                value = finite(values[name])
                 if value is None or abs(value) > FAR_M:
-                    return _bad(service, name, given[name], f"metres, -{FAR_M:g}..{FAR_M:g}")
-            neck = finite(given["neck_pitch"])
+                    return _bad(service, name, values[name], f"metres, -{FAR_M:g}..{FAR_M:g}")
+            neck = finite(values["neck_pitch"])
             if neck is None or not -1.571 <= neck <= 1.047:
-                return _bad(service, "neck_pitch", given["neck_pitch"], "-1.571..1.047 rad")
+                return _bad(service, "neck_pitch", values["neck_pitch"], "-1.571..1.047 rad")
         case "reboot_motors":
-            requested = motor_ids(given["ids"])
+            requested = motor_ids(values["ids"])
             if requested is None or not set(requested) <= set(ids):
-                return _bad(service, "ids", given["ids"], f"some of {', '.join(map(str, ids))}; empty: all")
-        case "play_sound" if given["tag"] not in SOUNDS:
+                return _bad(service, "ids", values["ids"], f"some of {', '.join(map(str, ids))}; empty: all")
+        case "play_sound" if values["tag"] not in SOUNDS:
             return _bad(
-                service, "tag", given["tag"], f"one of {', '.join(SOUNDS)}; wheee has to be held and is not played"
+                service, "tag", values["tag"], f"one of {', '.join(SOUNDS)}; wheee has to be held and is not played"
             )
-        case "theremin" if not isinstance(given["active"], bool):
-            return _bad(service, "active", given["active"], "true or false")
-        case "set_mode" if given["mode"] not in modes:
-            return _bad(service, "mode", given["mode"], f"one of {', '.join(modes)}")
+        case "theremin" if not isinstance(values["active"], bool):
+            return _bad(service, "active", values["active"], "true or false")
+        case "set_mode" if values["mode"] not in modes:
+            return _bad(service, "mode", values["mode"], f"one of {', '.join(modes)}")
         case "load_policy":
-            if given["slot"] not in slots:
-                return _bad(service, "slot", given["slot"], f"one of {', '.join(slots)}")
-            if not isinstance(given["path"], str) or (given["path"] and not given["path"].startswith("/")):
-                return _bad(service, "path", given["path"], "an absolute path on the robot; empty: its own")
+            if values["slot"] not in slots:
+                return _bad(service, "slot", values["slot"], f"one of {', '.join(slots)}")
+            if not isinstance(values["path"], str) or (values["path"] and not values["path"].startswith("/")):
+                return _bad(service, "path", values["path"], "an absolute path on the robot; empty: its own")
     return None
 
 

@@ -1,10 +1,10 @@
-"""The wire of a Microduck, in the wire process.
+"""Drive a Microduck. This module runs in the wire process, the only process that sends it commands.
 
-Intents, states and stops share one connection, which keeps their order. Services use another one.
+Intents, states and stops share one connection, which keeps their order. Services use another connection.
 
-A twist leaves when it is accepted. It is repeated 20 times a second while gate and transport reply (``feed``)
-and its duration lasts. Then a zero follows. Nothing else is repeated, so that robotd's own dead-man timer of
-0.5 s covers a failure of any of our processes.
+A twist is sent when it is accepted. It is repeated 20 times a second until its duration ends, and only while
+the driver's own tasks still respond (``feed``). Then a zero follows. Nothing else is repeated. robotd's own
+dead-man timer of 0.5 s therefore stops the duck if any of our processes fails.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from strands_actors.kernel.refusals import Code
 from . import protocol as p
 from .config import MicroduckConfig
 from .gates import HEADS, MOUTHS, MOVES, POSES, UNTIL
-from .link import DuckLink, Way
+from .link import Connector, DuckLink
 from .robots import HEAD_AT, OPEN, POSE_AT, TWIST
 from .services import Services
 from .stop import Stopping, stop_by
@@ -53,7 +53,7 @@ OLD_S = 0.3
 
 
 class _Walk(NamedTuple):
-    """A twist in force."""
+    """A twist in force: its values and its end."""
 
     twist: tuple[float, ...]
     until_s: float
@@ -65,40 +65,41 @@ class MicroduckWire(Wire):
     def __init__(self, config: MicroduckConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._way = Way(config)
-        self._link = DuckLink(config, clock, self._way)
+        self._connector = Connector(config)
+        self._link = DuckLink(config, clock, self._connector)
         self._services: Services | None = None
-        self._anew: DuckLink | None = None  # used for a stop when the link is lost
+        self._anew: DuckLink | None = None  # second connection, for a stop when the first is lost
         self._walk: _Walk | None = None
         self._is_armed = False
-        self._told: list[float | None] = [None] * len(config.axes)  # last command by axis
+        # last commanded value of each axis; None if it was not commanded
+        self._commanded: list[float | None] = [None] * len(config.axes)
         self._health = p.Health(True, "", math.nan, math.nan)
         self._mode = ""
         self._sitting: bool | None = None
         self._looked_ns = 0
-        self._read = trio.Event()  # set, and replaced, by each reading
+        self._read = trio.Event()  # set by each reading, and then replaced by a new event
 
     async def open(self) -> dict[str, Any]:
         self.close()
         endpoint = self._config.endpoint()
         within_s = self._config.timeout_s
-        why = f"robotd did not shake hands within {within_s:g} s"
+        reason = f"robotd did not shake hands within {within_s:g} s"
         with trio.move_on_after(within_s) as deadline:
             try:
                 return await self._shake_hands(within_s)
             except MalformedFrame as malformed:
-                why = f"{malformed}. Check what is served there"
+                reason = f"{malformed}. Check that robotd runs there"
             except WireDown as down:
-                why = str(down)
+                reason = str(down)
         if deadline.cancelled_caught and self._link.stamps.repeats(self._clock.now_ns()):
-            why = f"the t of its state stands still for {within_s:g} s. Look at its log"
-        raise WireDown(f"{endpoint.name}: {why}" if endpoint.name not in why else why)
+            reason = f"the time in its states has not changed for {within_s:g} s. Check its log"
+        raise WireDown(f"{endpoint.name}: {reason}" if endpoint.name not in reason else reason)
 
     async def _shake_hands(self, within_s: float) -> dict[str, Any]:
         link = self._link
         await link.connect()
         hello = await link.greet(within_s)
-        services = self._services = Services(self._config, self._way, link, hello)
+        services = self._services = Services(self._config, self._connector, link, hello)
         services.skills = await link.subscribe(self._config.subscribe_hz, within_s) or self._config.skills
         await services.port.open()
         await self._look(services)
@@ -113,15 +114,15 @@ class MicroduckWire(Wire):
         }
         if hello.api_version != self._config.api_version:
             facts["warning"] = (
-                f"robotd speaks API {hello.api_version}, asked for was {self._config.api_version}: "
-                "what it does not have is refused when it is asked for"
+                f"robotd speaks API {hello.api_version}, not {self._config.api_version} as configured: "
+                "services that it lacks are refused"
             )
         return facts
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         services = self._services
         if services is None:
-            raise WireDown("serve: not connected. Open it first")
+            raise WireDown("serve: not connected. Connect first")
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._link.hear)
             nursery.start_soon(services.port.hear)
@@ -132,7 +133,8 @@ class MicroduckWire(Wire):
                     await self._look(services)
 
     async def arm(self, permit: Permit) -> Observation:
-        """Send a zero. Torque and policy keep their state, and the duck stands still."""
+        """Accept commands from now on. A zero twist is sent, so that the duck stands. Torque and policy keep
+        their state."""
         permit.check()
         self._link.port.notify(p.MOVE, p.REST)
         self._is_armed = True
@@ -145,11 +147,11 @@ class MicroduckWire(Wire):
         if state is None or now_ns - link.stamps.new_ns > self._config.silent_s * NS:
             silent = f"for {self._config.silent_s:g} s"
             if link.stamps.repeats(now_ns):
-                raise WireDown(f"read: the t of robotd's state stands still {silent}. Check the robot")
-            raise WireDown(f"read: no state of robotd {silent} ({link.problem}). Check the robot")
+                raise WireDown(f"read: the time in robotd's states has not changed {silent}. Check the robot")
+            raise WireDown(f"read: no state from robotd {silent} ({link.problem}). Check the robot")
         read, self._read = self._read, trio.Event()
         read.set()
-        targets = [0.0 if value is None else value for value in self._told]
+        targets = [0.0 if value is None else value for value in self._commanded]
         seen_rad = state.joints_rad[p.HEAD_JOINTS] if state.joints_rad else state.head_rad
         return Observation(
             t_ns=link.stamps.new_ns,
@@ -162,7 +164,9 @@ class MicroduckWire(Wire):
         port = self._link.port
         silent_s = (self._clock.now_ns() - self._link.stamps.new_ns) / NS
         if silent_s > QUIET_S:
-            raise PermitDenied(f"the robot takes nothing now (its state is {silent_s * 1e3:.0f} ms old)")
+            raise PermitDenied(
+                f"the robot receives no commands now (its last state is {silent_s * 1e3:.0f} ms old)"
+            )
         permit.check()
         if values[MOVES]:
             twist = values[: len(TWIST)]
@@ -176,7 +180,7 @@ class MicroduckWire(Wire):
             port.notify(p.MOUTH, {"open": values[OPEN]})
         for flag, axes in ((HEADS, HEAD_AT), (POSES, POSE_AT), (MOUTHS, slice(OPEN, OPEN + 1))):
             if values[flag]:
-                self._told[axes] = values[axes]
+                self._commanded[axes] = values[axes]
 
     async def feed(self) -> None:
         walk, now_ns = self._walk, self._clock.now_ns()
@@ -197,17 +201,19 @@ class MicroduckWire(Wire):
         return self._reports(await stop_by(self._link, safe_state, pending=self._pending))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop on the old connection, then on a new one. The old one may be dead without any sign of it."""
+        """Stop the duck after its link was lost: first on the old connection, then on a new one. The old one
+        may be dead without any sign."""
         self._disarm(safe_state)
         if self._link.is_open:
             outcome = await stop_by(self._link, safe_state, OLD_S)
             if not outcome.detail:
                 return self._reports(outcome)
         else:
-            # It is closed. One with unreadable answers takes the stop all the same.
+            # The connection counts as closed. It may still carry a stop if it was closed for an unreadable
+            # answer.
             with suppress(WireDown):
                 Stopping(self._link, safe_state).zero()
-        self._anew = self._anew or DuckLink(self._config, self._clock, self._way)
+        self._anew = self._anew or DuckLink(self._config, self._clock, self._connector)
         return self._reports(await stop_by(self._anew, safe_state))
 
     def _disarm(self, safe_state: SafeState) -> None:
@@ -218,10 +224,11 @@ class MicroduckWire(Wire):
         return self._services is not None and self._services.unanswered > 0
 
     def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
-        state, told = self._link.state, list(self._told)
-        if told[HEAD_AT.start] is None and state is not None and state.targets_rad:
-            told[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]  # the goal, and not the sagging position
-        targets = ((0.0,) * len(TWIST)) + tuple(told[len(TWIST) :])
+        state, commanded = self._link.state, list(self._commanded)
+        if commanded[HEAD_AT.start] is None and state is not None and state.targets_rad:
+            # Report the goal of the head, because its measured position sags below the goal.
+            commanded[HEAD_AT] = state.targets_rad[p.HEAD_JOINTS]
+        targets = ((0.0,) * len(TWIST)) + tuple(commanded[len(TWIST) :])
         return outcome.reports(self._config.axes, self._config.ids, targets)
 
     # -- services
@@ -234,15 +241,16 @@ class MicroduckWire(Wire):
         if begins and not self._is_armed:
             return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
         if service in MOVING_POWER and self._walk is not None:
-            return Refused(Code.LIVE, "the robot walks", "wait until that is over, or call stop()")
+            return Refused(Code.LIVE, "the robot walks", "wait until the walk ends, or call stop()")
         done = await services.perform(service, arguments, permit)
         if isinstance(done, Refused) or service not in ("enable", "look_at"):
             return done
         if service == "look_at":
-            self._told[HEAD_AT] = row = tuple(done["head"].values())
+            self._commanded[HEAD_AT] = row = tuple(done["head"].values())
             with trio.move_on_after(TURNS_S):
                 await self._link.until_state(lambda state: _is_sent(state, row))
-        await self._read.wait()  # The gate then checks a reading that is not older than the answer.
+        # Wait for a reading from after the answer, so that the gate does not check an older one.
+        await self._read.wait()
         return done
 
     def close(self) -> None:
@@ -254,7 +262,7 @@ class MicroduckWire(Wire):
         self._services = self._anew = self._walk = None
         self._looked_ns = 0
         self._is_armed = False
-        self._way.close()
+        self._connector.close()
 
     # -- background tasks
 
@@ -267,26 +275,25 @@ class MicroduckWire(Wire):
         except WireDown as down:
             if not services.port.is_open or not self._looked_ns:
                 raise
-            self._link.problem = str(down)  # The states show whether the robot is there.
+            # Do not end the link here. The received states show whether the robot is there.
+            self._link.problem = str(down)
             return
         self._mode, self._sitting = policies.mode, policies.sitting
         self._looked_ns = self._clock.now_ns()
 
     async def _end_when_broken(self, services: Services) -> None:
         await services.broken.wait()
-        raise WireDown(
-            "robotd has not answered a request: whether it is carried out is not known. Look at the robot"
-        )
+        raise WireDown("robotd has not answered a request and may still carry it out. Check the robot")
 
     def _sensors(self, state: p.State, now_ns: int) -> dict[str, tuple[float, ...]]:
-        is_known = now_ns - self._looked_ns <= LOOKED_S * NS
+        is_recent = now_ns - self._looked_ns <= LOOKED_S * NS
         modes = self._config.modes
         sensors: dict[str, tuple[float, ...]] = {
             "driven": (float(state.policy != p.HELD or self._sitting is True),),
             "fallen": (float(state.fallen),),
             "limp": (float(state.limp),),
             "picked_up": (float(state.picked_up),),
-            "mode": (float(modes.index(self._mode)) if is_known and self._mode in modes else -1.0,),
+            "mode": (float(modes.index(self._mode)) if is_recent and self._mode in modes else -1.0,),
             "twist_requested": state.requested,
             "odometry_xy_m": state.position_m[:2],
             "odometry_yaw_rad": (state.yaw_rad,),
@@ -309,6 +316,6 @@ class MicroduckWire(Wire):
 
 
 def _is_sent(state: p.State, head_rad: tuple[float, ...]) -> bool:
-    """Return True if robotd sends the head there, or does not report its goals."""
+    """Return True if robotd's goal of the head is ``head_rad``, or if robotd does not report its goals."""
     sent = state.targets_rad[p.HEAD_JOINTS]
-    return all(abs(here - there) <= NEAR_RAD for here, there in zip(sent, head_rad, strict=False))
+    return all(abs(target - goal) <= NEAR_RAD for target, goal in zip(sent, head_rad, strict=False))

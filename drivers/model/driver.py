@@ -1,4 +1,4 @@
-"""Simulate a robot from a model file of the user. It has no hardware."""
+"""Simulate a robot from a model file of the user. Such a robot has no hardware."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ CONTROL_HZ = 50.0
 
 
 class ModelDriver(Driver):
-    """The driver of a model.
+    """The driver of a robot that is simulated from the user's model file.
 
-    ``options``: ``model`` is the file. Its joints stand in ``joints``, so that only the process that
-    simulates the robot has to read the file again.
+    ``options``: ``model`` is the path of the file. ``joints`` lists its joints, so that only the process that
+    simulates the robot reads the file again.
     """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
@@ -38,19 +38,20 @@ class ModelDriver(Driver):
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Read the model.
+        """Read the model file, and return the options of the driver.
 
         Raises:
-            ValueError: The model cannot be used. The text says why.
+            ValueError: The model cannot be used. The message has the reason.
         """
-        from .reading import read_model  # imports MuJoCo, which only a robot with a model needs
+        # Import MuJoCo only here, since only a robot with a model needs it.
+        from .reading import read_model
 
         read = read_model(options["model"])
-        if read.left_out:
+        if read.omitted_visuals:
             _log.warning(
                 "%s: left out of the pictures, nothing else of it changes: %s",
                 options["model"],
-                "; ".join(map(str, read.left_out)),
+                "; ".join(map(str, read.omitted_visuals)),
             )
         return {
             "model": str(options["model"]),
@@ -64,14 +65,14 @@ class ModelDriver(Driver):
         self.robot = robot
         self.config = None
         axes = tuple(
-            Axis(key=name, unit="m" if slides else "rad", low=_end(low, -1), high=_end(high, 1), id=at)
-            for at, (name, low, high, slides) in enumerate(options["joints"])
+            Axis(key=name, unit="m" if slides else "rad", low=_end(low, -1), high=_end(high, 1), id=number)
+            for number, (name, low, high, slides) in enumerate(options["joints"])
         )
         self.declare(Part(PartKind.ARM, axes))
 
 
 def _bounded(end: float) -> float | None:
-    """Return None for a joint without a limit, since plain options cannot hold infinity."""
+    """Return None for a joint without a limit, since the options are sent as JSON, which has no infinity."""
     return end if math.isfinite(end) else None
 
 

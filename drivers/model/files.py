@@ -1,5 +1,5 @@
-"""Check a user's model file before MuJoCo reads it: for git-lfs pointers, and for sizes that would fill
-the memory. MuJoCo's own errors for these do not help."""
+"""Check a user's model file before MuJoCo reads it. It may be a git-lfs pointer instead of the file, or have sizes
+that would fill the memory. MuJoCo's own error messages do not show these causes."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ MOST_CELLS = 1 << 26
 
 
 def pointer_among(spec: Any, folder: Path) -> str:
-    """Return the ``pointer_reason`` of the first asset of a model that is a pointer; empty if there is none."""
+    """Return the ``pointer_reason`` of the first mesh or picture of a model that is a git-lfs pointer. Empty if
+    none is."""
     assets = [(spec.meshdir, asset) for asset in (*spec.meshes, *spec.hfields)]
     assets += [(spec.texturedir, asset) for asset in spec.textures]
     for directory, asset in assets:
         file = folder / directory / asset.file
-        if asset.file and file.is_file() and (why := pointer_reason(file)):
-            return why
+        if asset.file and file.is_file() and (reason := pointer_reason(file)):
+            return reason
     return ""
 
 
 def refuse_sizes(root: Element) -> None:
-    """Raise ``ValueError`` for a height field or a texture that is larger than ``MOST_CELLS``. MuJoCo
-    reserves its memory as soon as it reads the sizes."""
+    """Raise ``ValueError`` if a height field or a texture is larger than ``MOST_CELLS``. MuJoCo would reserve its
+    memory as soon as it reads the sizes."""
     for tag, across, down in (("hfield", "ncol", "nrow"), ("texture", "width", "height")):
         for element in root.iterate(tag):
             sizes = [element.get(across), element.get(down)]
             if all(size.strip().isdecimal() for size in sizes) and int(sizes[0]) * int(sizes[1]) > MOST_CELLS:
                 raise ValueError(
                     f"{tag} {element.get('name')!r} has {sizes[0]} x {sizes[1]} cells. "
-                    f"give at most {MOST_CELLS} of them"
+                    f"Give at most {MOST_CELLS} cells"
                 )

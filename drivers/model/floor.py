@@ -1,4 +1,4 @@
-"""Add a floor to a model without one, so that objects put into its scene do not fall for ever."""
+"""Add a floor to a model without a floor, so that objects in its scene do not fall for ever."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _OBJECTS = 2
 def add_floor(spec: Any, model: Any) -> None:
     """Add a floor at height 0, or at the lowest point of the model if that is lower.
 
-    The links of a mounted robot pass through it, so they move as in MuJoCo without a floor. A robot with
-    a free base can fall, so it stands on the floor.
+    A robot whose base is fixed does not touch the floor, so it moves as in MuJoCo without a floor. A robot with a
+    free base stands on the floor.
     """
     geoms = range(model.ngeom)
     flat = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
@@ -24,7 +24,7 @@ def add_floor(spec: Any, model: Any) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     lowest = min((_lowest_m(model, data, geom) for geom in geoms), default=0.0)
-    falls = any(kind == mujoco.mjtJoint.mjJNT_FREE for kind in model.jnt_type)
+    falls = any(joint_type == mujoco.mjtJoint.mjJNT_FREE for joint_type in model.jnt_type)
     touches = _OBJECTS | 1 if falls else _OBJECTS
     spec.worldbody.add_geom(
         default=PLAIN.default,
@@ -37,7 +37,7 @@ def add_floor(spec: Any, model: Any) -> None:
 
 
 def _lowest_m(model: Any, data: Any, geom: int) -> float:
-    """Return the height of the lowest corner of the box around a shape."""
+    """Return the height of the lowest corner of a shape's bounding box."""
     down = data.geom_xmat[geom].reshape(3, 3)[2]
     middle, half = model.geom_aabb[geom][:3], model.geom_aabb[geom][3:]
     return float(data.geom_xpos[geom, 2] + down @ middle - abs(down) @ half)

@@ -1,8 +1,8 @@
 """Read a user's model, MJCF or URDF, as a body with a position servo at each axis.
 
-If the model has actuators, an axis is a joint that an actuator drives, directly or as the first joint of a
-tendon. If it has no actuators, every hinge and slide is an axis, except joints that follow another joint;
-gravity is then compensated. Position actuators of the model keep their gains. All other actuators become
+If the model has actuators, an axis is a joint that an actuator drives, directly or as the first joint of a tendon.
+If it has no actuators, every hinge and slide is an axis, except joints that follow another joint; gravity is then
+compensated by a force on each link. Position actuators of the model keep their gains. All other actuators become
 servos with gains that follow from the model's mass.
 """
 
@@ -20,14 +20,14 @@ from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
 from .files import pointer_among, refuse_sizes
 from .floor import add_floor
-from .urdf import LeftOut, readable_urdf
+from .urdf import OmittedVisual, readable_urdf
 
 REFUSALS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 """The exceptions that MuJoCo raises for a model that it cannot use."""
 
 
 class Joint(NamedTuple):
-    """An axis of the model. ``kp`` is 0 where the plant has to choose the gains."""
+    """One axis of the model. ``kp`` is 0 if the file has no gains; ``Plant`` then chooses them."""
 
     name: str
     low: float
@@ -35,24 +35,24 @@ class Joint(NamedTuple):
     slides: bool
     kp: float
     kv: float
-    effort: float  # infinite if the model has no limit
+    effort: float  # largest force or torque of the joint; infinite if the model has no limit
 
 
 class Read(NamedTuple):
     spec: Any
     joints: tuple[Joint, ...]
-    keyframes: dict[str, tuple[float, ...]]  # by name: ``qpos`` of the whole model
-    left_out: tuple[LeftOut, ...] = ()
+    keyframes: dict[str, tuple[float, ...]]  # for each keyframe's name, the ``qpos`` of the whole model
+    omitted_visuals: tuple[OmittedVisual, ...] = ()
 
 
 def read_model(path: str | Path) -> Read:
     """Read a model file and replace its actuators by position servos.
 
     Raises:
-        ValueError: The file cannot be used. The text says why.
+        ValueError: The file cannot be used. The message has the reason.
     """
     place = Path(path).expanduser().resolve()
-    spec, own, left_out = _load(place)
+    spec, own, omitted = _load(place)
     try:
         keyframes = _keyframes(spec, own)
         joints = _drive(spec, own)
@@ -60,28 +60,28 @@ def read_model(path: str | Path) -> Read:
     except REFUSALS as error:
         raise _refused(place, error) from None
     if not joints:
-        raise ValueError(f"{place} has no joint that can be driven. a hinge or a slide is needed")
+        raise ValueError(f"{place} has no joint that can be driven. add a hinge or a slide joint")
     add_floor(spec, model)
-    return Read(spec, joints, keyframes, left_out)
+    return Read(spec, joints, keyframes, omitted)
 
 
-def _load(place: Path) -> tuple[Any, Any, tuple[LeftOut, ...]]:
-    """Return the editable model, the compiled model, and the shapes that were left out."""
+def _load(place: Path) -> tuple[Any, Any, tuple[OmittedVisual, ...]]:
+    """Return the editable model, the compiled model, and the visual shapes that were left out."""
     if not place.is_file():
-        raise ValueError(f"there is no model {place}. give an MJCF or a URDF file")
+        raise ValueError(f"there is no model {place}. Give an MJCF or a URDF file")
     if place.suffix.lower() == ".xacro":
         raise ValueError(f"{place} is a xacro. expand it first: xacro {place.name} > {place.stem}")
-    if why := pointer_reason(place):
-        raise ValueError(why)
+    if reason := pointer_reason(place):
+        raise ValueError(reason)
     text = place.read_bytes().decode("utf-8-sig", "replace")
     try:
         root = parse(text)
     except NotXml as error:
-        raise ValueError(f"{place} is no XML: {error}") from None
+        raise ValueError(f"{place} is no valid XML: {error}") from None
     if root.tag.lower() == "robot":
         return _load_urdf(place, text, root)
     if root.tag.lower() != "mujoco":
-        raise ValueError(f"{place} is no URDF or MJCF: it begins with <{root.tag}>")
+        raise ValueError(f"{place} is no URDF or MJCF, since it begins with <{root.tag}>")
     try:
         refuse_sizes(root)
         spec = mujoco.MjSpec.from_file(str(place))
@@ -94,8 +94,9 @@ def _load(place: Path) -> tuple[Any, Any, tuple[LeftOut, ...]]:
         raise ValueError(pointer_among(spec, place.parent) or _refused(place, error)) from None
 
 
-def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[LeftOut, ...]]:
-    """As ``_load``. Visual meshes that MuJoCo refuses are left out, since MuJoCo alone would not read them."""
+def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[OmittedVisual, ...]]:
+    """Read a URDF; the result is that of ``_load``. Visual shapes with a mesh that MuJoCo cannot read are left out,
+    so that they do not make the whole file unusable."""
     unreadable: tuple[Path, ...] = ()
     while True:
         urdf = readable_urdf(place, text, root, unreadable)
@@ -104,7 +105,7 @@ def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[L
             _name_joints(spec)
             model = spec.copy().compile()
             exclude_neighbours_of_base(spec, model)
-            return spec, model, urdf.left_out
+            return spec, model, urdf.omitted_visuals
         except REFUSALS as error:
             rejected = tuple(mesh for mesh in dict.fromkeys(urdf.visuals) if not _reads(mesh))
             if not rejected or unreadable:
@@ -113,7 +114,7 @@ def _load_urdf(place: Path, text: str, root: Element) -> tuple[Any, Any, tuple[L
 
 
 def _reads(mesh: Path) -> bool:
-    """Return True if MuJoCo accepts this mesh."""
+    """Return True if MuJoCo can read this mesh."""
     spec = mujoco.MjSpec()
     spec.add_mesh(name="mesh", file=str(mesh))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname="mesh", contype=0, conaffinity=0)
@@ -125,11 +126,11 @@ def _reads(mesh: Path) -> bool:
 
 
 def exclude_neighbours_of_base(spec: Any, model: Any) -> None:
-    """Let the base of a URDF and the links at it pass through each other.
+    """Let the fixed base of a URDF and the links that are joined to it pass through each other.
 
-    MuJoCo lets a link pass through its parent, unless the parent is fixed to the world: a ball must not
-    fall through the ground. In a URDF the fixed part is the robot's own base, and its shapes overlap with
-    the next link at the joint. Pairs that MuJoCo excludes anyway do not change.
+    MuJoCo ignores contacts between a link and its parent, but not if the parent is fixed to the world, since a ball
+    must not fall through the ground. In a URDF the fixed part is the robot's base, and its shapes overlap with the
+    next link at the joint.
     """
     shaped = [body for body in range(model.nbody) if model.body_geomnum[body]]
     still = [body for body in shaped if model.body_weldid[body] == 0]
@@ -141,28 +142,28 @@ def exclude_neighbours_of_base(spec: Any, model: Any) -> None:
 
 
 def _refused(place: Path, error: Exception) -> ValueError:
-    """Return MuJoCo's error with the name of the user's file."""
+    """Return an error with MuJoCo's text and the path of the user's file."""
     if isinstance(error, MemoryError) or type(error) is RuntimeError:
-        return ValueError(f"{place}: MuJoCo cannot hold it: it is too large for this computer's memory")
+        return ValueError(f"{place}: the model is too large for this computer's memory. Give a smaller model")
     text = " ".join(str(error).split())
-    return ValueError(text if text.startswith(str(place)) else f"{place}: MuJoCo does not take it: {text}")
+    return ValueError(text if text.startswith(str(place)) else f"{place}: MuJoCo cannot read this model: {text}")
 
 
 def _name_joints(spec: Any) -> None:
     """Give a name to each joint without one, since an axis needs a name."""
-    taken = {joint.name for joint in spec.joints}
-    for at, joint in enumerate(spec.joints):
+    names = {joint.name for joint in spec.joints}
+    for index, joint in enumerate(spec.joints):
         if not joint.name and _turns(joint):
-            joint.name = _free_name(f"joint{at}", taken)
-            taken.add(joint.name)
+            joint.name = _free_name(f"joint{index}", names)
+            names.add(joint.name)
 
 
 def _keyframes(spec: Any, model: Any) -> dict[str, tuple[float, ...]]:
-    """Return the positions of each keyframe, by its name, or by its number if it has no name. Its values for
-    actuators are dropped, since the actuators are replaced."""
+    """Return the joint positions of each keyframe. The key is the keyframe's name, or its number if it has no name.
+    The keyframe's values for actuators are dropped, since the actuators are replaced."""
     positions = {}
-    for at, key in enumerate(spec.keys):
-        positions[key.name or str(at)] = tuple(model.key_qpos[at].tolist())
+    for index, key in enumerate(spec.keys):
+        positions[key.name or str(index)] = tuple(model.key_qpos[index].tolist())
         key.ctrl, key.act = [], []
     return positions
 
@@ -180,15 +181,16 @@ def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
     """
     spec.option.timestep = TIMESTEP_S
     if spec.option.integrator == mujoco.mjtIntegrator.mjINT_EULER:
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # stiff servos stay calm in it
+        # Stiff servos do not oscillate with this integrator.
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     by_name = {joint.name: joint for joint in spec.joints if _turns(joint)}
     actuators: dict[str, list[tuple[int, Any]]] = {}
-    for at, actuator in enumerate(spec.actuators):
-        actuators.setdefault(_target(spec, actuator), []).append((at, actuator))
+    for index, actuator in enumerate(spec.actuators):
+        actuators.setdefault(_target(spec, actuator), []).append((index, actuator))
     actuators = {name: pairs for name, pairs in actuators.items() if name in by_name}
-    led = {equality.name1 for equality in spec.equalities if _couples(equality)}
+    follower_joints = {equality.name1 for equality in spec.equalities if _couples(equality)}
     if not actuators:
-        actuators = {name: [] for name in by_name if name not in led}
+        actuators = {name: [] for name in by_name if name not in follower_joints}
         # The model declares no actuators: compensate gravity, as its controller would.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
@@ -201,8 +203,8 @@ def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
         if name not in gains:
             continue
         kp, kv, effort = gains[name]
-        at = model.joint(name).id
-        low, high = model.jnt_range[at].tolist() if model.jnt_limited[at] else (-math.inf, math.inf)
+        index = model.joint(name).id
+        low, high = model.jnt_range[index].tolist() if model.jnt_limited[index] else (-math.inf, math.inf)
         joints.append(Joint(name, low, high, joint.type == mujoco.mjtJoint.mjJNT_SLIDE, kp, kv, effort))
         servo = spec.add_actuator(
             default=PLAIN.default, name=_free_name(name, names), trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name
@@ -223,8 +225,8 @@ def _couples(equality: Any) -> bool:
 
 
 def _target(spec: Any, actuator: Any) -> str:
-    """Return the joint that an actuator drives; empty if it drives something else. A tendon counts as the
-    first joint that it runs over."""
+    """Return the name of the joint that an actuator drives; empty if it drives something else. For a tendon, return
+    the first joint of the tendon."""
     kinds = mujoco.mjtTrn
     if actuator.trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT):
         return str(actuator.target)
@@ -238,28 +240,30 @@ def _target(spec: Any, actuator: Any) -> str:
 def _gains(model: Any, joint: int, actuators: Sequence[tuple[int, Any]]) -> tuple[float, float, float]:
     """Return kp, kv and the largest force of the model's own position servo at a joint.
 
-    A force is ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``, so the stiffness at the
-    joint follows from the bias. The gain only scales the control (0 to 255), which is replaced. A velocity
-    actuator at the same joint is the damping of the servo.
+    MuJoCo's force is ``gain * control + bias[0] + bias[1] * length + bias[2] * speed``. So the stiffness at the
+    joint is ``-bias[1]``. The gain only scales the control input (0 to 255), and this input is replaced. A velocity
+    actuator at the same joint gives the damping of the servo.
     """
     kinds = mujoco.mjtTrn
-    at_joint = [pair for pair in actuators if pair[1].trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)]
-    biased = [pair for pair in at_joint if pair[1].biastype == mujoco.mjtBias.mjBIAS_AFFINE]
+    joint_actuators = [
+        pair for pair in actuators if pair[1].trntype in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
+    ]
+    biased = [pair for pair in joint_actuators if pair[1].biastype == mujoco.mjtBias.mjBIAS_AFFINE]
     servos = [pair for pair in biased if model.actuator_biasprm[pair[0], 1] < 0 and pair[1].gear[0]]
     kp, kv = (
-        sum(-float(model.actuator_biasprm[at, row]) * float(actuator.gear[0]) ** 2 for at, actuator in biased)
+        sum(-float(model.actuator_biasprm[index, row]) * float(actuator.gear[0]) ** 2 for index, actuator in biased)
         if servos
         else 0.0
         for row in (1, 2)
     )
-    effort = sum(_effort(actuator) for _, actuator in servos or at_joint) or math.inf
+    effort = sum(_effort(actuator) for _, actuator in servos or joint_actuators) or math.inf
     if model.jnt_actfrclimited[joint]:
         effort = min(effort, float(abs(model.jnt_actfrcrange[joint]).max()))
     return kp, max(kv, 0.0), effort
 
 
 def _effort(actuator: Any) -> float:
-    """Return the largest force of an actuator at its joint, in the stronger direction; infinite without a
+    """Return the largest force of an actuator at its joint, in the stronger direction; infinite if the model has no
     limit."""
     gear = abs(float(actuator.gear[0]))
     effort = math.inf
@@ -279,7 +283,7 @@ def _forget(spec: Any, actuator: Any) -> None:
     spec.delete(actuator)
 
 
-def _free_name(name: str, taken: Iterable[str]) -> str:
-    while name in taken:
+def _free_name(name: str, names: Iterable[str]) -> str:
+    while name in names:
         name += "_"
     return name

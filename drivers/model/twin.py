@@ -1,4 +1,5 @@
-"""Simulate a user's model. There is no wire: the twin has a simulation control only."""
+"""Simulate a user's model. This simulated robot has no wire protocol. Programs drive it through the simulation
+control, the socket for requests to a simulation."""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from .reading import Read, read_model
 
 class ModelTwinOptions(TwinOptions, frozen=True):
     model: Annotated[str, option("path of the MJCF or URDF")] = ""
-    home: Annotated[tuple[float, ...], option("``qpos`` where all of it begins")] = ()
+    home: Annotated[tuple[float, ...], option("``qpos`` of the whole model at the start")] = ()
 
 
 BANDWIDTH_RAD_S = 30.0
@@ -31,7 +32,7 @@ PASS_S = 0.05
 
 
 class ModelServer:
-    """Serves the body of one model. It has no wire, so it has no faults of a wire."""
+    """Simulate the robot of one model file. It has no wire protocol, so no fault can be set on it."""
 
     address = "none"
 
@@ -49,13 +50,13 @@ class ModelServer:
         self._plant.catch_up(time.monotonic())
 
     async def serve(self) -> None:
-        """Let time pass, until cancelled."""
+        """Simulate the passing time until cancelled."""
         while True:
             self._pass_time()
             await trio.sleep(PASS_S)
 
     def set_fault(self, text: str) -> None:
-        raise ValueError("a simulated model has no wire, and no faults on it")
+        raise ValueError("a simulated model has no wire protocol, so no fault can be set on it")
 
     def power_cycle(self) -> None:
         self._plant.go_home()
@@ -67,17 +68,17 @@ class ModelServer:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Simulate the model at ``options["model"]`` until interrupted.
+    """Simulate the model file ``options["model"]`` until interrupted.
 
     Raises:
-        ValueError: There is no model, or it cannot be used.
+        ValueError: The option is missing, or the model cannot be used.
     """
-    given = read_twin_options(robot, ModelTwinOptions, options)
-    if not given.model:
-        raise ValueError(f"{robot}: it needs a model. give model=PATH, of an MJCF or URDF")
-    read = read_model(given.model)
+    twin_options = read_twin_options(robot, ModelTwinOptions, options)
+    if not twin_options.model:
+        raise ValueError(f"{robot}: the option model is missing. Give model=PATH of an MJCF or URDF file")
+    read = read_model(twin_options.model)
 
     def build(wire_log: WireLog) -> ModelServer:
-        return ModelServer(read, given.home)
+        return ModelServer(read, twin_options.home)
 
     run_server(build, **start)

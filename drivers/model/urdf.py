@@ -1,8 +1,8 @@
-"""Rewrite a URDF so that MuJoCo can read it, with the paths of its meshes.
+"""Rewrite a URDF so that MuJoCo reads it with its visual shapes and with the right paths of its meshes.
 
-Nothing is downloaded. A mesh is looked for where MuJoCo itself looks, and in package folders above the
-file. MuJoCo alone drops the visual shapes of a URDF. Here they are kept, for the pictures. A visual shape
-with a mesh that cannot be read is left out, as MuJoCo would do.
+Nothing is downloaded. A mesh is searched where MuJoCo itself searches, and in package folders above the file.
+MuJoCo by itself drops the visual shapes of a URDF. This module keeps them for the pictures. A visual shape is left
+out if its mesh cannot be read.
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ _PACKAGE = re.compile(r"^(?:package|model)://([^/]+)/(.*)$")
 _YES = ("true", "1")
 
 
-class LeftOut(NamedTuple):
-    """A visual shape that is not in the model."""
+class OmittedVisual(NamedTuple):
+    """A visual shape that was left out of the model."""
 
     link: str
-    mesh: str  # as the file names it
-    why: str
+    mesh: str  # file name of the mesh, as written in the URDF
+    reason: str
 
     def __str__(self) -> str:
-        return f"{self.mesh} of link {self.link} ({self.why})"
+        return f"{self.mesh} of link {self.link} ({self.reason})"
 
 
 class Urdf(NamedTuple):
     text: str
-    visuals: tuple[Path, ...]  # the meshes of its visual shapes
-    left_out: tuple[LeftOut, ...]
+    visuals: tuple[Path, ...]  # meshes of the visual shapes that were kept
+    omitted_visuals: tuple[OmittedVisual, ...]
 
 
 def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Path] = ()) -> Urdf:
-    """Return the text for MuJoCo, with absolute paths of the meshes.
+    """Return the text of the URDF for MuJoCo, with absolute paths of the meshes.
 
     Args:
-        path: The file.
-        text: Its text.
+        path: Path of the URDF file.
+        text: Text of the file.
         root: The parsed text.
-        unreadable: Meshes that MuJoCo has refused. A visual shape with one of them is left out.
+        unreadable: Meshes that MuJoCo cannot read. A visual shape with one of them is left out.
 
     Raises:
-        ValueError: A mesh of a collision shape is not there or cannot be read.
+        ValueError: The mesh of a collision shape does not exist or cannot be read.
     """
     compiler = root.first("mujoco", "compiler")
     drops_visuals = compiler is not None and compiler.get("discardvisual") in _YES
     refused = dict.fromkeys(unreadable, "MuJoCo cannot read it")
     edits = _compiler_edits(root, compiler)
     visuals: list[Path] = []
-    left_out: list[LeftOut] = []
+    omitted: list[OmittedVisual] = []
     for link in root.all("link"):
         for shape in [*link.all("visual"), *link.all("collision")]:
             mesh = shape.first("geometry", "mesh")
@@ -65,21 +65,21 @@ def readable_urdf(path: Path, text: str, root: Element, unreadable: Iterable[Pat
             if mesh is None or "filename" not in mesh.attributes or (is_visual and drops_visuals):
                 continue
             name, start, end = mesh.attributes["filename"]
-            file, why = _find(path, name, compiler)
-            why = why or refused.get(file, "")
-            if not why:
+            file, reason = _find(path, name, compiler)
+            reason = reason or refused.get(file, "")
+            if not reason:
                 edits.append(Edit(start, end, f'filename="{escaped(str(file))}"'))
                 visuals += [file] if is_visual else []
             elif is_visual:
                 edits.append(Edit(shape.start, shape.end, ""))
-                left_out.append(LeftOut(link.get("name"), name, why))
+                omitted.append(OmittedVisual(link.get("name"), name, reason))
             else:
-                raise ValueError(f"{path}: the collision shape of link {link.get('name')} is {name!r}: {why}")
-    return Urdf(edited(text, edits), tuple(visuals), tuple(left_out))
+                raise ValueError(f"{path}: the collision shape of link {link.get('name')} is {name!r}: {reason}")
+    return Urdf(edited(text, edits), tuple(visuals), tuple(omitted))
 
 
 def _find(path: Path, name: str, compiler: Element | None) -> tuple[Path, str]:
-    """Return the file of a mesh, and why it cannot be used; empty if it can."""
+    """Return the path of a mesh file, and why it cannot be used. The reason is empty if it can be used."""
     places = _places(path, name, compiler)
     file = next((place for place in places if place.is_file()), places[0])
     if file.suffix.lower() not in READABLE:
@@ -90,7 +90,7 @@ def _find(path: Path, name: str, compiler: Element | None) -> tuple[Path, str]:
 
 
 def _places(path: Path, name: str, compiler: Element | None) -> list[Path]:
-    """Return the paths at which a mesh may be, MuJoCo's own first."""
+    """Return the paths at which a mesh may be, in the order in which they are tried."""
     package = _PACKAGE.match(name)
     plain = unquote(name.removeprefix("file://")) if name.startswith("file://") else name
     places = []
@@ -107,8 +107,8 @@ def _places(path: Path, name: str, compiler: Element | None) -> list[Path]:
 
 
 def _compiler_edits(root: Element, compiler: Element | None) -> list[Edit]:
-    """Make MuJoCo keep the visual shapes and every named link, unless the file sets these options. The
-    paths of the meshes are absolute, so MuJoCo must not strip them."""
+    """Make MuJoCo keep the visual shapes and every named link, unless the file sets these options itself. MuJoCo
+    must also keep the folders in the paths of the meshes, because these paths are now absolute."""
     words = {"discardvisual": "false", "fusestatic": "false"}
     if compiler is not None:
         words = {key: value for key, value in words.items() if key not in compiler.attributes}

@@ -1,4 +1,4 @@
-"""Find out where a driver class is defined, so that the processes of its robot can import it."""
+"""Find the file and the module that define a driver class, so that other processes can import the class."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 
 SCRIPT = "strands_actors_script"
-"""Module name under which another process loads a script. Code below ``__main__`` does not run there."""
+"""Module name under which another process imports the user's script. Code below ``__main__`` does not run then."""
 
 _loading = False
 
@@ -21,9 +21,12 @@ _loading = False
 class ClassLocation(msgspec.Struct, frozen=True):
     """Where another process can import a class from.
 
-    ``folder``: the last entry of the import path for its module. ``script``: the file, if the class is
-    defined in the script itself. ``digest``: hash of the file, since a stop drill counts only for the code
-    that was drilled.
+    Attributes:
+        module: Name of the module. It is ``SCRIPT`` for a class that is defined in the user's script.
+        name: Qualified name of the class.
+        folder: The folder that must be in the import path.
+        script: Path of the script that defines the class; empty for a module.
+        digest: Hash of the file. A certificate of a stop drill is valid only for the code that was drilled.
     """
 
     module: str
@@ -37,24 +40,24 @@ def location_of_class(cls: type[Any]) -> ClassLocation:
     """Return where ``cls`` is defined.
 
     Raises:
-        ValueError: Another process cannot import it.
+        ValueError: Another process could not import the class.
     """
     name = cls.__qualname__
     if _loading:
         raise ValueError(
-            f"Robot: called while {name} is loaded in a process of its robot. Put the call below "
+            f"Robot: the file of {name} calls Robot() while it is imported. Put the call below "
             "`if __name__ == '__main__':`"
         )
     if "<locals>" in name:
         raise ValueError(
-            f"Robot: {name} is made within a function, where its process cannot find it. Put the class at the top "
-            "of a module"
+            f"Robot: {name} is defined in a function, and another process cannot import it. Put the class at the "
+            "top of a module"
         )
     module = sys.modules[cls.__module__]
     file = getattr(module, "__file__", None)
     if file is None:
         raise ValueError(
-            f"Robot: {name} stands in no file. Put it into a module: its robot has a process of its own"
+            f"Robot: {name} is in no file, and another process must import it. Put the class into a module"
         )
     path = Path(file).resolve()
     source = path.read_bytes()
@@ -63,21 +66,21 @@ def location_of_class(cls: type[Any]) -> ClassLocation:
         return ClassLocation(cls.__module__, name, str(_folder(path, cls.__module__)), "", digest)
     if not _is_guarded(source):
         raise ValueError(
-            f"Robot: {name} stands in {path.name}, which its process would run as a whole. Put the class into a "
-            "module of its own, or what the script does below `if __name__ == '__main__':`"
+            f"Robot: {name} is defined in {path.name}, and another process would run this script to import it. Put "
+            "the class into a separate module, or the script's calls below `if __name__ == '__main__':`"
         )
     spec = getattr(module, "__spec__", None)
-    if spec is not None:  # python -m
+    if spec is not None:  # the script was started with ``python -m``
         return ClassLocation(spec.name, name, str(_folder(path, spec.name)), "", digest)
     return ClassLocation(SCRIPT, name, str(path.parent), str(path), digest)
 
 
 def load_class(location: ClassLocation) -> type[Any]:
-    """Import the class.
+    """Import the class and return it.
 
     Raises:
         AttributeError: The module no longer has the class.
-        Exception: Any exception that the module raises.
+        Exception: The module raised an exception of any kind.
     """
     global _loading
     if location.folder not in sys.path:
@@ -101,13 +104,13 @@ def _script(file: str) -> Any:
     if spec is None or spec.loader is None:
         raise ImportError(f"{file} is no Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[SCRIPT] = module  # dataclasses look up their module
+    sys.modules[SCRIPT] = module  # dataclasses look up the module of their class here
     spec.loader.exec_module(module)
     return module
 
 
 def _folder(path: Path, module: str) -> Path:
-    """Return the folder from which ``module``, at ``path``, is imported by its name."""
+    """Return the folder that must be in the import path, for ``module`` with the file ``path``."""
     folder = path.parent.parent if path.name == "__init__.py" else path.parent
     for _ in range(module.count(".")):
         folder = folder.parent

@@ -1,4 +1,4 @@
-"""The facts about a driver class that all processes of its robot share, and the deadlines of its calls."""
+"""The facts about a driver class that all processes of its robot share, and the timeouts for its methods."""
 
 from __future__ import annotations
 
@@ -10,32 +10,41 @@ from .class_location import ClassLocation
 from .members import Declared
 
 LATE_S = 0.5
-"""Longest time for which a message, sent before the class's process was killed, may still take effect
+"""How long a message to the robot may still take effect after the process that sent it was killed, in seconds
 [assumed: on a local network]."""
 
 
 class Deadlines(msgspec.Struct, frozen=True):
-    """Longest times of the calls of an object, in seconds."""
+    """Timeouts of the methods of a user's driver object, in seconds."""
 
     connect_s: float = 5.0
-    """To make and connect the object: the class may import an SDK there."""
+    """Timeout for making and connecting the object, since the class may import an SDK there."""
     call_s: float = 0.5
-    """Longest time of ``send_action`` and ``get_observation``. A stop waits for the running call, so this
-    delays it at most."""
+    """Timeout for ``send_action`` and ``get_observation``. A stop waits for the running call, so this is also its
+    longest delay."""
     stop_s: float = 1.0
     cleanup_s: float = 0.5
     load_s: float = 5.0
-    """To start a process and import the class."""
+    """Timeout for starting a process and importing the class."""
 
     @property
     def errand_s(self) -> float:
-        """Return the longest time of a process that was started to stop the robot. It connects first."""
+        """Return the timeout for stopping the robot with a new object: connect, wait for a running call, stop,
+        disconnect."""
         return self.connect_s + self.call_s + self.stop_s + self.cleanup_s
 
 
 class PlainConfig(msgspec.Struct, frozen=True):
-    """``keywords``: arguments of the class. ``has_channel``: the class can stop its robot without an
-    object, by ``stop_channel(port)``."""
+    """The configuration of a robot with a user's driver class.
+
+    Attributes:
+        robot: Name of the robot.
+        location: Where the class is defined.
+        keywords: Arguments for the class.
+        declared: The axes that the class declares.
+        has_channel: True if the class can stop its robot without an object, by ``stop_channel(port)``.
+        deadlines: Timeouts of the object's methods.
+    """
 
     robot: str
     location: ClassLocation
@@ -51,5 +60,5 @@ class PlainConfig(msgspec.Struct, frozen=True):
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """Return the public name of each axis: ``x.pos`` is the axis ``x``."""
+        """Return the public name of each axis. The key ``x.pos`` of the class is the axis ``x``."""
         return tuple(key.removesuffix(".pos") for key in self.declared.keys)

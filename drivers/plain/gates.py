@@ -1,5 +1,6 @@
-"""The gates in front of a user's class: names and numbers, silence of the robot, and the class's limits.
-Pure. A refusal by the class itself comes afterwards, as its answer."""
+"""Gates that check an action before the user's class gets it: the names, the numbers, the age of the last reading,
+and the limits that the class declares. Pure. If the class itself refuses the action later, a condition stops the
+robot."""
 
 from __future__ import annotations
 
@@ -18,39 +19,39 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 REFUSED = "send_action: "
-"""Prefix of a fault that is the class's own answer to an action."""
+"""Prefix of a fault text that the class returned for an action."""
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, longest_s: float) -> tuple[GateCheck, ...]:
-    return not_heard(axes, state_ttl_s), past_range(axes), _too_fast(axes, longest_s)
+    return refuse_stale_axes(axes, state_ttl_s), past_range(axes), _too_fast(axes, longest_s)
 
 
-def not_heard(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
-    """Refuse to move an axis without a reading within ``ttl_s``. An axis that the class has never measured
-    counts as read with the newest observation."""
+def refuse_stale_axes(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
+    """Refuse to move an axis whose last reading is older than ``ttl_s``. For an axis that the class has never
+    measured, the age of the newest observation counts."""
     ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
-    remedy = "check the robot's cable and power: it is back by itself as soon as it answers"
+    remedy = "check the robot's cable and power. The axis can be moved again as soon as the robot answers"
 
-    def not_heard(candidate: Candidate, state: GateState) -> Refused | None:
-        seen = state.observation
-        for at in candidate.named:
-            read_ns = seen.stamp_ns[at] or seen.t_ns
+    def refuse_stale_axes(candidate: Candidate, state: GateState) -> Refused | None:
+        observation = state.observation
+        for index in candidate.named:
+            read_ns = observation.stamp_ns[index] or observation.t_ns
             age_ms = (state.now_ns - read_ns) / 1e6
             if state.now_ns - read_ns > ttl_ns:
                 age = f"for {age_ms:.0f} ms"
-                return Refused(Code.STALE, f"no reading of {axes[at].key} {age}", remedy, age, limit)
+                return Refused(Code.STALE, f"{axes[index].key} has not been read {age}", remedy, age, limit)
         return None
 
-    return not_heard
+    return refuse_stale_axes
 
 
 def _too_fast(axes: Sequence[Axis], longest_s: float) -> GateCheck:
     check = too_fast(axes, longest_s=longest_s)
-    limited = {at for at, axis in enumerate(axes) if math.isfinite(axis.speed)}
+    limited = {index for index, axis in enumerate(axes) if math.isfinite(axis.speed)}
 
     def only_limited(candidate: Candidate, state: GateState) -> Refused | None:
-        named = tuple(at for at in candidate.named if at in limited)
+        named = tuple(index for index in candidate.named if index in limited)
         return check(msgspec.structs.replace(candidate, named=named), state) if named else None
 
     return only_limited
@@ -59,8 +60,10 @@ def _too_fast(axes: Sequence[Axis], longest_s: float) -> GateCheck:
 def _refused_by_the_class(observation: Observation, now_ns: int) -> Refused | None:
     for axis, fault in observation.faults.items():
         if fault.startswith(REFUSED):
-            why = fault.removeprefix(REFUSED)
-            return Refused(PlainCode.REFUSED_BY_DRIVER, f"{axis}: {why}", "call resume()", why)
+            reason = fault.removeprefix(REFUSED)
+            return Refused(
+                PlainCode.REFUSED_BY_DRIVER, f"{axis}: {reason}", "remove the cause, then call resume()", reason
+            )
     return None
 
 

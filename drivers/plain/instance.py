@@ -1,5 +1,8 @@
-"""The user's object, in the only process that has it. Its methods wait for the robot, so the caller runs
-them in a thread with a deadline. They return an error text instead of raising."""
+"""Hold the object of the user's class, in the only process that has one.
+
+The methods of ``Instance`` call the object and wait for it. The caller runs them in a thread with a timeout. They
+return an error text and raise no exception.
+"""
 
 from __future__ import annotations
 
@@ -22,16 +25,16 @@ class Instance:
         self._object: Any = None
         self._loop: Any = None
         self.sensed: dict[str, tuple[float, ...]] = {}
-        """Numbers of the last observation, by topic and field (``imu.rpy``)."""
+        """Sensor values of the last observation, by topic and field (``imu.rpy``)."""
 
     @property
     def made(self) -> Any:
-        """Return the object; None before ``connect`` and after ``cleanup``."""
+        """Return the object of the class; None before ``connect`` and after ``cleanup``."""
         return self._object
 
     @property
     def observes(self) -> bool:
-        """Return True if the class has ``get_observation``."""
+        """Return True if the class has the method ``get_observation``."""
         return callable(getattr(self._class, "get_observation", None))
 
     @property
@@ -40,7 +43,7 @@ class Instance:
         return self._config.has_channel
 
     def load(self) -> str:
-        """Import the class."""
+        """Import the class. Return an error text."""
 
         def run() -> None:
             self._class = self._class or load_class(self._config.location)
@@ -48,7 +51,8 @@ class Instance:
         return _attempt("import", run)
 
     def make(self) -> str:
-        """Make the object, unless there is one. By the drivers page this does not touch the hardware."""
+        """Make the object, unless it exists. By the rules of ``docs/drivers.md`` this does not touch the hardware.
+        Return an error text."""
 
         def run() -> None:
             if self._object is None:
@@ -58,7 +62,7 @@ class Instance:
         return self.load() or _attempt(self._config.name, run)
 
     def connect(self) -> str:
-        """Make the object, and connect it by ``connect_eagerly``, or else by ``connect``."""
+        """Make the object and call its ``connect_eagerly``, or its ``connect``. Return an error text."""
         return self.make() or _attempt("", self._connect)
 
     def _connect(self) -> str:
@@ -70,7 +74,8 @@ class Instance:
         return "" if connect is None else failure_of(self._call(connect))
 
     def reconnect(self) -> str:
-        """Connect an object again that reports that it is not connected, perhaps since its ``stop``."""
+        """Connect the object again if its ``is_connected`` is false, for example after a stop. Return an error
+        text."""
         return _attempt("", self._reconnect)
 
     def _reconnect(self) -> str:
@@ -80,14 +85,14 @@ class Instance:
         return "" if connected else self._connect()
 
     def observe(self) -> Mapping[str, Any] | str:
-        """Return one observation, or the reason why there is no observation."""
+        """Return one observation, or an error text if there is no observation."""
         observed: Mapping[str, Any] = {}
 
         def run() -> str:
             nonlocal observed
             answer = self._call(self._object.get_observation)
             if not isinstance(answer, Mapping):
-                return f"it returned {type(answer).__name__}, no mapping"
+                return f"it returned {type(answer).__name__} and not a mapping"
             if failure := failure_of(answer):
                 return failure
             observed = answer
@@ -101,8 +106,8 @@ class Instance:
         return _attempt("get_observation", run) or observed if self.observes else {}
 
     def _sense(self, attributes: tuple[str, ...]) -> Any:
-        """Return the first of these members that has a value. A member that raises is skipped, so that a
-        failing sensor does not cost the positions."""
+        """Return the first of these attributes that has a value. An attribute that raises is skipped, so that a
+        failing sensor does not spoil the whole observation."""
         for name in attributes:
             try:
                 value = getattr(self._object, name, None)
@@ -114,19 +119,19 @@ class Instance:
         return None
 
     def send(self, action: Mapping[str, float]) -> str:
-        """Give the object one action."""
+        """Pass one action to the object. Return an error text."""
         return _attempt("send_action", lambda: failure_of(self._call(self._object.send_action, dict(action))))
 
     def stop(self) -> str:
-        """Stop the robot."""
+        """Call ``stop`` of the object. Return an error text."""
         return _attempt("stop", lambda: failure_of(self._call(self._object.stop)))
 
     def hold(self) -> str:
-        """Keep the robot where it is."""
+        """Call ``hold`` of the object, which keeps the robot at its position. Return an error text."""
         return _attempt("hold", lambda: failure_of(self._call(self._object.hold)))
 
     def stop_by_channel(self) -> str:
-        """Stop the robot without an object: the class's own ``stop_channel(port)``."""
+        """Stop the robot without an object, by the class's ``stop_channel(port)``. Return an error text."""
 
         def run() -> str:
             assert self._class is not None
@@ -135,23 +140,25 @@ class Instance:
         return self.load() or _attempt("stop_channel", run)
 
     def cleanup(self) -> str:
-        """Disconnect the robot, by ``cleanup``, or else ``disconnect``, or else ``close``."""
-        given_up, self._object = self._object, None
+        """Call ``cleanup``, ``disconnect`` or ``close`` of the object, the first that it has. Return an error
+        text."""
+        driver_object, self._object = self._object, None
 
         def run() -> str:
             for name in ("cleanup", "disconnect", "close"):
-                if callable(function := getattr(given_up, name, None)):
+                if callable(function := getattr(driver_object, name, None)):
                     return failure_of(self._call(function))
             return ""
 
-        return "" if given_up is None else _attempt("cleanup", run)
+        return "" if driver_object is None else _attempt("cleanup", run)
 
     def _call(self, function: Callable[..., Any], *args: Any) -> Any:
-        """Return the answer of a method. A coroutine is run to its end, always in the same loop."""
+        """Call a method and return its result. A coroutine runs until it is done, always in the same event loop."""
         answer = function(*args)
         if not inspect.isawaitable(answer):
             return answer
-        import asyncio  # a class without coroutines is spared it
+        # Import asyncio only for a class that has coroutines.
+        import asyncio
 
         async def wait() -> Any:
             return await answer
@@ -160,16 +167,16 @@ class Instance:
         return self._loop.run_until_complete(wait())
 
 
-def _attempt(what: str, run: Callable[[], str | None]) -> str:
-    """Run a call and return its error text, with the name of the method; empty for success.
+def _attempt(method: str, run: Callable[[], str | None]) -> str:
+    """Run a call and return its error text with the name of the method. The text is empty for success.
 
     Args:
-        what: A method of the class; empty for ``connect``, whose caller adds that name itself.
-        run: The call. It returns an error text, or raises.
+        method: Name of the method. It is empty for ``connect``, since the caller of ``connect`` adds the name.
+        run: The call. It returns an error text, or raises an exception.
     """
     try:
         failure = run()
     except Exception as error:  # the user's code may raise anything
-        _log.warning("%s raised", what or "connect", exc_info=error)
+        _log.warning("%s raised", method or "connect", exc_info=error)
         failure = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    return f"{what}: {failure}" if what and failure else failure or ""
+    return f"{method}: {failure}" if method and failure else failure or ""

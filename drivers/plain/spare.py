@@ -1,7 +1,8 @@
-"""Run a process that stops the robot with a new object, or finds out its axes, and then ends.
+"""Run a process that stops the robot with a new object of the user's class, or finds out the class's axes, and then
+ends.
 
-It imports the class, reports that it is ready, and waits for its order. To discard it, close the link. If
-a call hangs, an alarm of the kernel ends the process, even if the call keeps the interpreter's lock.
+The process imports the class, reports that it is ready, and waits for its order. If the link to it is closed, it
+ends. An alarm signal ends it if a method hangs, even if the method holds the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from .wire import stop_anew
 
 
 class Ready(msgspec.Struct, frozen=True):
-    """Reports that the class is imported, or why it is not."""
+    """The report that the class is imported. ``failure`` is the reason if it is not."""
 
     failure: str = ""
 
 
-class Told(msgspec.Struct, frozen=True):
-    """The result of the order. ``declared``: the axes, if the order was to find them."""
+class OrderResult(msgspec.Struct, frozen=True):
+    """The result of the order. ``declared`` has the axes, if the order was to find them."""
 
     failure: str
     declared: Declared | None = None
@@ -37,7 +38,7 @@ STOP, LEARN = b"s", b"l"
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of the process."""
+    """Run the process."""
     config = msgspec.convert(args["config"], PlainConfig)
     take_name(config.name, "stop")
     instance = Instance(config)
@@ -49,23 +50,23 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     if not order:
         return
     signal.setitimer(signal.ITIMER_REAL, config.deadlines.errand_s)
-    _tell(sock, Told(stop_anew(instance)) if order == STOP else _learn(instance, config))
+    _tell(sock, OrderResult(stop_anew(instance)) if order == STOP else _learn(instance, config))
 
 
-def _learn(instance: Instance, config: PlainConfig) -> Told:
+def _learn(instance: Instance, config: PlainConfig) -> OrderResult:
     if failure := instance.make():
-        return Told(failure)
+        return OrderResult(failure)
     try:
         declared = declared_by(instance.made, config.name)
     except ValueError as error:
-        return Told(str(error))
+        return OrderResult(str(error))
     if declared.keys:
-        return Told(instance.cleanup(), declared)
+        return OrderResult(instance.cleanup(), declared)
     failure = instance.connect()
     observed = {} if failure else instance.observe()
     if isinstance(observed, str):
         failure, observed = observed, {}
-    # Nothing was commanded. It matters more that the robot was asked to stop than what it answers.
+    # No motion was commanded, so the robot need not confirm this stop.
     instance.stop()
     failure = instance.cleanup() or failure
     keys = keys_of(observed)
@@ -74,10 +75,10 @@ def _learn(instance: Instance, config: PlainConfig) -> Told:
         try:
             require_axes(declared, config.name)
         except ValueError as error:
-            return Told(str(error))
-    return Told(failure, declared)
+            return OrderResult(str(error))
+    return OrderResult(failure, declared)
 
 
-def _tell(sock: socket.socket, report: Ready | Told) -> None:
+def _tell(sock: socket.socket, report: Ready | OrderResult) -> None:
     message = msgspec.msgpack.encode(report)
     sock.sendall(len(message).to_bytes(4, "little") + message)

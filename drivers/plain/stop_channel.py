@@ -1,8 +1,8 @@
-"""Stop the robot of a user's class after its wire process is gone.
+"""Stop the robot of a user's class after its wire process, the process that talks to the robot, has ended.
 
-A process that stood ready makes an object, connects it and stops the robot with it. First it waits until
-the wire process has released the robot: two objects at one port are worse than a stop that comes a little
-later.
+A second process is kept ready for this. It makes a new object of the class, connects it and calls its ``stop``.
+Before that it waits until the wire process has ended and has closed the robot's port. Two objects at one port would
+be worse than a stop that comes a little later.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from strands_actors.kernel.processes.reserve import RESERVE
 
 from .config import PlainConfig
 from .members import Declared
-from .spare import LEARN, STOP, Ready, Told
+from .spare import LEARN, STOP, OrderResult, Ready
 from .wire import reports
 
-GONE_S = 1.0
-"""Longest wait for the end of the wire process after it was killed. A process that lives longer does not
-run code of this package any more."""
+WIRE_END_S = 1.0
+"""Longest wait for the end of the wire process after it was killed, in seconds. If it still exists then, it runs no
+code of this package any more."""
 
-Message = TypeVar("Message", Ready, Told)
+Message = TypeVar("Message", Ready, OrderResult)
 
 
 class PlainStopChannel(StopChannel):
-    """``descriptors``: one end of a pipe. The wire process keeps the other end open
-    (``PlainWire.handover``)."""
+    """A stop channel for a user's class. ``descriptors`` is one end of a pipe. The wire process keeps the other end
+    open, so the end of the pipe shows that the process has ended."""
 
     def __init__(self, config: PlainConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
@@ -51,13 +51,14 @@ class PlainStopChannel(StopChannel):
                 raise
         task_status.started()
         await spare.ended()
-        if self._spare is spare and not spare.ordered:  # it ended without an order, and is still needed
-            raise WireDown("the process that would stop the robot has ended")
+        # The process ended although it got no order, so the robot has no stop channel now.
+        if self._spare is spare and not spare.ordered:
+            raise WireDown("the process that is kept ready to stop the robot has ended")
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         await self._until_alone()
-        # If this call is cancelled, the process goes on. The next call, such as that after the fence,
-        # returns its answer.
+        # If this call is cancelled, the process continues. The next call of ``make_safe``, after the wire process
+        # was killed, then returns the result.
         spare = self._spare = self._spare or Spare(self._config)
         try:
             failure = (await spare.run(STOP)).failure
@@ -67,7 +68,8 @@ class PlainStopChannel(StopChannel):
         spare.kill()
         if failure and not self._config.has_channel:
             failure = (
-                f"not confirmed: this driver has no stop channel, and a fresh process did not stop it ({failure})"
+                "not confirmed: this driver has no stop channel, and a new process did not stop the robot "
+                f"({failure})"
             )
         return reports(self._config, failure, written=not failure)
 
@@ -80,14 +82,14 @@ class PlainStopChannel(StopChannel):
         self._alive.clear()
 
     async def _until_alone(self) -> None:
-        """Return when the wire process has ended, or after ``GONE_S``."""
-        with trio.move_on_after(GONE_S):
+        """Wait until the wire process has ended, for ``WIRE_END_S`` at most."""
+        with trio.move_on_after(WIRE_END_S):
             for fd in self._alive:
                 await trio.lowlevel.wait_readable(fd)
 
 
 async def learn(config: PlainConfig) -> Declared:
-    """Return the axes that an object of the class declares.
+    """Ask an object of the class for its axes, in a separate process, and return them.
 
     Raises:
         WireDown: The process or the class failed, or the class declares no axes.
@@ -98,12 +100,12 @@ async def learn(config: PlainConfig) -> Declared:
     finally:
         spare.kill()
     if result.failure or result.declared is None:
-        raise WireDown(result.failure or "the class says nothing of its axes")
+        raise WireDown(result.failure or "the class declares no axes")
     return result.declared
 
 
 class Spare:
-    """A process of ``spare.main`` for one order. Making it starts the process.
+    """A process that runs ``spare.main`` and carries out one order. The constructor starts the process.
 
     Raises:
         WireDown: No process could be started.
@@ -115,18 +117,18 @@ class Spare:
         self._deadlines = config.deadlines
         try:
             self._process: ChildProcess = start(f"{__package__}.spare:main", args)
-        except OSError as error:  # no process or descriptor is available
+        except OSError as error:  # the system has no free process or file descriptor
             RESERVE.lacked(error)
-            raise WireDown(f"no process to stop the robot could be started ({error})") from None
+            raise WireDown(f"the process that stops the robot could not be started ({error})") from None
         self._process.socket.setblocking(False)
         self._socket = trio.socket.from_stdlib_socket(self._process.socket)
-        self._heard = b""
+        self._received = b""
         self._ready = False
         self.ordered = False
-        self._reading = trio.Lock()  # a stop may come while ``serve`` waits for the process
+        self._reading = trio.Lock()  # a stop may come while ``serve`` still waits until the process is ready
 
     async def ready(self) -> None:
-        """Return when the class is imported. Raise ``WireDown`` if it is not."""
+        """Wait until the process has imported the class. Raise ``WireDown`` if it cannot."""
         with _within(2 * self._deadlines.load_s, f"{self._name} is not imported"):
             async with self._reading:
                 if self._ready:
@@ -135,47 +137,50 @@ class Spare:
                     raise WireDown(failure)
                 self._ready = True
 
-    async def run(self, order: bytes) -> Told:
-        """Return the result of the order. Raise ``WireDown`` if no answer comes."""
+    async def run(self, order: bytes) -> OrderResult:
+        """Send the order and return its result. Raise ``WireDown`` if no result comes."""
         await self.ready()
         with _within(self._deadlines.errand_s, "no answer"):
             try:
                 if not self.ordered:
-                    self._process.socket.send(order)  # one byte, so a cancellation cannot send half of it
+                    # The order is one byte, so that a cancellation cannot send half of it.
+                    self._process.socket.send(order)
                     self.ordered = True
             except OSError as error:
                 raise WireDown(f"the process has ended ({error})") from None
-            return await self._message(Told)
+            return await self._message(OrderResult)
 
     async def ended(self) -> None:
         await self._process.wait()
 
     def kill(self) -> None:
-        """End and reap the process at once."""
+        """Kill the process at once, and remove it from the system's table."""
         self._process.kill()
-        self._process.part()
+        self._process.detach()
         self._socket.close()
 
-    async def _message(self, kind: type[Message]) -> Message:
+    async def _message(self, message_type: type[Message]) -> Message:
         size = int.from_bytes(await self._exactly(4), "little")
-        return msgspec.msgpack.decode(await self._exactly(size), type=kind)
+        return msgspec.msgpack.decode(await self._exactly(size), type=message_type)
 
     async def _exactly(self, size: int) -> bytes:
-        while len(self._heard) < size:
+        while len(self._received) < size:
             try:
                 data = await self._socket.recv(65536)
             except (OSError, trio.ClosedResourceError) as error:
                 raise WireDown(f"the process has ended ({error})") from None
             if not data:
-                raise WireDown("the process ended before it was done: a call of the class hangs, or ended it")
-            self._heard += data
-        taken, self._heard = self._heard[:size], self._heard[size:]
-        return taken
+                raise WireDown(
+                    "the process ended before it had stopped the robot: a method of the class hung or ended it"
+                )
+            self._received += data
+        chunk, self._received = self._received[:size], self._received[size:]
+        return chunk
 
 
 @contextlib.contextmanager
 def _within(longest_s: float, failure: str) -> Iterator[None]:
-    """Raise ``WireDown`` if the block takes longer."""
+    """Raise ``WireDown`` if the code in the ``with`` block takes longer than ``longest_s``."""
     try:
         with trio.fail_after(longest_s):
             yield

@@ -1,8 +1,8 @@
-"""The wire of a user's driver class: its calls run in a thread, one at a time, each with a deadline.
+"""The wire of a user's driver class. It calls the methods of the object in a thread, one at a time, each with a
+timeout.
 
-A process connects to the robot once. If a call of the object hangs, or the readings end, the object was not
-disconnected properly and may still keep its port. The process is then spent, and the next process connects
-anew.
+A process connects to the robot only once. If a method hangs, or the readings stop coming, the object may still keep
+its port open. Then the process must end, and a new process connects.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ from .instance import Instance
 from .members import number
 
 LOST_S = 1.0
-"""Longest time without a reading. After it, the object has lost its robot."""
+"""Longest time without a reading, in seconds. After that the robot counts as lost."""
 
 CALLS = SdkCalls("the driver", ())
-"""All calls of this process, which has one robot. One call that hangs spends the process, even if another
-wire object made it."""
+"""The calls of all wire objects of this process, which has one robot. After one call that hangs, no further call is
+made, and the process must be replaced."""
 
 
 class PlainWire(Wire):
@@ -52,17 +52,17 @@ class PlainWire(Wire):
         self._sensed: dict[str, tuple[float, ...]] = {}
         self._read_ns = 0
         self._refused: dict[str, str] = {}
-        self._ended = ""  # error text of the object's cleanup
+        self._ended = ""  # error text of the object's cleanup; empty if it succeeded
 
     async def open(self) -> dict[str, Any]:
         if self._calls.spent:
             raise ProcessSpent(self._calls.spent)
         try:
             failure = await self._calls.open("connect", self._within.connect_s, self._instance.connect)
-        except ProcessSpent as spent:
-            # Raise an ordinary failure, so that the caller gets the text. The next attempt finds the
-            # process spent.
-            raise WireDown(str(spent)) from None
+        except ProcessSpent as error:
+            # Raise ``WireDown`` first, so that the user gets the text. The next attempt raises ``ProcessSpent``,
+            # which replaces this process.
+            raise WireDown(str(error)) from None
         trouble = failure or await self._observe()
         if trouble:
             await self._call("cleanup", self._within.cleanup_s, self._instance.cleanup)
@@ -75,8 +75,8 @@ class PlainWire(Wire):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Check the connection. Nothing is energised here: the class does that when it connects, or with its
-        first action."""
+        """Check the connection and read the robot. This switches no motor on. The class does that when it connects,
+        or with its first action."""
         permit.check()
         if failure := await self._call("connect", self._within.connect_s, self._instance.reconnect):
             raise WireDown(failure)
@@ -87,7 +87,8 @@ class PlainWire(Wire):
         return self._observation()
 
     async def read(self) -> Observation:
-        if self._instance.made is None:  # the object was cleaned up, and this wire ends
+        # After the cleanup there is no object to read, and this process ends.
+        if self._instance.made is None:
             return self._observation()
         trouble = await self._observe()
         silent_s = (self._clock.now_ns() - self._read_ns) / NS
@@ -98,31 +99,32 @@ class PlainWire(Wire):
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         keys, axes = self._config.declared.keys, self._config.axes
-        named = [at for at in range(len(axes)) if values[len(axes) + at]]
-        action = {keys[at]: values[at] for at in named}
+        named = [index for index in range(len(axes)) if values[len(axes) + index]]
+        action = {keys[index]: values[index] for index in named}
 
         def send() -> str:
-            permit.check()  # inside the thread, which may have waited for a processor
+            # Checked in the thread itself, since the thread may have waited for a processor.
+            permit.check()
             return self._instance.send(action)
 
         if self._instance.made is None:
-            raise PermitDenied("the driver was given up")
+            raise PermitDenied("the driver object was already disconnected")
         if failure := await self._call("send_action", self._within.call_s, send):
-            self._refused = {axes[at]: REFUSED + failure.removeprefix(REFUSED) for at in named}
+            self._refused = {axes[index]: REFUSED + failure.removeprefix(REFUSED) for index in named}
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         if self._instance.made is None:
-            return reports(self._config, self._ended)  # the robot was stopped before the cleanup
+            return reports(self._config, self._ended)  # the object was stopped before its cleanup
         try:
             failure = await self._call("stop", self._within.stop_s, self._instance.stop)
             if safe_state == SafeState.OFF and not failure:
                 failure = self._ended = await self._call("cleanup", self._within.cleanup_s, self._instance.cleanup)
-        except ProcessSpent as spent:
-            return reports(self._config, str(spent), written=False)
+        except ProcessSpent as error:
+            return reports(self._config, str(error), written=False)
         return reports(self._config, failure)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Connect, stop and disconnect, so that the next wire can connect."""
+        """Connect, stop and disconnect, so that the next object can connect."""
         if self._calls.spent:
             return reports(self._config, self._calls.spent, written=False)
         instance = self._instance if self._instance.made is not None else Instance(self._config)
@@ -130,13 +132,13 @@ class PlainWire(Wire):
             failure = await self._call(
                 "stop", self._within.connect_s + self._within.stop_s + self._within.cleanup_s, stop_anew, instance
             )
-        except ProcessSpent as spent:
-            return reports(self._config, str(spent), written=False)
+        except ProcessSpent as error:
+            return reports(self._config, str(error), written=False)
         return reports(self._config, failure, written=not failure)
 
     def handover(self) -> Sequence[int]:
-        """Return one end of a pipe. Its end of file shows that this process is gone and has released the
-        robot."""
+        """Return one end of a pipe. When the other end is closed, this process has ended and no longer uses the
+        robot's port."""
         return () if self._alive is None else self._alive[:1]
 
     def close(self) -> None:
@@ -145,28 +147,28 @@ class PlainWire(Wire):
                 os.close(fd)
             self._alive = None
         if self._instance.made is not None and not self._calls.spent:
-            self._calls.spent = f"{self._config.name}: its object was connected, and was not given up in order"
+            self._calls.spent = f"{self._config.name}: its object was connected, and was not disconnected properly"
 
     async def _call(self, name: str, deadline_s: float, function: Any, *args: Any) -> str:
         failure: str = await self._calls.call(name, deadline_s, function, *args)
         return failure
 
     async def _observe(self) -> str:
-        """Take one reading. Return an error text if there is no reading."""
-        asked_ns = self._clock.now_ns()
+        """Take one reading. Return an error text if the class gave no reading."""
+        requested_ns = self._clock.now_ns()
         answer = await self._calls.call("get_observation", self._within.call_s, self._instance.observe)
         if isinstance(answer, str):
             return answer
-        self._read_ns = asked_ns
-        self._take(answer, asked_ns)
+        self._read_ns = requested_ns
+        self._take(answer, requested_ns)
         self._sensed = self._instance.sensed
         return ""
 
-    def _take(self, observed: Mapping[str, Any], asked_ns: int) -> None:
-        for at, (key, axis) in enumerate(zip(self._config.declared.keys, self._config.axes, strict=True)):
+    def _take(self, observed: Mapping[str, Any], requested_ns: int) -> None:
+        for index, (key, axis) in enumerate(zip(self._config.declared.keys, self._config.axes, strict=True)):
             value = number(observed[key] if key in observed else observed.get(axis, observed.get(f"{axis}.pos")))
             if value is not None:
-                self._position[at], self._stamp_ns[at] = value, asked_ns
+                self._position[index], self._stamp_ns[index] = value, requested_ns
 
     def _observation(self, trouble: str = "") -> Observation:
         silent = dict.fromkeys(self._config.axes, f"silent ({trouble})") if trouble else {}
@@ -180,10 +182,8 @@ class PlainWire(Wire):
 
 
 def stop_anew(instance: Instance) -> str:
-    """Stop the robot with a new object, and disconnect it. Return the error text. This call blocks.
-
-    A class with ``stop_channel(port)`` needs no object.
-    """
+    """Stop the robot with a new object, disconnect it, and return the error text. This call blocks. If the class
+    has ``stop_channel(port)``, that function is called instead."""
     if instance.has_channel and instance.made is None:
         return instance.stop_by_channel()
     failure = instance.connect() or instance.stop()
@@ -192,10 +192,10 @@ def stop_anew(instance: Instance) -> str:
 
 
 def channel_of(config: PlainConfig) -> str:
-    """Return, for status, how the robot is stopped when its wire process is gone."""
+    """Return a text for ``status``: how the robot is stopped after its wire process has ended."""
     return "stop_channel(port) of the class" if config.has_channel else "none: a fresh process calls stop()"
 
 
 def reports(config: PlainConfig, failure: str, written: bool = True) -> tuple[MotorReport, ...]:
-    """Return the same report for all axes, since the class answers for the whole robot."""
+    """Return the same result of a stop for every axis, since the class answers for the whole robot."""
     return Outcome(written, not failure, failure).reports(config.axes, range(len(config.axes)))

@@ -1,10 +1,10 @@
-"""Commands of an RB-Y1 and the feedback to them. Pure.
+"""Encode and decode commands of an RB-Y1 and the robot's feedback to them. Pure: no I/O.
 
     RobotCommand > ComponentBasedCommand > body: BodyComponentBasedCommand > torso, right arm, left arm
                                          > head
 
-Each part is a ``JointPositionCommand``: the positions, the time in which to reach them, and how long
-the controller holds them after that. Field numbers: see ``protocol``.
+Each part is a ``JointPositionCommand``: the positions, the time in which to reach them, and how
+long the controller holds them after that. For the field numbers see ``protocol``.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ PARTS = {"torso": 6, "right_arm": 7, "left_arm": 7, "head": 2}
 
 
 class Status(enum.IntEnum):
-    """Progress of a command."""
+    """Progress of a command, as the robot reports it."""
 
     IDLE = 0
     INITIALIZING = 1
@@ -63,7 +63,7 @@ class JointPosition(msgspec.Struct, frozen=True):
 
     @classmethod
     def decode(cls, data: bytes) -> JointPosition:
-        """Decode a request. Raise ``MalformedFrame``, also for numbers that are not finite."""
+        """Decode the request. Raise ``MalformedFrame``, also for numbers that are not finite."""
         fields = pb.message(data)
         position = pb.doubles(data, 3)
         if not all(map(math.isfinite, position)):
@@ -85,11 +85,11 @@ def encode_command(parts: Mapping[str, JointPosition], priority: int) -> bytes:
 
 
 class Command(msgspec.Struct, frozen=True):
-    """The fields of a ``RobotCommandRequest`` that a server uses."""
+    """The fields of a ``RobotCommandRequest`` that the simulated robot uses."""
 
     parts: dict[str, JointPosition]
     priority: int = 0
-    stops: bool = False  # a ``StopCommand`` for the whole body
+    stops: bool = False  # True for a ``StopCommand`` to the whole body
 
     @classmethod
     def decode(cls, data: bytes) -> Command:
@@ -134,7 +134,7 @@ _BODY = {"right_arm": 2, "left_arm": 3, "torso": 4}
 
 
 class Feedback(msgspec.Struct, frozen=True):
-    """The fields of ``RobotCommandResponse`` that are used."""
+    """The fields of a ``RobotCommandResponse`` that this driver uses."""
 
     status: int = Status.IDLE
     finish: int = Finish.UNKNOWN
@@ -150,14 +150,15 @@ class Feedback(msgspec.Struct, frozen=True):
 
     @property
     def dropped(self) -> str:
-        """Why the robot no longer carries out the command; empty if it does."""
+        """Why the robot has dropped the command; empty if it still carries it out."""
         if self.status != Status.FINISHED or self.finish == Finish.OK:
             return ""
         return Finish(self.finish).name if self.finish in tuple(Finish) else f"finish code {self.finish}"
 
 
 def split(values: Sequence[float]) -> dict[str, tuple[float, ...]]:
-    """Return a row of all driven joints as rows by part. The row is in the order of ``PARTS``."""
+    """Split the values of all driven joints into the values of each body part. They are in the
+    order of ``PARTS``."""
     rows, start = {}, 0
     for name, count in PARTS.items():
         rows[name] = tuple(values[start : start + count])
@@ -172,7 +173,7 @@ def encode_duration(seconds: float) -> bytes:
 
 
 def decode_duration(data: bytes) -> float:
-    """Return seconds. Raise ``MalformedFrame``, also for a negative duration."""
+    """Decode a ``Duration`` to seconds. Raise ``MalformedFrame``, also for a negative duration."""
     fields = pb.message(data)
     whole, nanos = pb.last_int(fields, 1), pb.last_int(fields, 2)
     if whole >> 63 or nanos >= NS:

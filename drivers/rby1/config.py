@@ -1,4 +1,5 @@
-"""The frozen settings that the wire and the stop channel share."""
+"""Settings of an RB-Y1, shared by the process that drives it (the wire) and the root's stop
+channel."""
 
 from __future__ import annotations
 
@@ -27,5 +28,6 @@ class RBY1Config(msgspec.Struct, frozen=True):
     """The link counts as lost after this long without a state."""
 
     def address(self) -> tuple[str, int]:
-        """Return host and port. Raise ``ValueError`` if ``port`` is not an address."""
+        """Parse the configured port into host and port number. Raise ``ValueError`` if it is not an
+        address."""
         return parse_address(self.port, PORT)

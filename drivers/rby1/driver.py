@@ -1,9 +1,10 @@
-"""Drive a Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No SDK.
+"""Drive a Rainbow Robotics RB-Y1, model A: torso, two arms and head, through its gRPC server. No
+SDK.
 
-In every safe state but ``off`` the robot holds its position: ``CancelControl`` ends the motion, and the
-robot's controller holds the arms where they are. After a hold for a late writer, the next command continues
-from there. After a stop, only ``resume()`` does. The power stays on, unless ``on_estop="power_off"`` asks an
-e-stop to remove it (``off``), which drops the arms.
+In every safe state but ``off`` the robot holds its position: ``CancelControl`` ends the motion, and
+the robot's controller holds the arms where they are. If a command is late, the robot holds until
+the next command. After a stop, commands are accepted only after ``resume()``. The power stays on,
+except with ``on_estop="power_off"``: an e-stop then removes it (``off``), which drops the arms.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""Conditions and gates that refuse a setpoint before it reaches an RB-Y1. Pure; nothing is ever clipped."""
+"""Checks that refuse a setpoint before it reaches an RB-Y1. Pure: no I/O. No value is ever limited
+silently."""
 
 from __future__ import annotations
 
@@ -26,22 +27,22 @@ LEAD_S = 0.2
 joint lags further behind]."""
 
 _FAULTS = (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
-_RESUME = "see to its cause, then call resume()"
+_RESUME = "check the cause, then call resume()"
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they are checked. The first refusal is the answer."""
     return stale(axes, state_ttl_s), past_own_range(axes), too_fast(axes, period_s), runs_ahead(axes)
 
 
-# -- conditions for power-on, and for a motion to begin and to continue
+# -- conditions for switching the power on, and for a motion
 
 
 def refuse_pressed(pressed: bool) -> Refused | None:
     if not pressed:
         return None
-    why = "the emergency stop button is pressed"
-    return Refused(RBY1Code.EMERGENCY_STOP, why, "release it, then resume()", "pressed", "released")
+    reason = "the emergency stop button is pressed"
+    return Refused(RBY1Code.EMERGENCY_STOP, reason, "release the button, then call resume()", "pressed", "released")
 
 
 def refuse_fault(manager: int) -> Refused | None:
@@ -49,7 +50,7 @@ def refuse_fault(manager: int) -> Refused | None:
         return None
     name = name_of(Manager, manager)
     remedy = "fix its cause, then reset_fault_control_manager() and resume()"
-    return Refused(Code.FAULT, f"the control manager is in {name}", remedy, name, "no fault")
+    return Refused(Code.FAULT, f"the robot's control manager reports {name}", remedy, name, "no fault")
 
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
@@ -69,7 +70,7 @@ def powered(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move while the control manager is not enabled."""
+    """Refuse to move while the robot's control manager is not enabled."""
     manager = number_of(observation.sensors, "control_manager")
     if manager == Manager.ENABLED:
         return None
@@ -78,9 +79,10 @@ def enabled(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def obeying(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move after the robot has dropped our command. Motion does not continue by itself after that."""
-    why = observation.faults.get(CONTROLLER)
-    return None if why is None else Refused(RBY1Code.DROPPED, why, _RESUME, why, "RUNNING")
+    """Refuse to move after the robot has dropped our command. It would not continue the motion by
+    itself."""
+    reason = observation.faults.get(CONTROLLER)
+    return None if reason is None else Refused(RBY1Code.DROPPED, reason, _RESUME, reason, "RUNNING")
 
 
 CONDITIONS = (
@@ -90,40 +92,45 @@ CONDITIONS = (
 )
 
 
-# -- gates of one setpoint
+# -- gates: each checks one setpoint
 
 
 def own_axes(axes: Sequence[Axis], observation: Observation) -> Sequence[Axis] | None:
-    """Return the axes with the limits from the robot's own model; None if the observation has no limits."""
+    """Return the axes with the limits that the robot's own model contains; None if the observation
+    has no limits."""
     names = ("range_low_rad", "range_high_rad", "speed_limit_rad_s")
     low, high, speed = (observation.sensors.get(name, ()) for name in names)
     if not len(low) == len(high) == len(speed) == len(axes):
         return None
     rows = zip(axes, low, high, speed, strict=True)
-    return [msgspec.structs.replace(axis, low=one, high=two, speed=rad_s) for axis, one, two, rad_s in rows]
+    return [
+        msgspec.structs.replace(axis, low=low_rad, high=high_rad, speed=rad_s)
+        for axis, low_rad, high_rad, rad_s in rows
+    ]
 
 
 def own_speeds(axes: Sequence[Axis], observation: Observation) -> list[float]:
-    """Return the joints' speed limits in rad/s, from the robot's own model or else from the table."""
+    """Return the joints' speed limits in rad/s: from the robot's own model, or else from
+    ``robots.toml``."""
     return [axis.speed for axis in own_axes(axes, observation) or axes]
 
 
 def past_own_range(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse a target outside the ranges of the robot's own model."""
+    """Return a gate that refuses a target outside the joint ranges of the robot's own model."""
 
     def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
         own = own_axes(axes, state.observation)
         if own is None:
-            why = "the robot's own limits are not known"
-            return Refused(RBY1Code.NO_LIMITS, why, "reconnect", "none", f"{len(axes)} joints")
+            reason = "the robot's own limits are not known"
+            return Refused(RBY1Code.NO_LIMITS, reason, "connect again", "none", f"{len(axes)} joints")
         return past_range(own)(candidate, state)
 
     return past_own_range
 
 
 def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
-    """Refuse a step from the last commanded target that is larger than a joint can turn in one control
-    period. The command asks the robot to arrive within that period."""
+    """Refuse a step from the last target that a joint cannot make in one control period. The robot
+    is commanded to arrive within that period."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_step(axes, candidate, state.target, own_speeds(axes, state.observation), period_s)
@@ -132,7 +139,8 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
 
 
 def runs_ahead(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse small steps that come faster than a joint can follow, or while something holds it back."""
+    """Refuse targets that run ahead of the measured position, because they come faster than the
+    joint can turn or because something blocks the joint."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_lead(axes, candidate, state, own_speeds(axes, state.observation), LEAD_S)

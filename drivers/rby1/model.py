@@ -1,4 +1,4 @@
-"""Read the ranges and speeds of the joints from the URDF that the robot sends. Pure."""
+"""Read the ranges and speeds of the joints from the URDF that the robot sends. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -23,14 +23,16 @@ class Limits(msgspec.Struct, frozen=True):
 
 
 def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
-    """Return the limits of ``joints``. Raise ``MalformedFrame``, which names the joints without limits."""
+    """Return the limits of ``joints`` from the URDF. Raise ``MalformedFrame`` with the names of
+    joints without limits."""
     if len(urdf) > MAX_CHARACTERS or any(word in urdf for word in _DECLARES):
-        raise MalformedFrame("the robot's model is no plain URDF")
+        raise MalformedFrame("the robot's model is not a plain URDF")
     try:
         root = parse(urdf)
     except NotXml as error:
-        raise MalformedFrame(f"the robot's model is no URDF ({error})") from None
-    # Read only the joints below the root: a transmission names them again, without limits.
+        raise MalformedFrame(f"the robot's model is not a URDF ({error})") from None
+    # Read only the joints that are direct children of the root. A transmission repeats their names without
+    # limits.
     limits = {joint.get("name"): joint.first("limit") for joint in root.all("joint")}
     rows = [_row(limits.get(name)) for name in joints]
     if missing := [name for name, row in zip(joints, rows, strict=True) if row is None]:
@@ -40,7 +42,8 @@ def limits_of(urdf: str, joints: Sequence[str]) -> Limits:
 
 
 def _row(limit: Element | None) -> tuple[float, float, float] | None:
-    """Return low, high and speed; None when one is missing or impossible."""
+    """Return a joint's low limit, high limit and speed; None if one of them is missing or
+    impossible."""
     if limit is None:
         return None
     try:

@@ -1,8 +1,8 @@
-"""Requests and answers of an RB-Y1's gRPC server, except commands and states: paths, enums, small
-messages. Pure.
+"""Encode and decode the messages of an RB-Y1's gRPC server, except commands and states: paths,
+enums and small messages. Pure: no I/O.
 
-Field numbers and enums are from the vendor's public definitions (package ``rb.api``, Apache-2.0), as
-in rby1-sdk 0.10.0.
+Field numbers and enums are from the vendor's public definitions (package ``rb.api``, Apache-2.0),
+as in rby1-sdk 0.10.0.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _CODE_OK = 1
 
 
 class Method(enum.StrEnum):
-    """Paths of the calls that this driver or its twin uses."""
+    """Paths of the gRPC calls that this driver or its simulated robot uses."""
 
     PING = "/rb.api.PingService/Ping"
     GET_ROBOT_INFO = "/rb.api.RobotInfoService/GetRobotInfo"
@@ -44,7 +44,7 @@ class Method(enum.StrEnum):
 
 
 class Manager(enum.IntEnum):
-    """State of the control manager."""
+    """States of the control manager, the part of the robot's software that carries out commands."""
 
     UNKNOWN = 0
     IDLE = 1
@@ -54,7 +54,7 @@ class Manager(enum.IntEnum):
 
 
 class Control(enum.IntEnum):
-    """Activity of the control manager."""
+    """What the control manager does at present."""
 
     UNKNOWN = 0
     IDLE = 1
@@ -80,7 +80,7 @@ class JointOrder(enum.IntEnum):
 
 
 class Done(enum.IntEnum):
-    """Status of an answer to ``POWER``, ``JOINT``, ``SERVO_ON`` and ``SERVO_OFF``."""
+    """Status in the answers to ``POWER``, ``JOINT``, ``SERVO_ON`` and ``SERVO_OFF``."""
 
     UNKNOWN = 0
     SUCCESS = 1
@@ -93,10 +93,10 @@ class Power(enum.IntEnum):
     OFF = 2
 
 
-def name_of(kind: type[enum.IntEnum], number: int) -> str:
+def name_of(enum_type: type[enum.IntEnum], number: int) -> str:
     """Return the name and the number of an enum's value, as ``MAJOR_FAULT (4)``."""
-    has_name = number in tuple(kind)
-    return f"{kind(number).name if has_name else 'unknown'} ({number})"
+    has_name = number in tuple(enum_type)
+    return f"{enum_type(number).name if has_name else 'unknown'} ({number})"
 
 
 # -- requests
@@ -108,7 +108,8 @@ def encode_order(name: str, order: int) -> bytes:
 
 
 def decode_order(data: bytes) -> tuple[str, int]:
-    """Return name and order. Raise ``MalformedFrame``."""
+    """Decode a request: the names of joints or supplies, and the order to them. Raise
+    ``MalformedFrame``."""
     fields = pb.message(data)
     return text(pb.last_bytes(fields, 2)), pb.last_int(fields, 3)
 
@@ -129,7 +130,8 @@ def encode_rate(hz: float) -> bytes:
 
 
 def decode_rate(data: bytes) -> float:
-    """Return the requested states per second. Raise ``MalformedFrame``."""
+    """Decode a request for a stream of states. Return the requested states per second. Raise
+    ``MalformedFrame``."""
     return double(pb.message(data), 2)
 
 
@@ -137,24 +139,25 @@ def decode_rate(data: bytes) -> float:
 
 
 def headed(answer: bytes) -> bytes:
-    """Put a ``ResponseHeader`` before an answer. The vendor's client takes a call for done only when
-    the header reports no error."""
+    """Put a ``ResponseHeader`` before an answer. Without a header that reports success, the
+    vendor's client treats the call as failed."""
     return pb.bytes_field(1, pb.bytes_field(4, pb.varint_field(1, _CODE_OK))) + answer
 
 
 def error_of(answer: bytes) -> str:
-    """Return the error in an answer's header, or an empty text. Raise ``MalformedFrame``."""
+    """Return the error in the header of an answer; empty if there is no error. Raise
+    ``MalformedFrame``."""
     error = pb.message(pb.last_bytes(pb.message(pb.last_bytes(pb.message(answer), 1)), 4))
     code = pb.last_int(error, 1, _CODE_OK)
     return "" if code <= _CODE_OK else text(pb.last_bytes(error, 2)) or f"error {code}"
 
 
-def encode_done(done: Done, why: str = "") -> bytes:
-    return pb.varint_field(2, done) + (pb.bytes_field(3, why.encode()) if why else b"")
+def encode_done(done: Done, message: str = "") -> bytes:
+    return pb.varint_field(2, done) + (pb.bytes_field(3, message.encode()) if message else b"")
 
 
 def decode_done(data: bytes) -> tuple[int, str]:
-    """Return status and message. Raise ``MalformedFrame``."""
+    """Decode the answer to an order: its status and message. Raise ``MalformedFrame``."""
     fields = pb.message(data)
     return pb.last_int(fields, 2), text(pb.last_bytes(fields, 3))
 
@@ -164,7 +167,7 @@ def encode_model(urdf: str) -> bytes:
 
 
 def decode_model(data: bytes) -> str:
-    """Return the robot's URDF. Raise ``MalformedFrame``."""
+    """Decode the answer with the robot's URDF. Raise ``MalformedFrame``."""
     return text(pb.last_bytes(pb.message(data), 2))
 
 
@@ -179,7 +182,7 @@ class ManagerState(msgspec.Struct, frozen=True):
     state: int = Manager.UNKNOWN
     control: int = Control.UNKNOWN
     time_scale: float = 1.0
-    enabled: tuple[int, ...] = ()  # joints, by index
+    enabled: tuple[int, ...] = ()  # indices of the enabled joints
 
     def encode(self) -> bytes:
         joints = b"".join(pb.varint_field(4, joint) for joint in self.enabled)
@@ -212,18 +215,19 @@ def decode_manager_answer(data: bytes) -> ManagerState:
 
 
 class RobotInfo(msgspec.Struct, frozen=True):
-    """The fields of ``RobotInfo`` that are used."""
+    """The fields of a ``RobotInfo`` message that this driver uses."""
 
     model: str
     version: str
-    joints: tuple[str, ...]  # by their index in every state
+    joints: tuple[str, ...]  # names of the joints, in the order of every state
     supplies: tuple[str, ...] = ()
     emergency_stops: tuple[str, ...] = ()
-    parts: tuple[tuple[str, tuple[int, ...]], ...] = ()  # name of a part -> its joints, by index
+    parts: tuple[tuple[str, tuple[int, ...]], ...] = ()  # name of a body part -> indices of its joints
 
     @property
     def motor_supply(self) -> int | None:
-        """The index of the motors' supply, here and in every state; None if no supply has that name."""
+        """Index of the motors' power supply in ``supplies`` and in every state; None if no supply
+        has that name."""
         return self.supplies.index(MOTOR_SUPPLY) if MOTOR_SUPPLY in self.supplies else None
 
     def encode(self) -> bytes:
@@ -265,17 +269,17 @@ _PARTS = {6: "mobility", 7: "body", 8: "head", 13: "torso", 14: "right_arm", 15:
 # -- parts of messages
 
 
-def messages(found: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:
-    """Yield each sub-message of a repeated field. Raise ``MalformedFrame``."""
-    for value in found.get(number, ()):
+def messages(fields: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:
+    """Yield each message of a repeated field. Raise ``MalformedFrame``."""
+    for value in fields.get(number, ()):
         if not isinstance(value, bytes):
             raise MalformedFrame(f"rb.api: field {number} is no message")
         yield pb.message(value)
 
 
-def double(found: dict[int, list[pb.Value]], number: int) -> float:
-    """Return a ``double``, or 0 when the field is missing. Raise ``MalformedFrame``."""
-    return pb.as_double(pb.last_int(found, number))
+def double(fields: dict[int, list[pb.Value]], number: int) -> float:
+    """Decode a ``double`` field; 0 if the field is missing. Raise ``MalformedFrame``."""
+    return pb.as_double(pb.last_int(fields, number))
 
 
 def text(data: bytes) -> str:
@@ -286,5 +290,5 @@ def text(data: bytes) -> str:
         raise MalformedFrame("rb.api: a text that is no UTF-8") from None
 
 
-def _names(found: dict[int, list[pb.Value]], number: int) -> tuple[str, ...]:
-    return tuple(text(pb.last_bytes(one, 1)) for one in messages(found, number))
+def _names(fields: dict[int, list[pb.Value]], number: int) -> tuple[str, ...]:
+    return tuple(text(pb.last_bytes(entry, 1)) for entry in messages(fields, number))

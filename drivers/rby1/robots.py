@@ -1,4 +1,4 @@
-"""Read the robots of this wire from ``robots.toml``."""
+"""Load the robots that the RB-Y1 driver supports from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ robot sends decides on the real one."""
 
 
 def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the parts of a robot, with ranges and speeds from its table."""
+    """Return the body parts of a robot, with the joint ranges and speeds from its table."""
     axes = [
         Axis(key=joint["key"], unit="rad", low=low, high=high, speed=joint["speed_rad_s"], id=number)
         for number, joint in enumerate(table["joints"], FIRST_JOINT)

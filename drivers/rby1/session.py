@@ -1,4 +1,5 @@
-"""One connection to an RB-Y1: the robot's limits, its newest state and the stream of our commands."""
+"""One connection to an RB-Y1. It keeps the robot's limits and newest state, and sends our commands
+as a stream."""
 
 from __future__ import annotations
 
@@ -26,29 +27,30 @@ STATE_HZ = 100.0
 
 
 class RBY1Session:
-    """The state that exists between ``open`` and ``close``."""
+    """The connection to the robot and its state, from ``open`` to ``close``."""
 
     def __init__(self, config: RBY1Config, connection: Connection, limits: Limits) -> None:
         self.connection = connection
         self.limits = limits
         self.state = RobotState(())
         self.stamp_ns = 0
-        self.lost = ""  # the reason why nothing is written before the next arming
+        # Why no command is sent until the robot is armed again; empty if commands may be sent.
+        self.lost = ""
         self._config = config
         self._states = connection.ask(Method.STATE_STREAM, p.encode_rate(STATE_HZ))
         self._command: Call | None = None
 
     def row(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return the driven joints from a row of all joints, with NaN where the row is too short."""
-        return tuple(values[at] if at < len(values) else math.nan for at in self._config.ids)
+        """Pick the driven joints from a list of all joints, with NaN where the list is too short."""
+        return tuple(values[index] if index < len(values) else math.nan for index in self._config.ids)
 
     @property
     def ready(self) -> bool:
-        """Whether the servos of all driven joints are on."""
-        return all(at < len(self.state.ready) and self.state.ready[at] for at in self._config.ids)
+        """Whether the servos of all joints that this driver commands are on."""
+        return all(index < len(self.state.ready) and self.state.ready[index] for index in self._config.ids)
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long the time in the robot's states has not advanced."""
+        """Return for how long the time in the robot's states has not advanced, in seconds."""
         return (now_ns - self.stamp_ns) / NS
 
     def take_waiting(self, now_ns: int) -> None:
@@ -69,7 +71,7 @@ class RBY1Session:
         self._take_feedback()
 
     def command(self, values: Sequence[float]) -> bytes:
-        """Return the message for a target of all driven joints."""
+        """Encode a target of all driven joints as one command message."""
         parts = {
             name: JointPosition(row, self._config.period_s, self._config.hold_s)
             for name, row in split(values).items()
@@ -77,13 +79,13 @@ class RBY1Session:
         return encode_command(parts, self._config.priority)
 
     def send(self, message: bytes) -> None:
-        """Send a command now, on the open stream or else on a new one. Raise ``WireDown``."""
+        """Send a command now, on the open stream or on a new one. Raise ``WireDown``."""
         if self._command is None:
             self._command = self.connection.call(Method.COMMAND_STREAM)
         self._command.send(message)
 
     def drop_stream(self) -> None:
-        """End the stream of commands. Raise ``WireDown``."""
+        """Cancel the stream of commands, if there is one. Raise ``WireDown``."""
         command, self._command = self._command, None
         if command is not None:
             command.cancel()
@@ -99,12 +101,16 @@ class RBY1Session:
             try:
                 state = RobotState.decode(newest)
             except MalformedFrame as malformed:
-                raise WireDown(f"{self._config.robot}: its state cannot be understood ({malformed})") from None
+                raise WireDown(
+                    f"{self._config.robot}: the robot sent an invalid state ({malformed}). Reconnect"
+                ) from None
             if state.time_ns != self.state.time_ns:
                 self.stamp_ns = now_ns
             self.state = state
         if self._ended:
-            raise WireDown(f"{self._config.robot}: it tells no more states ({self._states.failure()}). Reconnect")
+            raise WireDown(
+                f"{self._config.robot}: the robot sends no more states ({self._states.failure()}). Reconnect"
+            )
 
     def _take_feedback(self) -> None:
         """Set ``lost`` if the robot has dropped the command or ended its stream."""
@@ -119,7 +125,8 @@ class RBY1Session:
             if dropped:
                 self.lost = f"the robot has dropped our command: {dropped}"
         if command.status is not None:
-            # Status OK counts, too: a stream that we end ourselves is no longer in ``_command`` here.
+            # An end with status OK counts as lost, too. A stream that we have ended ourselves is no longer in
+            # ``_command`` here.
             self._command = None
             self.lost = self.lost or f"the stream of commands has ended: {command.failure()}"
 
@@ -162,15 +169,15 @@ async def open_session(
 
 
 def _refuse_another(config: RBY1Config, info: RobotInfo) -> None:
-    """Raise ``WireDown`` if the robot's joints are not the expected ones at the same index. The rows of a
-    state carry no names."""
+    """Raise ``WireDown`` if the robot has other joints than expected, or in another order. The
+    values of a state carry no names, so their order must be right."""
     count = len(info.joints)
     rows = zip(config.axes, config.ids, strict=True)
-    missing = [axis for axis, at in rows if at >= count or info.joints[at] != axis]
+    missing = [axis for axis, index in rows if index >= count or info.joints[index] != axis]
     if missing:
         raise WireDown(
-            f"open: the robot at {config.port} is a model {info.model or '?'} without {', '.join(missing)} where a "
-            "model A has them. Use an RB-Y1 of model A"
+            f"open: the robot at {config.port} reports model {info.model or '?'}, without {', '.join(missing)} "
+            "where a model A has them. Use an RB-Y1 of model A"
         )
 
 

@@ -1,4 +1,5 @@
-"""The state that an RB-Y1 streams many times a second. Pure. Field numbers: see ``protocol``."""
+"""The state that an RB-Y1 sends as a stream, many times a second. Pure: no I/O. For the field
+numbers see ``protocol``."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ class Run(enum.IntEnum):
 
 
 class RobotState(msgspec.Struct, frozen=True):
-    """``GetRobotStateResponse``. A row has one value per joint of the robot, by joint index."""
+    """A decoded ``GetRobotStateResponse``. Each list has one value per joint of the robot, by joint
+    index."""
 
     position: tuple[float, ...]
     velocity: tuple[float, ...] = ()
@@ -40,13 +42,13 @@ class RobotState(msgspec.Struct, frozen=True):
     temperature: tuple[float, ...] = ()
     ready: tuple[bool, ...] = ()
     powers: tuple[int, ...] = ()
-    emergency_stops: tuple[int, ...] = ()  # 1: pressed
+    emergency_stops: tuple[int, ...] = ()  # one number for each emergency stop button; 1 if it is pressed
     battery_pct: float = math.nan
     battery_v: float = math.nan
     odometry: tuple[float, float, float] = (0.0, 0.0, 0.0)  # x, y, heading
     center_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
     manager: ManagerState = ManagerState()
-    time_ns: int = 0  # of the robot's clock
+    time_ns: int = 0  # time by the robot's clock
 
     @property
     def pressed(self) -> bool:
@@ -55,14 +57,14 @@ class RobotState(msgspec.Struct, frozen=True):
 
     @property
     def powered(self) -> bool:
-        """Whether every supply is on."""
+        """Whether every power supply of the robot is on."""
         return bool(self.powers) and all(power == Power.ON for power in self.powers)
 
     def is_off(self, supply: int | None) -> bool:
-        """Return whether a supply is known to be off.
+        """Return True if the state shows that a power supply is off.
 
         Args:
-            supply: Its index in ``RobotInfo.supplies``; None if the robot did not report it.
+            supply: Index of the supply in ``RobotInfo.supplies``; None if the robot did not report it.
         """
         return supply is not None and supply < len(self.powers) and self.powers[supply] == Power.OFF
 
@@ -74,7 +76,7 @@ class RobotState(msgspec.Struct, frozen=True):
         fields = pb.message(state)
         position, velocity = _row(fields, 31), _row(fields, 32)
         if not all(map(math.isfinite, (*position, *velocity))):
-            raise MalformedFrame("rb.api: a joint that is nowhere")
+            raise MalformedFrame("rb.api: a position or velocity that is not finite")
         if len(position) > MAX_JOINTS or len(velocity) != len(position):
             raise MalformedFrame(f"rb.api: {len(position)} positions, {len(velocity)} velocities")
         battery = pb.message(pb.last_bytes(fields, 3))
@@ -90,8 +92,8 @@ class RobotState(msgspec.Struct, frozen=True):
             _row(fields, 33),
             tuple(float(_signed(value)) for value in _numbers(fields, 48)),
             tuple(value != 0.0 for value in _row(fields, 30)),
-            tuple(pb.last_int(one, 1) for one in messages(fields, 4)),
-            tuple(pb.last_int(one, 1) for one in messages(fields, 100)),
+            tuple(pb.last_int(entry, 1) for entry in messages(fields, 4)),
+            tuple(pb.last_int(entry, 1) for entry in messages(fields, 100)),
             double(battery, 3) if battery else math.nan,
             double(battery, 1) if battery else math.nan,
             (double(place, 1), double(place, 2), double(odometry, 2)),
@@ -101,7 +103,7 @@ class RobotState(msgspec.Struct, frozen=True):
         )
 
     def encode(self) -> bytes:
-        """Encode the response as a server does."""
+        """Encode the state as the robot's server does."""
         x, y, heading = self.odometry
         battery = pb.double_field(1, self.battery_v) + pb.double_field(3, self.battery_pct)
         place = pb.double_field(1, x) + pb.double_field(2, y)
@@ -111,7 +113,7 @@ class RobotState(msgspec.Struct, frozen=True):
             pb.bytes_field(1, pb.varint_field(1, seconds) + pb.varint_field(2, nanos))
             + pb.bytes_field(3, battery)
             + b"".join(pb.bytes_field(4, pb.varint_field(1, power) + _volts(power)) for power in self.powers)
-            + b"".join(pb.bytes_field(5, self._joint(at)) for at in range(count))
+            + b"".join(pb.bytes_field(5, self._joint(joint)) for joint in range(count))
             + pb.double_fields(30, [float(ready) for ready in self.ready], packed=True)
             + pb.double_fields(31, self.position, packed=True)
             + pb.double_fields(32, self.velocity, packed=True)
@@ -128,31 +130,31 @@ class RobotState(msgspec.Struct, frozen=True):
         )
         return pb.bytes_field(2, state) + pb.bytes_field(3, self.manager.encode())
 
-    def _joint(self, at: int) -> bytes:
+    def _joint(self, index: int) -> bytes:
         """Encode ``JointState``."""
-        ready = bool(self.ready[at])
+        ready = bool(self.ready[index])
         return (
             pb.varint_field(1, int(ready))
             + pb.varint_field(2, Fet.ON if ready else Fet.OFF)
             + pb.varint_field(3, Run.CONTROL_ON if ready else Run.CONTROL_OFF)
             + pb.varint_field(4, 1)
-            # Without this field the vendor's client takes the servo for off.
+            # Without this field the vendor's client assumes that the servo is off.
             + pb.bytes_field(9, encode_duration(0.0))
             + pb.varint_field(10, int(self.powered))
-            + pb.double_field(11, self.position[at])
-            + pb.double_field(12, self.velocity[at])
-            + pb.double_field(14, self.torque[at])
-            + pb.double_field(21, self.target[at])
-            + pb.varint_field(30, round(self.temperature[at]))
+            + pb.double_field(11, self.position[index])
+            + pb.double_field(12, self.velocity[index])
+            + pb.double_field(14, self.torque[index])
+            + pb.double_field(21, self.target[index])
+            + pb.varint_field(30, round(self.temperature[index]))
         )
 
 
-def _row(found: dict[int, list[pb.Value]], number: int) -> tuple[float, ...]:
-    """Return a repeated ``double`` of a parsed message. Raise ``MalformedFrame``.
+def _row(fields: dict[int, list[pb.Value]], number: int) -> tuple[float, ...]:
+    """Decode a repeated ``double`` field of a parsed message. Raise ``MalformedFrame``.
 
     It works on the parsed fields, so that a message is parsed once: a hundred arrive every second.
     """
-    values = found.get(number, [])
+    values = fields.get(number, [])
     if len(values) == 1 and isinstance(values[0], bytes) and len(values[0]) % 8 == 0:
         return struct.unpack(f"<{len(values[0]) // 8}d", values[0])
     return pb.doubles(b"".join(_again(number, value) for value in values), number)
@@ -164,10 +166,10 @@ def _again(number: int, value: pb.Value) -> bytes:
     )
 
 
-def _numbers(found: dict[int, list[pb.Value]], number: int) -> list[int]:
-    """Return a repeated varint, packed or not. Raise ``MalformedFrame``."""
+def _numbers(fields: dict[int, list[pb.Value]], number: int) -> list[int]:
+    """Decode a repeated varint field, packed or not. Raise ``MalformedFrame``."""
     numbers: list[int] = []
-    for value in found.get(number, ()):
+    for value in fields.get(number, ()):
         numbers += [value] if isinstance(value, int) else pb.varints(pb.bytes_field(number, value), number)
     return numbers
 

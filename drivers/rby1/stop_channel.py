@@ -1,6 +1,7 @@
-"""The root's stop channel to an RB-Y1: a separate connection that is kept alive, and replaced if lost.
+"""Stop an RB-Y1 from the root process, by a separate connection. It is kept open, and replaced if
+it is lost.
 
-No call on it can hang: this package implements gRPC itself, on trio. The channel therefore needs no
+No call on it can hang: this package implements gRPC itself, on trio. The stop therefore needs no
 separate process.
 """
 
@@ -43,7 +44,8 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
     async def keep_up(self, session: Connection) -> None:
         while True:
             await trio.sleep(KEEP_S)
-            with contextlib.suppress(CallFailed):  # An error status is an answer, too.
+            # An error status is an answer, too: the robot is reachable.
+            with contextlib.suppress(CallFailed):
                 await session.unary(Method.PING, b"", KEEP_S)
 
     async def make_safe_by(self, session: Connection | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
@@ -57,14 +59,15 @@ class RBY1StopChannel(KeptSession[RBY1Config, Connection]):
                 self._silent.pop(0).close_in_order()
 
     def close(self) -> None:
-        """Close in order, so that a robot that was frozen still receives the stop when it continues."""
+        """Close the connections without dropping sent data. A robot that was frozen then still
+        receives the stop."""
         for connection in (*self._silent, *([self.session] if self.session else [])):
             connection.close_in_order()
         self._silent, self.session = [], None
 
 
 async def connect_to_stop(config: RBY1Config, open_stream: OpenStream) -> Connection:
-    """Connect without waiting for an answer. A stop is also written to a robot that sends nothing
-    readable. Raise ``WireDown``."""
+    """Connect without waiting for the server's first message. A stop is thereby sent even to a
+    robot that sends nothing readable. Raise ``WireDown``."""
     host, port = config.address()
     return await open_grpc(host, port, within_s=ANSWER_S, settle=False, open_stream=open_stream)

@@ -1,9 +1,12 @@
-"""Stop an RB-Y1. The wire uses its existing connection, the root a separate one.
+"""Stop an RB-Y1. The process that drives the robot uses its open connection, the root a separate
+one.
 
-``CancelControl`` ends any motion, and the robot holds its position. If the robot does not answer it,
-or moves on, the control manager is disabled. ``off`` also removes the power of the motors.
+``CancelControl`` ends any motion, and the robot holds its position. If the robot does not answer or
+does not stand still, its control manager is disabled. The safe state ``off`` also removes the power
+of the motors.
 
-States confirm a stop only while the time in them advances. A state with a repeated time does not count.
+A stop is confirmed only by states whose time advances. A state that repeats an earlier time does
+not count.
 """
 
 from __future__ import annotations
@@ -52,7 +55,7 @@ Connect = Callable[[], Awaitable[Connection]]
 
 
 class Stop:
-    """One stop.
+    """One stop of the robot, with its attempts.
 
     Args:
         config: The robot's settings.
@@ -69,11 +72,11 @@ class Stop:
         self._connect = connect
         self._written = self._acknowledged = False
         self._moving: Sequence[str] = config.axes
-        self._why = "not connected"
+        self._reason = "not connected"
         self._refusal = ""
-        self._position: Sequence[float] = ()  # of the newest state
-        self._holds = True  # a joint that stands still is held there
-        self._motor_supply: int | None = None  # its index; None until the robot has reported it
+        self._position: Sequence[float] = ()  # joint positions in the newest state
+        self._holds = True  # True if a joint that stands still is also held by its motor
+        self._motor_supply: int | None = None  # index of the motors' supply; None until the robot has reported it
 
     async def run(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Bring the robot to ``safe_state``. A held joint is reported with its position.
@@ -93,31 +96,34 @@ class Stop:
                     if await self._try(attempt):
                         return self._reports(True)
                 except WireDown as down:
-                    self._why = str(down)
+                    self._reason = str(down)
         return self._reports(False)
 
     async def _try(self, orders: Sequence[Order]) -> bool:
-        """Send the orders, then check their effect. Raise ``WireDown``."""
+        """Send the orders of the stop, then check their effect. Raise ``WireDown``."""
         if self.connection is None or not self.connection.is_open:
             self.connection = None
             self.connection = await self._connect()
         connection = self.connection
-        calls = [connection.ask(method, message) for method, message in orders]  # send all before any wait
+        # Send all orders before the first wait.
+        calls = [connection.ask(method, message) for method, message in orders]
         self._written = True
         if not await self._answered(connection, calls):
-            self._why = "silent"
-            if not self.silent:  # Try another connection once. A third would not be answered either.
+            self._reason = "silent"
+            # Try one other connection. If the robot answers on neither, a third would not help.
+            if not self.silent:
                 self.silent.append(connection)
                 self.connection = None
             return False
         with trio.move_on_after(LOOK_S):
             if await self._stands(connection, orders):
                 return True
-        self._why = self._refusal or self._why
+        self._reason = self._refusal or self._reason
         return False
 
     async def _answered(self, connection: Connection, calls: Sequence[Call]) -> bool:
-        """Return whether all orders are answered in time. Raise ``WireDown`` if one is refused.
+        """Return whether all orders were answered in time. Raise ``WireDown`` if an order was
+        refused.
 
         A refusal does not count when the power is ordered off. The state of the supply shows the
         result, and a robot without power may have nothing to cancel.
@@ -140,23 +146,25 @@ class Stop:
         return True
 
     async def _stands(self, connection: Connection, orders: Sequence[Order]) -> bool:
-        """Read states until the robot has stood still for ``STEADY_S``. A command that runs now was
-        received late, and the next attempt cancels it."""
+        """Read states until the robot has stood still for ``STEADY_S``. If a command runs now, it
+        was received late. The next attempt then cancels it."""
         steady_s: float | None = None
-        time_ns: int | None = None  # of the previous state, by the robot's clock
+        # The time of the previous state, by the robot's clock.
+        time_ns: int | None = None
         if POWER_OFF in orders and self._motor_supply is None:
             self._motor_supply = (await _ask(connection, Method.GET_ROBOT_INFO, RobotInfo.decode)).motor_supply
         while True:
             state = await _ask(connection, Method.GET_ROBOT_STATE, RobotState.decode)
-            fresh = time_ns is not None and state.time_ns != time_ns  # the first state may be old
+            # The first state may be from before the stop.
+            fresh = time_ns is not None and state.time_ns != time_ns
             time_ns = state.time_ns
-            self._why = self._trouble(state, orders)
+            self._reason = self._trouble(state, orders)
             if state.manager.control == Control.EXECUTING:
                 return False
             now_s = trio.current_time()
             if not fresh:
-                self._moving, self._why = self._config.axes, "its states stand still"
-            elif self._why:
+                self._moving, self._reason = self._config.axes, "the robot's states do not change"
+            elif self._reason:
                 steady_s = None
             elif steady_s is None:
                 steady_s = now_s
@@ -165,58 +173,58 @@ class Stop:
             await trio.sleep(POLL_S)
 
     def _trouble(self, state: RobotState, orders: Sequence[Order]) -> str:
-        """Return how the state differs from the orders; empty if it does not."""
+        """Return how the robot's state differs from what was ordered; empty if it does not differ."""
         rows = zip(self._config.axes, self._config.ids, strict=True)
         self._position, count = state.position, len(state.velocity)
-        speeds = {axis: abs(state.velocity[at]) if at < count else math.inf for axis, at in rows}
+        speeds = {axis: abs(state.velocity[index]) if index < count else math.inf for axis, index in rows}
         self._moving = [axis for axis, rad_s in speeds.items() if rad_s >= STANDING_RAD_S]
         if state.manager.control in _BUSY:
             self._moving = self._config.axes
             return f"its controller is {p.name_of(Control, state.manager.control)}"
         if DISABLE in orders and state.manager.state == Manager.ENABLED:
             self._moving = self._config.axes
-            return "its control manager is still enabled"
+            return "the control manager is still enabled"
         if POWER_OFF in orders and not state.is_off(self._motor_supply):
             self._moving = self._config.axes
-            return f"its {p.MOTOR_SUPPLY} supply is not known to be off"
+            return f"its {p.MOTOR_SUPPLY} supply is not reported as off"
         return "moves" if self._moving else ""
 
-    def _held(self, joint: int) -> float | None:
-        """Return the position at which a standing joint is held, in rad."""
+    def _held_position(self, joint: int) -> float | None:
+        """Return the position at which a joint at rest is held, in rad."""
         return self._position[joint] if self._holds and joint < len(self._position) else None
 
     def _reports(self, safe: bool) -> tuple[MotorReport, ...]:
         """Return a report per joint.
 
         Args:
-            safe: True if every joint is safe. Otherwise only those joints are that stood still while
-                others moved.
+            safe: True if every joint is safe. If False, only the joints that stood still while others moved count
         """
-        stood, why = self._acknowledged and bool(self._moving), self._why or "not seen at rest"
+        stood, reason = self._acknowledged and bool(self._moving), self._reason or "not seen at rest"
         rows = zip(self._config.axes, self._config.ids, strict=True)
         return tuple(
-            MotorReport(axis, number, self._written, self._acknowledged, True, target=self._held(number))
+            MotorReport(axis, number, self._written, self._acknowledged, True, target=self._held_position(number))
             if safe or (stood and axis not in self._moving)
-            else MotorReport(axis, number, self._written, self._acknowledged, False, why)
+            else MotorReport(axis, number, self._written, self._acknowledged, False, reason)
             for axis, number in rows
         )
 
 
 async def _ask(connection: Connection, method: Method, decode: Callable[[bytes], T]) -> T:
-    """Return the robot's decoded answer. Raise ``WireDown``."""
+    """Send a request and return the robot's decoded answer. Raise ``WireDown``."""
     answer = await connection.unary(method, b"", LOOK_S)
     try:
         return decode(answer)
     except MalformedFrame as malformed:
-        raise WireDown(f"{connection.name}: its answer cannot be understood ({malformed})") from None
+        raise WireDown(f"{connection.name}: the robot sent an invalid answer ({malformed})") from None
 
 
 def _refusal(answer: bytes, path: str) -> str:
-    """Return why the robot refused the order; empty if it accepted."""
+    """Decode the robot's answer to an order. Return why the order was refused; empty if it was
+    accepted."""
     try:
-        if why := p.error_of(answer):
-            return why
-        done, why = p.decode_done(answer) if path == Method.POWER else (p.Done.SUCCESS, "")
-        return "" if done == p.Done.SUCCESS else why or p.name_of(p.Done, done)
+        if reason := p.error_of(answer):
+            return reason
+        done, reason = p.decode_done(answer) if path == Method.POWER else (p.Done.SUCCESS, "")
+        return "" if done == p.Done.SUCCESS else reason or p.name_of(p.Done, done)
     except MalformedFrame as malformed:
         return str(malformed)

@@ -1,4 +1,4 @@
-"""Connect the wire process to an RB-Y1's gRPC server.
+"""Drive an RB-Y1 through its gRPC server. This module runs in the wire process.
 
 One call streams states, another streams commands. Both are read and written without waiting. Only
 ``open``, ``arm``, ``make_safe`` and a service wait, each with a deadline.
@@ -59,13 +59,13 @@ class RBY1Wire(SessionWire[RBY1Session]):
         return facts
 
     async def arm(self, permit: Permit) -> Observation:
-        """Switch on supplies, servos and control manager, each only if it is off. Emergency stop buttons
-        and the control manager's faults are checked first."""
+        """Switch on the power supplies, the servos and the control manager, each only if it is off.
+        Emergency stop buttons and the control manager's faults are checked first."""
         session = self.session
         await session.next_state(self._clock, FRESH_S)
         self._refuse(session)
         if session.state.manager.control == Control.EXECUTING:
-            raise WireDown("arm: another program moves the robot. End it, then try again")
+            raise WireDown("arm: another program moves the robot. End that program, then try again")
         if not session.state.powered:
             permit.check()
             await self._order(session, Method.POWER, p.encode_order(p.ALL, PowerOrder.ON))
@@ -100,7 +100,8 @@ class RBY1Wire(SessionWire[RBY1Session]):
         silent_s = session.silent_s(now_ns)
         if silent_s > self._config.silent_s:
             raise WireDown(
-                f"read: {self._config.robot} is silent for {silent_s * 1e3:.0f} ms. Check the robot and its network"
+                f"read: {self._config.robot} has sent no new state for {silent_s * 1e3:.0f} ms. "
+                "Check the robot and its network"
             )
         return self._observation(session)
 
@@ -112,7 +113,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
             raise PermitDenied(session.lost)
         silent_s = session.silent_s(now_ns)
         if silent_s > QUIET_S:
-            raise PermitDenied(f"the robot is silent for {silent_s * 1e3:.0f} ms")
+            raise PermitDenied(f"the robot has sent no new state for {silent_s * 1e3:.0f} ms")
         message = session.command(values)
         permit.check()
         session.send(message)
@@ -139,16 +140,17 @@ class RBY1Wire(SessionWire[RBY1Session]):
             channel.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Run ``reset_fault_control_manager``. A fault becomes idle; nothing is energised."""
+        """Run the service ``reset_fault_control_manager``. A fault of the control manager becomes
+        idle. Nothing is energised."""
         session = self.session
         permit.check()
         answer = await self._manager(session, ManagerOrder.RESET_FAULT)
         state = _decoded(p.decode_manager_answer, answer)
-        why = _decoded(p.error_of, answer)
-        if not why and state.state not in (Manager.IDLE, Manager.ENABLED):
-            why = f"the control manager is {state.text}"
-        if why:
-            return Refused(RBY1Code.NOT_RESET, why, "fix the cause of the fault, then try again", state.text)
+        reason = _decoded(p.error_of, answer)
+        if not reason and state.state not in (Manager.IDLE, Manager.ENABLED):
+            reason = f"the control manager is {state.text}"
+        if reason:
+            return Refused(RBY1Code.NOT_RESET, reason, "fix the cause of the fault, then try again", state.text)
         return {"control_manager": state.text}
 
     def close(self) -> None:
@@ -159,7 +161,8 @@ class RBY1Wire(SessionWire[RBY1Session]):
     # -- arming
 
     def _refuse(self, session: RBY1Session) -> None:
-        """Raise ``WireDown`` if the robot must not be powered now."""
+        """Raise ``WireDown`` if the robot must not be powered now: an emergency stop button is
+        pressed, or there is a fault."""
         state = session.state
         refusal = refuse_pressed(state.pressed) or refuse_fault(state.manager.state)
         if refusal is not None:
@@ -167,27 +170,29 @@ class RBY1Wire(SessionWire[RBY1Session]):
 
     async def _order(self, session: RBY1Session, method: Method, message: bytes) -> None:
         answer = await session.connection.unary(method, message, ORDER_S)
-        done, why = _decoded(p.decode_done, answer)
+        done, reason = _decoded(p.decode_done, answer)
         if done != p.Done.SUCCESS:
             name = method.rpartition("/")[2]
             raise WireDown(
-                f"arm: the robot refuses {name}: {why or p.name_of(p.Done, done)}. Look at it, then try again"
+                f"arm: the robot refuses {name}: {reason or p.name_of(p.Done, done)}. "
+                "Check the robot, then try again"
             )
 
     async def _manager(self, session: RBY1Session, order: ManagerOrder) -> bytes:
         return await session.connection.unary(Method.MANAGER, p.encode_manager_order(order), ORDER_S)
 
     async def _until(
-        self, session: RBY1Session, ready: Callable[[], bool], otherwise: str, within_s: float, permit: Permit
+        self, session: RBY1Session, ready: Callable[[], bool], problem: str, within_s: float, permit: Permit
     ) -> None:
-        """Wait until ``ready()`` is true of a state. Raise ``WireDown``."""
+        """Read states until ``ready()`` is true. Raise ``WireDown`` after ``within_s``, or if the
+        robot must not be powered."""
         with trio.move_on_after(within_s):
             while not ready():
                 await session.next_state(self._clock, FRESH_S)
                 permit.check()
                 self._refuse(session)
         if not ready():
-            raise WireDown(f"arm: {otherwise} after {within_s:g} s. Look at the robot, then try again")
+            raise WireDown(f"arm: {problem} after {within_s:g} s. Check the robot, then try again")
 
     # -- parts
 
@@ -220,8 +225,8 @@ class RBY1Wire(SessionWire[RBY1Session]):
 
 
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:
-    """Return the decoded answer. Raise ``WireDown`` if it is malformed."""
+    """Decode an answer. Raise ``WireDown`` if it is malformed."""
     try:
         return decode(answer)
     except MalformedFrame as malformed:
-        raise WireDown(f"the robot's answer cannot be understood ({malformed})") from None
+        raise WireDown(f"the robot sent an invalid answer ({malformed})") from None

@@ -1,5 +1,5 @@
-"""Simulate the robot behind its twin's service. Axes follow their targets at the motors' speed, and moves
-play."""
+"""Simulate the robot behind the simulated daemon. Axes follow their targets at the motors' speed. Recorded and
+commanded moves are played."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from strands_actors.contract.axis import Axis
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 
 PEAK = 1.875
 """Peak speed of a minimum-jerk move, as a multiple of its average speed."""
@@ -22,9 +22,11 @@ Row = tuple[float, ...]
 
 
 class Move:
-    """A move from the present position through ``stages``: targets, each with its duration in seconds.
+    """A motion from the present position through ``stages``, a list of targets with the duration of each in
+    seconds.
 
-    ``listed`` is true if the daemon lists the move as running, as it does for those begun by REST.
+    ``listed`` is true if the daemon includes the move in its list of running moves. The real daemon lists only
+    moves that were begun over REST.
     """
 
     def __init__(self, uuid: str, stages: Sequence[tuple[Row, float]], listed: bool = True) -> None:
@@ -34,12 +36,12 @@ class Move:
         self._from: Row = ()
         self._passed_s = 0.0
 
-    def step(self, step_s: float, at: Row) -> Row | None:
-        """Return the target after this step; None if the move is over."""
+    def step(self, step_s: float, position: Row) -> Row | None:
+        """Advance the move by one step and return its target; None if the move has ended."""
         if not self._stages:
             return None
         target, duration_s = self._stages[0]
-        self._from = self._from or at
+        self._from = self._from or position
         self._passed_s += step_s
         part = min(1.0, self._passed_s / duration_s)
         eased = part**3 * (10 - 15 * part + 6 * part**2)
@@ -51,7 +53,7 @@ class Move:
 
 
 class ReachyBody:
-    """The body of the robot. A row is in axis order, in the driver's units.
+    """The simulated body of the robot. Values are in axis order and in the driver's units.
 
     Motors without torque keep their position [assumed]. The head of the real robot drops.
     """
@@ -62,51 +64,52 @@ class ReachyBody:
         self._speeds = [axis.speed * PEAK for axis in axes]
         self._scales = [1e-3 if axis.unit == "mm" else math.radians(1.0) for axis in axes]
         self._now_s = now_s
-        self._seen_s = now_s()
+        self._updated_s = now_s()
         self.time_s = 0.0
-        self.ended: list[str] = []  # moves that are over but not reported yet
+        self.ended: list[str] = []  # ids of moves that have ended and are not reported yet
         self.reset()
 
     def reset(self) -> None:
-        """Reset to the first state: at rest, motors on."""
+        """Reset the simulated robot: all axes at zero, motors on."""
         self.mode = "enabled"
-        self.here: Row = (0.0,) * len(self.axes)
-        self.target: Row = self.here
+        self.position: Row = (0.0,) * len(self.axes)
+        self.target: Row = self.position
         self.move: Move | None = None
         self.stuck = False
-        self.hand = Hand.NONE
+        self.commander = Commander.NONE
 
     def set_mode(self, mode: str) -> None:
-        """Set the mode, as the daemon does: torque begins at the present position."""
+        """Set the motors' mode, as the daemon does. When torque begins, the target is the present position."""
         if mode == "enabled" and self.mode != "enabled":
-            self.target = self.here
+            self.target = self.position
         self.mode = mode
 
     def aim_at(self, target: Row) -> bool:
-        """Set a target. Return False while a move runs, as the daemon does."""
-        self.hand = Hand.WIRE
+        """Set a target. Return False if a move runs, because the daemon then ignores targets."""
+        self.commander = Commander.WIRE
         if self.move is None:
             self.target = target
         return self.move is None
 
     def play(self, move: Move) -> None:
-        """Play a move. If one is running, the new one ends at once without a reason, as with the daemon."""
-        self.hand = Hand.WIRE
+        """Play a move. If a move is already running, the new one ends at once without a reason, as with the
+        real daemon."""
+        self.commander = Commander.WIRE
         if self.move is None:
             self.move = move
         else:
             self.ended.append(move.uuid)
 
     def end_move(self) -> str:
-        """End the running move at the present position. Return its id; empty if no move ran."""
+        """End the running move at the present position. Return its id; empty if no move was running."""
         move, self.move = self.move, None
-        if self.hand is Hand.WIRE:
-            self.hand = Hand.NONE
+        if self.commander is Commander.WIRE:
+            self.commander = Commander.NONE
         return move.uuid if move is not None else ""
 
     def pass_time(self) -> None:
         now_s = self._now_s()
-        passed_s, self._seen_s = now_s - self._seen_s, now_s
+        passed_s, self._updated_s = now_s - self._updated_s, now_s
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
@@ -115,49 +118,51 @@ class ReachyBody:
             seconds -= step_s
             self.time_s += step_s
             if self.move is not None:
-                aimed = self.move.step(step_s, self.here)
+                aimed = self.move.step(step_s, self.position)
                 if aimed is None:
                     self.ended.append(self.end_move())
                 else:
                     self.target = aimed
-            if (self.mode == "enabled" or self.hand is Hand.SIM) and not self.stuck:
-                self.here = tuple(
-                    at + max(-speed * step_s, min(speed * step_s, to - at))
-                    for at, to, speed in zip(self.here, self.target, self._speeds, strict=True)
+            if (self.mode == "enabled" or self.commander is Commander.SIM) and not self.stuck:
+                self.position = tuple(
+                    position + max(-speed * step_s, min(speed * step_s, goal - position))
+                    for position, goal, speed in zip(self.position, self.target, self._speeds, strict=True)
                 )
 
-    # -- as a simulation
+    # -- methods for a local simulation
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for the pictures only
+        # Import MuJoCo only here. It only renders pictures.
+        from strands_actors.drivers.common.physics.model_rows import build
 
         return build(self._table)
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return (self.hand,) * len(self.axes)
+    def commanders(self) -> Sequence[Commander]:
+        return (self.commander,) * len(self.axes)
 
     def felt(self) -> Felt:
         still = (0.0,) * len(self.axes)
-        return Felt(self.time_s, self._metric(self.here), still, still, self.hands)
+        return Felt(self.time_s, self._metric(self.position), still, still, self.commanders)
 
     def pose(self) -> Sequence[float]:
-        values = dict(zip(self.axes, self._metric(self.here), strict=True))
-        values["head_yaw"] -= values["body_yaw"]  # In the model the head stands on the body.
+        values = dict(zip(self.axes, self._metric(self.position), strict=True))
+        # In the model the head is mounted on the turning body, so its yaw is relative to the body.
+        values["head_yaw"] -= values["body_yaw"]
         return [values[name] for name in _MODEL_ORDER]
 
-    def take(self, on: bool) -> None:
-        if self.hand is (Hand.NONE if on else Hand.SIM):
-            self.hand, self.target = (Hand.SIM if on else Hand.NONE), self.here
+    def energise(self, on: bool) -> None:
+        if self.commander is (Commander.NONE if on else Commander.SIM):
+            self.commander, self.target = (Commander.SIM if on else Commander.NONE), self.position
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self.hand is Hand.SIM:
+    def set_targets(self, values: Sequence[float]) -> None:
+        if self.commander is Commander.SIM:
             self.target = tuple(value / scale for value, scale in zip(values, self._scales, strict=True))
 
     def hold(self) -> None:
-        if self.hand is Hand.SIM:
-            self.target = self.here
+        if self.commander is Commander.SIM:
+            self.target = self.position
 
     def step(self, steps: int) -> None:
         self.run(steps * TIMESTEP_S)

@@ -1,6 +1,6 @@
 """Read the robot's camera, which its daemon streams over WebRTC (``cameras={"head": {}}``).
 
-The pictures go directly to a camera's process, not through the robot's tree.
+Pictures go directly to the camera's own process, not through the processes that control the robot.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ PRODUCER = "reachymini"
 
 
 async def open_camera(settings: CameraSettings) -> WebRtcVideo:
-    """Open the stream at the first address that has one. Raise ``WireDown`` with the error of every address."""
-    if why := missing("reachy", "a picture of the robot's camera"):
-        raise WireDown(why)
+    """Open the camera stream at the first address that offers one. Raise ``WireDown`` with the error of every
+    address."""
+    if reason := missing("reachy", "a picture of the robot's camera"):
+        raise WireDown(reason)
     config = Reachy(settings.robot, settings.port, settings.options).config
     problems = []
     for host, _ in config.addresses():

@@ -1,4 +1,5 @@
-"""The frozen settings that the wire and the stop channel share, and how the daemon's address is handed over."""
+"""Settings of a Reachy Mini, shared by the process that drives it (the wire) and the root's stop channel. The
+wire process also passes the address of the daemon to the root."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ motors]. The root uses separate connections, so its requests may overtake it."""
 
 
 def publish_address(host: str, number: int) -> int:
-    """Return a descriptor of memory with the address of the daemon, for ``at_published``."""
+    """Write the daemon's address into memory that another process can read with ``with_published_address``.
+    Return its file descriptor."""
     memory = os.memfd_create("reachy")
     os.pwrite(memory, f"[{host}]:{number}".encode(), 0)
     return memory
@@ -32,7 +34,7 @@ def parse_speech_url(url: str) -> tuple[str, int, str]:
         raise ValueError(f"tts_url is {url!r}. Give an address that begins with http://, without a user")
     target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
     if not target.isascii() or " " in target:
-        raise ValueError(f"tts_url is {url!r}. Write what is not ASCII, and spaces, with percent signs")
+        raise ValueError(f"tts_url is {url!r}. Percent-encode its spaces and non-ASCII characters")
     return parts.hostname, parts.port or 80, target
 
 
@@ -51,16 +53,16 @@ class ReachyConfig(msgspec.Struct, frozen=True):
     """The link counts as lost after this long without a frame."""
 
     def addresses(self) -> tuple[tuple[str, int], ...]:
-        """Return the possible addresses of the daemon. Raise ``ValueError`` if ``port`` is not the address of a
-        service."""
+        """Return the addresses at which the daemon may be. Raise ``ValueError`` if ``port`` is not an address."""
         return tuple(self._address(place) for place in ((self.port,) if self.port else self.places))
 
-    def at_published(self, told: int) -> ReachyConfig:
-        """Return a copy with the address that ``publish_address`` wrote as its only one. Close the descriptor."""
+    def with_published_address(self, descriptor: int) -> ReachyConfig:
+        """Return a copy of the settings whose only address is the one that ``publish_address`` wrote. Close the
+        descriptor."""
         try:
-            return msgspec.structs.replace(self, port=os.pread(told, _LONGEST, 0).decode())
+            return msgspec.structs.replace(self, port=os.pread(descriptor, _LONGEST, 0).decode())
         finally:
-            os.close(told)
+            os.close(descriptor)
 
     def _address(self, place: str) -> tuple[str, int]:
         return parse_web_address(place, self.api_port, "the daemon")

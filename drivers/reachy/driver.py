@@ -1,7 +1,7 @@
 """Drive a Pollen Robotics Reachy Mini, Lite or Wireless, through the REST and WebSocket service of its daemon.
 
-The safe state is to hold, except for an e-stop. A hold ends the running move of any client, face tracking and
-wobbling, and the motors keep their torque where the head is. An e-stop removes the torque: the head drops.
+Every stop except an e-stop makes the robot hold. This ends the running move of any client, face tracking and
+wobbling, and the motors hold the head where it is. An e-stop removes the torque: the head drops.
 
 Small steps are sent as targets, larger ones as moves with a duration, so that the robot never jumps. Connecting
 and ``resume()`` neither move the robot nor give torque. ``motors(mode="enabled")`` gives torque.
@@ -73,12 +73,13 @@ class Reachy(Driver):
     unit = "degrees (head_x, head_y, head_z: millimetres)"
     timing = Timing(
         control_hz=50.0,
-        keepalive_s=3600.0,  # Practically never: the daemon keeps its last target, and a move must not repeat.
+        # Practically never. The daemon keeps its last target, and a repeated move would begin again.
+        keepalive_s=3600.0,
         stream_ttl_s=0.3,
         oneshot_ttl_s=None,
         state_ttl_s=0.5,
         call_s=0.8,
-        open_s=13.0,  # 10 s of it for the daemon's status
+        open_s=13.0,  # 10 s of these are for reading the daemon's status
         safe_s=2.0,
     )
     fallbacks: Mapping[Reason, SafeState] = {
@@ -89,14 +90,14 @@ class Reachy(Driver):
         "none: left alone the daemon ends the move it plays, 10 s at most of ours, and holds the last target with "
         "torque on; face tracking goes on"
     )
-    # A WebSocket needs two round trips, and the daemon's own computer is slow [assumed].
+    # A WebSocket needs two round trips, and the computer on which the daemon runs is slow [assumed].
     bound_s = 0.2
     conditions = CONDITIONS
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        given = {name: value for name, value in options.items() if name != "places"}
-        read = read_options(robot, ReachyOptions, given)
+        own_options = {name: value for name, value in options.items() if name != "places"}
+        read = read_options(robot, ReachyOptions, own_options)
         if read.tts_url is not None:
             try:
                 parse_speech_url(read.tts_url)
@@ -107,8 +108,8 @@ class Reachy(Driver):
             raise ValueError(f"{robot}: REACHY_PORT is {number!r}. Give a port number")
         hosts = (host,) if host else PLACES
         places = [
-            f"[{one}]:{number or read.api_port}" if ":" in one else f"{one}:{number or read.api_port}"
-            for one in hosts
+            f"[{entry}]:{number or read.api_port}" if ":" in entry else f"{entry}:{number or read.api_port}"
+            for entry in hosts
         ]
         return {**plain(read), "places": options.get("places", places)}
 
@@ -151,7 +152,7 @@ class Reachy(Driver):
         return {**targets, DURATION: seconds}
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the axes by name. The duration after them in a target is left out."""
+        """Return the axes by name, without the duration of the move that follows them in a target."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Conditions and gates that refuse a command before it reaches the daemon, which itself accepts any number.
+"""Checks that refuse a command before it reaches the daemon, because the daemon accepts any number.
 
 Pure; nothing is ever clipped.
 """
@@ -41,51 +41,56 @@ _ROUNDING = 1e-9
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the target of all axes, followed by the duration of the move; 0 for a target without a move."""
+    """Parse an action. Return the target of all axes, followed by the duration of the move in seconds; 0 sends
+    a plain target without a move."""
     requested = dict(action)
-    given = requested.pop(DURATION, None)
+    duration = requested.pop(DURATION, None)
     if any(name in requested for name in LOOK):
         refusal = _look(requested)
         if refusal is not None:
             return refusal
     parsed = parse_action(requested, robot, axes, index, state.target[: len(axes)])
     if isinstance(parsed, Refused):
-        return _with_other_keys(parsed)
+        return _with_all_keys(parsed)
     values, named = parsed
-    if given is None:
+    if duration is None:
         full_s = max(_full_speed_s(values, axes, state.observation))
         at_once = full_s <= AT_ONCE_S
         return Candidate((*values, 0.0 if at_once else max(SHORTEST_S, full_s / EASE)), named)
-    duration_s = finite(given)
+    duration_s = finite(duration)
     if duration_s is None:
-        shown = str(given)[:SHOWN]
+        shown = str(duration)[:SHOWN]
         return Refused(Code.NOT_FINITE, f"{DURATION} is {shown}", "send a finite number", shown, "a finite number")
     if not SHORTEST_S <= duration_s <= LONGEST_S:
         limit = f"{SHORTEST_S:g}..{LONGEST_S:g} s"
-        why = f"{DURATION} {duration_s:g} s is past {limit}"
-        return Refused(Code.DURATION, why, f"give {limit}", f"{duration_s:g}", limit)
+        reason = f"{DURATION} {duration_s:g} s is outside {limit}"
+        return Refused(Code.DURATION, reason, f"give {limit}", f"{duration_s:g}", limit)
     return Candidate((*values, duration_s), named)
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they are checked. The first refusal is the answer."""
     own = past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
     return stale(axes, state_ttl_s), would_be_heeded, *own
 
 
 def asleep(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse to move one axis of the head while another one would stay outside its range, as in the sleeping
-    pose. The daemon does not move there and reports no error."""
+    """Refuse to move one axis of the head while another would stay outside its range, as in the sleeping pose.
+    The daemon would not move the head and would report no error."""
 
     def asleep(candidate: Candidate, state: GateState) -> Refused | None:
-        if not any(at < BODY for at in candidate.named):
+        if not any(index < BODY for index in candidate.named):
             return None
         for value, axis in zip(candidate.values[:BODY], axes, strict=False):
             if not axis.low - _ROUNDING <= value <= axis.high + _ROUNDING:
                 limit = f"{show(axis.low, axis.unit)}..{show(axis.high, axis.unit)} {axis.unit}"
-                why = f"{axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
+                reason = f"{axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
                 return Refused(
-                    ReachyCode.ASLEEP, why, f"call wake(), or give {axis.key}, too", show(value, axis.unit), limit
+                    ReachyCode.ASLEEP,
+                    reason,
+                    f"call wake(), or give {axis.key}, too",
+                    show(value, axis.unit),
+                    limit,
                 )
         return None
 
@@ -93,7 +98,7 @@ def asleep(axes: Sequence[Axis]) -> GateCheck:
 
 
 def twisted(yaw_deg: float) -> GateCheck:
-    """Refuse a head yaw that is too far from the body's."""
+    """Refuse a yaw of the head that differs too much from the yaw of the body."""
 
     def twisted(candidate: Candidate, state: GateState) -> Refused | None:
         apart = candidate.values[YAW] - candidate.values[BODY]
@@ -112,19 +117,20 @@ def twisted(yaw_deg: float) -> GateCheck:
 
 
 def too_fast(axes: Sequence[Axis]) -> GateCheck:
-    """Refuse a move that is shorter than an axis needs from its present position."""
+    """Refuse a move whose duration is too short for an axis to reach its target from its present position."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         duration_s = candidate.values[len(axes)]
         if duration_s == 0.0:
-            return None  # ``parse`` has checked that the step is small.
-        needed = _full_speed_s(candidate.values, axes, state.observation)
-        at = max(range(len(axes)), key=lambda one: needed[one])
-        if needed[at] <= duration_s + _ROUNDING:
+            # Without a duration the step is small: ``parse`` has checked that.
             return None
-        least = math.ceil(needed[at] * 100) / 100
-        axis = axes[at]
-        step = abs(candidate.values[at] - state.observation.position[at])
+        needed = _full_speed_s(candidate.values, axes, state.observation)
+        slowest = max(range(len(axes)), key=lambda index: needed[index])
+        if needed[slowest] <= duration_s + _ROUNDING:
+            return None
+        least = math.ceil(needed[slowest] * 100) / 100
+        axis = axes[slowest]
+        step = abs(candidate.values[slowest] - state.observation.position[slowest])
         return Refused(
             Code.TOO_FAST,
             f"{axis.key} goes {show(step, axis.unit)} {axis.unit} in {duration_s:g} s",
@@ -137,7 +143,7 @@ def too_fast(axes: Sequence[Axis]) -> GateCheck:
 
 
 def motors_on(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse while the motors have no torque. The daemon accepts commands then, too, and reports success."""
+    """Refuse commands while the motors have no torque. The daemon would accept them and report success."""
     reading = observation.sensors.get("motor_mode")
     mode = "in an unknown mode" if reading is None else MODES[round(reading[0])]
     if mode == "enabled":
@@ -147,21 +153,21 @@ def motors_on(observation: Observation, now_ns: int) -> Refused | None:
 
 IGNORED = Refused(
     ReachyCode.IGNORED,
-    "the daemon ignores it: a move of another client is running",
-    "wait until it is over, or call stop(), which ends it",
+    "the daemon ignores commands while a move of another client runs",
+    "wait until that move ends, or call stop(), which ends it",
     "a move",
     "none",
 )
 
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse after the daemon has ignored a command."""
+    """Refuse commands after the daemon has ignored one."""
     return IGNORED if any(observation.sensors.get("ignored", ())) else None
 
 
 def would_be_heeded(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse while another client's move runs. That move continues, and the daemon ignores targets and moves
-    until it ends."""
+    """Refuse commands while another client's move runs. The daemon ignores targets and moves until that move
+    ends."""
     return IGNORED if any(state.observation.sensors.get("others_move", ())) else None
 
 
@@ -169,39 +175,42 @@ CONDITIONS = (Condition(motors_on, on_resume=OnResume.STAY_ARMED), Condition(hee
 
 
 def direction(x: float, y: float, z: float) -> tuple[float, float]:
-    """Return the head's pitch and yaw towards a point, in degrees. Pitch is positive downwards, yaw to the
-    left."""
+    """Return the pitch and yaw at which the head looks at a point, in degrees. Pitch is positive downwards, yaw
+    to the left."""
     return math.degrees(math.atan2(-z, math.hypot(x, y))), math.degrees(math.atan2(y, x))
 
 
-def _look(wanted: dict[str, object]) -> Refused | None:
-    """Replace a point to look at by the pose of the head, in the action."""
+def _look(requested: dict[str, object]) -> Refused | None:
+    """Replace the point to look at in an action by the head pose that looks there."""
     keys = ", ".join(LOOK)
-    point = [finite(wanted.pop(name, None)) for name in LOOK]
-    if both := [name for name in ("head_pitch", "head_yaw") if {name, f"{name}.pos"} & wanted.keys()]:
-        why = f"{keys} and {both[0]} are both given"
-        return Refused(Code.BOTH_SPELLINGS, why, "send one of them", both[0], keys)
+    point = [finite(requested.pop(name, None)) for name in LOOK]
+    if both := [name for name in ("head_pitch", "head_yaw") if {name, f"{name}.pos"} & requested.keys()]:
+        reason = f"{keys} and {both[0]} are both given"
+        return Refused(Code.BOTH_SPELLINGS, reason, "send one of them", both[0], keys)
     x, y, z = point
     if x is None or y is None or z is None:
-        why, remedy = f"{keys} are not three finite numbers", "give all three, in metres"
-        return Refused(Code.NOT_FINITE, why, remedy, str(point)[:SHOWN], "three finite numbers")
+        reason, remedy = f"{keys} are not three finite numbers", "give all three, in metres"
+        return Refused(Code.NOT_FINITE, reason, remedy, str(point)[:SHOWN], "three finite numbers")
     if math.hypot(x, y, z) < NEAREST_M:
-        why = f"the point to look at is {math.hypot(x, y, z):.3f} m away"
+        reason = f"the point to look at is {math.hypot(x, y, z):.3f} m away"
         return Refused(
-            ReachyCode.TOO_NEAR, why, f"give one at least {NEAREST_M:g} m away", str(point), f"{NEAREST_M:g} m"
+            ReachyCode.TOO_NEAR, reason, f"give one at least {NEAREST_M:g} m away", str(point), f"{NEAREST_M:g} m"
         )
-    wanted["head_pitch"], wanted["head_yaw"] = direction(x, y, z)
+    requested["head_pitch"], requested["head_yaw"] = direction(x, y, z)
     return None
 
 
-def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], seen: Observation) -> list[float]:
-    """Return the time in seconds that each axis needs at full speed from its present position; 0 if that
-    position is not known."""
-    steps = [abs(value - here) / axis.speed for value, here, axis in zip(values, seen.position, axes, strict=False)]
+def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], observation: Observation) -> list[float]:
+    """Return for each axis the seconds that it needs at full speed from its present position to the target; 0
+    if its position is unknown."""
+    steps = [
+        abs(value - position) / axis.speed
+        for value, position, axis in zip(values, observation.position, axes, strict=False)
+    ]
     return [step if math.isfinite(step) else 0.0 for step in steps]
 
 
-def _with_other_keys(refusal: Refused) -> Refused:
+def _with_all_keys(refusal: Refused) -> Refused:
     if refusal.code not in (Code.UNKNOWN_JOINT, Code.EMPTY):
         return refusal
     keys = f"{refusal.limit}; {DURATION} or {', '.join(LOOK)} beside them"

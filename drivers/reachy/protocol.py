@@ -1,8 +1,9 @@
 """Encode and decode the JSON messages of the Reachy Mini daemon (1.13.0). Pure.
 
-A row of values is in axis order and in the driver's units: head pitch, roll and yaw in degrees, head x, y and z
-in millimetres, body yaw and the two antennas in degrees. The wire has radians and metres, and the right antenna
-first. The pose of the head is in the frame of the base, so its yaw contains the body's.
+Functions here take and return values in axis order and in the driver's units: head pitch, roll and yaw in
+degrees, head x, y and z in millimetres, body yaw and the two antennas in degrees. The daemon's messages have
+radians and metres, and the right antenna first. The pose of the head is in the frame of the base, so its yaw
+includes the yaw of the body.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ class Head(msgspec.Struct, frozen=True):
 
 
 class Imu(msgspec.Struct, frozen=True):
-    """Readings of the IMU. A Reachy Mini Wireless has one, a Lite does not."""
+    """Readings of the inertial sensor. A Reachy Mini Wireless has one, a Lite does not."""
 
     accelerometer_m_s2: tuple[float, ...]
     gyroscope_rad_s: tuple[float, ...]
@@ -92,7 +93,7 @@ class Imu(msgspec.Struct, frozen=True):
 
 
 class Status(msgspec.Struct, frozen=True):
-    """State of the daemon. ``battery_pct`` is NaN if the daemon does not send it, as 1.13.0."""
+    """State of the daemon. ``battery_pct`` is NaN if the daemon does not send it. Version 1.13.0 does not."""
 
     state: str
     wireless: bool
@@ -104,15 +105,15 @@ class Status(msgspec.Struct, frozen=True):
 
 
 class Update(msgspec.Struct, frozen=True):
-    """An event of a move."""
+    """An event in the life of a move, such as its end."""
 
-    kind: str
+    event_type: str
     uuid: str
     details: str
 
 
 def encode_target(values: Sequence[float]) -> bytes:
-    """Return the body of a request for a target that takes effect at once."""
+    """Encode a target that takes effect at once, as the body of a request."""
     return msgspec.json.encode(
         {
             "target_head_pose": _pose(values),
@@ -123,7 +124,7 @@ def encode_target(values: Sequence[float]) -> bytes:
 
 
 def encode_goto(values: Sequence[float], duration_s: float) -> bytes:
-    """Return the body of a request for a move of this duration."""
+    """Encode a move of this duration, as the body of a request."""
     return msgspec.json.encode(
         {
             "head_pose": _pose(values),
@@ -136,7 +137,7 @@ def encode_goto(values: Sequence[float], duration_s: float) -> bytes:
 
 
 def encode_uuid(uuid: str) -> bytes:
-    """Return the body with the id of a move."""
+    """Encode the id of a move, as the body of a request."""
     return msgspec.json.encode({"uuid": uuid})
 
 
@@ -148,7 +149,8 @@ def row_of(head: Head, joints: Joints) -> tuple[float, ...]:
 
 
 def decode_sdk(message: str | bytes) -> Joints | Head | Imu | Status | None:
-    """Decode a message from ``/ws/sdk``. Return None for a type that is not used. Raise ``MalformedFrame``."""
+    """Decode a message from ``/ws/sdk``. Return None for a type that this driver does not use. Raise
+    ``MalformedFrame``."""
     fields = _object(message)
     match fields.get("type"):
         case "joint_positions":
@@ -185,7 +187,7 @@ def decode_mode(body: bytes) -> int:
 
 
 def decode_running(body: bytes) -> tuple[str, ...]:
-    """Return the ids of the running moves. Raise ``MalformedFrame``."""
+    """Decode the list of running moves. Return their ids. Raise ``MalformedFrame``."""
     moves = _decode(body)
     if not isinstance(moves, list):
         raise MalformedFrame("the running moves are no list")
@@ -204,7 +206,8 @@ def decode_update(message: str | bytes) -> Update:
 
 
 def decode_target_answer(body: bytes) -> bool:
-    """Return whether the daemon took a target. It takes none while a move runs. Raise ``MalformedFrame``."""
+    """Return True if the daemon accepted a target, and False if it ignored it because a move runs. Raise
+    ``MalformedFrame``."""
     status = _text(_object(body), "status")
     if status not in ("ok", "ignored"):
         raise MalformedFrame(f"status {status[:40]!r}")
@@ -223,7 +226,7 @@ def decode_direction(body: bytes) -> tuple[float, bool] | None:
 
 
 def decode_object(body: bytes) -> dict[str, Any]:
-    """Decode any JSON object. Raise ``MalformedFrame``."""
+    """Decode a JSON object of any content. Raise ``MalformedFrame``."""
     return _object(body)
 
 
@@ -258,7 +261,8 @@ def _head(pose: object) -> Head:
 def _status(fields: dict[str, Any]) -> Status:
     backend = fields.get("backend_status")
     error = fields.get("error") or (backend.get("error") if isinstance(backend, dict) else None)
-    battery = fields.get("battery_pct")  # [assumed]: no observed daemon sends it
+    # No observed daemon sends this value [assumed].
+    battery = fields.get("battery_pct")
     return Status(
         state=_text(fields, "state"),
         wireless=fields.get("wireless_version") is True,

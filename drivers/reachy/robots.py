@@ -1,4 +1,4 @@
-"""Read the robots of this wire from ``robots.toml``."""
+"""Load the robots that the Reachy Mini driver supports from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ TABLES = RobotTables(__package__, "Reachy Mini")
 
 
 def axes_of(robot: str) -> tuple[Axis, ...]:
-    """Return the axes of a robot, in the order of a row. Raise ``ValueError``."""
+    """Return the axes of a robot in their order. Raise ``ValueError`` for an unknown robot."""
     rows = TABLES.table(robot)["axes"].items()
     return tuple(
         Axis(key=key, unit=unit, low=float(low), high=float(high), speed=float(speed), id=number)

@@ -1,5 +1,4 @@
-"""Perform the services of a Reachy Mini. Each is one request to the daemon, or a move and the wait for its
-end."""
+"""Run the services of a Reachy Mini. Each is one request to the daemon. Some begin a move and wait for its end."""
 
 from __future__ import annotations
 
@@ -57,96 +56,98 @@ OVER_S = 0.05
 
 
 class Moves:
-    """The moves and how they ended, by id. ``running`` is our newest move until its end is known."""
+    """Our moves by id, and how they ended. ``running`` is the id of our newest move until its end is known."""
 
     def __init__(self) -> None:
         self.running = ""
-        self._ours: deque[str] = deque(maxlen=KEPT)
+        self._own_ids: deque[str] = deque(maxlen=KEPT)
         self._ended: dict[str, p.Update] = {}
-        self._news = trio.Event()
+        self._end_received = trio.Event()
 
     def begin(self, uuid: str) -> None:
-        self._ours.append(uuid)
+        self._own_ids.append(uuid)
         if uuid not in self._ended:
             self.running = uuid
 
-    def hear(self, update: p.Update) -> None:
-        if update.kind not in p.ENDS:
+    def process(self, update: p.Update) -> None:
+        if update.event_type not in p.ENDS:
             return
         self._ended[update.uuid] = update
         while len(self._ended) > KEPT:
             self._ended.pop(next(iter(self._ended)))
         if self.running == update.uuid:
             self.running = ""
-        self._news.set()
-        self._news = trio.Event()
+        self._end_received.set()
+        self._end_received = trio.Event()
 
-    def others(self, running: Sequence[str]) -> bool:
-        """Return whether one of these moves belongs to another client."""
-        return any(uuid not in self._ours for uuid in running)
+    def has_foreign(self, running: Sequence[str]) -> bool:
+        """Return True if any of these running moves is not ours."""
+        return any(uuid not in self._own_ids for uuid in running)
 
     async def ignored(self, uuid: str) -> bool:
-        """Return whether the move ends at once, because the daemon does not play it.
+        """Return True if the move ended at once, because the daemon did not play it.
 
-        This shows another client's move that was begun over a WebSocket, which no list contains.
+        In that case another client's move runs. It was begun over a WebSocket, so no list contains it.
         """
         with trio.move_on_after(OVER_S):
-            return (await self.ended(uuid)).kind == p.COMPLETED
+            return (await self.ended(uuid)).event_type == p.COMPLETED
         return False
 
     async def ended(self, uuid: str) -> p.Update:
         while uuid not in self._ended:
-            await self._news.wait()
+            await self._end_received.wait()
         return self._ended[uuid]
 
 
 class _NotedPermit:
-    """A permit with a note. ``passed`` is true after a successful check: the request may have left."""
+    """A permit, the last check before a request is sent, that remembers its success. After ``passed`` is True
+    the request may have been sent."""
 
     def __init__(self, permit: Permit) -> None:
         self._permit = permit
         self.passed = False
 
     def check(self) -> None:
-        """Check the permit. Raise ``PermitDenied``."""
+        """Check that the request may be sent. Raise ``PermitDenied``."""
         self._permit.check()
         self.passed = True
 
 
 class Services:
-    """Performs one service at a time.
+    """Run one service at a time.
 
     Attributes:
-        owed: Set when the outstanding request for motion or torque has been answered; None without one.
-        asks_on: The connection of that request, while it is outstanding.
-        given_up: Why an answer is no longer awaited; empty otherwise. The answer may still come, so
+        unanswered: Set when the request for motion or torque is answered; None if no answer is outstanding.
+        unanswered_port: The connection of that request, while it is outstanding.
+        abandoned: Why the wait for an answer has ended; empty otherwise. The request may still take effect, so
             the link has to end.
     """
 
     def __init__(self, config: ReachyConfig, host: str, number: int, moves: Moves) -> None:
         self._config = config
-        self._where = host, number
+        self._address = host, number
         self._moves = moves
-        self.owed: trio.Event | None = None
-        self.asks_on: HttpPort | None = None
-        self.given_up = ""
+        self.unanswered: trio.Event | None = None
+        self.unanswered_port: HttpPort | None = None
+        self.abandoned = ""
 
     async def perform(
-        self, service: str, arguments: Mapping[str, Any], permit: Permit, seen: Observation
+        self, service: str, arguments: Mapping[str, Any], permit: Permit, observation: Observation
     ) -> dict[str, Any] | Refused:
-        """Perform a service. Raise ``WireDown`` or ``PermitDenied``."""
-        client = HttpPort(*self._where)
+        """Run a service. Raise ``WireDown`` or ``PermitDenied``."""
+        client = HttpPort(*self._address)
         try:
-            answer = await self._perform(client, service, arguments, permit, seen)
-            await trio.lowlevel.checkpoint_if_cancelled()  # Do not report success after a stop has undone it.
+            answer = await self._perform(client, service, arguments, permit, observation)
+            # If a stop has ended the effect of this service, do not report success.
+            await trio.lowlevel.checkpoint_if_cancelled()
             return answer
         except MalformedFrame as malformed:
-            raise WireDown(f"{malformed}. Look at the daemon") from None
+            raise WireDown(f"the daemon sent an invalid answer: {malformed}. Check the daemon") from None
         finally:
             client.close()
 
     async def _perform(
-        self, client: HttpPort, service: str, given: Mapping[str, Any], permit: Permit, seen: Observation
+        self, client: HttpPort, service: str, arguments: Mapping[str, Any], permit: Permit, observation: Observation
     ) -> dict[str, Any] | Refused:
         match ALSO.get(service, service):
             case "wake":
@@ -154,30 +155,30 @@ class Services:
             case "sleep":
                 return await self._move(client, p.GOTO_SLEEP, b"", permit)
             case "express":
-                return await self._express(client, given["move"], given.get("dataset", p.DATASET), permit)
+                return await self._express(client, arguments["move"], arguments.get("dataset", p.DATASET), permit)
             case "turn_to_sound":
-                return await self._turn_to_sound(client, permit, seen)
+                return await self._turn_to_sound(client, permit, observation)
             case "turn_to_sound_status":
                 return await self._sound(client)
             case "list_moves":
-                names = await self._names(client, given.get("dataset", p.DATASET))
+                names = await self._names(client, arguments.get("dataset", p.DATASET))
                 return names if isinstance(names, Refused) else {"moves": names}
             case "motors":
-                return await self._switch(client, given.get("mode", "enabled"), permit)
+                return await self._switch(client, arguments.get("mode", "enabled"), permit)
             case "say":
-                return await self._say(client, given["text"], permit)
+                return await self._say(client, arguments["text"], permit)
             case "play_sound":
-                body = msgspec.json.encode({"file": given["file"]})
-                return await self._post(client, p.PLAY_SOUND, body, permit, {"playing": given["file"]})
+                body = msgspec.json.encode({"file": arguments["file"]})
+                return await self._post(client, p.PLAY_SOUND, body, permit, {"playing": arguments["file"]})
             case "set_volume":
-                volume = int(given.get("volume", 50))
+                volume = int(arguments.get("volume", 50))
                 body = msgspec.json.encode({"volume": volume})
                 return await self._post(client, p.SET_VOLUME, body, permit, {"volume": volume})
             case "track_face":
-                return await self._track(client, given, permit)
+                return await self._track(client, arguments, permit)
             case "camera":
                 answer = await self._get(client, p.CAMERA)
-                host = self._where[0]
+                host = self._address[0]
                 host = f"[{host}]" if ":" in host else host
                 stream = f"ws://{host}:{self._config.media_port}"
                 return answer if isinstance(answer, Refused) else {**p.decode_object(answer), "webrtc": stream}
@@ -186,12 +187,12 @@ class Services:
         return answer if isinstance(answer, Refused) else p.decode_object(answer)
 
     async def _move(self, client: HttpPort, target: str, body: bytes, permit: Permit) -> dict[str, Any] | Refused:
-        """Begin a move in place of our running one, and wait for its end. The daemon ignores it while another
-        client's move runs."""
+        """Begin a move and wait for its end. Our own running move is ended first. The daemon would ignore the
+        new move while another client's move runs, so it is refused then."""
         running = await client.ask("GET", p.RUNNING, within_s=BEGIN_S)
         if running.status != p.OK:
             return _daemon_refusal(running.status, running.body)
-        if self._moves.others(p.decode_running(running.body)):
+        if self._moves.has_foreign(p.decode_running(running.body)):
             return IGNORED
         if self._moves.running:
             stop = p.encode_uuid(self._moves.running)
@@ -204,9 +205,9 @@ class Services:
         if await self._moves.ignored(uuid):
             return IGNORED
         end = await self._moves.ended(uuid)
-        if end.kind != p.COMPLETED:
+        if end.event_type != p.COMPLETED:
             return Refused(
-                ReachyCode.MOVE, f"{end.kind.replace('_', ' ')} {end.details}".rstrip(), "look at the robot"
+                ReachyCode.MOVE, f"{end.event_type.replace('_', ' ')} {end.details}".rstrip(), "check the robot"
             )
         return {"move": uuid}
 
@@ -215,21 +216,21 @@ class Services:
     ) -> Response:
         """Send a request for motion or torque, and wait for its answer.
 
-        A stop does not cancel this wait. It has to know whether there is a motion to end, and whether the
-        request may still take effect.
+        A stop does not cancel this wait. The stop must know whether a motion has begun, and whether the request
+        may still take effect.
         """
-        owed, noted = trio.Event(), _NotedPermit(permit)
-        self.owed, self.asks_on = owed, client
+        answered, noted = trio.Event(), _NotedPermit(permit)
+        self.unanswered, self.unanswered_port = answered, client
         try:
             with trio.CancelScope(shield=True):
                 answer = await client.ask("POST", target, body, within_s=within_s, permit=noted)
         except WireDown as down:
             if noted.passed:
-                self.given_up = str(down)
+                self.abandoned = str(down)
             raise
         finally:
-            self.owed = self.asks_on = None
-            owed.set()
+            self.unanswered = self.unanswered_port = None
+            answered.set()
         return answer
 
     async def _switch(self, client: HttpPort, mode: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -239,14 +240,16 @@ class Services:
         return {"mode": mode}
 
     async def _express(self, client: HttpPort, move: str, dataset: str, permit: Permit) -> dict[str, Any] | Refused:
-        """Play a recorded move. The list of moves is fetched first, so that the daemon downloads the dataset
-        then. Otherwise the move would begin late."""
+        """Play a recorded move. First request the list of moves, so that the daemon downloads the dataset.
+        Otherwise the move would begin late."""
         names = await self._names(client, dataset)
         if isinstance(names, Refused):
             return names
         if move not in names:
-            there = ", ".join(names)[:200]
-            return Refused(ReachyCode.NO_MOVE, f"{dataset} has no move {move}", f"it has {there}", move, there)
+            offered = ", ".join(names)[:200]
+            return Refused(
+                ReachyCode.NO_MOVE, f"{dataset} has no move {move}", f"use one of {offered}", move, offered
+            )
         return await self._move(client, f"{p.PLAY}{dataset}/{move}", b"", permit)
 
     async def _names(self, client: HttpPort, dataset: str) -> list[str] | Refused:
@@ -255,18 +258,23 @@ class Services:
             return _daemon_refusal(answer.status, answer.body)
         return p.decode_names(answer.body)
 
-    async def _turn_to_sound(self, client: HttpPort, permit: Permit, seen: Observation) -> dict[str, Any] | Refused:
+    async def _turn_to_sound(
+        self, client: HttpPort, permit: Permit, observation: Observation
+    ) -> dict[str, Any] | Refused:
         sound = await self._sound(client)
         if isinstance(sound, Refused):
             return sound
-        row = list(seen.position)
+        row = list(observation.position)
         left_deg = sound["left_deg"]
-        row[p.YAW] += left_deg  # The microphones turn with the head [assumed].
+        # The microphones turn with the head [assumed].
+        row[p.YAW] += left_deg
         apart = row[p.YAW] - row[p.BODY]
         limit = self._config.yaw_deg
         if abs(apart) > limit or abs(row[p.YAW]) > 180.0:
-            why = f"the head would be {apart:.1f} deg from the body"
-            return Refused(ReachyCode.TWISTED, why, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}")
+            reason = f"the head would be {apart:.1f} deg from the body"
+            return Refused(
+                ReachyCode.TWISTED, reason, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}"
+            )
         duration_s = max(SHORTEST_S, abs(left_deg) / TURN_DEG_S / EASE)
         moved = await self._move(client, p.GOTO, p.encode_goto(row, duration_s), permit)
         return moved if isinstance(moved, Refused) else {**sound, "head_yaw": row[p.YAW]}
@@ -277,18 +285,24 @@ class Services:
             return body
         sound = p.decode_direction(body)
         if sound is None:
-            return Refused(ReachyCode.NO_SOUND, "the daemon tells no direction of sound", "it needs microphones")
+            return Refused(
+                ReachyCode.NO_SOUND,
+                "the daemon reports no direction of sound",
+                "check that the robot has microphones",
+            )
         return {"left_deg": sound[0], "speech": sound[1]}
 
-    async def _track(self, client: HttpPort, given: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        if not given.get("enabled", True):
+    async def _track(
+        self, client: HttpPort, arguments: Mapping[str, Any], permit: Permit
+    ) -> dict[str, Any] | Refused:
+        if not arguments.get("enabled", True):
             return await self._post(client, p.TRACKING_OFF, b"", permit, {"tracking": False})
-        body = msgspec.json.encode({"weight": float(given.get("weight", 1.0))})
+        body = msgspec.json.encode({"weight": float(arguments.get("weight", 1.0))})
         answer = await self._energise(client, p.TRACKING_ON, body, permit, BEGIN_S)
         if answer.status != p.OK:
             return _daemon_refusal(answer.status, answer.body)
         if p.decode_object(answer.body).get("enabled") is not True:
-            return Refused(ReachyCode.NO_CAMERA, "the daemon has no camera to track with", "connect one")
+            return Refused(ReachyCode.NO_CAMERA, "the daemon has no camera to track with", "connect a camera")
         return {"tracking": True}
 
     async def _say(self, client: HttpPort, text: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -299,19 +313,21 @@ class Services:
         finally:
             speech.close()
         if made.status != p.OK or not made.body.startswith(b"RIFF"):
-            why = f"tts_url answers status {made.status}, no WAV file"
+            reason = f"tts_url answers status {made.status}, no WAV file"
             return Refused(
-                ReachyCode.NO_SPEECH, why, 'it is asked by POST with {"text": ...} and answers with a WAV file'
+                ReachyCode.NO_SPEECH, reason, 'use a service that answers POST {"text": ...} with a WAV file'
             )
         form = (
             f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="file"; filename="{SPEECH}"\r\n'
             "Content-Type: audio/wav\r\n\r\n"
         )
         body = form.encode() + made.body + f"\r\n--{BOUNDARY}--\r\n".encode()
-        kind = f"multipart/form-data; boundary={BOUNDARY}"
-        taken = await client.ask("POST", p.UPLOAD_SOUND, body, within_s=ASK_S, permit=permit, kind=kind)
-        if taken.status != p.OK:
-            return _daemon_refusal(taken.status, taken.body)
+        content_type = f"multipart/form-data; boundary={BOUNDARY}"
+        upload = await client.ask(
+            "POST", p.UPLOAD_SOUND, body, within_s=ASK_S, permit=permit, content_type=content_type
+        )
+        if upload.status != p.OK:
+            return _daemon_refusal(upload.status, upload.body)
         play = msgspec.json.encode({"file": SPEECH})
         return await self._post(client, p.PLAY_SOUND, play, permit, {"said": text})
 
@@ -330,4 +346,6 @@ class Services:
 
 def _daemon_refusal(status: int, body: bytes) -> Refused:
     text = body[:120].decode("utf-8", "replace")
-    return Refused(ReachyCode.DAEMON, f"the daemon answers status {status}: {text}", "look at its log", str(status))
+    return Refused(
+        ReachyCode.DAEMON, f"the daemon answers status {status}: {text}", "check the daemon's log", str(status)
+    )

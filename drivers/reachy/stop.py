@@ -1,16 +1,17 @@
-"""Bring a Reachy Mini to a safe state. The wire and the root's stop channel share this code.
+"""Bring a Reachy Mini to a safe state. The process that drives the robot and the root's stop channel share this
+code.
 
-The first frames need no answer. They leave at once on every open connection, even after undecodable bytes were
-received there. Without an open connection they leave together with the upgrade of a new WebSocket. Only a
-WebSocket can end the move of any client. At the same time HTTP requests remove the torque, end face tracking, and
-end the move if its id is known.
+The first messages need no answer. They are sent at once on every open connection, even if unreadable bytes have
+been received there. Without an open connection they are sent together with the request that opens a new
+WebSocket. Only a WebSocket can end the move of any client. At the same time HTTP requests remove the torque,
+end face tracking, and end the move if its id is known.
 
-Only answers confirm a stop:
+A stop counts as confirmed only after these answers:
 
-* A ping after the frames is answered, so they were read. This is required because no list contains the moves
-  that were begun over a WebSocket.
+* A ping sent after the messages is answered, so the daemon has read them. This is required because no list contains
+  the moves that were begun over a WebSocket.
 * Over HTTP: face tracking is off, the second of two queries lists no running move, and the motors are in the
-  ordered mode.
+  required mode.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ AGAIN_S = 0.05
 
 
 def frames(safe_state: SafeState) -> tuple[str, ...]:
-    """Return the WebSocket messages that bring the robot to a safe state, in the order in which they are sent."""
+    """Return the WebSocket messages that bring the robot to a safe state, in the order of sending."""
     ends = (p.STOP_MOVE, p.TRACKING_STOP, p.WOBBLING_STOP)
     return (p.MOTORS_OFF, *ends) if safe_state == SafeState.LIMP else ends
 
@@ -74,31 +75,32 @@ def requests(safe_state: SafeState, running: str = "") -> tuple[tuple[str, bytes
 def send_at_once(
     safe_state: SafeState, sockets: Sequence[WebSocket | None], ports: Sequence[HttpPort | None], running: str = ""
 ) -> bool:
-    """Send the frames on each connection that can be written, even after undecodable bytes were received there.
-    Return whether any frame has left. Never waits, never raises."""
-    left = False
+    """Send the messages of a stop on each connection that can be written, even if unreadable bytes were
+    received there. Return True if any message was sent. Never waits, never raises."""
+    sent = False
     for socket in sockets:
         if socket is not None:
-            with contextlib.suppress(WireDown):  # It is closed.
+            # Skip a connection that is closed.
+            with contextlib.suppress(WireDown):
                 socket.send_stop(*frames(safe_state))
-                left = True
+                sent = True
     for port in ports:
         if port is not None:
             with contextlib.suppress(WireDown):
                 for target, body in requests(safe_state, running):
                     port.send_stop("POST", target, body)
-                    left = True
-    return left
+                    sent = True
+    return sent
 
 
 class Stopper:
-    """Stops one daemon.
+    """Stop the robot of one daemon.
 
     Args:
         host: The daemon's host.
         number: The daemon's port.
         socket: An open connection to ``/ws/sdk``, or None. It stays open.
-        heard: Returns whether another task receives on ``socket``.
+        has_receiver: Returns True if another task receives on ``socket``.
         running: Returns the id of our running move; empty without one.
 
     Attributes:
@@ -110,18 +112,20 @@ class Stopper:
         host: str,
         number: int,
         socket: WebSocket | None = None,
-        heard: Callable[[], bool] = lambda: False,
+        has_receiver: Callable[[], bool] = lambda: False,
         running: Callable[[], str] = lambda: "",
     ) -> None:
-        self._where = host, number
+        self._address = host, number
         self._socket = socket
-        self._heard = heard
+        self._has_receiver = has_receiver
         self._running_move = running
         self._own: WebSocket | None = None
-        self._pinged = 0  # number of the ping after the last frames; 0 if no ping was sent
+        # Number of the ping that followed the last messages; 0 before the first ping.
+        self._pinged = 0
         self._port = HttpPort(host, number)
         self.written = self.acknowledged = False
-        self._is_refused = False  # whether the last attempt was refused
+        # True if the last attempt to connect was refused.
+        self._is_refused = False
         self.detail = f"not confirmed: {self._port.name} is silent"
 
     async def run(
@@ -133,8 +137,8 @@ class Stopper:
 
         Args:
             safe_state: The safe state.
-            within_s: How long to repeat what is not confirmed.
-            pending: Returns whether an earlier command has no answer yet. It may still take effect.
+            within_s: How long to repeat the requests that are not confirmed.
+            pending: Returns True if an earlier command has no answer yet. That command may still take effect.
 
         Returns:
             Why the safe state is not confirmed; empty if it is.
@@ -142,15 +146,16 @@ class Stopper:
         self.written = send_at_once(safe_state, [self._socket], []) or self.written
         with trio.move_on_after(within_s):
             while True:
-                # Read this first: a command that is answered during ``_look`` may have taken effect after it.
-                owed = pending()
+                # Read ``pending`` first. A command that is answered during ``_look`` may have taken effect after
+                # it.
+                unanswered = pending()
                 try:
                     async with trio.open_nursery() as nursery:
                         nursery.start_soon(self._order, safe_state)
                         nursery.start_soon(self._order_by_http, safe_state)
                     detail = await self._look(safe_state)
-                    if not detail and owed:
-                        detail = "not confirmed: an earlier command has not been answered"
+                    if not detail and unanswered:
+                        detail = "not confirmed: an earlier command has no answer yet, so it may still take effect"
                     self.detail = detail
                     if not detail:
                         return ""
@@ -163,18 +168,20 @@ class Stopper:
         return self.detail
 
     @property
-    def no_daemon_there(self) -> bool:
-        """Whether the connection is refused, so that no daemon runs there. A daemon that does not answer may
-        still be the robot's."""
+    def has_no_daemon(self) -> bool:
+        """Return True if the connection was refused, so no daemon runs at that address. A daemon that does not
+        answer may still be the robot's."""
         return not self.written and self._is_refused
 
     def close(self) -> None:
-        self._port.close_in_order()  # The sent bytes are still delivered.
+        # Close without dropping sent bytes.
+        self._port.close_in_order()
         if self._own is not None:
             self._own.close_in_order()
 
     async def _order(self, safe_state: SafeState) -> None:
-        """Send the frames on the WebSocket, followed by a ping. Never raises: ``_look`` finds what is missing."""
+        """Send the messages of the stop on the WebSocket, then a ping. Never raises. ``_look`` finds out later
+        if they were not received."""
         self._pinged = 0
         with contextlib.suppress(WireDown):
             if self._socket is None or not self._socket.is_open:
@@ -184,10 +191,10 @@ class Stopper:
             self._pinged = self._socket.ping()
 
     async def _begin(self, safe_state: SafeState) -> WebSocket:
-        """Open a WebSocket for the stop and return it when its upgrade is answered. The frames leave with the
-        upgrade, and are repeated until the answer. Raise ``WireDown``."""
+        """Open a WebSocket for the stop, and return it when the daemon has accepted it. The messages of the
+        stop are sent with the opening request and repeated until then. Raise ``WireDown``."""
         stop = frames(safe_state)
-        begun = await begin_websocket(*self._where, p.SDK, within_s=CONNECT_S, stop=stop)
+        begun = await begin_websocket(*self._address, p.SDK, within_s=CONNECT_S, stop=stop)
         self.written = True
         before, self._own = self._own, begun
         if before is not None:
@@ -197,21 +204,21 @@ class Stopper:
         return begun
 
     async def _order_by_http(self, safe_state: SafeState) -> None:
-        """Send the requests over HTTP. Never raises."""
+        """Send the HTTP requests of the stop. Never raises."""
         with contextlib.suppress(WireDown):
             await self._port.ready()
             self.written = send_at_once(safe_state, [], [self._port], self._running_move()) or self.written
 
     async def _look(self, safe_state: SafeState) -> str:
-        """End the listed moves and face tracking. Return why the robot is not confirmed as safe; empty if it
-        is."""
+        """End the listed moves and face tracking, and read the motors' mode. Return why the robot is not
+        confirmed as safe; empty if it is safe."""
         for uuid in await self._running():
             await self._port.ask("POST", p.STOP, p.encode_uuid(uuid), within_s=ANSWER_S)
         self.acknowledged = True
         tracks = await self._end_tracking()
         await self._read_by_daemon()
-        if left := await self._running():
-            return f"not confirmed: {len(left)} moves are running"
+        if running := await self._running():
+            return f"not confirmed: {len(running)} moves are running"
         if safe_state == SafeState.LIMP:
             answer = await self._port.ask("GET", p.MOTORS, within_s=ANSWER_S)
             mode = p.MODES[p.decode_mode(answer.body)]
@@ -220,56 +227,61 @@ class Stopper:
         return tracks
 
     async def _end_tracking(self) -> str:
-        """End face tracking. Return why it may still run; empty if it is off. A daemon without that path has no
-        face tracking."""
+        """End face tracking. Return why it may still run; empty if it is off. A daemon that lacks this path has
+        no face tracking."""
         answer = await self._port.ask("POST", p.TRACKING_OFF, within_s=ANSWER_S)
         if answer.status == p.NOT_FOUND:
             return ""
         if answer.status == p.OK and p.decode_object(answer.body).get("enabled") is False:
             return ""
-        return f"not confirmed: {p.TRACKING_OFF} is answered with status {answer.status}: it may track a face"
+        return (
+            f"not confirmed: {p.TRACKING_OFF} was answered with status {answer.status}: it may still track a face"
+        )
 
     async def _read_by_daemon(self) -> None:
-        """Wait until the daemon has read the frames. Answers from before that do not show their effect. Raise
-        ``WireDown``."""
-        socket, why = self._socket, ""
+        """Wait until the daemon has read the messages of the stop. Answers to earlier queries do not show the
+        effect of the stop. Raise ``WireDown``."""
+        socket, error = self._socket, ""
         if socket is None or not self._pinged:
-            raise WireDown(f"{self._port.name}: {p.SDK}: no WebSocket that can end a move. Check the daemon")
+            raise WireDown(
+                f"{self._port.name}: {p.SDK}: no WebSocket is open, and only that ends a move. Check the daemon"
+            )
         async with trio.open_nursery() as nursery:
-            if socket is self._own or not self._heard():
+            if socket is self._own or not self._has_receiver():
                 nursery.start_soon(_drain, socket)
             try:
                 await socket.ponged(self._pinged, ANSWER_S)
             except WireDown as down:
-                why = str(down)
+                error = str(down)
             nursery.cancel_scope.cancel()
-        if why:
-            raise WireDown(why)
+        if error:
+            raise WireDown(error)
 
     async def _running(self) -> Sequence[str]:
         answer = await self._port.ask("GET", p.RUNNING, within_s=ANSWER_S)
         if answer.status != p.OK:
             raise WireDown(
-                f"{self._port.name}: {p.RUNNING} is answered with status {answer.status}. Check the daemon"
+                f"{self._port.name}: {p.RUNNING} was answered with status {answer.status}. Check the daemon"
             )
         return p.decode_running(answer.body)
 
 
 async def _drain(socket: WebSocket) -> None:
-    """Receive messages, so that a pong is processed."""
+    """Receive and drop messages, so that the answer to a ping is noticed."""
     with contextlib.suppress(WireDown):
         while True:
             await socket.receive()
 
 
 class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
-    """The root's stop channel. It keeps a WebSocket open where the wire found the daemon, and makes others when
-    needed. ``descriptors`` has that address (``config.publish_address``), or is empty."""
+    """Stop a Reachy Mini from the root process. The root keeps a WebSocket open to the daemon that the wire
+    process found, and opens others when needed. ``descriptors`` contains the published address
+    (``config.publish_address``), or is empty."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
     def __init__(self, config: ReachyConfig, descriptors: Sequence[int], clock: Clock) -> None:
-        super().__init__(config.at_published(descriptors[0]) if descriptors else config, (), clock)
+        super().__init__(config.with_published_address(descriptors[0]) if descriptors else config, (), clock)
 
     @property
     def hosts(self) -> Sequence[str]:
@@ -277,16 +289,17 @@ class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
 
     async def connect(self) -> WebSocket:
         try:
-            (host, number), *others = self.config.addresses()
+            (host, number), *alternatives = self.config.addresses()
         except ValueError as error:
             raise WireDown(str(error)) from None
-        if others:
+        if alternatives:
             raise WireDown("the daemon has not been found yet")
         return await open_websocket(host, number, p.SDK, within_s=CONNECT_S)
 
     async def keep_up(self, session: WebSocket) -> None:
         while True:
-            await session.receive()  # The state is dropped, but the daemon's send buffer stays empty.
+            # Read and drop the states. Otherwise the daemon's send buffer would fill up.
+            await session.receive()
 
     async def make_safe_by(self, session: WebSocket | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return await stop_all_addresses(self.config, safe_state, session)
@@ -297,8 +310,8 @@ async def stop_all_addresses(
 ) -> tuple[MotorReport, ...]:
     """Stop the robot at each possible address. Never raises.
 
-    An address that refuses the connection has no daemon. Every other one must confirm, because it may be the
-    robot's.
+    An address that refuses the connection has no daemon. Every other address must confirm the stop, because it
+    may be the robot's.
 
     Args:
         config: The robot's settings.
@@ -311,7 +324,8 @@ async def stop_all_addresses(
         return Outcome(False, False, str(error)).reports(config.axes, config.ids)
 
     async def stop(stopper: Stopper, scope: trio.CancelScope) -> None:
-        if not await stopper.run(safe_state, STOP_S):  # Then the others get the time of one more connection.
+        # One daemon has confirmed the stop. The other addresses get as much time as one connection takes.
+        if not await stopper.run(safe_state, STOP_S):
             scope.deadline = min(scope.deadline, trio.current_time() + CONNECT_S)
 
     try:
@@ -321,10 +335,10 @@ async def stop_all_addresses(
     finally:
         for stopper in stoppers:
             stopper.close()
-    asked = [stopper for stopper in stoppers if not stopper.no_daemon_there] or stoppers
+    candidates = [stopper for stopper in stoppers if not stopper.has_no_daemon] or stoppers
     outcome = Outcome(
-        written=any(stopper.written for stopper in asked),
-        acknowledged=all(stopper.acknowledged for stopper in asked),
-        detail=next((stopper.detail for stopper in asked if stopper.detail), ""),
+        written=any(stopper.written for stopper in candidates),
+        acknowledged=all(stopper.acknowledged for stopper in candidates),
+        detail=next((stopper.detail for stopper in candidates if stopper.detail), ""),
     )
     return outcome.reports(config.axes, config.ids)

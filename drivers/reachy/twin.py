@@ -1,8 +1,8 @@
 """Simulate the daemon: its REST and WebSocket service with a robot behind it.
 
-As daemon 1.13.0 it accepts any number, reports success with the motors off, ignores targets and further moves
-while one is played, and does not answer messages on ``/ws/sdk``. Its list of moves has none that began over
-``/ws/sdk``. The twin plays no sound and sees no face.
+It behaves like daemon 1.13.0: it accepts any number, reports success with the motors off, ignores targets and
+further moves while a move runs, and does not answer messages on ``/ws/sdk``. Its list of moves lacks the moves
+that began over ``/ws/sdk``. The simulation plays no sound and sees no face.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _JSON = msgspec.json.Decoder()
 
 
 class ReachyTwin:
-    """One service that all clients share."""
+    """The simulated daemon, which all clients share."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class ReachyTwin:
     ) -> None:
         """Raise ``ValueError`` if ``motors`` is not a mode."""
         if motors not in p.MODES:
-            raise ValueError(f"motors is {motors!r}. use {', '.join(p.MODES)}")
+            raise ValueError(f"motors is {motors!r}. Use {', '.join(p.MODES)}")
         self.body = ReachyBody(axes_of(robot), TABLES.table(robot), now_s)
         self.faults = Faults()
         self.tracking = False
@@ -84,15 +84,15 @@ class ReachyTwin:
         self._wireless = wireless
         self._media = media
         self._volume = 50
-        self._listeners: set[WebSocketClient] = set()  # subscribers of the events of moves
-        self._clients: set[WebSocketClient] = set()  # clients of ``/ws/sdk``
+        self._listeners: set[WebSocketClient] = set()  # clients that receive the events of moves
+        self._clients: set[WebSocketClient] = set()  # clients connected to ``/ws/sdk``
         self._stuck: Row | None = None
         self.body.mode = motors
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here, because there is only one server."""
+        """Inject a fault. ``unit`` is ignored, because there is only one server."""
         self.body.pass_time()
-        self._stuck = self.body.here if fault is Fault.STUCK else None
+        self._stuck = self.body.position if fault is Fault.STUCK else None
         self.body.stuck = fault is Fault.STUCK
         self.faults.set(fault)
         if fault is Fault.OFF:
@@ -111,7 +111,7 @@ class ReachyTwin:
         try:
             answer = self._read(target) if request.method == "GET" else self._write(target, request.body)
         except MalformedFrame as malformed:
-            return _tell({"detail": str(malformed)}, "other", _BAD)
+            return _json_answer({"detail": str(malformed)}, "other", _BAD)
         self._report()
         return answer
 
@@ -119,33 +119,39 @@ class ReachyTwin:
         body = self.body
         match target:
             case p.STATUS:
-                return _tell(self._status())
+                return _json_answer(self._status())
             case p.MOTORS:
-                return _tell({"mode": body.mode})
+                return _json_answer({"mode": body.mode})
             case p.RUNNING:
-                return _tell([{"uuid": body.move.uuid}] if body.move is not None and body.move.listed else [])
+                return _json_answer(
+                    [{"uuid": body.move.uuid}] if body.move is not None and body.move.listed else []
+                )
             case p.VOLUME:
-                return _tell({"volume": self._volume, "platform": "Twin", "device": "none"})
+                return _json_answer({"volume": self._volume, "platform": "Twin", "device": "none"})
             case p.TRACKED_FACE:
-                return _tell({"status": "ok", "face_target": {"detected": False, "x": None, "y": None}})
+                return _json_answer({"status": "ok", "face_target": {"detected": False, "x": None, "y": None}})
             case p.DIRECTION_OF_SOUND:
-                return _tell({"angle": math.pi / 3, "speech_detected": True} if self._media else None)
+                return _json_answer({"angle": math.pi / 3, "speech_detected": True} if self._media else None)
             case p.CAMERA:
-                return _tell({"name": "twin", "default_resolution": {"width": 1280, "height": 720, "fps": 30}})
+                return _json_answer(
+                    {"name": "twin", "default_resolution": {"width": 1280, "height": 720, "fps": 30}}
+                )
             case "/api/state/full":
-                return _tell(self._full())
+                return _json_answer(self._full())
         if target.startswith(p.LIST_MOVES):
-            return _tell(list(_MOVES))
-        return _tell({"detail": "Not Found"}, "other", p.NOT_FOUND)
+            return _json_answer(list(_MOVES))
+        return _json_answer({"detail": "Not Found"}, "other", p.NOT_FOUND)
 
     def _write(self, target: str, data: bytes) -> Answer:
         body = self.body
         match target:
             case p.SET_TARGET:
                 fields = _object(data)
-                taken = body.aim_at(self._target(fields, "target_head_pose", "target_antennas", "target_body_yaw"))
-                return _tell(
-                    {"status": "ok"} if taken else {"status": "ignored", "reason": "move_running"}, "setpoint"
+                accepted = body.aim_at(
+                    self._target(fields, "target_head_pose", "target_antennas", "target_body_yaw")
+                )
+                return _json_answer(
+                    {"status": "ok"} if accepted else {"status": "ignored", "reason": "move_running"}, "setpoint"
                 )
             case p.GOTO:
                 fields = _object(data)
@@ -153,7 +159,7 @@ class ReachyTwin:
                 row = self._target(fields, "head_pose", "antennas", "body_yaw")
                 return self._play([(row, max(0.01, duration_s))])
             case p.WAKE_UP:
-                neutral = (0.0,) * len(body.here)
+                neutral = (0.0,) * len(body.position)
                 nod = (0.0, 20.0, *neutral[2:])
                 return self._play([(neutral, 1.0), (nod, 0.2), (neutral, 0.2)])
             case p.GOTO_SLEEP:
@@ -162,24 +168,26 @@ class ReachyTwin:
                 return self._stop(_object(data).get("uuid"))
             case p.TRACKING_ON:
                 self.tracking = self._media
-                return _tell({"status": "ok" if self._media else "unavailable", "enabled": self._media}, "setpoint")
+                return _json_answer(
+                    {"status": "ok" if self._media else "unavailable", "enabled": self._media}, "setpoint"
+                )
             case p.TRACKING_OFF:
                 self.tracking = False
-                return _tell({"status": "ok", "enabled": False}, "other")
+                return _json_answer({"status": "ok", "enabled": False}, "other")
             case p.SET_VOLUME:
                 self._volume = round(_finite(_object(data), "volume"))
-                return _tell({"volume": self._volume, "platform": "Twin", "device": "none"}, "other")
+                return _json_answer({"volume": self._volume, "platform": "Twin", "device": "none"}, "other")
             case p.PLAY_SOUND | p.UPLOAD_SOUND:
-                return _tell({"status": "ok"}, "other")
+                return _json_answer({"status": "ok"}, "other")
         if target.startswith(p.SET_MODE):
             return self._set_mode(target.removeprefix(p.SET_MODE))
         if target.startswith(p.PLAY):
             return self._play_recorded(target.rpartition("/")[2])
-        return _tell({"detail": "Not Found"}, "other", p.NOT_FOUND)
+        return _json_answer({"detail": "Not Found"}, "other", p.NOT_FOUND)
 
     def _set_mode(self, mode: str) -> Answer:
         if mode not in p.MODES:
-            return _tell({"detail": f"no mode {mode}"}, "other", _BAD)
+            return _json_answer({"detail": f"no mode {mode}"}, "other", _BAD)
         self.body.set_mode(mode)
         safe = mode == "disabled"
         message = msgspec.json.encode({"status": f"motors changed to {mode} mode"})
@@ -188,21 +196,22 @@ class ReachyTwin:
     def _play(self, stages: Sequence[tuple[Row, float]]) -> Answer:
         move = Move(str(uuid.uuid4()), stages)
         self.body.play(move)
-        return _tell({"uuid": move.uuid}, "setpoint")
+        return _json_answer({"uuid": move.uuid}, "setpoint")
 
     def _play_recorded(self, name: str) -> Answer:
         if name not in _MOVES:
-            return _tell({"detail": f"no move {name}"}, "other", p.NOT_FOUND)
-        neutral = (0.0,) * len(self.body.here)
+            return _json_answer({"detail": f"no move {name}"}, "other", p.NOT_FOUND)
+        neutral = (0.0,) * len(self.body.position)
         nod = (15.0, *neutral[1:])
         return self._play([(nod, 0.4), (neutral, 0.4)])
 
     def _stop(self, requested: object) -> Answer:
         move = self.body.move
         if move is None or move.uuid != requested:
-            return Answer(_ERROR, b"Internal Server Error", "other")  # as the daemon does
+            # The real daemon answers this way.
+            return Answer(_ERROR, b"Internal Server Error", "other")
         self._cancel()
-        return _tell({"message": f"Stopped move with UUID: {requested}"}, "other")
+        return _json_answer({"message": f"Stopped move with UUID: {requested}"}, "other")
 
     def _cancel(self) -> None:
         ended = self.body.end_move()
@@ -210,19 +219,19 @@ class ReachyTwin:
             self._notify("move_cancelled", ended)
 
     def _target(self, fields: Mapping[str, Any], pose: str, antennas: str, body_yaw: str) -> Row:
-        """Return the target of all axes. An axis that is not in the message keeps its target."""
+        """Return the target of all axes. An axis that the message does not name keeps its target."""
         row = list(self.body.target)
-        if (given := fields.get(pose)) is not None:
-            if not isinstance(given, dict):
+        if (value := fields.get(pose)) is not None:
+            if not isinstance(value, dict):
                 raise MalformedFrame(f"{pose} is no pose")
-            for name, at in _POSE.items():
-                row[at] = math.degrees(_finite(given, name, 0.0))
-            for name, at in _PLACE.items():
-                row[at] = 1e3 * _finite(given, name, 0.0)
-        if (given := fields.get(antennas)) is not None:
-            if not isinstance(given, list) or len(given) != 2:
+            for name, index in _POSE.items():
+                row[index] = math.degrees(_finite(value, name, 0.0))
+            for name, index in _PLACE.items():
+                row[index] = 1e3 * _finite(value, name, 0.0)
+        if (value := fields.get(antennas)) is not None:
+            if not isinstance(value, list) or len(value) != 2:
                 raise MalformedFrame(f"{antennas} are not two numbers")
-            row[p.RIGHT], row[p.LEFT] = (math.degrees(_finite({antennas: one}, antennas)) for one in given)
+            row[p.RIGHT], row[p.LEFT] = (math.degrees(_finite({antennas: angle}, antennas)) for angle in value)
         if fields.get(body_yaw) is not None:
             row[p.BODY] = math.degrees(_finite(fields, body_yaw))
         return tuple(row)
@@ -255,29 +264,30 @@ class ReachyTwin:
     async def _serve_sdk(self, client: WebSocketClient) -> None:
         self._clients.add(client)
         try:
-            await self._hear_sdk(client)
+            await self._receive_sdk(client)
         finally:
             self._clients.discard(client)
 
-    async def _hear_sdk(self, client: WebSocketClient) -> None:
+    async def _receive_sdk(self, client: WebSocketClient) -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._stream, client, self._sdk_frames)
             nursery.start_soon(self._stream, client, lambda: [self._status()], STATUS_S)
             while True:
                 t_ns, message = await client.receive()
                 if self.faults.of(None) is Fault.OFF:
-                    client.heard(t_ns, "other", message)
+                    client.log_received(t_ns, "other", message)
                     continue
                 self.body.pass_time()
                 try:
                     kind, safe_state = self._obey(_object(message))
                 except MalformedFrame:
                     kind, safe_state = "other", None
-                client.heard(t_ns, kind, message, safe_state)
+                client.log_received(t_ns, kind, message, safe_state)
                 self._report()
 
     def _obey(self, fields: Mapping[str, Any]) -> tuple[str, str | None]:
-        """Carry out a message from ``/ws/sdk``. Return its kind and its safe state for the wire log."""
+        """Carry out a message from ``/ws/sdk``. Return its kind and the safe state that it causes, for the
+        log of messages."""
         body = self.body
         match fields.get("type"):
             case "task" if isinstance(fields.get("req"), dict):
@@ -323,7 +333,7 @@ class ReachyTwin:
     async def _serve_targets(self, client: WebSocketClient) -> None:
         while True:
             t_ns, message = await client.receive()
-            client.heard(t_ns, "setpoint", message)
+            client.log_received(t_ns, "setpoint", message)
             try:
                 self._write(p.SET_TARGET, message.encode() if isinstance(message, str) else message)
             except MalformedFrame as malformed:
@@ -332,17 +342,17 @@ class ReachyTwin:
     async def _stream(
         self, client: WebSocketClient, frames: Callable[[], list[dict[str, Any]]], period_s: float = STATE_S
     ) -> None:
-        """Send the state until the client is gone. The frames are not logged."""
+        """Send states until the client disconnects. They are not logged."""
         while True:
             await client.connection.frost.thawed()
             self.body.pass_time()
             self._report()
             if self.faults.of(None) is not Fault.OFF:
                 for frame in frames():
-                    await self._tell_state(client, frame)
+                    await self._send_state(client, frame)
             await trio.sleep(period_s)
 
-    async def _tell_state(self, client: WebSocketClient, frame: dict[str, Any]) -> None:
+    async def _send_state(self, client: WebSocketClient, frame: dict[str, Any]) -> None:
         reply = self.faults.apply(Reply(0.0, msgspec.json.encode(frame)))
         if reply is None:
             return
@@ -353,24 +363,25 @@ class ReachyTwin:
 
     def _report(self) -> None:
         ended, self.body.ended = self.body.ended, []
-        for one in ended:
-            self._notify("move_completed", one)
+        for move in ended:
+            self._notify("move_completed", move)
 
-    def _notify(self, kind: str, move: str) -> None:
+    def _notify(self, event_type: str, move: str) -> None:
         for client in list(self._listeners):
-            client.send(_text({"type": kind, "uuid": move, "details": ""}))
-        stamp = "2026-01-01T00:00:00"  # No client reads it.
+            client.send(_text({"type": event_type, "uuid": move, "details": ""}))
+        # A fixed time is enough, because no client reads it.
+        stamp = "2026-01-01T00:00:00"
         progress = {"type": "task_progress", "uuid": move, "finished": True, "error": None, "timestamp": stamp}
         for client in list(self._clients):
             client.send(_text(progress))
 
-    def _seen(self) -> Row:
-        row = self._stuck or self.body.here
+    def _reported_row(self) -> Row:
+        row = self._stuck or self.body.position
         wrong = 5.0 if self.faults.of(None) is Fault.WRONG else 0.0
         return tuple(value + wrong for value in row)
 
     def _sdk_frames(self) -> list[dict[str, Any]]:
-        row = self._seen()
+        row = self._reported_row()
         frames: list[dict[str, Any]] = [
             {
                 "type": "joint_positions",
@@ -392,19 +403,19 @@ class ReachyTwin:
         return frames
 
     def _full(self) -> dict[str, Any]:
-        row = self._seen()
-        pose = {name: math.radians(row[at]) for name, at in _POSE.items()}
+        row = self._reported_row()
+        pose = {name: math.radians(row[index]) for name, index in _POSE.items()}
         return {
             "control_mode": self.body.mode,
-            "head_pose": {**pose, **{name: row[at] / 1e3 for name, at in _PLACE.items()}},
+            "head_pose": {**pose, **{name: row[index] / 1e3 for name, index in _PLACE.items()}},
             "body_yaw": math.radians(row[p.BODY]),
             "antennas_position": [math.radians(row[p.RIGHT]), math.radians(row[p.LEFT])],
         }
 
 
 def _matrix(row: Row) -> list[list[float]]:
-    roll, pitch, yaw = (math.radians(row[at]) for at in (p.ROLL, p.PITCH, p.YAW))
-    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(one), math.sin(one)) for one in (roll, pitch, yaw))
+    roll, pitch, yaw = (math.radians(row[index]) for index in (p.ROLL, p.PITCH, p.YAW))
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in (roll, pitch, yaw))
     return [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, row[p.X] / 1e3],
         [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, row[p.Y] / 1e3],
@@ -414,19 +425,19 @@ def _matrix(row: Row) -> list[list[float]]:
 
 
 def _pose_of(matrix: object) -> dict[str, float] | None:
-    """Return the pose in 16 numbers of a matrix, row by row."""
+    """Return the pose from the 16 numbers of a matrix, which are given row by row."""
     if matrix is None:
         return None
     if not isinstance(matrix, list) or len(matrix) != 16:
         raise MalformedFrame("head has not 16 numbers")
-    rows = [matrix[at : at + 4] for at in range(0, 16, 4)]
+    rows = [matrix[start : start + 4] for start in range(0, 16, 4)]
     head = p.decode_sdk(msgspec.json.encode({"type": "head_pose", "head_pose": rows}))
     if not isinstance(head, p.Head):
         raise MalformedFrame("head is no pose")
     return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*head.xyz_m, *head.rpy_rad), strict=True))
 
 
-def _tell(value: object, kind: str = "read", status: int = p.OK) -> Answer:
+def _json_answer(value: object, kind: str = "read", status: int = p.OK) -> Answer:
     return Answer(status, msgspec.json.encode(value), kind)
 
 
@@ -452,12 +463,12 @@ def _finite(fields: Mapping[str, Any], name: str, default: float | None = None) 
 
 
 def serve_twin(twin: ReachyTwin, log: WireLog, host: str | None = None, port: int = 0) -> TcpServer:
-    """Return the server of a twin. Raise ``OSError`` if its port cannot be bound."""
+    """Return the server of a simulated daemon. Raise ``OSError`` if its port cannot be opened."""
     return TcpServer(twin, {port: serving_both(lambda: HttpSession(twin), twin.choose)}, log, host)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, ReachyTwinOptions, options)
-    twin = ReachyTwin(robot, wireless=given.wireless, motors=given.motors, media=given.media)
-    run_server(lambda log: serve_twin(twin, log, given.host, given.port), **start)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, ReachyTwinOptions, options)
+    twin = ReachyTwin(robot, wireless=twin_options.wireless, motors=twin_options.motors, media=twin_options.media)
+    run_server(lambda log: serve_twin(twin, log, twin_options.host, twin_options.port), **start)

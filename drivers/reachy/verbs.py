@@ -1,4 +1,4 @@
-"""The services of a Reachy Mini, their arguments, and the verbs of its tool. Pure."""
+"""The services of a Reachy Mini, their arguments, and the commands that an AI agent may call. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ TOOL_VERBS: tuple[ToolVerb, ...] = (
 
 
 def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
-    """Return the command of a ``goto``, which may have ``head`` and ``antennas`` as in scripts of
+    """Convert a ``goto`` to a plain command of axes. It may have ``head`` and ``antennas`` as in scripts for
     strands-robots."""
     command = dict(inputs)
     pose, antennas = command.pop("head", {}), command.pop("antennas", ())
@@ -200,38 +200,38 @@ def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
 
 
 def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) -> Refused | None:
-    """Refuse invalid arguments of a declared service."""
-    given = {**SERVICES[service].arguments, **arguments}
+    """Return a refusal for invalid arguments of a service; None if they are valid."""
+    values = {**SERVICES[service].arguments, **arguments}
     match ALSO.get(service, service):
         case "express":
-            return _name(service, "move", given["move"]) or _dataset(service, given["dataset"])
+            return _name(service, "move", values["move"]) or _dataset(service, values["dataset"])
         case "list_moves":
-            return _dataset(service, given["dataset"])
-        case "motors" if given["mode"] not in MODES:
-            return _bad(service, "mode", given["mode"], ", ".join(MODES))
+            return _dataset(service, values["dataset"])
+        case "motors" if values["mode"] not in MODES:
+            return _bad(service, "mode", values["mode"], ", ".join(MODES))
         case "say" if not tts_url:
             remedy = "give tts_url=, the http address of a service that makes a WAV file of a text"
-            return Refused(ReachyCode.NO_TTS, "there is nothing to make speech of a text", remedy, "", "tts_url=")
+            return Refused(ReachyCode.NO_TTS, "no text-to-speech service is configured", remedy, "", "tts_url=")
         case "say":
-            text = given["text"]
+            text = values["text"]
             if not isinstance(text, str) or not 0 < len(text) <= SPOKEN:
                 return _bad(service, "text", text, f"1..{SPOKEN} characters")
         case "record_audio":
-            remedy = "take it from the stream whose address camera() tells"
-            return Refused(ReachyCode.NO_RECORDING, "the daemon gives sound over WebRTC alone", remedy)
+            remedy = "read the stream at the address that camera() returns"
+            return Refused(ReachyCode.NO_RECORDING, "the daemon sends sound only over WebRTC", remedy)
         case "play_sound":
-            return _name(service, "file", given["file"])
+            return _name(service, "file", values["file"])
         case "track_face":
-            weight = finite(given["weight"])
-            if not isinstance(given["enabled"], bool):
-                return _bad(service, "enabled", given["enabled"], "true or false")
+            weight = finite(values["weight"])
+            if not isinstance(values["enabled"], bool):
+                return _bad(service, "enabled", values["enabled"], "true or false")
             if weight is None or not 0.0 <= weight <= 1.0:
-                return _bad(service, "weight", given["weight"], "0..1")
+                return _bad(service, "weight", values["weight"], "0..1")
     return None
 
 
 def _dataset(service: str, dataset: object) -> Refused | None:
-    """Refuse a dataset that is not ``name`` or ``owner/name``, because it becomes part of a path."""
+    """Refuse a dataset name that is not ``name`` or ``owner/name``. It becomes part of a URL path."""
     names = dataset.split("/") if isinstance(dataset, str) else [""]
     if len(names) > 2:
         return _bad(service, "dataset", dataset, "owner/name")

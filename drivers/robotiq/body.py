@@ -1,5 +1,7 @@
-"""Move the twin's gripper as a simulation while the wire gives it no goal. Targets then come through the
-simulation control."""
+"""Let a simulation (another program on this computer) move the fingers of the simulated gripper.
+
+It may do so while no Modbus client has given the gripper a goal.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 
 from .mechanism import Gripper
 from .protocol import TOP
@@ -26,45 +28,46 @@ class GripperBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for the pictures only
+        # This imports MuJoCo. Only pictures of the gripper need it.
+        from strands_actors.drivers.common.physics.model_rows import build
 
         return build(self._table)
 
     @property
-    def _hand(self) -> Hand:
+    def _commander(self) -> Commander:
         if self._gripper.driven:
-            return Hand.WIRE
-        return Hand.NONE if self._gripper.led_to is None else Hand.SIM
+            return Commander.WIRE
+        return Commander.NONE if self._gripper.simulation_target is None else Commander.SIM
 
     @property
     def _closed(self) -> float:
-        """The closed fraction, 0 to 1."""
+        """How far the fingers are closed: 0 for open, 1 for closed."""
         return self._gripper.position / TOP
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return (self._hand,)
+    def commanders(self) -> Sequence[Commander]:
+        return (self._commander,)
 
     def felt(self) -> Felt:
-        return Felt(self._gripper.time_s, (self._closed,), (0.0,), (0.0,), self.hands)
+        return Felt(self._gripper.time_s, (self._closed,), (0.0,), (0.0,), self.commanders)
 
     def pose(self) -> Sequence[float]:
         return [self._closed * CLOSED_RAD] * 4
 
-    def take(self, on: bool) -> None:
-        """Begin or end leading the fingers. After the end they stay, because the gear cannot be pushed."""
-        if self._hand is (Hand.NONE if on else Hand.SIM):
-            self._gripper.led_to = self._gripper.position if on else None
+    def energise(self, on: bool) -> None:
+        """Give the fingers to the simulation (``on``), or end this. Afterwards the gear holds the fingers."""
+        if self._commander is (Commander.NONE if on else Commander.SIM):
+            self._gripper.simulation_target = self._gripper.position if on else None
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self._hand is Hand.SIM:
-            self._gripper.led_to = values[0] * TOP
+    def set_targets(self, values: Sequence[float]) -> None:
+        if self._commander is Commander.SIM:
+            self._gripper.simulation_target = values[0] * TOP
 
     def hold(self) -> None:
-        self.aim((self._closed,))
+        self.set_targets((self._closed,))
 
     def step(self, steps: int) -> None:
-        self._gripper.hurry(steps * TIMESTEP_S)
+        self._gripper.advance_fast(steps * TIMESTEP_S)
 
     def reset(self) -> None:
         self._gripper.open_up()

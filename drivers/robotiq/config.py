@@ -1,4 +1,4 @@
-"""The frozen settings that the wire and the stop channel share."""
+"""The immutable settings of a gripper. The wire process and the stop channel use the same ones."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ BAUD_RATES = (2_400, 4_800, 9_600, 19_200, 38_400, 57_600, BAUD, 230_400)
 
 
 def is_serial(port: str) -> bool:
-    """Return whether ``port`` is a serial device and not an address: a path, or COM and a number."""
+    """Return True if ``port`` is a serial device (a path, or COM and a number). Otherwise it is a network
+    address."""
     return port.startswith(("/", "~")) or (port.upper().startswith("COM") and port[3:].isdigit())
 
 
 LATE_S = 0.3
-"""A write of a killed client may wait this long in a gateway [assumed]. The root's stop uses a separate
-connection, and may overtake it."""
+"""A command of a killed process may wait in a gateway for this time [assumed]. It would then arrive after the stop
+that the root process sends on another connection."""
 
 
 class RobotiqConfig(msgspec.Struct, frozen=True):
@@ -31,7 +32,7 @@ class RobotiqConfig(msgspec.Struct, frozen=True):
     unit_id: int
     stroke_mm: float
     activate: bool
-    """Whether arming may activate the gripper, which moves its fingers."""
+    """True if arming may activate the gripper. An activation moves its fingers."""
     tcp_port: int | None = None
     baud: int = BAUD
     """Bits per second, if ``port`` is a serial device."""
@@ -41,17 +42,26 @@ class RobotiqConfig(msgspec.Struct, frozen=True):
         return is_serial(self.port)
 
     def address(self) -> tuple[str, int]:
-        """Return host and port. Raise ``ValueError`` if ``port`` is not an address, or if its number differs from
-        ``tcp_port``."""
+        """Return the host and the TCP port of the gripper.
+
+        Raises:
+            ValueError: ``port`` is not an address, or the TCP port in it differs from ``tcp_port``.
+        """
         host, number = parse_address(self.port, self.tcp_port or TCP_PORT)
         if self.tcp_port not in (None, number):
-            raise ValueError(f"port is {self.port!r} and tcp_port {self.tcp_port}. Give one of the two")
+            raise ValueError(f"port is {self.port!r} and tcp_port is {self.tcp_port}. Give the TCP port only once")
         return host, number
 
     def aperture_mm(self, closed: float) -> float:
-        """Return the nominal opening. The real scale is not linear at its ends [assumed]."""
+        """Return the opening between the fingers in mm, for the closed fraction ``closed``.
+
+        This is the nominal value. The real relation is not linear near both ends [assumed].
+        """
         return self.stroke_mm * (1.0 - closed)
 
-    def report(self, written: bool, heard: bool, detail: str) -> MotorReport:
-        """Return the report of the gripper. ``detail`` is why it is not known to be safe; empty if it is."""
-        return MotorReport(AXIS, self.unit_id, written, heard, not detail, detail)
+    def report(self, written: bool, acknowledged: bool, detail: str) -> MotorReport:
+        """Return the report on a stop of the gripper.
+
+        ``detail`` is the reason why the gripper is not known to be safe. It is empty for a safe gripper.
+        """
+        return MotorReport(AXIS, self.unit_id, written, acknowledged, not detail, detail)

@@ -1,4 +1,4 @@
-"""Open the transport to a gripper: a connection or a serial port."""
+"""Open a gripper's TCP connection or serial port, as its settings require."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OpenPort = Callable[[str, int], BytePort]
 async def open_gripper(
     config: RobotiqConfig, clock: Clock, open_stream: OpenStream, open_port: OpenPort = open_serial
 ) -> GripperClient:
-    """Connect, or open the serial port. Raise ``WireDown``."""
+    """Connect by TCP, or open the serial port. Return a client for the gripper. Raise ``WireDown``."""
     if config.serial:
         return SerialGripper(open_port(config.port, config.baud), config, clock)
     try:

@@ -1,14 +1,15 @@
 """Drive Robotiq two-finger grippers by Modbus, over TCP or a serial port: robotiq_2f85, robotiq_2f85_v4.
 
-The safe state is a hold, for every reason. The fingers stop where they are (rGTO 0) and stay activated. An object
-stays gripped by the gear, which cannot be driven from the fingers' side [assumed]. There is no limp, and the
-automatic release is never requested. In a hold the gripper no longer closes by itself when the object slips.
+After any fault the gripper is held: its fingers stop where they are (rGTO 0) and stay activated. A gripped object
+stays gripped, because pushing the fingers cannot turn the gear [assumed]. The fingers never go limp, and this
+driver never requests the automatic release. While it is held, the gripper does not close further if the object
+slips.
 
-A hold has rACT set, like every setpoint, so it activates a gripper that has lost its power since its last
-answer. A gripper without an answer for 60 ms is therefore asked first. If it does not answer, a setpoint is not
-written, and a stop resets it: the fingers stop and the gear holds as above [assumed], but the next arming
-activates it again, through its whole stroke. One case remains: a supply that fails and returns within these
-60 ms.
+A hold command and every setpoint have the activation bit rACT set. If the gripper has lost its power since its last
+answer, such a command activates it, which moves the fingers through their whole stroke. So if the last answer is
+older than 60 ms, the driver reads the status first. If the gripper does not answer, no setpoint is written, and a
+stop sends a reset. After a reset the fingers stop and the gear holds [assumed], and the next arming activates the
+gripper again. One case is not covered: a power supply that fails and returns within these 60 ms.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class Robotiq(Driver):
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = tuple(TABLES.robots)
     ALIASES: ClassVar[Mapping[str, str]] = TABLES.aliases
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
-    TOLD_APART_BY: ClassVar[tuple[str, ...]] = ("unit_id",)
+    DISTINGUISHED_BY: ClassVar[tuple[str, ...]] = ("unit_id",)
     WIRE: ClassVar[str] = "strands_actors.drivers.robotiq.wire:RobotiqWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.robotiq.stop_channel:RobotiqStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.robotiq.twin:main"
@@ -88,7 +89,7 @@ class Robotiq(Driver):
     unit = "closed fraction, 0 open to 1 closed (position, aperture_mm: millimetres open)"
     timing = Timing(
         control_hz=50.0,
-        keepalive_s=0.5,  # not required; it repeats a request that the gripper did not take
+        keepalive_s=0.5,  # The gripper needs no keepalive. It only repeats a command that was lost.
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
@@ -104,8 +105,8 @@ class Robotiq(Driver):
         chosen = read_options(robot, RobotiqOptions, options)
         if chosen.stroke_mm not in (None, stroke_mm):
             raise ValueError(
-                f"{robot}: stroke_mm is {chosen.stroke_mm:g}, this gripper opens {stroke_mm:g} mm. "
-                "Use the robot of that stroke"
+                f"{robot}: stroke_mm is {chosen.stroke_mm:g}, but this gripper opens {stroke_mm:g} mm. "
+                "Use the robot name of your gripper"
             )
         if chosen.baud is not None and chosen.baud not in BAUD_RATES:
             raise ValueError(f"{robot}: baud is {chosen.baud}. Use one of {', '.join(map(str, BAUD_RATES))}")
@@ -120,11 +121,13 @@ class Robotiq(Driver):
             self.robot, port, chosen.unit_id, stroke_mm, chosen.activate, chosen.tcp_port, baud
         )
         if port and chosen.tcp_port is not None and self.config.serial:
-            raise ValueError(f"{robot}: port is {port!r}, a serial device, which has no tcp_port. Leave it out")
+            raise ValueError(
+                f"{robot}: port is {port!r}, a serial device, so tcp_port has no meaning. Leave tcp_port out"
+            )
         if port and chosen.baud is not None and not self.config.serial:
-            raise ValueError(f"{robot}: port is {port!r}, an address, which has no baud. Leave it out")
+            raise ValueError(f"{robot}: port is {port!r}, an address, so baud has no meaning. Leave baud out")
         self.declare(Part(PartKind.GRIPPER, (Axis(key=AXIS, unit="", low=0.0, high=1.0, id=chosen.unit_id),)))
-        if self.config.serial:  # All share one line, on which no message overtakes another.
+        if self.config.serial:  # On a serial line no command can arrive after a later one.
             self.timing = structs.replace(self.timing, late_s=0.0)
         self.keys = Keys(self.robot, stroke_mm, chosen.speed, chosen.force)
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
@@ -144,26 +147,30 @@ class Robotiq(Driver):
     def timed(
         self, targets: Mapping[str, Any], seconds: float, observation: Observation
     ) -> dict[str, Any] | Refused | None:
-        """Return the command at the speed for this duration. A slow motion ends early, because the fingers have
-        a lowest speed."""
+        """Return the action with the speed at which the motion takes ``seconds``.
+
+        The fingers have a lowest speed. If that is faster than required, the motion ends earlier.
+        """
         if "speed" in targets:
-            remedy = "leave speed out: it follows from seconds"
+            remedy = "leave speed out, because seconds determines it"
             return Refused(Code.BOTH, "speed and seconds are both given", remedy, "speed", "seconds")
         parsed = self.keys.parse(targets)
         if isinstance(parsed, Refused):
             return parsed
         slowest, fastest = TABLES.table(self.robot)["speed_mm_s"]
-        way_mm = abs(parsed.values[POSITION] - observation.position[0]) * self.config.stroke_mm
-        if not way_mm / seconds <= fastest:
-            least = f"{math.ceil(100 * way_mm / fastest) / 100:g}"
-            why = f"the fingers have {way_mm:.1f} mm to go, too far for {seconds:g} s"
-            return Refused(Code.TOO_FAST, why, f"give seconds={least} or more", f"{seconds:g}", least)
-        share = (way_mm / seconds - slowest) / (fastest - slowest)
+        distance_mm = abs(parsed.values[POSITION] - observation.position[0]) * self.config.stroke_mm
+        if not distance_mm / seconds <= fastest:
+            least = f"{math.ceil(100 * distance_mm / fastest) / 100:g}"
+            reason = f"the fingers cannot move {distance_mm:.1f} mm within {seconds:g} s"
+            return Refused(Code.TOO_FAST, reason, f"give seconds={least} or more", f"{seconds:g}", least)
+        share = (distance_mm / seconds - slowest) / (fastest - slowest)
         return {**targets, "speed": min(1.0, max(0.0, share))}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """Return the accepted target. ``gripper`` is the closed fraction. ``position``, ``speed`` and ``force`` are
-        the counts for the wire, 0 to 255."""
+        """Return the accepted target, for the caller's answer.
+
+        ``gripper`` is the closed fraction. ``position``, ``speed`` and ``force`` are register values, 0 to 255.
+        """
         position, speed, force = (counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
         return {
             "robot": self.robot,
@@ -189,7 +196,9 @@ class Robotiq(Driver):
 
 
 def holding(sensors: Mapping[str, tuple[float, ...]]) -> bool | None:
-    """Return whether the fingers have met an object, by the last reading. None while that is not known: they move,
-    or have not taken the last command yet."""
+    """Return True if the last reading shows that the fingers have met an object.
+
+    Return None while this is unknown: the fingers still move, or the gripper has not yet received the last command.
+    """
     contact = sensors.get("contact", (math.nan,))[0]
     return None if math.isnan(contact) else contact != 0.0

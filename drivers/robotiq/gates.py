@@ -1,5 +1,4 @@
-"""Gates that refuse a setpoint before it reaches the gripper. Every gate is a pure function; nothing is ever
-clipped."""
+"""Gates: pure functions that refuse a setpoint before it reaches the gripper. They never change (clip) a value."""
 
 from __future__ import annotations
 
@@ -18,23 +17,24 @@ from .config import AXIS
 from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
 
 POSITION, SPEED, FORCE = range(3)
-"""Slots of a target. All are fractions: 0 open to 1 closed, 0 slowest to 1 fastest, 0 weakest to 1 strongest."""
+"""Indices of the values in a target. Each value is a fraction: position 0 is open and 1 closed, speed 0 is slowest
+and 1 fastest, force 0 is weakest and 1 strongest."""
 
 _PLACES = 3
-"""Number of axes for a position. The first is how far closed, the others how wide open."""
+"""Number of axes by which a position can be given: first the closed fraction, then two openings in mm."""
 
 _BARE = GateState(0, Observation(0, (), ()), (), 0, stream=False)
 """An empty state for ``past_range``, which does not use it here."""
 
 
 class Keys:
-    """The keys of an action: how far closed or how wide open, speed and force.
+    """The keys that an action may have: a position (closed fraction, or opening in mm), a speed and a force.
 
     Args:
         robot: The name of the robot in refusals.
-        stroke_mm: The opening of the gripper.
-        speed: The speed of an action that does not name one.
-        force: The force of an action that does not name one.
+        stroke_mm: The opening of the fully open gripper in mm.
+        speed: The speed of an action that has no speed, 0 to 1.
+        force: The force of an action that has no force, 0 to 1.
     """
 
     def __init__(self, robot: str, stroke_mm: float, speed: float = 1.0, force: float = 1.0) -> None:
@@ -48,29 +48,31 @@ class Keys:
             _fraction("speed"),
             _fraction("force"),
         )
-        self._index = {axis.key: at for at, axis in enumerate(self._axes)}
+        self._index = {axis.key: index for index, axis in enumerate(self._axes)}
         self._places = (AXIS, f"{AXIS}.pos", "position", "aperture_mm")
         self._names = (*self._places, "speed", "force")
         self._in_range = past_range(self._axes, measured=False)
 
     def places_in(self, action: Iterable[object]) -> list[str]:
-        """Return the keys of an action that give a position."""
+        """Return the keys of an action that set the position of the fingers."""
         return [name for name in action if isinstance(name, str) and name in self._places]
 
     def parse(self, action: Mapping[str, object]) -> Candidate | Refused:
-        """Return a complete target. Exactly one key must give a position."""
+        """Return the target of an action: position, speed and force. Exactly one key must give the position."""
         for name in action:
             if not isinstance(name, str) or name not in self._names:
                 shown, names = str(name)[:40] or "''", ", ".join(self._names)
-                why = f"{shown} is not a key of {self._robot}"
-                return Refused(Code.UNKNOWN_JOINT, why, f"use {names}", shown, names)
-        given, places = self.places_in(action), ", ".join(self._places)
-        if len(given) > 1:
-            both = " and ".join(given)
-            return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, places)
-        if not given:
+                reason = f"{shown} is not a key of {self._robot}"
+                return Refused(Code.UNKNOWN_JOINT, reason, f"use {names}", shown, names)
+        named, places = self.places_in(action), ", ".join(self._places)
+        if len(named) > 1:
+            both = " and ".join(named)
+            return Refused(
+                Code.BOTH_SPELLINGS, f"{both} are both given", "send only one of these keys", both, places
+            )
+        if not named:
             keys = ", ".join(action) or "{}"
-            return Refused(Code.EMPTY, "the action says no position", f"use one of {places}", keys, places)
+            return Refused(Code.EMPTY, "the action has no position", f"use one of {places}", keys, places)
         parsed = parse_action(action, self._robot, self._axes, self._index, self._unnamed)
         if isinstance(parsed, Refused):
             return parsed
@@ -81,7 +83,7 @@ class Keys:
         closed, *open_mm, speed, force = requested.values
         wide_mm = next((mm for mm in open_mm if not math.isnan(mm)), None)
         target = (closed if wide_mm is None else 1.0 - wide_mm / self._stroke_mm, speed, force)
-        # The range check tolerates the rounding of values at its ends, so limit them here.
+        # The range check accepts values that are slightly out of range by rounding, so limit them here.
         return Candidate(tuple(min(1.0, max(0.0, value)) for value in target), (POSITION,))
 
 
@@ -90,7 +92,7 @@ def _fraction(key: str) -> Axis:
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they check a setpoint. The first refusal is reported."""
     return stale(axes, state_ttl_s), activated, fault_free
 
 
@@ -101,7 +103,7 @@ def activated(candidate: Candidate, state: GateState) -> Refused | None:
     return Refused(
         RobotiqCode.NOT_ACTIVATED,
         f"the gripper is not activated (gSTA {activation})",
-        "call stop(), then resume(): it activates, moving its fingers through their whole stroke",
+        "call stop(), then resume(), which moves the fingers through their whole stroke to activate the gripper",
         str(activation),
         str(int(Activation.ACTIVE)),
     )
@@ -112,11 +114,13 @@ def fault_free(candidate: Candidate, state: GateState) -> Refused | None:
     if fault in (NO_FAULT, SILENCE):
         return None
     if fault == RELEASING:
-        remedy = "wait until it has ended, then call stop() and resume()"
+        remedy = "wait until the release has ended, then call stop() and resume()"
     elif fault == OVER_TEMPERATURE:
-        remedy = "let it cool"
+        remedy = "let the gripper cool"
     elif fault >= MAJOR:
-        remedy = "see to its cause, then call stop() and resume(): it activates through its whole stroke"
+        remedy = (
+            "remove the cause, then call stop() and resume(), which moves the fingers through their whole stroke"
+        )
     else:
         remedy = "call stop(), then resume()"
     return Refused(Code.FAULT, f"the gripper reports {fault_words(fault)}", remedy, str(fault), "0")

@@ -1,7 +1,7 @@
-"""Simulate the twin's gripper: how its registers move the fingers, and how the fingers change the registers.
+"""Simulate a gripper: its registers move the fingers, and the fingers change the registers.
 
-It is kinematic. A position controller moves the fingers at the requested speed until they meet a stop, an object
-or their goal. On the wire no more than that can be seen.
+The simulation is kinematic, without forces. A position controller moves the fingers at the requested speed until
+they meet an end stop, an object or their goal. A Modbus client cannot observe more than this of a real gripper.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ RELEASE_MM_S = 10.0
 """Speed of the automatic release [assumed]."""
 
 FREE_CURRENT = 8
-"""Counts of 10 mA while the fingers move, without an object [assumed]."""
+"""Current while the fingers move without an object, in counts of 10 mA [assumed]."""
 
 LONGEST_STEP_S = 0.5
-"""Longest time to catch up. After a longer pause of the process the gripper continues where it was."""
+"""Longest pause of this process for which the simulation catches up. The rest of a longer pause is dropped."""
 
 _TOO_EARLY = 0x05
 _NOT_ACTIVATED = 0x07
 
 
 class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A gripper and its test bench."""
+    """The properties of a simulated gripper, and the conditions of a test, such as an object in its fingers."""
 
     stroke_mm: float
     speed_mm_s: tuple[float, float]
     open: int
     closed: int
     activation_s: float = 1.5
-    object_mm: float = 0.0  # width of a rigid object between the fingers; 0 for no object
-    echo_s: float = 0.0  # delay from a command's arrival until it takes effect
+    object_mm: float = 0.0  # Width of a rigid object between the fingers in mm. 0 for no object.
+    echo_s: float = 0.0  # Delay in seconds from the arrival of a command until it takes effect.
     activated: bool = False
-    gflt: int = NO_FAULT  # the fault at the start; a minor one is permanent
+    gflt: int = NO_FAULT  # Number of the fault at the start. A minor fault (below ``MAJOR``) never ends.
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], **bench: Any) -> Setup:
@@ -60,15 +60,15 @@ class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Gripper:
-    """The gripper. Time passes between calls, on the given clock. It never waits."""
+    """The simulated gripper. Each call first moves the fingers up to the present time of ``now_s``."""
 
     def __init__(self, setup: Setup, now_s: Callable[[], float] = time.monotonic) -> None:
         self._setup = setup
         self._now_s = now_s
         self._then_s = now_s()
-        self._born_s = self._heard_s = self._then_s
-        self._position = float(setup.open)  # counts
-        self.led_to: float | None = None
+        self._born_s = self._last_request_s = self._then_s
+        self._position = float(setup.open)  # Position of the fingers in register counts.
+        self.simulation_target: float | None = None
         """Goal of a simulation for the fingers, in counts, until a command moves them."""
         self._command = RESET
         self._coming: tuple[float, Command] | None = None
@@ -77,27 +77,27 @@ class Gripper:
         self._contact = Contact.ARRIVED
         self._fault = setup.gflt
         self._lasting_fault = setup.gflt if setup.gflt < MAJOR else NO_FAULT
-        self._silence = False  # reported once after a silence
+        self._silence = False  # True if the next status must report a pause in the communication.
         self.stuck = False
         if setup.activated:
             self._command, self._activation = Command(position=setup.open), Activation.ACTIVE
 
     @property
-    def asked_to_be_active(self) -> bool:
-        """The last written rACT."""
+    def activation_requested(self) -> bool:
+        """The activation bit (rACT) of the last written command."""
         return (self._command if self._coming is None else self._coming[1]).activate
 
     @property
     def driven(self) -> bool:
-        """Whether the fingers follow the registers: they have a goal, or an activation is running."""
+        """True if commands of a client move the fingers: to a goal, or in an activation."""
         command = self._command if self._coming is None else self._coming[1]
         return command.activate and (command.go_to or self._activation != Activation.ACTIVE)
 
-    def hear(self) -> None:
-        """Note that a request has arrived."""
+    def note_request(self) -> None:
+        """Store the time of a client's request, to detect pauses in the communication."""
         now_s = self._now_s()
-        self._silence = self._activation == Activation.ACTIVE and now_s - self._heard_s > SILENCE_S
-        self._heard_s = now_s
+        self._silence = self._activation == Activation.ACTIVE and now_s - self._last_request_s > SILENCE_S
+        self._last_request_s = now_s
         self.pass_time()
 
     def write(self, command: Command) -> None:
@@ -122,23 +122,23 @@ class Gripper:
 
     @property
     def position(self) -> float:
-        """The position in counts."""
+        """The position of the fingers in register counts (0 for open)."""
         return self._position
 
     @property
     def time_s(self) -> float:
-        """The time since the gripper was made."""
+        """The simulated time in seconds, which begins at 0."""
         return self._then_s - self._born_s
 
-    def hurry(self, seconds: float) -> None:
-        """Follow a simulation's goal for this time at once. The clock does not advance."""
+    def advance_fast(self, seconds: float) -> None:
+        """Move the fingers at once as far as a simulation's goal would move them in this time."""
         self._born_s -= seconds
-        if self.led_to is not None and not (self.stuck or self.driven):
-            self._lead(self.led_to, seconds)
+        if self.simulation_target is not None and not (self.stuck or self.driven):
+            self._move_towards(self.simulation_target, seconds)
 
     def open_up(self) -> None:
-        """Open the fingers at once, and end a simulation's lead."""
-        self._position, self.led_to = float(self._setup.open), None
+        """Open the fingers at once, and take them back from a simulation."""
+        self._position, self.simulation_target = float(self._setup.open), None
 
     def power_cycle(self) -> None:
         """Reset the registers. The fingers stay where they are."""
@@ -153,7 +153,7 @@ class Gripper:
             self._fault = _NOT_ACTIVATED if command.go_to else self._lasting_fault
             return
         if command.go_to or not before.activate:
-            self.led_to = None
+            self.simulation_target = None
         if not before.activate:
             self._activation, self._activated_s = Activation.ACTIVATING, self._now_s()
             self._fault = self._lasting_fault
@@ -162,7 +162,7 @@ class Gripper:
         elif command.go_to and self._activation != Activation.ACTIVE:
             self._fault = _TOO_EARLY
         elif command.go_to and command != before:
-            self._contact = Contact.MOVING  # Even for a short way: the first reading must show MOVING.
+            self._contact = Contact.MOVING  # Even a short motion must show MOVING in the first status.
 
     def pass_time(self) -> None:
         now_s = self._now_s()
@@ -173,8 +173,8 @@ class Gripper:
             self._obey(command)
         if self.stuck or step_s <= 0:
             return
-        if self.led_to is not None and not self.driven:
-            self._lead(self.led_to, step_s)
+        if self.simulation_target is not None and not self.driven:
+            self._move_towards(self.simulation_target, step_s)
             return
         if self._activation == Activation.ACTIVATING:
             self._activate(step_s)
@@ -186,7 +186,7 @@ class Gripper:
             self._go(slowest + (fastest - slowest) * self._command.speed / TOP, step_s)
 
     def _activate(self, step_s: float) -> None:
-        """Move through the whole stroke and back."""
+        """Continue an activation: the fingers close completely and open again."""
         setup = self._setup
         done = (self._now_s() - self._activated_s) / max(setup.activation_s, 1e-9)
         speed = 2.2 * setup.stroke_mm / max(setup.activation_s, 1e-9)
@@ -204,21 +204,21 @@ class Gripper:
             met = self._object is not None and goal > self._object and self._position >= self._object
             self._contact = Contact.CLOSING if met else Contact.ARRIVED
 
-    def _lead(self, goal: float, step_s: float) -> None:
+    def _move_towards(self, goal: float, step_s: float) -> None:
         setup = self._setup
         self._move(min(max(goal, setup.open), setup.closed), setup.speed_mm_s[1], step_s)
 
     def _move(self, goal: float, speed_mm_s: float, step_s: float) -> bool:
-        """Move towards ``goal`` as far as an object permits. Return whether the motion has ended."""
+        """Move the fingers towards ``goal``, up to an object. Return True if this motion has ended."""
         if self._object is not None and self._position <= self._object:
             goal = min(goal, self._object)
         reach = speed_mm_s / self._setup.stroke_mm * TOP * step_s
-        left = goal - self._position
-        self._position += min(max(left, -reach), reach)
-        return abs(left) <= reach
+        remaining = goal - self._position
+        self._position += min(max(remaining, -reach), reach)
+        return abs(remaining) <= reach
 
     @property
     def _object(self) -> float | None:
-        """The position in counts at which the fingers touch the object; None without an object."""
+        """The position at which the fingers touch the object, in register counts. None without an object."""
         width_mm, stroke_mm = self._setup.object_mm, self._setup.stroke_mm
         return TOP * (1.0 - width_mm / stroke_mm) if width_mm > 0 else None

@@ -14,10 +14,12 @@ import msgspec
 OUTPUT = 0x03E8
 INPUT = 0x07D0
 REGISTERS = 3
-"""Size of both blocks: host to gripper from ``OUTPUT`` (FC 16), gripper to host from ``INPUT`` (FC 04)."""
+"""Number of registers in each block. A host writes its command from register ``OUTPUT`` on (function 16), and reads
+the status from register ``INPUT`` on (function 4)."""
 
 TOP = 255
-"""Largest value. Position 0 is open and 255 closed; 255 is full speed and full force."""
+"""Largest value of position, speed and force. Position 0 is open and 255 closed. 255 is full speed or full
+force."""
 
 CURRENT_A = 0.01
 """Amperes per count of the current."""
@@ -31,7 +33,7 @@ _RELEASE = 0x10
 
 
 def counts_of(fraction: float) -> int:
-    """Return a fraction in counts of a register."""
+    """Convert a fraction (0 to 1) to the value of a register (0 to 255)."""
     return round(TOP * fraction)
 
 
@@ -44,15 +46,16 @@ class Activation(enum.IntEnum):
 
 
 class Contact(enum.IntEnum):
-    """Result of the motion, gOBJ.
+    """Result of the last motion, gOBJ.
 
-    Right after a command it is still that of the previous command. It is valid only with the echo of the new one.
+    Right after a new command, the status still has the result of the previous command. It is valid for the new
+    command once the status also repeats (echoes) the new position.
     """
 
     MOVING = 0
-    OPENING = 1  # stopped by an object while opening
-    CLOSING = 2  # stopped by an object while closing
-    ARRIVED = 3  # at the requested position; no object was met, or it was lost
+    OPENING = 1  # An object has stopped the fingers while they were opening.
+    CLOSING = 2  # An object has stopped the fingers while they were closing.
+    ARRIVED = 3  # The fingers are at the requested position. They met no object, or have lost it.
 
 
 FAULTS = {
@@ -71,12 +74,12 @@ FAULTS = {
 NO_FAULT = 0x00
 OVER_TEMPERATURE = 0x08
 SILENCE = 0x09
-"""A status only. The gripper keeps its grip, and the next request clears it [assumed]."""
+"""This code is only information: the gripper keeps its grip, and the next request clears the code [assumed]."""
 RELEASING = 0x0B
 RELEASED = 0x0F
 
 MAJOR = 0x0A
-"""From this fault on only a new activation helps."""
+"""Faults with this number or a higher one can be cleared only by a new activation."""
 
 
 def fault_words(fault: int) -> str:
@@ -84,14 +87,14 @@ def fault_words(fault: int) -> str:
 
 
 class Command(msgspec.Struct, frozen=True):
-    """The output block, which a host writes."""
+    """A command to the gripper: the registers that a host writes. Position, speed and force are 0 to 255."""
 
-    activate: bool = True  # rACT; its rising edge moves the fingers through their whole stroke
-    go_to: bool = False  # rGTO; without it the fingers stop where they are
+    activate: bool = True  # rACT. Setting this bit starts the activation, which moves the fingers to both ends.
+    go_to: bool = False  # rGTO. True: move to ``position``. False: the fingers stop where they are.
     position: int = 0
     speed: int = TOP
     force: int = TOP
-    release: bool = False  # rATR; opens the fingers slowly, and drops any object
+    release: bool = False  # rATR. The automatic release: the fingers open slowly, and an object falls out.
 
     def registers(self) -> list[int]:
         action = self.activate * _ACTIVATE | self.go_to * _GO_TO | self.release * _RELEASE
@@ -117,14 +120,14 @@ ACTIVATE = Command(speed=0, force=0)
 
 
 class Status(msgspec.Struct, frozen=True):
-    """The input block, which a host reads."""
+    """The status of the gripper: the registers that a host reads. Some of them repeat (echo) the last command."""
 
-    activated: bool = False  # gACT, the echo of rACT
-    going: bool = False  # gGTO, the echo of rGTO
+    activated: bool = False  # gACT, which repeats the bit rACT of the last command.
+    going: bool = False  # gGTO, which repeats the bit rGTO of the last command.
     activation: int = Activation.RESET
     contact: int = Contact.MOVING
     fault: int = NO_FAULT
-    request: int = 0  # gPR, the echo of rPR
+    request: int = 0  # gPR, which repeats the position of the last command (rPR).
     position: int = 0
     current: int = 0
 
@@ -140,7 +143,7 @@ class Status(msgspec.Struct, frozen=True):
             bool(state & _GO_TO),
             state >> 4 & 0x03,
             state >> 6,
-            registers[1] >> 8 & 0x0F,  # The high half belongs to the controller, not to the gripper.
+            registers[1] >> 8 & 0x0F,  # The upper four bits are the fault of a separate controller. Ignore them.
             registers[1] & 0xFF,
             registers[2] >> 8,
             registers[2] & 0xFF,
@@ -156,43 +159,48 @@ class Status(msgspec.Struct, frozen=True):
 
 
 def safe_command(status: Status) -> Command:
-    """Return the command that stops a gripper in this state and keeps its grip.
+    """Return the command that stops the fingers of a gripper with this status, and keeps its grip.
 
-    A gripper that is not active must not get rACT: it would begin its activation stroke.
+    For a gripper that is not active, the command must not set rACT. Otherwise the gripper would begin its
+    activation, which moves the fingers.
     """
     if not status.activated or status.activation == Activation.ACTIVATING:
         return RESET
-    # Without rGTO a position moves nothing. The command has another position than the gripper repeats now, so
-    # that a later echo shows whether it was taken.
+    # Without the bit rGTO the position in a command moves nothing. Send a position that differs from the one that
+    # the status repeats now. When the status repeats the new position, the gripper has received this command.
     offset = 1 if status.position < TOP else -1
     return Command(position=status.position + offset * (status.position == status.request))
 
 
 def unsafe_words(status: Status, command: Command) -> str:
-    """Return why a gripper is not known to be safe; empty if it is.
+    """Return the reason why a gripper is not known to be safe, or an empty text if it is safe.
 
     Args:
-        status: The status after the command.
-        command: The safe command that was written.
+        status: The status that was read after the command.
+        command: The command that was written to stop the gripper.
     """
     if status.fault == RELEASING:
         return "automatic release is running: the fingers open"
     if status.activation == Activation.ACTIVATING:
         return "activating: the fingers move"
     if not command.activate:
-        return "has not taken the reset up" if status.activated else ""
+        return "the gripper has not carried out the reset" if status.activated else ""
     if not status.activated:
         return "no longer activated"
     if status.going:
-        return "still going to its position"
+        return "the fingers still move to their target"
     if status.request != command.position:
-        # rGTO may still be 0 from before a setpoint that is on its way. Only the echo of the position confirms.
-        return f"has not taken the hold up: told {command.position}, it repeats {status.request}"
+        # A gripper that has not yet received the last setpoint also has rGTO 0. So only the repeated position shows
+        # that it has received the hold.
+        return f"the gripper has not confirmed the hold (sent {command.position}, it repeats {status.request})"
     return ""
 
 
 def classify(command: Command, active: bool) -> str:
-    """Return the kind of a write, in the terms of the wire log. ``active`` is true if rACT was set before."""
+    """Return the kind of a command for the wire log: ``setpoint``, ``enable`` or ``safe``.
+
+    ``active`` is True if the bit rACT was already set before this command.
+    """
     if command.go_to or command.release:
         return "setpoint"
     return "enable" if command.activate and not active else "safe"

@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Reasons to refuse a command that only the Robotiq driver has."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Access a gripper by Modbus RTU, on a serial line (RS-485) that both ends share.
+"""Access a gripper by Modbus RTU, on a half-duplex serial line (RS-485).
 
-There is one request at a time, because a reply has no number. A write waits for an answer that is on its way, as on
-every half-duplex bus. A write is answered, too. The next request first receives that answer, and raises an error
-if the gripper refused the write.
+Only one request at a time is possible, because a reply has no number. A write first waits for an answer that is
+still to arrive. The gripper also answers a write. This answer is received before the next request is sent. If it
+says that the gripper has refused the write, the next request raises ``WireDown``.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ from .config import RobotiqConfig
 from .protocol import Command, Status
 
 ANSWER_BYTES = 1 + 2 * protocol.REGISTERS
-"""Parameter bytes of the answer to a read: a byte count, and the registers."""
+"""Size of the answer to a read in bytes, without address, function and checksum: a byte count and the registers."""
 WRITTEN_BYTES = 4
-"""Parameter bytes of the answer to a write: the address and the count."""
+"""Size of the answer to a write in bytes, without address, function and checksum: the first register and the
+count."""
 
 QUIET_S = 0.03
-"""Pause after a missing answer. It is longer than the gripper may be late [assumed: it answers within 10 ms]."""
+"""Pause on the line after a missing answer, so that a late answer does not collide with the next request [assumed:
+a gripper answers within 10 ms]."""
 AGAIN_S = 0.005
 
 
@@ -49,74 +51,81 @@ class SerialGripper(GripperClient):
         )
         request = ReadInputRegistersRequest(address=protocol.INPUT, count=protocol.REGISTERS, dev_id=self._unit)
         self._question = modbus_rtu.encode(request)
-        self._waiting_since_ns: int | None = None  # time of the first request without an answer
-        self._hears_part = False
+        self._waiting_since_ns: int | None = None  # Time of the first request since the last answer.
+        self._has_partial_answer = False
         self.descriptors = (port.fileno(),)
 
-    async def clear_way(self) -> None:
+    async def wait_until_ready(self) -> None:
         await self._bus.discard_pending()
 
     def write(self, command: Command) -> None:
         request = WriteMultipleRegistersRequest(
             address=protocol.OUTPUT, registers=command.registers(), dev_id=self._unit
         )
-        self._bus.send_owed(modbus_rtu.encode(request), {self._unit: WRITTEN_BYTES})
+        self._bus.send_unawaited(modbus_rtu.encode(request), {self._unit: WRITTEN_BYTES})
 
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
         with trio.move_on_after(within_s):
             while True:
                 if permit is not None:
                     permit.check()
-                status = await self._asked()
+                status = await self._request_status()
                 if status is not None:
                     return status
                 await trio.sleep(AGAIN_S)
         return None
 
     async def soonest(self, number: int | None, within_s: float) -> Status | None:
-        """Request the status. An open answer arrives first, since the line has one request at a time."""
+        """Request the status. An answer to an earlier request is received first, because the line is
+        half-duplex."""
         return await self.status(within_s)
 
     def ask(self) -> int:
-        return 0  # Nothing is sent yet: an answer that no caller awaits would block the line.
+        return (
+            0  # Send nothing yet. ``answer`` sends the request, because an answer that arrives later would block.
+        )
 
     async def answer(self, number: int, within_s: float) -> Status | None:
         status = None
         with trio.move_on_after(within_s):
-            status = await self._asked()
+            status = await self._request_status()
         now_ns = self._clock.now_ns()
         if status is None and self._waiting_since_ns is not None:
             silent_s = (now_ns - self._waiting_since_ns) / NS
             if silent_s > SILENT_S:
                 raise WireDown(
-                    f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect"
+                    f"{self._name}: the gripper did not answer for {silent_s * 1e3:.0f} ms. "
+                    "Check its power, then reconnect"
                 )
         return status
 
     def forget(self, number: int) -> None:
-        """Do nothing: a request is sent only when its answer is awaited."""
+        """Do nothing. A request is sent only in ``answer``, which also receives its answer."""
 
     @property
     def has_partial_answer(self) -> bool:
-        return self._hears_part
+        return self._has_partial_answer
 
     @property
     def sent(self) -> int:
-        """The number of frames that the port has taken."""
+        """The number of frames that were sent on the serial port."""
         return self._bus.sent
 
     async def hung_up(self) -> None:
-        """Wait until the adapter is gone."""
+        """Wait until the serial adapter is unplugged."""
         await self._port.hung_up()
 
     def close(self) -> None:
         self._port.close()
 
-    async def _asked(self) -> Status | None:
-        """Send one request. Return None if no answer came, or if it is too early to ask again."""
+    async def _request_status(self) -> Status | None:
+        """Request the status once and wait for the answer.
+
+        Return None if no answer came, or if the pause after a missing answer is not over.
+        """
         bus = self._bus
         await bus.discard_pending()
-        self._tell(bus.refusals.get(self._unit))
+        self._raise_refusal(bus.refusals.get(self._unit))
         if self._waiting_since_ns is None:
             self._waiting_since_ns = self._clock.now_ns()
         try:
@@ -124,15 +133,15 @@ class SerialGripper(GripperClient):
         except Quiet:
             await trio.lowlevel.checkpoint()
             return None
-        self._tell(bus.refusals.get(self._unit))
-        self._hears_part = not replies and bus.stray_bytes > 0
+        self._raise_refusal(bus.refusals.get(self._unit))
+        self._has_partial_answer = not replies and bus.stray_bytes > 0
         if self._unit not in replies:
             return None
         self._waiting_since_ns = None
         words = replies[self._unit].params[1:]
-        return Status.from_registers([int.from_bytes(words[at : at + 2], "big") for at in range(0, len(words), 2)])
+        return Status.from_registers([int.from_bytes(words[i : i + 2], "big") for i in range(0, len(words), 2)])
 
-    def _tell(self, refusal: str | None) -> None:
+    def _raise_refusal(self, refusal: str | None) -> None:
         if refusal is not None:
             self._bus.refusals = {}
-            raise WireDown(f"{self._name}: refuses: {refusal}. Check unit_id= and its power")
+            raise WireDown(f"{self._name}: the gripper refuses a request ({refusal}). Check unit_id= and its power")

@@ -1,4 +1,7 @@
-"""Serve one client of the twin: Modbus TCP, Modbus RTU, or the text port of Robotiq's URCap (``urcap``)."""
+"""Answer one Modbus client of a simulated gripper, by TCP or RTU.
+
+The module ``urcap`` does the same for clients of the text port of Robotiq's URCap.
+"""
 
 from __future__ import annotations
 
@@ -30,25 +33,25 @@ from . import protocol as p
 from .unit import RobotiqTwin
 
 
-class _Wish(NamedTuple):
-    """The accesses of a request: first a write of some output registers, then a read of some registers."""
+class RegisterAccess(NamedTuple):
+    """The registers that a Modbus request accesses. First it writes registers, then it reads registers."""
 
-    write_at: int = 0  # register address
+    write_address: int = 0  # Address of the first register to write.
     values: tuple[int, ...] = ()
-    read_at: int = 0
+    read_address: int = 0
     size: int = 0
 
 
-def _wish_of(request: ModbusPDU) -> _Wish | None:
-    """Return the accesses of a request; None for a function that a gripper does not have."""
+def _access_of(request: ModbusPDU) -> RegisterAccess | None:
+    """Return the registers that a request writes and reads. None if a gripper does not support its function."""
     match request:
         case WriteMultipleRegistersRequest() | WriteSingleRegisterRequest():
-            return _Wish(request.address, tuple(request.registers))
+            return RegisterAccess(request.address, tuple(request.registers))
         case ReadWriteMultipleRegistersRequest():
             values = tuple(request.write_registers)
-            return _Wish(request.write_address, values, request.read_address, request.read_count)
-        case ReadHoldingRegistersRequest():  # and its subclass for input registers
-            return _Wish(read_at=request.address, size=request.count)
+            return RegisterAccess(request.write_address, values, request.read_address, request.read_count)
+        case ReadHoldingRegistersRequest():  # In pymodbus this includes requests for input registers.
+            return RegisterAccess(read_address=request.address, size=request.count)
     return None
 
 
@@ -57,7 +60,7 @@ def _fits(first: int, count: int) -> bool:
 
 
 class ModbusSession(ABC):
-    """One master. It may use functions 3, 4, 6, 16 and 23, as in the manual."""
+    """The answers to one Modbus master. As in the manual, it may use the functions 3, 4, 6, 16 and 23."""
 
     def __init__(self, twin: RobotiqTwin) -> None:
         self._twin = twin
@@ -73,14 +76,14 @@ class ModbusSession(ABC):
         return Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else None)
 
     def _kind(self, request: ModbusPDU) -> str:
-        """Return the kind of a request, in the terms of the wire log."""
-        wish = _wish_of(request)
-        if wish is None or request.dev_id != self._twin.unit:
-            return "read" if wish is not None and not wish.values else "other"
-        if not wish.values:
+        """Return the kind of a request as the wire log names it: ``setpoint``, ``safe``, ``read``, and so on."""
+        access = _access_of(request)
+        if access is None or request.dev_id != self._twin.unit:
+            return "read" if access is not None and not access.values else "other"
+        if not access.values:
             return "read"
-        first = wish.write_at - p.OUTPUT
-        return self._twin.kind_of(first, wish.values) if _fits(first, len(wish.values)) else "other"
+        first = access.write_address - p.OUTPUT
+        return self._twin.kind_of(first, access.values) if _fits(first, len(access.values)) else "other"
 
     def _replies(self, request: ModbusPDU, kind: str) -> list[Reply]:
         if self._twin.fault is Fault.OFF:
@@ -94,35 +97,36 @@ class ModbusSession(ABC):
 
     def answer(self, request: ModbusPDU) -> ModbusPDU | None:
         twin = self._twin
-        twin.gripper.hear()
-        wish = _wish_of(request)
-        if wish is None:
+        twin.gripper.note_request()
+        access = _access_of(request)
+        if access is None:
             return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
-        first = wish.write_at - p.OUTPUT
-        read = self._read(wish) if wish.size or not wish.values else []
-        if read is None or (wish.values and not _fits(first, len(wish.values))):
+        first = access.write_address - p.OUTPUT
+        read = self._read(access) if access.size or not access.values else []
+        if read is None or (access.values and not _fits(first, len(access.values))):
             return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_ADDRESS)
-        if wish.values:
-            twin.write(first, wish.values)
-            read = self._read(wish) or []  # the registers after the write
+        if access.values:
+            twin.write(first, access.values)
+            read = self._read(access) or []  # Function 23 answers with the registers after its write.
         match request:
             case WriteMultipleRegistersRequest():
-                return WriteMultipleRegistersResponse(address=request.address, count=len(wish.values))
+                return WriteMultipleRegistersResponse(address=request.address, count=len(access.values))
             case WriteSingleRegisterRequest():
-                return WriteSingleRegisterResponse(address=request.address, registers=list(wish.values))
+                return WriteSingleRegisterResponse(address=request.address, registers=list(access.values))
             case ReadWriteMultipleRegistersRequest():
                 return ReadWriteMultipleRegistersResponse(registers=read)
-            case ReadInputRegistersRequest():  # pymodbus makes it a subclass of the next one
+            # This case must be before the request for holding registers, which is its base class in pymodbus.
+            case ReadInputRegistersRequest():
                 return ReadInputRegistersResponse(registers=read)
         return ReadHoldingRegistersResponse(registers=read)
 
-    def _read(self, wish: _Wish) -> list[int] | None:
-        """Return the requested registers; None if they do not exist."""
+    def _read(self, access: RegisterAccess) -> list[int] | None:
+        """Return the values of the registers to read. None if the gripper has no such registers."""
         twin = self._twin
         for base, block in ((p.INPUT, twin.status().registers()), (p.OUTPUT, twin.output())):
-            first = wish.read_at - base
-            if _fits(first, wish.size):
-                return block[first : first + wish.size]
+            first = access.read_address - base
+            if _fits(first, access.size):
+                return block[first : first + access.size]
         return None
 
 
@@ -136,7 +140,7 @@ class TcpSession(ModbusSession):
             for request, frame in self._decoder.feed(data):
                 yield self.exchange(request, frame)
         except MalformedFrame:
-            raise ClientGone from None  # A server closes the connection when it cannot decode it.
+            raise ClientGone from None  # A server closes the connection after bytes that it cannot decode.
 
     def encoded(self, response: ModbusPDU) -> bytes:
         return modbus.encode(response)
@@ -148,22 +152,25 @@ class TcpSession(ModbusSession):
 
 
 PAUSE_S = 0.05
-"""A silence of this length ends an incomplete frame. The norm has 3.5 characters, but an adapter delivers a frame
-in pieces that are further apart."""
+"""If no byte arrives for this time, an incomplete frame is discarded. The Modbus standard requires 3.5 characters,
+but a serial adapter may deliver a frame in pieces with longer pauses."""
 
 
 class RtuSession(ModbusSession):
-    """One master on a serial line, or behind a gateway that forwards its bytes. Requests for another unit, or at
-    another speed, are not answered."""
+    """The answers to one Modbus RTU master, on a serial line or through a gateway that forwards the bytes.
+
+    Requests for another unit, or at another baud rate, are not answered.
+    """
 
     def __init__(
         self, twin: RobotiqTwin, baud: int | None = None, now_s: Callable[[], float] = time.monotonic
     ) -> None:
-        """Take the speed of the line as ``baud``; None for a transport without a speed."""
+        """Answer for the gripper of ``twin``. ``baud`` is the baud rate of the line, or None if there is no
+        line."""
         super().__init__(twin)
         self._baud = baud
         self._now_s = now_s
-        self._heard_s = now_s()
+        self._last_received_s = now_s()
         self._decoder = modbus_rtu.RtuDecoder(requests=True)
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
@@ -171,9 +178,9 @@ class RtuSession(ModbusSession):
             yield Exchange("garbled", data, [])
             return
         now_s = self._now_s()
-        if now_s - self._heard_s > PAUSE_S:
+        if now_s - self._last_received_s > PAUSE_S:
             self._decoder.clear()
-        self._heard_s = now_s
+        self._last_received_s = now_s
         for frame in self._decoder.feed(data):
             request = modbus_rtu.request_of(frame)
             if request is not None:

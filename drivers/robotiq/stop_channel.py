@@ -1,4 +1,8 @@
-"""The root's stop channel to a gripper: the wire's serial port, or a connection that is made for the stop."""
+"""The stop channel to a gripper: the supervising process (root) stops it after the wire process has ended.
+
+For a serial gripper it uses a duplicate of the wire's serial port. For TCP it connects when it must stop the
+gripper.
+"""
 
 from __future__ import annotations
 
@@ -50,12 +54,13 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
         if report.written:
             return (report,)
         if isinstance(port, SerialGripper):
-            # Keep a serial port that took a request. It cannot be opened again while the standby has a duplicate
-            # of it.
+            # Keep a serial port that still accepts bytes. It could not be opened again while another process (the
+            # standby) has a duplicate of it.
             if port.sent == sent:
                 raise WireDown(report.detail)
             return (report,)
-        # The connection was lost before the gripper had answered. A reset needs no answer.
+        # The connection was lost before the status was read, so nothing was sent. Connect again and send a reset,
+        # which is safe without knowing the status.
         port.close()
         self.port = await self.open_port()
         return (await hold(self.port, Status(), self.config),)
@@ -65,7 +70,7 @@ class RobotiqStopChannel(DuplicateDescriptor[RobotiqConfig, GripperClient]):
             return await super().make_safe(safe_state)
         finally:
             if not self.config.serial:
-                self.close()  # Many gateways accept one client, and the next one must be the wire.
+                self.close()  # Many gateways accept only one client. Leave that place to the next wire process.
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return (self.config.report(False, False, why),)
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return (self.config.report(False, False, reason),)

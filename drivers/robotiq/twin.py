@@ -1,5 +1,7 @@
-"""Simulate the robot's end of the wire: a Modbus server with a gripper behind it, on TCP (as a gateway, and as the
-URCap of a UR) or on a serial port."""
+"""Simulate a gripper (a "twin") that Modbus clients can control, by TCP or a serial port.
+
+By TCP it behaves like a Modbus gateway. It also has the text port that Robotiq's URCap opens on a UR controller.
+"""
 
 from __future__ import annotations
 
@@ -56,14 +58,14 @@ class RobotiqTwinOptions(NetworkOptions, frozen=True):
 
 
 def twin_of(robot: str, now_s: Callable[[], float] = time.monotonic, **options: Any) -> RobotiqTwin:
-    """Return the twin of a robot of ``robots.toml``. ``options`` are those of the twin, without host and port."""
+    """Return a simulated gripper of ``robots.toml``. ``options`` are ``unit_id`` and the fields of ``Setup``."""
     table = TABLES.table(robot)
     unit = int(options.pop("unit_id", UNIT))
     return RobotiqTwin(Setup.from_table(table, **options), unit, table, now_s)
 
 
 class SerialRobot:
-    """A gripper alone on a serial line."""
+    """A simulated gripper that is the only device on a serial line."""
 
     def __init__(self, twin: RobotiqTwin, baud: int) -> None:
         self._twin = twin
@@ -84,29 +86,29 @@ class SerialRobot:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, RobotiqTwinOptions, options)
-    own = given.host is None and sys.platform.startswith("linux")
-    urcap_port = (URCAP_PORT if own else 0) if given.urcap_port is None else given.urcap_port
+    """Run the simulated gripper of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    chosen = read_twin_options(robot, RobotiqTwinOptions, options)
+    own = chosen.host is None and sys.platform.startswith("linux")
+    urcap_port = (URCAP_PORT if own else 0) if chosen.urcap_port is None else chosen.urcap_port
     twin = twin_of(
         robot,
-        unit_id=given.unit_id,
-        object_mm=given.object_mm,
-        activation_s=given.activation_s,
-        activated=given.activated,
-        echo_s=given.echo_s,
-        gflt=given.gflt,
+        unit_id=chosen.unit_id,
+        object_mm=chosen.object_mm,
+        activation_s=chosen.activation_s,
+        activated=chosen.activated,
+        echo_s=chosen.echo_s,
+        gflt=chosen.gflt,
     )
 
     def build_serial(wire_log: WireLog) -> Server:
-        line = PtyLine(given.link)
-        return Server(SerialRobot(twin, given.baud), line, wire_log)
+        line = PtyLine(chosen.link)
+        return Server(SerialRobot(twin, chosen.baud), line, wire_log)
 
     def build(wire_log: WireLog) -> TcpServer:
-        modbus = answering(lambda: TcpSession(twin) if given.framing == "tcp" else RtuSession(twin))
-        handlers = {given.port: modbus}
-        if urcap_port != given.port:
+        modbus = answering(lambda: TcpSession(twin) if chosen.framing == "tcp" else RtuSession(twin))
+        handlers = {chosen.port: modbus}
+        if urcap_port != chosen.port:
             handlers[urcap_port] = answering(lambda: UrcapSession(twin))
-        return TcpServer(twin, handlers, wire_log, given.host)
+        return TcpServer(twin, handlers, wire_log, chosen.host)
 
-    run_server(build_serial if given.serial else build, **start)
+    run_server(build_serial if chosen.serial else build, **start)

@@ -1,4 +1,4 @@
-"""The twin's gripper and its registers, which all clients share."""
+"""The simulated gripper and its registers. All clients access the same registers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .mechanism import Gripper, Setup
 
 
 class RobotiqTwin:
-    """One gripper that all clients share."""
+    """One simulated gripper with its registers, its faults and its picture. All clients share it."""
 
     def __init__(
         self,
@@ -25,7 +25,7 @@ class RobotiqTwin:
         table: Mapping[str, Any],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Take a robot of ``robots.toml`` as ``table``, for its appearance."""
+        """Build the gripper. ``table`` is its table in ``robots.toml``, from which its pictures are made."""
         self.gripper = Gripper(setup, now_s)
         self.unit = unit
         self.body = GripperBody(self.gripper, table)
@@ -38,10 +38,10 @@ class RobotiqTwin:
         return self.faults.of(None)
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here, because there is only one gripper."""
+        """Inject a fault. ``unit`` is ignored, because there is only one gripper."""
         if Fault.OFF in (fault, self.fault):
             self.power_cycle()
-        self.gripper.hear()
+        self.gripper.note_request()
         self._felt = self.gripper.status()
         self.gripper.stuck = fault is Fault.STUCK
         self.faults.set(fault)
@@ -51,7 +51,7 @@ class RobotiqTwin:
         self._output = p.RESET.registers()
 
     def status(self) -> p.Status:
-        """Return the status for the wire. With a fault it is repeated or wrong."""
+        """Return the status that clients read. An injected fault repeats or falsifies it."""
         if self.fault is Fault.STUCK:
             return self._felt
         status = self.gripper.status()
@@ -63,12 +63,12 @@ class RobotiqTwin:
         return list(self._output)
 
     def write(self, first: int, registers: Sequence[int]) -> None:
-        """Write some output registers, from the ``first``-th on."""
+        """Write some registers of the command, beginning with the register at index ``first``."""
         self._output[first : first + len(registers)] = registers
         self.gripper.write(p.Command.from_registers(self._output))
 
     def kind_of(self, first: int, registers: Sequence[int]) -> str:
-        """Return the kind of a write, in the terms of the wire log."""
+        """Return the kind of a write as the wire log names it: ``setpoint``, ``enable`` or ``safe``."""
         output = self.output()
         output[first : first + len(registers)] = registers
-        return p.classify(p.Command.from_registers(output), self.gripper.asked_to_be_active)
+        return p.classify(p.Command.from_registers(output), self.gripper.activation_requested)

@@ -1,9 +1,7 @@
-"""Simulate the text port of Robotiq's URCap on a UR controller, TCP 63352.
+"""Simulate the text port that Robotiq's URCap opens on a UR controller (TCP port 63352).
 
-Its requests are lines as ``GET POS`` and ``SET POS 255 SPE 100 GTO 1``.
-
-The port belongs to the UR controller, which accesses the gripper's registers. The names in it are those of the
-registers' fields. Answers have no line end. The answer to anything else is ``?`` [assumed].
+A client sends lines such as ``GET POS`` and ``SET POS 255 SPE 100 GTO 1``. Each name is a field of the gripper's
+registers, such as POS for the position. Answers have no line end. An unknown line is answered with ``?`` [assumed].
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from .unit import RobotiqTwin
 
 PORT = 63352
 LONGEST = 1024
-"""Most bytes of a line. The rest of a longer one is dropped."""
+"""Most bytes of a line. The rest of a longer line is dropped."""
 
 _WRITTEN: Mapping[str, tuple[str, int]] = {
     "ACT": ("activate", 1),
@@ -46,7 +44,7 @@ _READ: Mapping[str, Callable[[Status, Command], int]] = {
 
 
 class UrcapSession:
-    """The port's side of one client."""
+    """One client's connection to the text port: decodes its lines and answers them."""
 
     def __init__(self, twin: RobotiqTwin) -> None:
         self._twin = twin
@@ -57,7 +55,7 @@ class UrcapSession:
         self._pending = self._pending[:LONGEST]
         for line in lines:
             words = line.decode("ascii", "replace").split()
-            self._twin.gripper.hear()
+            self._twin.gripper.note_request()
             changed = _changed(words, Command.from_registers(self._twin.output()))
             kind = "read" if changed is None else self._twin.kind_of(0, changed.registers())
             answer = self._answer(words, changed)
@@ -84,8 +82,10 @@ class UrcapSession:
 
 
 def _changed(words: list[str], command: Command) -> Command | None:
-    """Return the output block after a ``SET NAME VALUE ...``. None for any other line, or if a part of it is
-    invalid."""
+    """Return ``command`` with the changes of a line ``SET NAME VALUE ...``.
+
+    Return None for any other line, or if a name or value is invalid.
+    """
     if len(words) < 3 or words[0] != "SET" or len(words) % 2 == 0:
         return None
     fields: dict[str, int | bool] = {}

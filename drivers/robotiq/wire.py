@@ -1,4 +1,4 @@
-"""Connect the wire process to the gripper's registers."""
+"""Connect the wire process (the only writer to the robot) to a gripper: activate it, read it, write setpoints."""
 
 from __future__ import annotations
 
@@ -27,21 +27,20 @@ from .protocol import Activation, Command, Contact, Status
 from .tcp_client import ASK_AGAIN_S
 
 READ_S = 0.03
-"""How long one reading waits for its answer. The next reading continues the wait, so that the watchdog does not
-miss the wire."""
+"""Longest wait for an answer in one ``read``. The next ``read`` continues the wait. So ``read`` returns often
+enough for the watchdog of this process."""
 
 FRESH_S = 2 * READ_S
-"""Longest age of a status, two readings without an answer, at which the gripper still counts as activated. With
-an older one its supply may have dipped, and any command with rACT set would activate it. A dip that is shorter
-than this remains undetected."""
+"""If the status is older than this (two readings without an answer), the gripper may have lost its power meanwhile.
+Then a command with the bit rACT set would activate it. A shorter loss of power is not detected."""
 
 SOON_S = 0.02
-"""How long to wait for an answer if the status is too old. A serial line, on which an open answer must arrive
-first, needs a little more than twice as long. Both keep a stop within ``Driver.bound_s``."""
+"""How long to wait for a new status if the last one is too old. On a serial line this takes a little more than
+twice as long, because an earlier answer must arrive first. In both cases a stop stays within ``Driver.bound_s``."""
 
 HANDSHAKE_S = 0.6
-"""Timeout of the first answer. It is longer than a peer may be silent, so that one that accepts the connection
-but never answers is reported as such."""
+"""Timeout of the first answer. It is longer than the timeout for a silent peer, so that a peer that accepts the
+connection but never answers is reported as silent."""
 
 RESET_S = 1.0
 
@@ -49,16 +48,16 @@ _NAN = math.nan
 
 
 class RobotiqSession:
-    """The state that exists between ``open`` and ``close``."""
+    """One connection to the gripper, from ``open`` to ``close``, with its last status and setpoint."""
 
     def __init__(self, gripper: GripperClient, status: Status, now_ns: int) -> None:
         self.gripper = gripper
         self.status = status
-        self.heard_ns = now_ns
-        self.asked: int | None = None  # number of the reading without an answer
-        self.asked_ns = 0
-        self.told: int | None = None  # position in the last setpoint
-        self.misses = 0  # consecutive readings that repeat another position
+        self.last_received_ns = now_ns
+        self.pending_request: int | None = None  # Number of the status request that has no answer yet.
+        self.requested_ns = 0
+        self.sent_position: int | None = None  # Position in the last setpoint, in register counts.
+        self.misses = 0  # Number of consecutive readings that do not repeat the position of the last setpoint.
 
 
 class RobotiqWire(SessionWire[RobotiqSession]):
@@ -74,7 +73,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         self._config = config
         self._clock = clock
         self._open = partial(open_gripper, config, clock, open_stream, open_port)
-        self._last: Status | None = None  # from the previous session, once it is closed
+        self._last: Status | None = None  # Last status of the previous connection, after it was closed.
 
     async def open(self) -> dict[str, Any]:
         self.close()
@@ -84,7 +83,8 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             status = await gripper.status(HANDSHAKE_S)
             if status is None:
                 raise WireDown(
-                    f"{config.robot} at {config.port}: connected, but no answer. Check unit_id= and its power"
+                    f"{config.robot} at {config.port}: connected, but the gripper does not answer. "
+                    "Check unit_id= and its power"
                 )
         except BaseException:
             gripper.close()
@@ -98,12 +98,12 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         status = await self._ask(permit)
         if status.fault == protocol.RELEASING:
             raise WireDown(
-                f"arm: the gripper reports {protocol.fault_words(status.fault)}. Wait until it has ended"
+                f"arm: the gripper reports {protocol.fault_words(status.fault)}. Wait until the release has ended"
             )
         if status.needs_activation:
             status = await self._activate(permit)
         command = protocol.safe_command(status)
-        await session.gripper.clear_way()
+        await session.gripper.wait_until_ready()
         permit.check()
         session.gripper.write(command)
         for _ in range(ECHO_POLLS):
@@ -113,94 +113,94 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             await trio.sleep(POLL_S)
         else:
             raise WireDown(
-                f"arm: the gripper does not take its position as target ({status.request}, not "
-                f"{command.position}). Try again; check who else writes to it"
+                f"arm: the gripper does not confirm the hold (sent {command.position}, it repeats "
+                f"{status.request}). Check whether another program writes to it, then try again"
             )
-        session.told = None
+        session.sent_position = None
         return self._observation(session)
 
     async def read(self) -> Observation:
         session = self.session
         now_ns = self._clock.now_ns()
-        if session.asked is not None and now_ns - session.asked_ns > ASK_AGAIN_S * NS:
-            session.gripper.forget(session.asked)
-            session.asked = None
-        if session.asked is None:
-            session.asked, session.asked_ns = session.gripper.ask(), now_ns
-        status = await session.gripper.answer(session.asked, READ_S)
+        if session.pending_request is not None and now_ns - session.requested_ns > ASK_AGAIN_S * NS:
+            session.gripper.forget(session.pending_request)
+            session.pending_request = None
+        if session.pending_request is None:
+            session.pending_request, session.requested_ns = session.gripper.ask(), now_ns
+        status = await session.gripper.answer(session.pending_request, READ_S)
         if status is not None:
-            session.asked = None
+            session.pending_request = None
             self._take_unless_reset(session, status, "read")
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         session = self.session
-        if not session.status.active:  # A setpoint would activate it.
-            raise WireDown("write: the gripper is not activated. Activate it first")
+        if not session.status.active:  # A setpoint would activate the gripper, which moves its fingers.
+            raise WireDown("write: the gripper is not activated. Call stop(), then resume()")
         if not self._fresh(session):
             status = await self._soonest(session)
             if status is None:
-                age_ms = (self._clock.now_ns() - session.heard_ns) / 1e6
-                raise PermitDenied(f"the gripper is silent for {age_ms:.0f} ms")
+                age_ms = (self._clock.now_ns() - session.last_received_ns) / 1e6
+                raise PermitDenied(f"the gripper has not answered for {age_ms:.0f} ms")
             self._take_unless_reset(session, status, "write")
         position, speed, force = (protocol.counts_of(values[slot]) for slot in (POSITION, SPEED, FORCE))
-        await session.gripper.clear_way()
+        await session.gripper.wait_until_ready()
         permit.check()
         session.gripper.write(Command(go_to=True, position=position, speed=speed, force=force))
-        if session.told != position:
-            session.told, session.misses = position, 0
+        if session.sent_position != position:
+            session.sent_position, session.misses = position, 0
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Hold the gripper. If the status is too old, ask first.
+        """Hold the gripper. If the last status is too old, read it first.
 
-        A hold has rACT set, and would activate a gripper that was reset meanwhile. A gripper without an answer may
-        have been reset, or may still move. It is reset, which stops it in the second case and does nothing in the
-        first.
+        A hold command has the bit rACT set. If the gripper was reset meanwhile, a hold would activate it, and the
+        fingers would move. If it does not answer, a reset is sent instead. A reset stops moving fingers, and does
+        nothing to a gripper that was already reset.
         """
         session = self.session_or_none
         if session is None:
             return (self._config.report(False, False, "not connected"),)
-        session.told = None
-        known: Status | None = session.status
+        session.sent_position = None
+        last_status: Status | None = session.status
         if not self._fresh(session):
-            known = None
-            with contextlib.suppress(WireDown):  # ``hold`` finds out whether it can be written to.
-                known = await self._soonest(session)
-        return (await hold(session.gripper, known or Status(), self._config),)
+            last_status = None
+            with contextlib.suppress(WireDown):  # If the connection is lost, ``hold`` below reports it.
+                last_status = await self._soonest(session)
+        return (await hold(session.gripper, last_status or Status(), self._config),)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Hold the gripper on a new connection, and ask first: a gripper that has lost its power would be activated
-        and move.
+        """Hold the gripper on a new connection, after reading its status there.
 
-        A gripper with unreadable answers has power. It gets the safe command for its last valid status. A gripper
-        without answers is reset, as in ``make_safe``.
+        Without the status, a hold would activate a gripper that has lost its power, and the fingers would move. If
+        the gripper's answers are unreadable, it has power, and the command for its last valid status is sent. If it
+        does not answer, a reset is sent, as in ``make_safe``.
         """
-        self.close()  # This discards bytes that were sent on the old connection but not taken yet.
+        self.close()  # This discards bytes on the old connection that were not sent to the gripper yet.
         if self._last is None:
             return ()
         report = await self._hold_anew(self._last)
         return (report or await self._hold_anew(None) or self._config.report(False, False, "silent"),)
 
-    async def _hold_anew(self, known: Status | None) -> MotorReport | None:
-        """Hold on a new connection.
+    async def _hold_anew(self, last_status: Status | None) -> MotorReport | None:
+        """Open a new connection and hold the gripper on it.
 
         Args:
-            known: The last valid status; None to reset the gripper without asking.
+            last_status: The last valid status. None: send a reset without reading the status.
 
         Returns:
-            The report; None if the connection was lost before the gripper answered.
+            The report on the stop. None if the connection was lost before the gripper answered.
         """
         try:
             gripper = await self._open()
         except WireDown as error:
             return self._config.report(False, False, str(error))
         try:
-            if known is not None:
+            if last_status is not None:
                 with contextlib.suppress(NotUnderstood):
                     status = await gripper.status(READ_S)
                     if status is not None or not gripper.has_partial_answer:
-                        known = status or Status()
-            return await hold(gripper, known or Status(), self._config)
+                        last_status = status or Status()
+            return await hold(gripper, last_status or Status(), self._config)
         except WireDown:
             return None
         finally:
@@ -223,12 +223,14 @@ class RobotiqWire(SessionWire[RobotiqSession]):
                 f"{session.status.fault}), and activate= is False. Activating moves its fingers through their "
                 "whole stroke"
             )
-        await session.gripper.clear_way()
+        await session.gripper.wait_until_ready()
         permit.check()
         session.gripper.write(protocol.RESET)
         if await self._poll(permit, RESET_S, Activation.RESET) is None:
-            raise WireDown("arm: the gripper does not take the reset. Check who else writes to it")
-        await session.gripper.clear_way()
+            raise WireDown(
+                "arm: the gripper does not carry out the reset. Check whether another program writes to it"
+            )
+        await session.gripper.wait_until_ready()
         permit.check()
         session.gripper.write(protocol.ACTIVATE)
         status = await self._poll(permit, protocol.ACTIVATION_S, Activation.ACTIVE)
@@ -236,14 +238,17 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             raise WireDown(
                 f"arm: the gripper did not finish its activation within {protocol.ACTIVATION_S:g} s (gSTA "
                 f"{session.status.activation}, {protocol.fault_words(session.status.fault)}). "
-                "Free its fingers and check its supply"
+                "Free its fingers and check its power supply"
             )
         if status.fault >= protocol.MAJOR:
-            raise WireDown(f"arm: activated, but {protocol.fault_words(status.fault)}. Check supply and fingers")
+            raise WireDown(
+                f"arm: the gripper is activated, but reports {protocol.fault_words(status.fault)}. "
+                "Check its power supply and its fingers"
+            )
         return status
 
     async def _poll(self, permit: Permit, within_s: float, activation: Activation) -> Status | None:
-        """Return the first status with this gSTA; None after the timeout."""
+        """Read the status until it has this activation state (gSTA). Return None after ``within_s`` seconds."""
         with trio.move_on_after(within_s):
             while True:
                 status = await self._ask(permit)
@@ -253,7 +258,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         return None
 
     async def _ask(self, permit: Permit) -> Status:
-        """Wait for a status. Raise ``WireDown``."""
+        """Read and store the status. Raise ``WireDown`` if the gripper does not answer."""
         session = self.session
         status = await session.gripper.status(HANDSHAKE_S, permit)
         if status is None:
@@ -262,48 +267,50 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         return status
 
     def _fresh(self, session: RobotiqSession) -> bool:
-        """Return whether the status is new enough to rely on the gripper being active."""
-        return self._clock.now_ns() - session.heard_ns <= FRESH_S * NS
+        """Return True if the last status is so new that the gripper cannot have lost its power since."""
+        return self._clock.now_ns() - session.last_received_ns <= FRESH_S * NS
 
     async def _soonest(self, session: RobotiqSession) -> Status | None:
-        """Ask for a status because the last one is too old. Return None without an answer within ``SOON_S``. Raise
-        ``WireDown``."""
-        owed, session.asked = session.asked, None
-        return await session.gripper.soonest(owed, SOON_S)
+        """Read the status again because the last one is too old.
+
+        Return None if no answer arrives within ``SOON_S``. Raise ``WireDown`` if the connection is lost.
+        """
+        earlier_request, session.pending_request = session.pending_request, None
+        return await session.gripper.soonest(earlier_request, SOON_S)
 
     def _take_unless_reset(self, session: RobotiqSession, status: Status, when: str) -> None:
-        """Take a status. Raise ``WireDown`` if the gripper is no longer active: earlier decisions were made for
-        another state."""
+        """Store a status. Raise ``WireDown`` if the gripper was active before and is not active any more."""
         was_active = session.status.active
         self._take(session, status)
         if was_active and not status.active:
             raise WireDown(
-                f"{when}: the gripper is no longer activated (gSTA {status.activation}). Was its power cut? "
-                "A stop to which it does not answer resets it, too"
+                f"{when}: the gripper is no longer activated (gSTA {status.activation}). It has lost its power, or "
+                "it did not answer during a stop and was reset. Check its power, then call resume()"
             )
 
     def _take(self, session: RobotiqSession, status: Status) -> None:
         session.status = status
-        session.heard_ns = self._clock.now_ns()
-        session.misses = 0 if session.told in (None, status.request) else session.misses + 1
+        session.last_received_ns = self._clock.now_ns()
+        session.misses = 0 if session.sent_position in (None, status.request) else session.misses + 1
 
     def _observation(self, session: RobotiqSession) -> Observation:
         status = session.status
-        # Without rGTO gOBJ has no meaning. Before the echo it belongs to the previous command.
-        believed = status.active and status.going and session.told in (None, status.request)
+        # The contact state (gOBJ) is valid only with rGTO set, and only once the status repeats the last position.
+        # Before that it belongs to the previous command.
+        contact_is_valid = status.active and status.going and session.sent_position in (None, status.request)
         closed = status.position / protocol.TOP
         faults = [protocol.fault_words(status.fault)] if status.fault else []
         if session.misses >= ECHO_POLLS:
-            faults.append(f"unconfirmed: asked for {session.told}, it repeats {status.request}")
+            faults.append(f"unconfirmed: sent {session.sent_position}, it repeats {status.request}")
         return Observation(
-            t_ns=session.heard_ns,
+            t_ns=session.last_received_ns,
             position=(closed,),
-            stamp_ns=(session.heard_ns,),
+            stamp_ns=(session.last_received_ns,),
             sensors={
                 "aperture_mm": (self._config.aperture_mm(closed),),
                 "current_a": (status.current * protocol.CURRENT_A,),
-                "moving": (float(status.contact == Contact.MOVING) if believed else _NAN,),
-                "contact": (_CONTACT[Contact(status.contact)] if believed else _NAN,),
+                "moving": (float(status.contact == Contact.MOVING) if contact_is_valid else _NAN,),
+                "contact": (_CONTACT[Contact(status.contact)] if contact_is_valid else _NAN,),
                 "activation": (float(status.activation),),
                 "fault": (float(status.fault),),
             },

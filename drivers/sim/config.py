@@ -1,4 +1,4 @@
-"""The facts about a simulated robot that its wire and its stop channel need."""
+"""The settings of a simulated robot that its wire and its stop channel share."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from strands_actors.drivers.common.simulation_control import protocol as p
 
 
 class SimConfig(msgspec.Struct, frozen=True):
-    control: str  # path of the simulation control
+    control: str  # path of the socket for requests to the simulation (the simulation control)
     axes: tuple[str, ...]
     ids: tuple[int, ...]
-    units: tuple[tuple[float, float], ...]  # per axis (zero, scale): value = zero + scale * model
-    energised: frozenset[str]  # safe states in which the robot stays ready
-    rows: int = 1  # numbers per axis of a target; only the twin interprets those after the first row
+    # For each axis (zero, scale): value in the driver's units = zero + scale * value in the model's units.
+    units: tuple[tuple[float, float], ...]
+    energised: frozenset[str]  # names of the safe states in which the motors keep their torque
+    rows: int = 1  # numbers per axis in a target; the simulation itself interprets those after the first row
 
     def position(self, sample: p.Sample) -> tuple[float, ...]:
-        """Return the positions of a sample in the driver's units."""
+        """Return the positions of a simulation sample in the units of the robot's driver."""
         return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, self.units, strict=True))
 
     def model(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return a target in the model's units. Numbers after the rows (a gripper's speed) are dropped,
-        since the model has no use for them."""
+        """Return a target in the units of the simulated model. Numbers after the rows, such as a gripper's speed,
+        are dropped, since the model does not use them."""
         count = len(self.axes)
         first = tuple((value - zero) / scale for value, (zero, scale) in zip(values, self.units, strict=False))
         return (*first, *values[count : count * self.rows])

@@ -1,11 +1,11 @@
 """Drive any robot in simulation.
 
-Names, units, ranges and the table of fallbacks come from the robot's own driver. The wire is the
-simulation control of its twin.
+Names, units, ranges and safe states come from the robot's own driver. Commands go to the simulation control, the
+socket of the simulated robot, and not through its real wire protocol.
 
-The gates refuse: unknown joints; numbers that are not finite or too large for the physics; targets past
-the range of a joint (``gated`` False lifts this); and joints that the simulation does not hold, since a
-command to them would have no effect. Only the real driver gates speed, freshness and the state of motors.
+The gates refuse an unknown joint, a number that is not finite or too large for the physics, and a target outside
+the joint's range (unless ``gated`` is False). They also refuse a joint that another program drives, since a command
+to it would have no effect. Only the real driver checks speed, age of readings, and the state of motors.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from strands_actors.drivers.common.simulation_control.protocol import MOST_STEPS
 from strands_actors.kernel.messages import Refused
 
 from .config import SimConfig
-from .gates import computable, held
+from .gates import computable, refuse_not_held
 
 OF_THE_ROBOT = ("READ_ONLY_JOINTS", "ROLLOUTS", "TASKS", "TOOL_VERBS", "GUARDED", "TOPICS")
 """Declarations that are copied from the robot's own driver."""
@@ -35,17 +35,17 @@ RANGE_ROUNDING = 1e-6
 """Largest rounding error of a target at the end of its range, from converting units."""
 
 TICK_S = 0.01
-"""Shortest tick in simulation, in seconds. A robot with a shorter tick gets the clocks of the others."""
+"""Shortest tick in simulation, in seconds. A driver with a shorter tick gets the timing of other drivers."""
 
 KEEPALIVE_S = 1.0
-"""A simulation control loses no message, so re-sending has no use here. It costs nothing."""
+"""Re-send the last target once a second. This has no effect, since no message to a simulation is lost."""
 
 
 class SimDriver(Driver):
-    """The driver of a simulated robot.
+    """The driver of a simulated robot. ``port`` is the path of the simulation control.
 
-    ``options``: ``class`` (``module:name``) and ``options`` of the robot's own driver; ``gated``: whether
-    targets past the range of a joint are refused. ``port`` is the path of the simulation control.
+    ``options``: ``class`` (``module:name``) and ``options`` describe the robot's own driver. ``gated`` is True if
+    targets outside the range of a joint are refused.
     """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ()
@@ -76,7 +76,7 @@ class SimDriver(Driver):
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        """Return the services of the simulation, and those services of the robot that are commands."""
+        """Return the services of the simulation, and those services of the robot that move it."""
         real = _class_of(options)
         acts = {name: service for name, service in real.services(options["options"]).items() if service.acts}
         return {**cls.SERVICES, **acts}
@@ -87,7 +87,9 @@ class SimDriver(Driver):
         self.robot = real.robot
         self.axes, self.ids, self.table, self.unit = real.axes, real.ids, real.table, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
-        if self.timing.tick_s < TICK_S:  # a wire of 500 Hz; a simulated robot does not fall if a tick is late
+        # A driver with such short ticks has a control rate of 500 Hz. A simulated robot does not fall if a tick is
+        # late.
+        if self.timing.tick_s < TICK_S:
             self.timing = msgspec.structs.replace(
                 self.timing, oneshot_ttl_s=None, tick_s=TICK_S, heartbeat_ttl_s=0.1, state_ttl_s=0.3
             )
@@ -104,7 +106,7 @@ class SimDriver(Driver):
             rows=real.SIMULATED_ROWS,
         )
         ranges = (past_range(self.table, rounding=RANGE_ROUNDING),) if options.get("gated", True) else ()
-        self.gates = (*ranges, computable(self.table, self.config.units), held(self.axes))
+        self.gates = (*ranges, computable(self.table, self.config.units), refuse_not_held(self.axes))
         vars(self).update({name: getattr(real, name) for name in OF_THE_ROBOT})
         vars(self)["SERVICES"] = self.services(options)
 

@@ -1,5 +1,5 @@
-"""The gates of a simulation. They refuse a command that would have no effect, a target past the range of
-its joint (unless that is lifted), and a number that the physics cannot compute with."""
+"""Gates of a simulated robot. They refuse a command that would have no effect, a target outside the joint's range,
+and a number that is too large for the physics."""
 
 from __future__ import annotations
 
@@ -13,41 +13,44 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 HELD_BY_WIRE = "held by the robot on its wire"
-LET_GO = "limp"
+NOT_ENERGISED = "limp"
 """Why a joint does not follow the simulation, as written in ``Observation.faults``."""
 
 
 FARTHEST = 1e4
-"""Radians, metres, or the like per second, of the model. MuJoCo drops all controls of a step when one
-of them is 1e10 or more, and the other joints would run to zero."""
+"""Largest target in the model's units: radians, metres, or these per second. MuJoCo drops all targets of a step
+when one of them is 1e10 or more, and the other joints would move to zero."""
 
 
 def computable(axes: Sequence[Axis], units: Sequence[tuple[float, float]]) -> GateCheck:
-    """Refuse a target farther than ``FARTHEST`` from the joint's zero, even if its range has no limit."""
+    """Refuse a target that is farther than ``FARTHEST`` from the joint's zero. This holds for joints without a
+    range, too."""
 
     def computable(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            axis, (zero, scale) = axes[at], units[at]
-            value = candidate.values[at]
+        for index in candidate.named:
+            axis, (zero, scale) = axes[index], units[index]
+            value = candidate.values[index]
             if not abs(value - zero) <= FARTHEST * abs(scale):
                 most = show(FARTHEST * abs(scale), axis.unit)
                 offered = show(value, axis.unit)
-                why = f"{axis.key} {offered}{unit_of(axis)} is farther than physics can be computed"
-                return Refused(Code.PAST_TRAVEL, why, f"stay within {most} of its zero", offered, most)
+                reason = f"{axis.key} {offered}{unit_of(axis)} is too large for the physics"
+                return Refused(
+                    Code.PAST_TRAVEL, reason, f"give a target within {most} of the joint's zero", offered, most
+                )
         return None
 
     return computable
 
 
-def held(axes: Sequence[str]) -> GateCheck:
-    def held(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            axis = axes[at]
-            why = state.observation.faults.get(axis)
-            if why is not None:
-                there = "stop it there, then " if why == HELD_BY_WIRE else ""
-                remedy = f"{there}stop() and resume() here take it"
-                return Refused(SimCode.NOT_HELD, f"{axis} is {why}", remedy, why, "held by the simulation")
+def refuse_not_held(axes: Sequence[str]) -> GateCheck:
+    def refuse_not_held(candidate: Candidate, state: GateState) -> Refused | None:
+        for index in candidate.named:
+            axis = axes[index]
+            reason = state.observation.faults.get(axis)
+            if reason is not None:
+                first_step = "stop the robot in that program, then " if reason == HELD_BY_WIRE else ""
+                remedy = f"{first_step}call stop() and resume() here"
+                return Refused(SimCode.NOT_HELD, f"{axis} is {reason}", remedy, reason, "held by the simulation")
         return None
 
-    return held
+    return refuse_not_held

@@ -1,7 +1,7 @@
-"""Draw pictures of a scene, in the process of the camera that needs them.
+"""Draw pictures of a simulated scene, in the process of the camera that needs them.
 
-The twin sends its model once, and then only the positions of its joints. One picture costs it no more
-than a reading. Neither its wire nor its physics waits for a picture.
+The simulation sends its model once, and afterwards only the positions of the joints. So a picture costs the
+simulation as little as a reading, and its physics does not wait while a picture is drawn.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ POSE_S = 2.0
 
 
 class ScenePictures:
-    """One camera in one scene. If the scene has changed, it fetches the model again."""
+    """One camera in one scene. If the scene has changed, the camera fetches the model again."""
 
     paced = False
 
@@ -39,7 +39,8 @@ class ScenePictures:
         self._scene = -1
 
     async def read(self) -> Picture:
-        captured_ns = time.monotonic_ns()  # before the request, so that a late answer counts as old
+        # The time before the request counts, so that a late answer counts as an old picture.
+        captured_ns = time.monotonic_ns()
         pose = await self._client.call(p.GetPose(0), p.Pose, POSE_S)
         if pose.scene != self._scene:
             await self._take_scene()
@@ -79,7 +80,7 @@ async def open_camera(settings: CameraSettings) -> ScenePictures:
     """Open a camera of a scene.
 
     Raises:
-        WireDown: There is no such scene, or it cannot be drawn.
+        WireDown: The scene has no such camera, the simulation does not answer, or no picture can be drawn.
     """
     client = SimulationClient(settings.port)
     source = ScenePictures(client, settings)

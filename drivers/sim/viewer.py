@@ -1,4 +1,4 @@
-"""Show a simulation in MuJoCo's viewer, in a separate process that only reads it."""
+"""Show a simulation in MuJoCo's viewer. The viewer runs in a separate process, which only reads the simulation."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ ANSWER_S = 10.0
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run the process. It ends when its window is closed, or when the simulation or the caller ends."""
+    """Run the viewer process. It ends when its window is closed, when the simulation ends, or when the script
+    ends."""
     trio.run(_mirror, args["control"], sock)
 
 
@@ -35,7 +36,7 @@ async def _mirror(control: str, sock: socket.socket) -> None:
     window = viewer.launch_passive(model, data, show_left_ui=False, show_right_ui=False)
     with window.lock():
         look(window.cam, model, View(tuple(model.stat.center), model.stat.extent), *SHAPE)
-    sock.sendall(b"\x01")  # the window is open
+    sock.sendall(b"\x01")  # tells the script that the window is open
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_end_with, sock, nursery.cancel_scope)
         while window.is_running():
@@ -53,6 +54,6 @@ async def _mirror(control: str, sock: socket.socket) -> None:
 
 
 async def _end_with(sock: socket.socket, scope: trio.CancelScope) -> None:
-    """Close the window when the caller's process ends."""
+    """Close the window when the process of the script ends."""
     await trio.lowlevel.wait_readable(sock)
     scope.cancel()

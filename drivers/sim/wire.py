@@ -1,4 +1,4 @@
-"""The wire of a simulated robot: the simulation control of its twin."""
+"""The wire of a simulated robot. It talks to the simulation control, the socket for requests to the simulation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, Wire, WireDown
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
 from strands_actors.drivers.sim.refusals import SimCode
@@ -19,16 +19,16 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 from .config import SimConfig
-from .gates import HELD_BY_WIRE, LET_GO
+from .gates import HELD_BY_WIRE, NOT_ENERGISED
 from .stop_channel import make_safe
 
 HANDSHAKE_S = 2.0
 READ_S = 0.03
-"""Longest wait for one reading; the next read asks again. It is short because of the watchdog."""
+"""Longest wait for one reading, in seconds. It is short, since the watchdog expects ``read`` to return soon."""
 
 SILENT_S = 5.0
-"""A simulation that does not answer for this time counts as lost. The first picture keeps its process busy
-for two seconds on a loaded machine. The end of the process is noticed at once."""
+"""A simulation that does not answer for this many seconds counts as lost. The first picture keeps it busy for two
+seconds on a loaded machine. If its process ends, this is noticed at once."""
 
 
 class SimWire(Wire):
@@ -40,16 +40,16 @@ class SimWire(Wire):
         self._control: SimulationClient | None = None
         self._beside: SimulationClient | None = None
         self._armed = False
-        self._seen: Observation | None = None
+        self._observation: Observation | None = None
         self._read_since: trio.Event | None = None
-        """Set by the first reading that began after a service was carried out."""
+        """Set by the first reading that was requested after a service was carried out."""
 
     async def open(self) -> dict[str, Any]:
         self.close()
         self._control = SimulationClient(self._config.control)
         axes = (await self._client.call(p.Handshake(0), p.Axes, HANDSHAKE_S)).axes
         if axes != self._config.axes:
-            raise WireDown(f"the simulation is of another robot: it has {', '.join(axes)}")
+            raise WireDown(f"the simulation has another robot, with the axes {', '.join(axes)}")
         self._observe(await self._client.call(p.Read(0), p.Sample, HANDSHAKE_S))
         return {"simulation": self._config.control}
 
@@ -66,10 +66,10 @@ class SimWire(Wire):
             if read_since is not None:
                 read_since.set()
             return self._observe(sample)
-        seen = self._seen
-        if seen is None or self._clock.now_ns() - seen.t_ns > SILENT_S * NS:
-            raise WireDown(f"the simulation says nothing for {SILENT_S:g} s")
-        return seen
+        observation = self._observation
+        if observation is None or self._clock.now_ns() - observation.t_ns > SILENT_S * NS:
+            raise WireDown(f"the simulation did not answer for {SILENT_S:g} s")
+        return observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         aim = p.Aim(0, self._config.model(values))
@@ -84,14 +84,14 @@ class SimWire(Wire):
         return await make_safe(self._config, self._control, safe_state)
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Run ``step`` or ``reset``, over a second connection beside that of the readings.
+        """Run ``step`` or ``reset`` over a second connection, so that readings continue on the first one.
 
-        The simulation handles targets that were written earlier first. The call returns only after a
-        reading that shows the result, so that the next observation of the caller shows it, too.
+        The simulation first handles the targets that were sent earlier. The call returns only after a reading that
+        shows the result, so that the caller's next observation shows it, too.
         """
         permit.check()
         if service == "reset" and self._armed:
-            return Refused(Code.LIVE, "the robot is energised", "stop it first")
+            return Refused(Code.LIVE, "the robot is energised", "call stop() first")
         self._beside = beside = self._beside or SimulationClient(self._config.control)
         try:
             request = p.Reset(0) if service == "reset" else p.Step(0, int(arguments.get("steps", 1)))
@@ -99,7 +99,7 @@ class SimWire(Wire):
         except Refusal as refusal:
             return Refused(SimCode.WIRE, str(refusal))
         self._read_since = trio.Event()
-        with trio.move_on_after(SILENT_S):  # after that the link counts as lost
+        with trio.move_on_after(SILENT_S):  # a longer wait means that the link is lost, which ``read`` reports
             await self._read_since.wait()
         self._read_since = None
         return {
@@ -111,18 +111,18 @@ class SimWire(Wire):
         for control in (self._control, self._beside):
             if control is not None:
                 control.close()
-        self._control = self._beside = self._seen = None
+        self._control = self._beside = self._observation = None
         self._armed = False
 
     @property
     def _client(self) -> SimulationClient:
         if self._control is None:
-            raise WireDown("wire: not connected. Open it first")
+            raise WireDown("the simulation is not connected. Call connect_eagerly() first")
         return self._control
 
     def _observe(self, sample: p.Sample) -> Observation:
-        self._seen = self._observed(sample)
-        return self._seen
+        self._observation = self._observed(sample)
+        return self._observation
 
     def _observed(self, sample: p.Sample) -> Observation:
         config, now_ns = self._config, self._clock.now_ns()
@@ -134,10 +134,10 @@ class SimWire(Wire):
                 scale * velocity for velocity, (_, scale) in zip(sample.velocity, config.units, strict=True)
             ),
             sensors={"effort_nm": sample.effort, "sim_time_s": (sample.time_s,)},
-            faults=_faults(config.axes, sample.hands) if self._armed else {},
+            faults=_faults(config.axes, sample.commanders) if self._armed else {},
         )
 
 
-def _faults(axes: Sequence[str], hands: Sequence[int]) -> dict[str, str]:
-    words = {int(Hand.WIRE): HELD_BY_WIRE, int(Hand.NONE): LET_GO}
-    return {axis: words[hand] for axis, hand in zip(axes, hands, strict=True) if hand in words}
+def _faults(axes: Sequence[str], commanders: Sequence[int]) -> dict[str, str]:
+    words = {int(Commander.WIRE): HELD_BY_WIRE, int(Commander.NONE): NOT_ENERGISED}
+    return {axis: words[commander] for axis, commander in zip(axes, commanders, strict=True) if commander in words}

@@ -1,4 +1,4 @@
-"""Requests to a simulation that are no verbs of the robot: pictures, objects, saved states, a reset."""
+"""Send requests to a simulation that a real robot could not carry out: pictures, objects, saved states, a reset."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from strands_actors.drivers.common.simulation_control.client import Refusal, Sim
 T = TypeVar("T", bound=p.Frame)
 
 PICTURE_S = 30.0
-"""The first picture compiles shaders, and drawing in software on a busy machine is slow."""
+"""Longest time for a picture. The first one compiles shaders, and drawing in software on a busy machine is slow."""
 
 RESET_S = 2.0
 CHANGE_S = 10.0
-"""A change compiles the model anew, with all its meshes."""
+"""Longest time for a change of the scene, which compiles the model again with all its meshes."""
 
 
 class Picture(NamedTuple):
-    """A picture: rows from the top, three bytes per pixel."""
+    """A picture in RGB, three bytes per pixel. The first row is the top."""
 
     width: int
     height: int
@@ -31,17 +31,17 @@ async def render(control: str, width: int, height: int, camera: str) -> Picture:
     """Draw one picture.
 
     Raises:
-        RuntimeError: There is no picture. The text is the reason.
+        RuntimeError: No picture could be drawn. The message has the reason.
     """
     picture = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
     return Picture(picture.width, picture.height, picture.rgb)
 
 
 async def reset(control: str) -> None:
-    """Put every joint back to where it began.
+    """Move every joint back to its initial position.
 
     Raises:
-        RuntimeError: It was refused, as while the robot on the wire is energised.
+        RuntimeError: The simulation refused it, for example because the robot is energised.
     """
     await _ask(control, p.Reset(0), p.Sample, RESET_S)
 
@@ -50,7 +50,7 @@ async def add_object(control: str, fields: Mapping[str, Any]) -> None:
     """Put an object into the scene.
 
     Raises:
-        RuntimeError: It was refused. All functions of this module raise it then.
+        RuntimeError: The simulation refused it. All functions of this module raise this error then.
     """
     await _ask(control, p.AddObject(0, **fields), p.Done, CHANGE_S)
 
@@ -71,16 +71,16 @@ async def load_state(control: str, name: str) -> None:
     """Restore a saved state.
 
     Raises:
-        RuntimeError: It was refused, as while the robot on the wire is energised.
+        RuntimeError: The simulation refused it, for example because the robot is energised.
     """
     await _ask(control, p.Load(0, name), p.Sample, RESET_S)
 
 
-async def _ask(control: str, request: p.Request, kind: type[T], within_s: float) -> T:
+async def _ask(control: str, request: p.Request, reply_type: type[T], within_s: float) -> T:
     try:
         client = SimulationClient(control)
         try:
-            return await client.call(request, kind, within_s)
+            return await client.call(request, reply_type, within_s)
         finally:
             client.close()
     except (WireDown, Refusal) as failure:
@@ -88,7 +88,8 @@ async def _ask(control: str, request: p.Request, kind: type[T], within_s: float)
 
 
 async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, float]:
-    """Take the joints that the wire does not hold, and move the robot to ``targets``.
+    """Move the simulated robot to ``targets``, without a driver. Joints that a client of the real wire protocol
+    drives do not move.
 
     Args:
         targets: Radians by axis. An axis that is not named stays where it is.
@@ -97,7 +98,7 @@ async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, 
         The target of every axis.
 
     Raises:
-        RuntimeError: A name is no joint, or the simulation refused it.
+        RuntimeError: A name is no joint of the robot, or the simulation refused the request.
     """
     try:
         client = SimulationClient(control)
@@ -106,9 +107,9 @@ async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, 
             sample = await client.call(p.Take(0), p.Sample, RESET_S)
             goal = {**dict(zip(axes, sample.position, strict=True)), **targets}
             if unknown := [name for name in targets if name not in axes]:
-                raise RuntimeError(f"{', '.join(unknown)} is none of its joints. it has {', '.join(axes)}")
+                raise RuntimeError(f"the robot has no joint {', '.join(unknown)}. Use {', '.join(axes)}")
             client.tell(p.Aim(0, tuple(goal[axis] for axis in axes)))
-            # Messages are handled in order, so this reply means that Aim was applied.
+            # The simulation handles messages in order, so this reply means that it has applied the targets.
             await client.call(p.Read(0), p.Sample, RESET_S)
         finally:
             client.close()

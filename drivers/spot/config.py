@@ -1,4 +1,4 @@
-"""The configuration that the wire and the stop channel of a Spot share."""
+"""Settings of a Spot, shared by the process that drives it (the wire) and the root's stop channel."""
 
 from __future__ import annotations
 
@@ -41,20 +41,20 @@ class Address(NamedTuple):
 
 
 def parse_port(port: str) -> Address:
-    """Parse ``HOST[:PORT][?ca=PATH]``. Raise ``ValueError`` that names the accepted form."""
-    where, found, path = port.partition(_CA)
-    if found and not path:
-        raise ValueError(f"port is {port!r}. Behind ?ca= give the path of a file of certificates")
-    return Address(*parse_address(where, PORT), path)
+    """Parse ``HOST[:PORT][?ca=PATH]``. Raise ``ValueError``, which shows the accepted form."""
+    address_text, has_ca, path = port.partition(_CA)
+    if has_ca and not path:
+        raise ValueError(f"port is {port!r}. Give the path of a certificate file after ?ca=")
+    return Address(*parse_address(address_text, PORT), path)
 
 
 def vendor_certificate() -> str:
-    """Return the path of the certificate with which every Spot's is signed.
+    """Return the path of the root certificate that has signed the certificate of every Spot.
 
-    The file comes with the vendor's client, which is not imported for it.
+    The file is part of the vendor's client. The client itself is not imported.
 
     Raises:
-        WireDown: The client is not installed. The text has the command that installs it.
+        WireDown: The client is not installed. The message contains the command that installs it.
     """
     try:
         client = importlib.util.find_spec("bosdyn.client")
@@ -62,7 +62,7 @@ def vendor_certificate() -> str:
         client = None
     path = Path(client.origin).parent / "resources" / "robot.pem" if client and client.origin else None
     if path is None or not path.is_file():
-        raise WireDown(f"bosdyn-client, with the certificate of Boston Dynamics, is not there. {INSTALL}")
+        raise WireDown(f"bosdyn-client, which contains Boston Dynamics' certificate, is missing. {INSTALL}")
     return str(path)
 
 
@@ -72,11 +72,13 @@ class SpotConfig(msgspec.Struct, frozen=True):
     axes: tuple[Axis, ...]
     estop_timeout_s: float
     arm_speed_rad_s: float
+    feed_s: float = 0.1
+    """Period in which ``SpotWire.feed`` is called."""
     silent_s: float = 1.0
     """The link counts as lost after so long without an answer."""
 
     def address(self) -> Address:
-        """Return the parsed port. Raise ``WireDown`` if it is invalid."""
+        """Parse the configured port. Raise ``WireDown`` if it is invalid."""
         try:
             return parse_port(self.port)
         except ValueError as error:
@@ -94,7 +96,7 @@ class SpotConfig(msgspec.Struct, frozen=True):
         return context
 
     def login(self, environment: Mapping[str, str] = os.environ) -> tuple[str, str]:
-        """Return user and password. Raise ``WireDown`` if they are not set."""
+        """Return user and password from the environment. Raise ``WireDown`` if they are missing."""
         user, password = environment.get(USERNAME, ""), environment.get(PASSWORD, "")
         if user and password:
             return user, password

@@ -1,11 +1,11 @@
-"""Declare Boston Dynamics' Spot, on gRPC over TLS.
+"""Declare Boston Dynamics' Spot, which is commanded over gRPC and TLS.
 
-Neither connecting nor ``resume()`` moves the robot. ``resume()`` takes the lease of the body and sets up
-our own e-stop endpoint. ``stand()`` powers the motors and stands up. Every twist ends by itself 0.6 s
-after it was sent, on the robot's clock.
+Neither connecting nor ``resume()`` moves the robot. ``resume()`` takes the lease of the body (the
+right to command it) and sets up our own e-stop endpoint. ``stand()`` powers the motors and stands
+up. Every twist ends by itself 0.6 s after it was sent, by the robot's clock.
 
 ``hold``    the robot stands still, motors on: after an expired setpoint, a lost lease, ``stop()``
-``settle``  it sits down, motors off: after the end of one of our processes, ``cleanup()``, an e-stop
+``settle``  it sits down, motors off: after one of our processes has ended, ``cleanup()``, an e-stop
 ``off``     motors cut at once: after an e-stop with ``on_estop="cut"``
 """
 
@@ -123,10 +123,13 @@ class Spot(Driver):
         self.robot = TABLES.canonical(robot)
         table = TABLES.table(robot)
         self.declare(*parts_of(table))
-        self.config = SpotConfig(self.robot, port, self.table, read.estop_timeout_s, float(table["arm_rad_s"]))
+        period_s = 1 / read.control_frequency
+        self.config = SpotConfig(
+            self.robot, port, self.table, read.estop_timeout_s, float(table["arm_rad_s"]), period_s
+        )
         self.timing = Timing(
             control_hz=read.control_frequency,
-            # Nothing is sent twice, since the robot keeps a command until its end.
+            # No setpoint is repeated, because the robot keeps a command until its end time.
             keepalive_s=3600.0,
             stream_ttl_s=max(STREAM_TTL_S, 1.5 / read.control_frequency),
             state_ttl_s=0.8,
@@ -139,11 +142,11 @@ class Spot(Driver):
         )
         self.gates = gates_of(self.table, self.timing.state_ttl_s)
         self.conditions = conditions_of()
-        at_estop = SafeState.OFF if read.on_estop == "cut" else SafeState.SETTLE
+        estop_state = SafeState.OFF if read.on_estop == "cut" else SafeState.SETTLE
         self.fallbacks = {
             **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.SETTLE),
             Reason.STOP: SafeState.HOLD,
-            Reason.ESTOP: at_estop,
+            Reason.ESTOP: estop_state,
         }
         self.firmware_watchdog = (
             f"a twist ends {TWIST_S:g} s after it was sent; without a check-in of our e-stop endpoint for "
@@ -154,7 +157,8 @@ class Spot(Driver):
         parse_port(self.config.port)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the whole target, with the flags of the parts that get a command behind it."""
+        """Parse an action into a target of all axes, followed by flags for the parts of the robot
+        that get a command."""
         refused = refuse_leg(action)
         if refused is not None:
             return refused
@@ -178,7 +182,7 @@ class Spot(Driver):
         return refuse_twist(arguments, self.table)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return a row by key, without the values that this robot lacks (an arm)."""
+        """Return the values by axis name, without those of an arm if this robot has none."""
         row = dict(zip(self.axes, values, strict=False))
         return {key: value for key, value in row.items() if value == value}
 

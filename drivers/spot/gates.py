@@ -1,4 +1,4 @@
-"""Refuse commands to a Spot by the robot's own reports. Pure: no I/O."""
+"""Checks that refuse commands to a Spot in its reported state. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ LEASE, ESTOP, COMMAND, BEHAVIOUR = "lease", "estop", "command", "behaviour"
 """Keys of ``Observation.faults``."""
 
 
-# -- conditions of the robot, independent of a command
+# -- conditions that must be true of the robot, for any command
 
 
 def conditions_of() -> tuple[Condition, ...]:
     """Return the conditions in the order in which they are checked.
 
-    A client that takes the lease controls the robot, so a lost lease leaves it standing for that client.
+    Another client that takes the lease controls the robot from then on. If the lease is lost, the
+    robot is therefore left standing for that client.
     """
     return (
         Condition(_lease, Reason.FAULT, SafeState.HOLD, on_resume=OnResume.ARM_ANEW),
@@ -43,14 +44,14 @@ def _lease(observation: Observation, now_ns: int) -> Refused | None:
     owner = observation.faults.get(LEASE)
     if owner is None:
         return None
-    return Refused(SpotCode.LEASE_LOST, owner, "let its owner return it, then call resume()", owner)
+    return Refused(SpotCode.LEASE_LOST, owner, "let its owner return the lease, then call resume()", owner)
 
 
 def _estop_of_ours(observation: Observation, now_ns: int) -> Refused | None:
-    why = observation.faults.get(ESTOP)
-    if why is None:
+    reason = observation.faults.get(ESTOP)
+    if reason is None:
         return None
-    return Refused(SpotCode.ESTOP_LOST, why, "call resume(), which sets up the e-stop anew", why)
+    return Refused(SpotCode.ESTOP_LOST, reason, "call resume(), which sets up the e-stop again", reason)
 
 
 def _estopped(observation: Observation, now_ns: int) -> Refused | None:
@@ -68,15 +69,21 @@ def _motors(observation: Observation, now_ns: int) -> Refused | None:
     return Refused(Code.MOTORS_OFF, f"its motors are {state}", "call stand() first", state, "on")
 
 
-# -- gates: checks of one command
+# -- gates: each checks one command
 
 
 def gates_of(axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    return _has_part, _whole_arm, _told(stale(axes, state_ttl_s)), past_range(axes), too_fast(axes, longest_s=0.1)
+    return (
+        _has_part,
+        _whole_arm,
+        _only_named(stale(axes, state_ttl_s)),
+        past_range(axes),
+        too_fast(axes, longest_s=0.1),
+    )
 
 
-def _told(check: GateCheck) -> GateCheck:
-    """Return a gate that checks only the values that the action names. All others count as 0."""
+def _only_named(check: GateCheck) -> GateCheck:
+    """Wrap a gate so that it checks only the values that the action names. All others count as 0."""
 
     def check_named(candidate: Candidate, state: GateState) -> Refused | None:
         values = tuple(
@@ -88,8 +95,8 @@ def _told(check: GateCheck) -> GateCheck:
 
 
 def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse to move an arm with a joint that has no target to keep, because it was missing in the reading
-    with which the robot was armed. The six joints are commanded together."""
+    """Refuse to move the arm if one of its joints has no target. That joint reported no position
+    when the robot was armed. The six joints are always commanded together."""
     if not candidate.values[MOVES_ARM]:
         return None
     unknown = [key for index, key in enumerate(KEYS) if key in ARM and math.isnan(candidate.values[index])]
@@ -98,45 +105,46 @@ def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
     shown = ", ".join(unknown)
     return Refused(
         Code.STALE,
-        f"no position from {shown} when the robot was armed, and the arm is told as a whole",
-        f"name {shown} too, or call stop() and resume() once it is reported",
+        f"{shown} had no position when the robot was armed, and all arm joints are commanded together",
+        f"give {shown}, too, or call stop() and resume() once its position is reported",
         shown,
         "all joints of the arm",
     )
 
 
 def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse joints of an arm that this robot lacks. ``stale`` would call them silent."""
-    absent = [KEYS[at] for at in candidate.named if _is_absent(at, state.observation)]
+    """Refuse joints of an arm that this robot lacks. Without this gate ``stale`` would report them
+    as silent."""
+    absent = [KEYS[index] for index in candidate.named if _is_absent(index, state.observation)]
     if not absent:
         return None
-    what = "claw" if absent == [CLAW] else "arm"
+    part = "claw" if absent == [CLAW] else "arm"
     return Refused(
-        SpotCode.NO_ARM, f"this robot has no {what}", f"use {', '.join(BASE)}", absent[0], ", ".join(BASE)
+        SpotCode.NO_ARM, f"this robot has no {part}", f"use {', '.join(BASE)}", absent[0], ", ".join(BASE)
     )
 
 
-def _is_absent(at: int, observation: Observation) -> bool:
-    """Return True if the robot reports, but has never reported this joint."""
-    return bool(observation.sensors) and math.isnan(observation.position[at]) and not observation.stamp_ns[at]
+def _is_absent(index: int, observation: Observation) -> bool:
+    """Return True if the robot sends states, but no state has ever contained this joint."""
+    return bool(observation.sensors) and math.isnan(observation.position[index]) and not observation.stamp_ns[index]
 
 
 def refuse_leg(action: Mapping[str, object]) -> Refused | None:
     """Refuse to move a leg. Only the robot's own controller moves legs."""
     for key in action:
         if isinstance(key, str) and key.removesuffix(".pos") in LEGS:
-            why = f"{key}: legs belong to the locomotion controller"
-            return Refused(SpotCode.READ_ONLY, why, f"walk by {', '.join(BASE)}", key, ", ".join(KEYS))
+            reason = f"{key}: legs belong to the locomotion controller"
+            return Refused(SpotCode.READ_ONLY, reason, f"walk with {', '.join(BASE)}", key, ", ".join(KEYS))
     return None
 
 
 def with_parts(candidate: Candidate, state: GateState) -> Candidate:
-    """Return the target with its flags, which name the parts of the robot that get a command.
+    """Add the flags to a target. They name the parts of the robot that get a command.
 
-    A twist gets an end. The arm keeps its last target. A joint that was never read has no target, and
-    none is invented, since a later command would send it.
+    A twist gets an end time. The arm keeps its last target. A joint whose position was never read
+    has no target, and no target is invented for it, because a later command would send it.
     """
-    named = {KEYS[at] for at in candidate.named}
+    named = {KEYS[index] for index in candidate.named}
     speeds = candidate.values[: len(BASE)]
     drives = bool(named & set(BASE)) or any(speeds)
     until_ns = candidate.until_ns
@@ -157,8 +165,8 @@ def refuse_twist(arguments: Mapping[str, Any], axes: Sequence[Axis]) -> Refused 
         value = finite(arguments.get(axis.key, 0.0))
         if value is None:
             shown = str(arguments.get(axis.key))[:SHOWN]
-            why = f"{axis.key} is {shown}"
-            return Refused(Code.NOT_FINITE, why, "send a finite number", shown, "a finite number")
+            reason = f"{axis.key} is {shown}"
+            return Refused(Code.NOT_FINITE, reason, "send a finite number", shown, "a finite number")
         speeds.append(value)
     nothing = Observation(0, (0.0,) * len(BASE), (0,) * len(BASE))
     base = axes[: len(BASE)]

@@ -1,10 +1,11 @@
-"""The messages of Spot's services that this driver uses, as tables: field to number and kind. Pure: no I/O.
+"""The messages of Spot's services that this driver uses, as tables of fields with number and kind.
+Pure: no I/O.
 
-A message is a plain ``dict`` of the fields that are set. Decoding skips fields that the tables lack.
-Source: the protobuf descriptors of Boston Dynamics' published API, version 5.2.
+A message is a plain ``dict`` of the fields that are set. Decoding skips fields that are not in the
+tables. Source: the protobuf descriptors of Boston Dynamics' published API, version 5.2.
 
-Kinds: ``int`` (signed), ``uint``, ``bool``, ``double``, ``text``, or the name of a message. ``*`` after a
-kind means repeated.
+Kinds: ``int`` (signed), ``uint``, ``bool``, ``double``, ``text``, or the name of a message. ``*``
+after a kind means repeated.
 """
 
 from __future__ import annotations
@@ -166,7 +167,7 @@ class Field:
 
 @cache
 def table(name: str) -> Mapping[str, Field]:
-    """Return the fields of a message by name."""
+    """Return the fields of a message type by name."""
     rows = (row.split() for row in TABLES[name].split(",") if row.strip())
     return {field: Field(int(number), kind) for field, number, kind in rows}
 
@@ -177,7 +178,7 @@ def _by_number(name: str) -> Mapping[int, tuple[str, Field]]:
 
 
 def encode(name: str, message: Mapping[str, Any]) -> bytes:
-    """Return the bytes of a message. Raise ``KeyError`` for a field that its table lacks."""
+    """Encode a message. Raise ``KeyError`` for a field that its table lacks."""
     fields = table(name)
     data = b""
     for key, value in message.items():
@@ -201,32 +202,33 @@ def _encode_field(field: Field, value: Any) -> bytes:
 
 
 def decode(name: str, data: bytes) -> Message:
-    """Return the fields that are set. Raise ``MalformedFrame``."""
+    """Decode a message. Return the fields that are set. Raise ``MalformedFrame``."""
     fields, message = _by_number(name), Message()
-    for number, kind, value in pb.fields(data):
+    for number, wire_type, value in pb.fields(data):
         if number not in fields:
             continue
         key, field = fields[number]
         if field.repeated:
-            message.setdefault(key, []).extend(_several(field, kind, value))
+            message.setdefault(key, []).extend(_values(field, wire_type, value))
         else:
-            message[key] = _one(field, kind, value)
+            message[key] = _value(field, wire_type, value)
     return message
 
 
-def _several(field: Field, kind: int, value: pb.Value) -> Sequence[Any]:
+def _values(field: Field, wire_type: int, value: pb.Value) -> Sequence[Any]:
     if field.kind == "uint" and isinstance(value, bytes):
-        return pb.varints(pb.bytes_field(1, value), 1)  # packed
-    return (_one(field, kind, value),)
+        # A packed list of numbers.
+        return pb.varints(pb.bytes_field(1, value), 1)
+    return (_value(field, wire_type, value),)
 
 
-def _one(field: Field, kind: int, value: pb.Value) -> Any:
+def _value(field: Field, wire_type: int, value: pb.Value) -> Any:
     match field.kind:
-        case "uint" | "int" | "bool" if kind == pb.VARINT and isinstance(value, int):
+        case "uint" | "int" | "bool" if wire_type == pb.VARINT and isinstance(value, int):
             if field.kind == "int" and value > _ALL_BITS // 2:
                 return value - _ALL_BITS - 1
             return bool(value) if field.kind == "bool" else value
-        case "double" if kind == pb.FIXED64 and isinstance(value, int):
+        case "double" if wire_type == pb.FIXED64 and isinstance(value, int):
             return pb.as_double(value)
         case "text" if isinstance(value, bytes):
             try:

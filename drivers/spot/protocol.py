@@ -36,7 +36,7 @@ UINT64 = (1 << 64) - 1
 
 
 class Method(NamedTuple):
-    """One method. ``service`` is the service's name in the directory."""
+    """One gRPC method. ``service`` is the name under which the robot's directory lists its service."""
 
     name: str
     service: str
@@ -45,14 +45,14 @@ class Method(NamedTuple):
     reply: str
 
 
-def _methods(service: str, kind: str, *names: str) -> dict[str, Method]:
-    """Return the methods of a service. A name is ``name``, or ``name:message`` if its messages have another
-    name."""
+def _methods(service: str, service_type: str, *names: str) -> dict[str, Method]:
+    """Return the methods of a service. Each is given as ``name``, or as ``name:message`` if its
+    messages have another name."""
     methods = {}
     for row in names:
         name, _, message = row.partition(":")
         message = message or name
-        path = f"/bosdyn.api.{kind}/{name}"
+        path = f"/bosdyn.api.{service_type}/{name}"
         methods[name] = Method(name, service, path, f"{message}Request", f"{message}Response")
     return methods
 
@@ -123,7 +123,7 @@ class Motors(enum.IntEnum):
 
 
 class Power(enum.IntEnum):
-    """Status of a power command."""
+    """Status of a request to switch the motors on or off."""
 
     UNKNOWN = 0
     IN_PROGRESS = 1
@@ -144,7 +144,7 @@ POWER_OFF, POWER_ON = 1, 2
 
 
 class Command(enum.IntEnum):
-    """Status of a robot command."""
+    """Status that the robot returns for a command to move."""
 
     UNKNOWN = 0
     OK = 1
@@ -176,13 +176,13 @@ LOGIN_STATUS = {2: "user or password is wrong", 3: "the token is not valid", 4: 
 
 
 def request(method: Method, body: Mapping[str, object], client: str, wall_ns: int) -> bytes:
-    """Return the bytes of a request, with its header."""
+    """Encode a request, with its header."""
     header = {"request_timestamp": stamp(wall_ns), "client_name": client}
     return encode(method.request, {"header": header, **body})
 
 
 def reply(method: Method, data: bytes) -> Message:
-    """Return a reply. Raise ``MalformedFrame`` if its header reports an error."""
+    """Decode a reply. Raise ``MalformedFrame`` if its header reports an error."""
     message = decode(method.reply, data)
     error = message.get("header", {}).get("error", {})
     if error.get("code") != OK:
@@ -190,10 +190,10 @@ def reply(method: Method, data: bytes) -> Message:
     return message
 
 
-def name_of(kind: type[enum.IntEnum], number: int) -> str:
-    """Return a readable name of a status."""
+def name_of(status_type: type[enum.IntEnum], number: int) -> str:
+    """Return a readable name for the number of a status."""
     try:
-        return kind(number).name.lower().replace("_", " ")
+        return status_type(number).name.lower().replace("_", " ")
     except ValueError:
         return f"status {number}"
 
@@ -211,7 +211,7 @@ def duration(seconds: float) -> Message:
 
 
 def stamp_ns(message: Mapping[str, int]) -> int:
-    """Return the nanoseconds of a timestamp or a duration."""
+    """Convert a timestamp or a duration to nanoseconds."""
     return int(message.get("seconds", 0)) * NS + int(message.get("nanos", 0))
 
 
@@ -219,8 +219,8 @@ def stamp_ns(message: Mapping[str, int]) -> int:
 
 
 def newer_lease(lease: Message, count: int) -> Message:
-    """Return the lease for its ``count``-th use. The robot refuses a use that is older than the newest one
-    it has seen, and thereby a command that arrives late, after a stop."""
+    """Return the lease for its ``count``-th use. The robot refuses a use with a lower number than
+    the highest that it has seen. A command that arrives late, after a stop, is thereby refused."""
     return {**lease, "sequence": [*lease.get("sequence", []), count]}
 
 
@@ -228,7 +228,7 @@ def newer_lease(lease: Message, count: int) -> Message:
 
 
 def twist(speeds: Sequence[float], end_ns: int) -> Message:
-    """Return a walk that ends at ``end_ns`` on the robot's clock."""
+    """Return a command to walk with a twist that ends at ``end_ns`` on the robot's clock."""
     vx, vy, wz = speeds
     velocity = {
         "end_time": stamp(end_ns),
@@ -254,7 +254,7 @@ def claw(position_rad: float) -> Message:
 
 
 def together(*parts: Message) -> Message:
-    """Return one command for several parts of the body."""
+    """Combine commands for several parts of the body into one command."""
     return {"synchronized_command": {key: value for part in parts for key, value in part.items()}}
 
 
@@ -270,29 +270,35 @@ def _params() -> Message:
 
 
 def challenge_response(challenge: int) -> int:
-    """Return the proof that a challenge was received: its one's complement."""
+    """Return the answer to an e-stop challenge, the one's complement of its number. It proves that
+    the challenge was received."""
     return challenge ^ UINT64
 
 
-def endpoint_of(told: Message, name: str) -> Message:
-    """Return the endpoint of this name in an answer to ``GetEstopConfig``; empty if it has none.
+def endpoint_of(answer: Message, name: str) -> Message:
+    """Return the endpoint with this name from an answer to ``GetEstopConfig``; empty if there is no
+    such endpoint.
 
     Raises:
-        MalformedFrame: The answer has no configuration, so ours may still be in force.
+        MalformedFrame: The answer contains no configuration, so our endpoint may still be in force.
     """
-    if "active_config" not in told:
+    if "active_config" not in answer:
         raise MalformedFrame("GetEstopConfig: no configuration in its answer")
-    return next((one for one in told["active_config"].get("endpoints", ()) if one.get("name") == name), {})
+    return next(
+        (endpoint for endpoint in answer["active_config"].get("endpoints", ()) if endpoint.get("name") == name), {}
+    )
 
 
-def body_owner(told: Message) -> str:
+def body_owner(answer: Message) -> str:
     """Return the owner of the body's lease from an answer to ``ListLeases``; empty if there is no owner."""
-    body: Message = next((one for one in told.get("resources", ()) if one.get("resource") == LEASE_RESOURCE), {})
+    body: Message = next(
+        (resource for resource in answer.get("resources", ()) if resource.get("resource") == LEASE_RESOURCE), {}
+    )
     owner: str = body.get("lease_owner", {}).get("client_name", "")
     return owner
 
 
-# -- the robot's state
+# -- decode the robot's state
 
 
 Vector = tuple[float, float, float]
@@ -301,8 +307,9 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Reading(NamedTuple):
-    """The robot's state. ``joints`` maps a wire name to position and velocity, NaN for a missing value (a
-    zero is reported as such). ``pressed`` names the e-stops that are pressed."""
+    """The robot's state. ``joints`` maps a joint's name in Spot's messages to position and
+    velocity. A missing value is NaN, a value of zero is 0. ``pressed`` names the e-stops that are
+    pressed."""
 
     motors: Motors
     pressed: tuple[str, ...]
@@ -325,42 +332,45 @@ class Reading(NamedTuple):
 
     @property
     def speed(self) -> float:
-        """Return the speed of the body, the larger one of m/s and rad/s."""
+        """Return the speed of the body: the larger number of its linear (m/s) and angular (rad/s)
+        speed."""
         vx, vy, wz = self.twist
         return max(math.hypot(vx, vy), abs(wz))
 
 
-def reading(told: Message) -> Reading:
-    """Return the content of an answer to ``GetRobotState``. Raise ``MalformedFrame`` if a required field is
+def reading(answer: Message) -> Reading:
+    """Decode an answer to ``GetRobotState``. Raise ``MalformedFrame`` if a required field is
     missing."""
-    state = told.get("robot_state", {})
+    state = answer.get("robot_state", {})
     motion = state.get("kinematic_state", {})
     battery: Message = next(iter(state.get("battery_states", ())), {})
     motors = state.get("power_state", {}).get("motor_power_state", 0)
     if motors not in tuple(Motors):
         raise MalformedFrame(f"robot state: motor power {motors}")
     joints = {
-        one.get("name", ""): (_number(one, "position"), _number(one, "velocity"))
-        for one in motion.get("joint_states", ())
+        entry.get("name", ""): (_number(entry, "position"), _number(entry, "velocity"))
+        for entry in motion.get("joint_states", ())
     }
     xyz, quaternion = _body_in_odom(motion)
     return Reading(
         Motors(motors),
-        tuple(one.get("name", "?") for one in state.get("estop_states", ()) if one.get("state") == 1),
+        tuple(entry.get("name", "?") for entry in state.get("estop_states", ()) if entry.get("state") == 1),
         joints,
         _number(battery, "charge_percentage"),
         _number(battery, "voltage"),
         _body_twist(motion.get("velocity_of_body_in_odom"), quaternion),
         xyz,
         quaternion,
-        tuple(one.get("behavior_fault_id", 0) for one in state.get("behavior_fault_state", {}).get("faults", ())),
+        tuple(
+            entry.get("behavior_fault_id", 0) for entry in state.get("behavior_fault_state", {}).get("faults", ())
+        ),
         stamp_ns(motion.get("acquisition_timestamp", {})),
     )
 
 
 def _number(message: Message, key: str) -> float:
-    """Return a wrapped number; NaN if it is missing or not finite. A zero arrives as an empty wrapper, so a
-    missing wrapper is an unknown value."""
+    """Return the number in a protobuf wrapper message; NaN if it is missing or not finite. A zero
+    arrives as an empty wrapper. A missing wrapper is an unknown value."""
     if key not in message:
         return math.nan
     value = float(message[key].get("value", 0.0))
@@ -373,10 +383,11 @@ def _vector(message: Message) -> Vector:
 
 
 def _body_in_odom(motion: Message) -> tuple[Vector, Quaternion]:
-    """Return position and rotation of the body in the frame of odometry. The robot's tree has its root in
-    the body, so it reports the inverse."""
+    """Return position and rotation of the body in the odometry frame. The root of the robot's frame
+    tree is the body, so the robot reports the inverse."""
     edges = {
-        one.get("key", ""): one.get("value", {}) for one in motion.get("transforms_snapshot", {}).get("edges", ())
+        edge.get("key", ""): edge.get("value", {})
+        for edge in motion.get("transforms_snapshot", {}).get("edges", ())
     }
     pose = edges.get(ODOM_FRAME, {}).get("parent_tform_child", {})
     x, y, z = _vector(pose.get("position", {}))
@@ -391,8 +402,8 @@ def _body_in_odom(motion: Message) -> tuple[Vector, Quaternion]:
 
 
 def _body_twist(velocity: Message | None, quaternion: Quaternion) -> Vector:
-    """Turn a velocity from the frame of odometry into that of the body. Without one the result is NaN, so
-    the robot is not known to stand still."""
+    """Rotate a velocity from the odometry frame into the body frame. A missing velocity gives NaN,
+    so that the robot does not seem to stand still."""
     if velocity is None:
         return math.nan, math.nan, math.nan
     linear, angular = _vector(velocity.get("linear", {})), _vector(velocity.get("angular", {}))

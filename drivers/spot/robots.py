@@ -1,4 +1,5 @@
-"""The robots of this wire as data, and the names of their joints here and on the wire."""
+"""Load the Spots that this driver supports, and translate joint names between this driver and the
+robot's messages."""
 
 from __future__ import annotations
 
@@ -23,12 +24,13 @@ DRIVES, MOVES_ARM, MOVES_CLAW = len(KEYS), len(KEYS) + 1, len(KEYS) + 2
 
 
 def wire_name(key: str) -> str:
-    """Return the name of a joint on the wire: ``arm0.sh0`` for ``arm_sh0``, ``fl.hx`` for ``fl_hx``."""
+    """Return the name of a joint in Spot's messages: ``arm0.sh0`` for ``arm_sh0``, ``fl.hx`` for
+    ``fl_hx``."""
     return key.replace("arm_", "arm0.").replace("_", ".")
 
 
 def parts_of(table: Mapping[str, Any]) -> tuple[Part, ...]:
-    """Return the parts base, arm and claw."""
+    """Return the parts of a robot: base, arm and claw."""
     speeds = {"vx": table["vx_m_s"], "vy": table["vy_m_s"], "wz": table["wz_rad_s"]}
     base = tuple(
         Axis(

@@ -1,6 +1,7 @@
-"""A login at a Spot: one connection for each authority, a token, and calls with a deadline each.
+"""A login at a Spot: one connection for each authority (host name of a group of services), a token,
+and calls with a deadline each.
 
-This module repeats nothing by itself, and keeps nothing alive.
+This module repeats no request by itself, and keeps no login alive.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ TOKEN_S = 11 * 3600.0
 
 
 class NoAnswer(WireDown):
-    """The robot has not answered in time. It may still carry out the request."""
+    """The robot has not answered a request in time. It may still carry out the request."""
 
 
 class OpenStream(Protocol):
@@ -48,8 +49,8 @@ class OpenStream(Protocol):
     async def __call__(self, authority: str, /) -> Stream: ...
 
 
-class Asked:
-    """A request that was sent."""
+class SentRequest:
+    """A request that was sent, to wait for its answer."""
 
     def __init__(self, method: p.Method, call: Call, connection: Connection) -> None:
         self.method = method
@@ -58,7 +59,7 @@ class Asked:
 
 
 class SpotSession:
-    """A session with the robot.
+    """A login at the robot with its connections.
 
     Args:
         config: Address and login.
@@ -81,13 +82,13 @@ class SpotSession:
         self._token_ns = self._tried_ns = 0
 
     def host_ns(self) -> int:
-        """Return the host's time as the robot gets it. From the start of this session it runs evenly, even
-        when the host's clock is set."""
+        """Return the host's time that the robot is given. It starts at the host's clock and then
+        runs evenly, even when the host's clock is set."""
         return self._epoch_ns + self._clock.now_ns()
 
     async def open(self, services: Sequence[str]) -> None:
-        """Log in, read the directory, and connect to these services, so that no later call waits for
-        a connection. Raise ``WireDown``."""
+        """Log in, read the directory, and connect to ``services`` now, so that no later call waits
+        for a connection. Raise ``WireDown``."""
         await self.log_in()
         listed = await self.call("ListServiceEntries", {}, CONNECT_S)
         for entry in listed.get("service_entries", ()):
@@ -97,17 +98,17 @@ class SpotSession:
             await self._connect(self._authority(service))
 
     async def log_in(self) -> None:
-        """Get a token. Raise ``WireDown`` if the login fails."""
+        """Log in and get a token. Raise ``WireDown`` if the login fails."""
         self._tried_ns = self._clock.now_ns()
         user, password = self._config.login()
         try:
             answer = await self.call("GetAuthToken", {"username": user, "password": password}, LOGIN_S)
         finally:
-            self._leave(p.AUTHORITIES["auth"])
+            self._disconnect(p.AUTHORITIES["auth"])
         status = answer.get("status", 0)
         if status != p.OK or not answer.get("token"):
-            why = p.LOGIN_STATUS.get(status, f"status {status}")
-            raise WireDown(f"login: {why}. Check BOSDYN_CLIENT_USERNAME and BOSDYN_CLIENT_PASSWORD")
+            reason = p.LOGIN_STATUS.get(status, f"status {status}")
+            raise WireDown(f"login: {reason}. Check BOSDYN_CLIENT_USERNAME and BOSDYN_CLIENT_PASSWORD")
         self._token = answer["token"]
         self._token_ns = self._clock.now_ns()
 
@@ -135,11 +136,11 @@ class SpotSession:
         return await self.answer(self.ask(name, body), within_s)
 
     async def connect_without_answer(self, service: str) -> None:
-        """Connect without waiting for an answer. A stop uses this when the robot may understand us
-        although its answers are unreadable. Raise ``WireDown``."""
+        """Connect without waiting for the server's first message. A stop uses this when the robot
+        may understand us although its answers are unreadable. Raise ``WireDown``."""
         await self._connect(self._authority(service), settle=False)
 
-    def ask(self, name: str, body: Mapping[str, object], permit: Permit | None = None) -> Asked:
+    def ask(self, name: str, body: Mapping[str, object], permit: Permit | None = None) -> SentRequest:
         """Send a request now.
 
         Args:
@@ -157,33 +158,33 @@ class SpotSession:
         data = p.request(method, body, self.client, self.host_ns())
         if permit is not None:
             permit.check()
-        return Asked(method, connection.ask(method.path, data), connection)
+        return SentRequest(method, connection.ask(method.path, data), connection)
 
-    async def answer(self, asked: Asked, within_s: float = ANSWER_S) -> Message:
+    async def answer(self, request: SentRequest, within_s: float = ANSWER_S) -> Message:
         """Return the answer to a request that was sent.
 
         Raises:
             NoAnswer: No answer came within ``within_s`` seconds.
             WireDown: The call failed in another way.
         """
-        name = asked.method.name
+        name = request.method.name
         try:
-            data = await asked.connection.answer(asked.call, within_s)
+            data = await request.connection.answer(request.call, within_s)
             if data is None:
-                why = f"{name}: {asked.connection.name} has not answered within {within_s * 1e3:.0f} ms"
-                raise NoAnswer(f"{why}. Check the robot and its network")
-            return p.reply(asked.method, data)
+                reason = f"{name}: {request.connection.name} has not answered within {within_s * 1e3:.0f} ms"
+                raise NoAnswer(f"{reason}. Check the robot and its network")
+            return p.reply(request.method, data)
         except CallFailed as failed:
-            raise WireDown(f"{asked.connection.name}: {failed}") from None
+            raise WireDown(f"{request.connection.name}: {failed}") from None
         except MalformedFrame as malformed:
-            raise WireDown(f"{asked.connection.name}: {malformed}") from None
+            raise WireDown(f"{request.connection.name}: {malformed}") from None
 
     def close(self) -> None:
         for authority in list(self._connections):
-            self._leave(authority)
+            self._disconnect(authority)
 
     def close_in_order(self) -> None:
-        """Close as ``close`` does, but deliver the data that was sent. A stop needs this."""
+        """Close as ``close`` does, but without dropping sent data. A stop needs this."""
         for connection in self._connections.values():
             connection.close_in_order()
         self._connections.clear()
@@ -191,7 +192,7 @@ class SpotSession:
     def _authority(self, service: str) -> str:
         return self._authorities.get(service, p.AUTHORITIES["directory"])
 
-    def _leave(self, authority: str) -> None:
+    def _disconnect(self, authority: str) -> None:
         connection = self._connections.pop(authority, None)
         if connection is not None:
             connection.close()
@@ -200,22 +201,22 @@ class SpotSession:
         connected = self._connections.get(authority)
         if connected is not None and connected.is_open:
             return
-        self._leave(authority)
+        self._disconnect(authority)
         stream = await self._open_stream(authority)
-        kept = False
+        is_ready = False
         try:
             end = _End(authority, lambda: self._token)
             stream.write(end.outgoing())
             connection = Connection(f"{self._config.address().host} ({authority})", stream, end)
-            kept = not settle or await connection.until(lambda: end.settled, CONNECT_S)
-            if kept:
+            is_ready = not settle or await connection.until(lambda: end.settled, CONNECT_S)
+            if is_ready:
                 self._connections[authority] = connection
         finally:
-            if not kept:
+            if not is_ready:
                 stream.close()
-        if not kept:
+        if not is_ready:
             raise NoAnswer(
-                f"{authority}: it does not speak gRPC within {CONNECT_S:g} s. Check port=, and the robot"
+                f"{authority}: the robot does not answer in gRPC within {CONNECT_S:g} s. Check port=, and the robot"
             )
 
     async def _open_tls(self, authority: str, /) -> Stream:
@@ -224,8 +225,8 @@ class SpotSession:
 
 
 def own_name(machine_id: Path = Path("/etc/machine-id")) -> str:
-    """Return the client name of this machine. It has a part of the machine id, because hosts often share a
-    name, and one must not take another's lease for its own."""
+    """Return the name by which this machine logs in. It contains a part of the machine id, because
+    hosts often share a name. A machine must not take another machine's lease for its own."""
     try:
         number = machine_id.read_bytes().strip()
     except OSError:
@@ -234,7 +235,7 @@ def own_name(machine_id: Path = Path("/etc/machine-id")) -> str:
 
 
 class _End(ClientEnd):
-    """A client end that sends the token with each call."""
+    """The client side of a connection. It sends the token with each call."""
 
     def __init__(self, authority: str, token: _Token) -> None:
         super().__init__(authority, "https")

@@ -1,9 +1,9 @@
-"""The root's stop channel to a Spot. It keeps its own session, and asserts our e-stop endpoint. It needs
-no lease.
+"""Stop a Spot from the root process, by a separate login and our e-stop endpoint. No lease is
+needed.
 
-It needs no process, either: this package speaks gRPC itself, on trio, so no foreign code can hang.
-When root, wire and standby are all gone, the endpoint lapses. The robot then settles and cuts its motors
-by itself.
+No separate process is needed, either: this package implements gRPC itself, on trio, so no foreign
+code can hang. When all our processes have ended, the endpoint no longer checks in. The robot then
+sits down and cuts its motors by itself.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WATCH_S = 1.5
 
 
 class EstopChannel(KeptSession[SpotConfig, SpotSession]):
-    """Stop the robot by our e-stop endpoint. Tests give ``open_stream``."""
+    """Stop the robot by our e-stop endpoint. ``open_stream`` replaces the network in tests."""
 
     def __init__(
         self,
@@ -74,6 +74,7 @@ class EstopChannel(KeptSession[SpotConfig, SpotSession]):
             endpoint = EstopEndpoint(session, self.config.estop_timeout_s)
             outcome = await stop_by_estop(session, endpoint, safe_state, WATCH_S)
             if not outcome.acknowledged:
-                self.replace(None)  # The session may be dead: the next attempt connects anew.
+                # Drop the session, because it may be dead. The next attempt connects again.
+                self.replace(None)
             return outcome.reports(*names_of(self.config.axes))
         return Outcome(False, False, "silent").reports(*names_of(self.config.axes))

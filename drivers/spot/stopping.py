@@ -1,18 +1,18 @@
-"""Stop a Spot without its lease, by our e-stop endpoint. The wire and the stop channel use this.
+"""Stop a Spot without the lease, by our e-stop endpoint. The process that drives the robot and the
+root's stop channel use this code.
 
 The robot sits down and then cuts its motors, or cuts them at once.
 """
 
 from __future__ import annotations
 
-import trio
-
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.rest_watch import Rest, RestWatch
+from strands_actors.drivers.common.kit.stop_steps import repeat_until_safe
 
 from . import protocol as p
-from .control import NOTHING_SINCE, EstopEndpoint, FreshState
+from .control import EstopEndpoint, read_state
 from .session import SpotSession
 
 LOOK_S = 0.02
@@ -23,7 +23,8 @@ SERVICES = ("estop", "robot-state")
 
 
 def level_of(safe_state: SafeState) -> p.StopLevel:
-    """Return the e-stop level for a safe state. No level lets the robot stand: that takes a lease."""
+    """Return the e-stop level that leads to a safe state. No e-stop level lets the robot stand:
+    standing needs a lease."""
     return p.StopLevel.CUT if safe_state == SafeState.OFF else p.StopLevel.SETTLE_THEN_CUT
 
 
@@ -32,7 +33,7 @@ async def stop_by_estop(
 ) -> Outcome:
     """Assert the e-stop, and read the robot's state until its motors are off. Never raises.
 
-    If our endpoint is known and connected, the first frame leaves before the first wait.
+    If our endpoint is known and connected, the first message is sent before the first wait.
 
     Args:
         session: A session with the robot.
@@ -40,78 +41,78 @@ async def stop_by_estop(
         safe_state: ``off`` cuts the motors at once. All others let the robot sit first.
         within_s: Longest duration, seconds.
     """
-    stop = _Stop(session, endpoint, level_of(safe_state))
-    detail = "silent"
-    with trio.move_on_after(within_s):
-        while True:
-            try:
-                detail = await stop.step()
-                if not detail:
-                    return Outcome(stop.written, stop.acknowledged, "")
-            except WireDown as down:
-                detail = f"not confirmed: {down}"
-            await trio.sleep(LOOK_S)
-    return Outcome(stop.written, stop.acknowledged, detail)
+    return await repeat_until_safe(_EstopSteps(session, endpoint, level_of(safe_state)), within_s, LOOK_S)
 
 
-class _Stop:
+class _EstopSteps:
+    """One stop by our e-stop endpoint (``StopSteps``)."""
+
     def __init__(self, session: SpotSession, endpoint: EstopEndpoint, level: p.StopLevel) -> None:
         self._session = session
         self._endpoint = endpoint
         self._level = level
         self.written = False
         self.acknowledged = False
-        self.is_anothers = False
-        self._fresh = FreshState(session)
+        self.is_foreign = False
+        self._watch = RestWatch()
 
     async def step(self) -> str:
-        """Assert the e-stop until the robot has accepted it, then read the state.
-
-        Returns:
-            Why the robot is not safe yet; empty if it is.
-
-        Raises:
-            WireDown: A call failed.
-        """
+        """Assert the e-stop until the robot has accepted it, then read the state."""
         if not self.acknowledged:
             detail = await self._assert()
             if detail:
                 return detail
-        detail = reason_not_off(await self._fresh.read())
-        if not detail or not self.is_anothers:
+        detail = await confirm_off(self._session, self._watch)
+        if not detail or not self.is_foreign:
             return detail
         owner = p.body_owner(await self._session.call("ListLeases", {}))
         if owner not in ("", self._session.client):
-            return ""  # That client drives the robot, which accepts no more of our commands.
-        return f"{detail}, and its e-stop is another's"
+            # The other client drives the robot. The robot accepts none of our commands.
+            return ""
+        return f"{detail}, and another client has configured the e-stop"
 
     async def _assert(self) -> str:
         if not self._endpoint.is_known and not await self._endpoint.find():
-            # Another client configured the e-stop anew, while motors were off. Our lease may have
-            # moved the robot since then.
-            self.is_anothers = self.acknowledged = True
+            # Another client has configured the e-stop while the motors were off. Our lease may have moved the
+            # robot since then.
+            self.is_foreign = self.acknowledged = True
             return ""
-        asked = self._endpoint.say(self._level)
+        request = self._endpoint.send_check_in(self._level)
         self.written = True
-        status = await self._endpoint.heard(asked)
+        status = await self._endpoint.read_check_in(request)
         if status == p.CheckIn.INCORRECT_CHALLENGE_RESPONSE:
-            status = await self._endpoint.heard(self._endpoint.say(self._level))
+            status = await self._endpoint.read_check_in(self._endpoint.send_check_in(self._level))
         if status == p.CheckIn.OK:
             self.acknowledged = True
             return ""
         if status == p.CheckIn.ENDPOINT_UNKNOWN:
             self._endpoint.forget()
-        return f"not confirmed: a check-in is answered with status {status}"
+        return f"not confirmed: the robot answered a check-in with status {status}"
 
 
-def reason_not_off(reading: p.Reading | None) -> str:
-    """Return why the motors are not known to be off; empty if they are off.
+async def confirm_off(session: SpotSession, watch: RestWatch) -> str:
+    """Read the robot's state. Return why the motors are not known to be off; empty if they are off. Raise
+    ``WireDown``."""
+    reading = await read_state(session)
+    if reading.motors is p.Motors.OFF:
+        return confirm(watch, reading, "")
+    return confirm(watch, reading, f"not confirmed: the motors are {p.name_of(p.Motors, reading.motors)}")
+
+
+def confirm(watch: RestWatch, reading: p.Reading, reason: str) -> str:
+    """Take a reading that was requested after a command to stop.
 
     Args:
-        reading: A reading; None if nothing was reported since the command.
+        watch: The readings since the command.
+        reading: The present reading.
+        reason: Why the reading does not show the safe state; empty if it does.
+
+    Returns:
+        Why the safe state is not confirmed; empty if it is.
     """
-    if reading is None:
-        return NOTHING_SINCE
-    if reading.motors is p.Motors.OFF:
+    watch.report(reading.stamp_ns, [0] if reason else [])
+    if watch.rest is Rest.RESTS:
         return ""
-    return f"not confirmed: its motors are {p.name_of(p.Motors, reading.motors)}"
+    if watch.rest is Rest.MOVES and reason:
+        return reason
+    return f"not confirmed: {Rest.NOTHING_SINCE.value}"

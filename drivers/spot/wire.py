@@ -1,8 +1,8 @@
-"""The wire of a Spot, in the wire process.
+"""Drive a Spot. This module runs in the wire process, the only process that commands the robot.
 
-The wire sends nothing twice, and nothing by itself. A twist ends on the robot's clock. The check-ins of
-our e-stop endpoint leave only while gate and transport reply (``feed``). Each command uses a newer lease
-than the previous one, so that the robot refuses a command that arrives late, after a stop.
+No command is repeated. A twist ends by the robot's clock. Our e-stop endpoint checks in only while
+the driver's own tasks still respond (``feed``). Each command uses a newer number of the lease than
+the previous one. The robot therefore refuses a command that arrives late, after a stop.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome, names_of
+from strands_actors.drivers.common.kit.rest_watch import Rest, RestWatch
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.spot.refusals import SpotCode
 from strands_actors.kernel.clock import NS, Clock
@@ -26,10 +27,8 @@ from strands_actors.kernel.refusals import Code
 from . import protocol as p
 from .config import SAFE_S, SpotConfig
 from .control import (
-    NOTHING_SINCE,
     BodyLease,
     EstopEndpoint,
-    FreshState,
     LeaseLost,
     RobotTime,
     is_standing,
@@ -41,8 +40,8 @@ from .gates import COMMAND, ESTOP, LEASE
 from .messages import Message
 from .readings import Targets, held_at, observe, reason_moving
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, MOVES_ARM, MOVES_CLAW
-from .session import ANSWER_S, Asked, NoAnswer, OpenStream, SpotSession
-from .stopping import LOOK_S, reason_not_off, stop_by_estop
+from .session import ANSWER_S, NoAnswer, OpenStream, SentRequest, SpotSession
+from .stopping import LOOK_S, confirm, confirm_off, stop_by_estop
 
 RENEW_LOOK_S = 1.0
 """Period of the check whether the token or the robot's clock has to be renewed."""
@@ -71,7 +70,8 @@ class SpotWire(SessionWire[SpotSession]):
         self._reading: p.Reading | None = None
         self._read_ns = 0
         self._faults: dict[str, str] = {}
-        self._given_up = ""  # why a command failed that the robot may still carry out
+        # Why a service failed, if the robot may still carry out its command; empty otherwise.
+        self._link_error = ""
 
     # -- the link
 
@@ -92,7 +92,7 @@ class SpotWire(SessionWire[SpotSession]):
         self._lease = BodyLease(session)
         self._estop = EstopEndpoint(session, self._config.estop_timeout_s)
         self._checked_in_ns = self._retained_ns = self._command_id = 0
-        self._faults, self._given_up = {}, ""
+        self._faults, self._link_error = {}, ""
         self.session_or_none = session
         version = identity.get("software_release", {}).get("version", {})
         return {
@@ -105,11 +105,11 @@ class SpotWire(SessionWire[SpotSession]):
         }
 
     async def read(self) -> Observation:
-        """Return an observation. Its age counts from the change of the robot's stamp, so an answer that
-        repeats the stamp is not new."""
+        """Read the robot's state. Its age counts from the last change of the robot's time stamp,
+        because a state that repeats the stamp is not new."""
         session, before = self.session, self._reading
-        if self._given_up:
-            raise WireDown(self._given_up)
+        if self._link_error:
+            raise WireDown(self._link_error)
         try:
             self._reading = await read_state(session)
             if before is None or self._reading.stamp_ns != before.stamp_ns:
@@ -119,7 +119,7 @@ class SpotWire(SessionWire[SpotSession]):
                 raise
         if self._silent_s() > self._config.silent_s:
             raise WireDown(
-                f"robot state: what it reports stands still for {self._silent_s():.1f} s. Check the robot"
+                f"robot state: the robot has reported nothing new for {self._silent_s():.1f} s. Check the robot"
             )
         assert self._reading is not None
         return observe(self._reading, self._read_ns, self._faults)
@@ -128,8 +128,8 @@ class SpotWire(SessionWire[SpotSession]):
         return (self._clock.now_ns() - self._read_ns) / NS
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Renew the token and the robot's clock beside the other calls. Either may take longer than a call,
-        and the old values stay valid for a while."""
+        """Renew the token and the estimate of the robot's clock in the background. Either may take
+        longer than a call, and the old values stay valid for a while."""
         session = self.session
         task_status.started()
         while True:
@@ -138,10 +138,13 @@ class SpotWire(SessionWire[SpotSession]):
             await trio.sleep(RENEW_LOOK_S)
 
     async def feed(self) -> None:
-        """Check in at a third of the endpoint's timeout, and show that the lease is in use."""
-        _ = self.session  # raises without a session
+        """Check in with the e-stop before a third of its timeout has passed, or in each call if the
+        calls are rarer. Tell the robot that the lease is in use."""
+        # This raises ``WireDown`` if there is no session.
+        _ = self.session
         now_ns = self._clock.now_ns()
-        with contextlib.suppress(NoAnswer):  # ``read`` judges how long the robot may be silent.
+        # Ignore one missing answer. ``read`` judges how long the robot may be silent.
+        with contextlib.suppress(NoAnswer):
             if self._estop.level is p.StopLevel.NONE and now_ns - self._checked_in_ns >= self._check_in_ns:
                 await self._check_in(now_ns)
             if self._lease.is_held and now_ns - self._retained_ns >= RETAIN_S * NS:
@@ -149,11 +152,11 @@ class SpotWire(SessionWire[SpotSession]):
                 try:
                     await self._lease.retain()
                 except LeaseLost as lost:
-                    self._note(lost)
+                    self._store_owner(lost)
 
     async def _check_in(self, now_ns: int) -> None:
-        """Check in, unless the timeout has passed. A later check-in would lift the e-stop that the robot
-        has asserted by then."""
+        """Check in with the e-stop, unless its timeout has passed. The robot has asserted its
+        e-stop by then, and a late check-in would lift it."""
         late_s = (now_ns - self._checked_in_ns) / NS
         if late_s >= self._config.estop_timeout_s:
             self._estop.level = p.StopLevel.SETTLE_THEN_CUT
@@ -162,13 +165,13 @@ class SpotWire(SessionWire[SpotSession]):
         if await self._estop.check_in(p.StopLevel.NONE):
             self._checked_in_ns = now_ns
         else:
-            self._faults[ESTOP] = "the robot's e-stop was set up anew by somebody else"
+            self._faults[ESTOP] = "another client has set up the robot's e-stop"
 
     @property
     def _check_in_ns(self) -> int:
-        """Period of check-ins: a third of the timeout, less one period of the tree. ``feed`` is called in
-        such periods."""
-        return round((self._config.estop_timeout_s / 3 - 0.1) * NS)
+        """Time after which ``feed`` checks in again, ns. The next call of ``feed`` would be later than a
+        third of the timeout."""
+        return round((self._config.estop_timeout_s / 3 - self._config.feed_s) * NS)
 
     def close(self) -> None:
         if self.session_or_none is not None:
@@ -179,8 +182,8 @@ class SpotWire(SessionWire[SpotSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Take the lease, and set up an e-stop endpoint that lets the robot be powered. Motors keep their
-        power state."""
+        """Take the lease, and set up an e-stop endpoint that permits power. The motors are not
+        switched on or off."""
         if not self._lease.is_held:
             await self._lease.acquire()
             self._faults.pop(LEASE, None)
@@ -198,11 +201,10 @@ class SpotWire(SessionWire[SpotSession]):
         return await self.read()
 
     async def _set_up_estop(self) -> None:
-        """Set up our e-stop endpoint.
+        """Make our endpoint the robot's only e-stop endpoint.
 
         Raises:
-            WireDown: The robot refuses, so another client drives it. Our lease is given back for that
-                client.
+            WireDown: The robot refuses. Another client then drives it, and our lease is returned for that client.
         """
         try:
             await self._estop.set_up()
@@ -212,20 +214,20 @@ class SpotWire(SessionWire[SpotSession]):
             raise
 
     async def _until_released(self) -> None:
-        """Read back that our endpoint is in force and no e-stop is pressed. Raise ``WireDown``."""
-        why = "it has not said"
+        """Wait until our endpoint is in force and no e-stop is asserted. Raise ``WireDown``."""
+        reason = "the robot has not reported it"
         with trio.move_on_after(RELEASED_S):
             while True:
                 pressed = (await read_state(self.session)).pressed
-                why = ", ".join(pressed) or await self._estop.read_back()
-                if not why:
+                reason = ", ".join(pressed) or await self._estop.read_back()
+                if not reason:
                     return
                 await trio.sleep(LOOK_S)
-        raise WireDown(f"arm: the robot is E-stopped ({why}). Release it first")
+        raise WireDown(f"arm: the robot is E-stopped ({reason}). Release it first")
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         if not self._is_armed:
-            raise PermitDenied("it was made safe since")
+            raise PermitDenied("the robot was stopped in the meantime")
         parts: list[Message] = []
         if values[DRIVES]:
             parts.append(p.twist(values[: len(BASE)], self._time.in_ns(p.TWIST_S)))
@@ -242,14 +244,14 @@ class SpotWire(SessionWire[SpotSession]):
         Raises:
             WireDown: It failed, or was not answered. The robot may still carry it out, so it is stopped.
         """
-        with self._or_give_up():
+        with self._end_link_on_failure():
             try:
-                status = await self._commanded(command, permit)
+                status = await self._send_and_read_status(command, permit)
             except LeaseLost as lost:
-                self._note(lost)
+                self._store_owner(lost)
                 return p.Command.UNKNOWN
             if status == p.Command.NO_TIMESYNC:
-                raise WireDown("time sync: the robot's clock was set anew. Reconnect")
+                raise WireDown("time sync: the robot's clock was changed. Reconnect")
         if status == p.Command.OK:
             self._faults.pop(COMMAND, None)
         else:
@@ -257,16 +259,16 @@ class SpotWire(SessionWire[SpotSession]):
         return status
 
     @contextlib.contextmanager
-    def _or_give_up(self) -> Iterator[None]:
-        """Note a failed service, so that the next ``read`` ends the link. The robot is then settled,
-        whether or not it carries out the command."""
+    def _end_link_on_failure(self) -> Iterator[None]:
+        """Run a service. If it fails, the next ``read`` ends the link, because the robot may still
+        carry out the command. The robot then sits down."""
         try:
             yield
         except WireDown as down:
-            self._given_up = str(down)
+            self._link_error = str(down)
             raise
 
-    async def _commanded(self, command: Message, permit: Permit | None) -> int:
+    async def _send_and_read_status(self, command: Message, permit: Permit | None) -> int:
         answer = await self.session.answer(self._send(command, permit))
         if not self._lease.check(answer):
             return p.Command.UNKNOWN
@@ -274,8 +276,9 @@ class SpotWire(SessionWire[SpotSession]):
         status: int = answer.get("status", 0)
         return status
 
-    def _send(self, command: Message, permit: Permit | None) -> Asked:
-        """Send a command with the next use of the lease. Raise ``LeaseLost`` or ``WireDown``."""
+    def _send(self, command: Message, permit: Permit | None) -> SentRequest:
+        """Send a command with the next use number of the lease. Raise ``LeaseLost`` or
+        ``WireDown``."""
         body = {"lease": self._lease.use(), "command": command, "clock_identifier": self._time.clock_identifier}
         return self.session.ask("RobotCommand", body, permit)
 
@@ -288,16 +291,16 @@ class SpotWire(SessionWire[SpotSession]):
         if safe_state == SafeState.HOLD:
             return await self._hold()
         self._is_armed = False
-        outcome, returned = Outcome(False, False, "it cannot be told by its lease"), ""
+        outcome, lease_failure = Outcome(False, False, "we have no lease to command the robot"), ""
         if safe_state != SafeState.OFF:
-            outcome, returned = await self._sit()
+            outcome, lease_failure = await self._sit()
         if outcome.detail:
             session = self.session
             by_estop = await stop_by_estop(session, self._estop, safe_state, SAFE_S - MARGIN_S - SIT_S)
             written = outcome.written or by_estop.written
             outcome = Outcome(written, outcome.acknowledged or by_estop.acknowledged, by_estop.detail)
-            returned = await self._give_back() if not outcome.detail else ""
-        return self._reports(outcome, returned)
+            lease_failure = await self._give_back() if not outcome.detail else ""
+        return self._reports(outcome, lease_failure)
 
     async def _hold(self) -> tuple[MotorReport, ...]:
         """Command the robot to stand still, and read back that it does.
@@ -305,28 +308,28 @@ class SpotWire(SessionWire[SpotSession]):
         If another client has the lease, this program does not move the robot any more. If no client has
         it, the robot can only be observed.
         """
-        written = acknowledged = is_nobodys = False
-        detail, fresh = "silent", FreshState(self.session)
+        written = acknowledged = is_unowned = False
+        detail, watch = "silent", RestWatch()
         with trio.move_on_after(HOLD_S):
             while True:
-                had = self._lease.is_held
+                had_lease = self._lease.is_held
                 try:
-                    if not (acknowledged or is_nobodys):
-                        status = await self._commanded(p.STOP, None)
+                    if not (acknowledged or is_unowned):
+                        status = await self._send_and_read_status(p.STOP, None)
                         written = True
                         acknowledged = status in (p.Command.OK, p.Command.NOT_POWERED_ON)
-                        detail = f"not confirmed: a stop is answered with {p.name_of(p.Command, status)}"
-                    if acknowledged or is_nobodys:
-                        detail, targets = await self._why_moving(fresh)
+                        detail = f"not confirmed: the robot answered a stop with {p.name_of(p.Command, status)}"
+                    if acknowledged or is_unowned:
+                        detail, targets = await self._confirm_standing(watch)
                         if not detail:
                             return self._reports(Outcome(written, True, ""), targets=targets)
                 except LeaseLost as lost:
-                    written = written or had
+                    written = written or had_lease
                     if self._lease.was_taken:
-                        self._note(lost)
+                        self._store_owner(lost)
                     if lost.owner or not self._lease.was_taken:
                         return self._reports(Outcome(written, True, ""))
-                    is_nobodys, detail = True, f"not confirmed: {lost}"
+                    is_unowned, detail = True, f"not confirmed: {lost}"
                 except WireDown as down:
                     written = written or isinstance(down, NoAnswer) or await self._send_without_answer(p.STOP)
                     detail = f"not confirmed: {down}"
@@ -336,7 +339,7 @@ class SpotWire(SessionWire[SpotSession]):
     async def _send_without_answer(self, command: Message) -> bool:
         """Send a command with our lease on a new connection, without waiting for an answer.
 
-        Damaged answers end a connection, and the robot may understand us all the same.
+        Damaged answers end a connection. The robot may still understand our commands.
 
         Returns:
             True if the command was sent.
@@ -347,48 +350,46 @@ class SpotWire(SessionWire[SpotSession]):
         try:
             await session.connect_without_answer("robot-command")
             self._send(command, None)
-        except WireDown:  # The report shows that the stop is not confirmed.
+        # The caller reports that the stop is not confirmed.
+        except WireDown:
             return False
         return True
 
-    async def _why_moving(self, fresh: FreshState) -> tuple[str, Targets]:
+    async def _confirm_standing(self, watch: RestWatch) -> tuple[str, Targets]:
         """Return why the robot does not stand still, empty if it does, and its held position.
 
         Motors that are being powered on are switched off again. Raise ``LeaseLost`` or ``WireDown``.
         """
-        reading = await fresh.read()
-        if reading is None:
-            return NOTHING_SINCE, ()
-        if reading.motors is p.Motors.POWERING_ON:
-            session = self.session
-            asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
-            self._lease.check(await session.answer(asked))
-            return "not confirmed: its motors are being powered on", ()
-        detail = reason_moving(reading)
+        session = self.session
+        reading = await read_state(session)
+        detail = confirm(watch, reading, reason_moving(reading))
+        if reading.motors is p.Motors.POWERING_ON and watch.rest is not Rest.NOTHING_SINCE:
+            request = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_OFF})
+            self._lease.check(await session.answer(request))
         return detail, () if detail else held_at(reading)
 
     async def _sit(self) -> tuple[Outcome, str]:
-        """Let the robot sit, switch motors off, and return the lease.
+        """Command the robot to sit down and switch its motors off, then return the lease.
 
         Returns:
-            The outcome, and why the lease was not returned; empty if it was.
+            The outcome of the stop, and why the lease was not returned; empty if it was returned.
         """
         written = acknowledged = False
         detail = "silent"
         with trio.move_on_after(SIT_S):
             try:
-                status = await self._commanded(p.SAFE_POWER_OFF, None)
+                status = await self._send_and_read_status(p.SAFE_POWER_OFF, None)
                 written = True
                 if status not in (p.Command.OK, p.Command.NOT_POWERED_ON):
                     return Outcome(True, False, f"not confirmed: {p.name_of(p.Command, status)}"), ""
                 acknowledged = True
-                fresh = FreshState(self.session)
+                watch = RestWatch()
                 while True:
-                    detail = reason_not_off(await fresh.read())
+                    detail = await confirm_off(self.session, watch)
                     if not detail:
                         break
                     await trio.sleep(LOOK_S)
-                # From here on ``feed`` checks in no more.
+                # From here on ``feed`` sends no more check-ins.
                 self._estop.level = p.StopLevel.SETTLE_THEN_CUT
                 return Outcome(True, True, ""), await self._give_back()
             except LeaseLost as lost:
@@ -401,20 +402,21 @@ class SpotWire(SessionWire[SpotSession]):
         return Outcome(written, acknowledged, detail), ""
 
     async def _give_back(self) -> str:
-        """Return the lease to the robot. The result says why that failed; empty if it did not, or if there
-        is no lease."""
+        """Return the lease to the robot. The result is the reason for a failure; empty after
+        success, or if there is no lease."""
         if LEASE in self._faults:
-            return f"{self._faults[LEASE]}: it is not returned"
+            return f"{self._faults[LEASE]}, so it is not returned"
         try:
             return await self._lease.give_back()
         except WireDown as down:
             return f"the lease was not returned: {down}"
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop by the open connections, then by a new one.
+        """Stop the robot after its link was lost: by the open connections, then by a new one.
 
-        On the open ones, a command with our lease and our e-stop endpoint run in parallel, since each may
-        have to wait for the network. On the new one only the endpoint is used.
+        On the open connections a command with our lease and our e-stop endpoint are used in
+        parallel, because each may have to wait for the network. On the new connection only the
+        e-stop endpoint is used.
         """
         self._is_armed = False
         sent = False
@@ -429,10 +431,12 @@ class SpotWire(SessionWire[SpotSession]):
                     nursery.start_soon(by_lease)
                 outcome = await stop_by_estop(self.session, self._estop, safe_state, ANSWER_S)
                 if not outcome.detail:
-                    nursery.cancel_scope.cancel()  # The robot is safe without the command by lease.
+                    # The e-stop has made the robot safe. The command with the lease is no longer needed.
+                    nursery.cancel_scope.cancel()
             if not outcome.detail:
                 return self._reports(outcome)
-            self.session.close_in_order()  # The session is kept: a later stop uses its lease.
+            # Keep the session object: a later stop uses its lease.
+            self.session.close_in_order()
         session = SpotSession(self._config, self._clock, self._open_stream)
         try:
             await session.open(("estop", "robot-state"))
@@ -444,11 +448,11 @@ class SpotWire(SessionWire[SpotSession]):
             session.close_in_order()
         return self._reports(outcome)
 
-    def _reports(self, outcome: Outcome, returned: str = "", targets: Targets = ()) -> tuple[MotorReport, ...]:
+    def _reports(self, outcome: Outcome, lease_failure: str = "", targets: Targets = ()) -> tuple[MotorReport, ...]:
         reports = outcome.reports(*names_of(self._config.axes), targets)
-        if not returned or outcome.detail:
+        if not lease_failure or outcome.detail:
             return reports
-        return tuple(msgspec.structs.replace(one, detail=returned) for one in reports)
+        return tuple(msgspec.structs.replace(report, detail=lease_failure) for report in reports)
 
     # -- services
 
@@ -462,36 +466,36 @@ class SpotWire(SessionWire[SpotSession]):
     async def _set_twist(self, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         speeds = {key: float(arguments.get(key, 0.0)) for key in BASE}
         command = p.together(p.twist(tuple(speeds.values()), self._time.in_ns(p.TWIST_S)))
-        refused = self._refused("set_twist", await self._command(command, permit))
-        return refused or {"robot": self._config.robot, "twist": speeds, "ends_in_s": p.TWIST_S}
+        refusal = self._refusal("set_twist", await self._command(command, permit))
+        return refusal or {"robot": self._config.robot, "twist": speeds, "ends_in_s": p.TWIST_S}
 
     async def _stand(self, permit: Permit) -> dict[str, Any] | Refused:
-        refused = await self._power_on(permit)
-        if refused is not None:
-            return refused
-        refused = self._refused("stand", await self._command(p.stand(), permit))
-        if refused is not None:
-            return refused
+        refusal = await self._power_on(permit)
+        if refusal is not None:
+            return refusal
+        refusal = self._refusal("stand", await self._command(p.stand(), permit))
+        if refusal is not None:
+            return refusal
         number = self._command_id
         with trio.move_on_after(STAND_UP_S):
             while not await is_standing(self.session, number):
                 permit.check()
                 await trio.sleep(LOOK_S)
             return {"standing": True}
-        return Refused(SpotCode.NOT_STANDING, f"it does not stand after {STAND_UP_S:g} s", "look at the robot")
+        return Refused(SpotCode.NOT_STANDING, f"the robot does not stand after {STAND_UP_S:g} s", "check the robot")
 
     async def _power_on(self, permit: Permit) -> Refused | None:
         session = self.session
         if (await read_state(session)).motors is p.Motors.ON:
             return None
         try:
-            with self._or_give_up():
-                asked = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_ON}, permit)
-                answer = await session.answer(asked)
+            with self._end_link_on_failure():
+                request = session.ask("PowerCommand", {"lease": self._lease.use(), "request": p.POWER_ON}, permit)
+                answer = await session.answer(request)
             self._lease.check(answer)
         except LeaseLost as lost:
-            self._note(lost)
-            return self._refused("stand", p.Command.UNKNOWN)
+            self._store_owner(lost)
+            return self._refusal("stand", p.Command.UNKNOWN)
         status = answer.get("status", 0)
         number = answer.get("power_command_id", 0)
         with trio.move_on_after(POWER_ON_S):
@@ -501,21 +505,23 @@ class SpotWire(SessionWire[SpotSession]):
                 status = await power_status(session, number)
             if status == p.Power.SUCCESS:
                 return None
-        why = p.name_of(p.Power, status)
-        return Refused(SpotCode.NO_POWER, f"its motors are not powered on: {why}", "look at the robot", why)
+        state = p.name_of(p.Power, status)
+        return Refused(SpotCode.NO_POWER, f"the motors are not powered on: {state}", "check the robot", state)
 
     # -- parts
 
-    def _refused(self, service: str, status: int) -> Refused | None:
-        """Return the robot's refusal of a command; None if it accepted it."""
+    def _refusal(self, service: str, status: int) -> Refused | None:
+        """Turn the status of a command into a refusal; None if the robot accepted the command."""
         if status == p.Command.OK:
             return None
         if LEASE in self._faults:
-            return Refused(SpotCode.LEASE_LOST, self._faults[LEASE], "let its owner return it, then resume()")
-        why = p.name_of(p.Command, status)
-        return Refused(Code.ROBOT, f"the robot refuses it: {why}", "look at the robot", why)
+            return Refused(
+                SpotCode.LEASE_LOST, self._faults[LEASE], "let its owner return the lease, then resume()"
+            )
+        reason = p.name_of(p.Command, status)
+        return Refused(Code.ROBOT, f"the robot refuses the command: {reason}", "check the robot", reason)
 
-    def _note(self, lost: LeaseLost) -> None:
-        """Note the client that took the lease. Later answers do not name it."""
+    def _store_owner(self, lost: LeaseLost) -> None:
+        """Store which client took the lease, because later answers do not name the client."""
         if lost.owner or LEASE not in self._faults:
             self._faults[LEASE] = str(lost)

@@ -1,4 +1,4 @@
-"""One board on its serial port: identification, calls with an answer, and frames without one."""
+"""One board on its serial port: identification, requests that wait for an answer, and frames that do not."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ MOST_FRAMES = 18
 
 
 class Board:
-    """A board. All methods raise ``WireDown`` once the port is gone.
+    """One board of the robot. All methods raise ``WireDown`` once the port is gone.
 
-    A call with an answer has the line for itself until the answer comes. ``send``, ``send_first`` and ``tell``
-    write without waiting for it.
+    In this protocol a request is named a call. A method that waits for an answer has the line for itself until
+    the answer comes. ``send``, ``send_first`` and ``tell`` write at once, even while another answer is awaited.
     """
 
     def __init__(self, name: str, port: BytePort, clock: Clock) -> None:
@@ -38,54 +38,58 @@ class Board:
         self.bus: HalfDuplexBus[f.Frame] = HalfDuplexBus(port, f.Decoder(), clock, BAUD, overhead=f.OVERHEAD)
         self.info = p.BoardInfo("", "", "", (0, 0), 0)
         self._line = trio.Lock()
-        self._is_owed = False  # True while a distinguishable answer to ``tell`` is pending
+        # True while the acknowledgement of the last ``tell`` is pending and cannot be mistaken for another.
+        self._ack_is_pending = False
 
     def close(self) -> None:
         self.port.close()
 
     def send(self, call: bytes) -> None:
-        """Send a short call. Its acknowledgement is dropped."""
+        """Send a short call. Its acknowledgement is not awaited."""
         self.bus.send(f.push(call))
 
     def send_first(self, call: bytes) -> None:
-        """Send a short call on a port in an unknown state. Waiting output is dropped. A frame that was cut by this,
-        or by the death of its writer, ends before our frame begins."""
+        """Send a short call on a port in an unknown state. Unsent output is dropped. A frame that was thereby
+        cut, or that a dead process left unfinished, is ended before our frame begins."""
         self.port.discard_output()
         self.bus.send(f.RESYNC + f.push(call))
 
     def tell(self, call: bytes) -> None:
-        """Send a short call. ``was_acknowledged`` waits for its acknowledgement."""
-        self._is_owed = not (self.bus.quiet or self._line.locked())
-        if not self._is_owed:
+        """Send a short call without waiting. ``was_acknowledged`` can then wait for its acknowledgement."""
+        self._ack_is_pending = not (self.bus.quiet or self._line.locked())
+        if not self._ack_is_pending:
             self.send(call)
             return
-        self.port.discard_input()  # old acknowledgements of ``send``
-        self.bus.send_owed(f.push(call), {f.PUSH_ACK: 0})
+        # Drop old acknowledgements of ``send``.
+        self.port.discard_input()
+        self.bus.send_unawaited(f.push(call), {f.PUSH_ACK: 0})
 
     async def was_acknowledged(self) -> bool:
-        """Return True if the last ``tell`` was acknowledged. Return False, too, if its answer cannot be
-        distinguished from another pending one."""
-        if not self._is_owed:
+        """Return True if the last ``tell`` was acknowledged. Return False also if its acknowledgement cannot be
+        told from that of another pending call."""
+        if not self._ack_is_pending:
             return False
         async with self._line:
             await self.bus.discard_pending()
         return not self.bus.quiet
 
     async def identify(self, kind: p.Kind) -> None:
-        """Identify the board, over the transport that every firmware speaks. Raise ``WireDown`` for another board,
-        and for unknown firmware."""
+        """Ask the board for its kind and firmware, over transport V0, which every firmware speaks. Raise
+        ``WireDown`` for another kind of board, and for unknown firmware."""
         reply = await self._v0(p.BOARD_INFO[kind])
         try:
             info = p.parse_board_info(reply)
         except MalformedFrame as malformed:
-            raise WireDown(f"{self.name} says that {malformed}. Check its firmware") from None
+            raise WireDown(
+                f"{self.name} identifies itself with an invalid message: {malformed}. Check its firmware"
+            ) from None
         if info.kind != kind:
             raise WireDown(f"{self.name} is a {info.kind} board, must be a {kind}. Check the udev rules")
         if info.version < p.OLDEST_V1 or info.protocol not in p.PROTOCOLS[kind]:
-            known = p.PROTOCOLS[kind]
+            protocols = p.PROTOCOLS[kind]
             raise WireDown(
                 f"{self.name} has firmware {info.firmware}. It must be v0.4 or newer, with protocol "
-                f"p{known[0]} to p{known[-1]}"
+                f"p{protocols[0]} to p{protocols[-1]}"
             )
         self.info = info
 
@@ -103,28 +107,29 @@ class Board:
     async def change(self, call: bytes, permit: Permit) -> bool:
         """Send a short call while other tasks read and command the board. Return True if it was acknowledged.
 
-        It holds the line for one answer at most, so that no task waits longer for it than for a silent board.
+        The line is occupied for one answer at most, so no other task waits longer than for a silent board.
 
         Raises:
-            Quiet: The line is in its quiet time.
+            Quiet: The line must stay quiet for a while after a missing reply.
         """
         async with self._line:
             permit.check()
             replies = await self.bus.transact(f.push(call), {f.PUSH_ACK: 0})
-        # It may be the acknowledgement of a setpoint, which no task waits for.
+        # This may also be the acknowledgement of a setpoint. No task waits for those.
         return _acknowledges(replies.get(f.PUSH_ACK), call)
 
-    async def must(self, call: bytes, what: str) -> None:
+    async def must(self, call: bytes, subject: str) -> None:
         """Send a call. Raise ``WireDown`` if it is not acknowledged."""
         if not await self.command(call):
-            raise WireDown(f"{self.name} does not take {what}. Check its cable and power")
+            raise WireDown(f"{self.name} did not acknowledge {subject}. Check its cable and power")
 
     async def ask(self, call: int, *, wait: bool = False) -> bytes | None:
-        """Return the reply to a call without its number; None if it did not arrive completely.
+        """Return the reply to a call, without the number at its start; None if the reply did not arrive
+        completely.
 
         Args:
             call: Number of the call.
-            wait: Wait for the end of a quiet time. Otherwise raise ``Quiet`` in it.
+            wait: True waits for the end of the quiet time after a missing reply. False raises ``Quiet`` in it.
         """
         reply, request = b"", f.pull(call)
         async with self._line:
@@ -140,7 +145,7 @@ class Board:
         return None
 
     async def stepper_status(self, *, wait: bool = False) -> p.StepperStatus | None:
-        """Return the status of a stepper; None without a readable answer."""
+        """Request the status of a stepper board; None if the answer is missing or unreadable."""
         data = await self.ask(p.STATUS, wait=wait)
         try:
             return None if data is None else p.parse_stepper_status(data)
@@ -165,13 +170,13 @@ class Board:
             if part.code == f.V0_GOT_LAST:
                 break
         if reply[:1] != bytes((call + 1,)):
-            raise WireDown(f"{self.name} answers another question. Power-cycle the robot")
+            raise WireDown(f"{self.name} sent the answer to another request. Power-cycle the robot")
         return reply[1:]
 
     async def _v0_step(self, request: bytes, code: int) -> f.Frame:
         replies = await self.bus.transact(request, {code: 0}, ANSWER_S, wait=True)
         if code not in replies:
-            raise WireDown(f"{self.name} does not say who it is. Check its cable and power")
+            raise WireDown(f"{self.name} does not identify itself. Check its cable and power")
         return replies[code]
 
 

@@ -1,5 +1,5 @@
-"""The two chains of Dynamixels: wrist and head. They differ from an arm of such servos: radians, a slow bus, a
-gripper that is not commanded, and motion profiles that the servos need."""
+"""The two chains of Dynamixel servos: wrist and head. They differ from an arm of such servos in four ways:
+positions in radians, a slow bus, a gripper that is not commanded, and motion profiles that the servos need."""
 
 from __future__ import annotations
 
@@ -55,7 +55,8 @@ class ChainWire(DynamixelWire):
         """By joint: True if the joint knows its position."""
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
-        """Connect. A joint may rest anywhere in the range of the robot's YAML, even several turns of its servo."""
+        """Connect to the servos. A joint may rest anywhere in the range that the robot's YAML gives, even
+        several turns of its servo away."""
         done = await super().handshake(bus)
         for axis, joint in zip(self.axes, self._joints, strict=True):
             data = await block(bus, protocol, axis, HOMED.address, HOMED.size) if joint.needs_homing else b"\1"
@@ -63,8 +64,8 @@ class ChainWire(DynamixelWire):
         return msgspec.structs.replace(done, reach={axis.id: (axis.low, axis.high) for axis in self.axes})
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write a setpoint. A hold removes the servos' speed limit, so the first goal after one is preceded by the
-        profile."""
+        """Write a setpoint. A hold removes the servos' speed limit, so the motion profile is sent before the
+        first goal after a hold."""
         if self._armed and not self._is_profiled:
             permit.check()
             joints, bus = self._joints, self.session.bus
@@ -75,14 +76,15 @@ class ChainWire(DynamixelWire):
             self._is_profiled = True
         await super().write(values, permit)
 
-    def go_on(self) -> None:
-        """Feed the servos' watchdogs for a setpoint to the rest of the robot, because its sender is alive."""
+    def feed_watchdogs(self) -> None:
+        """Keep the servos' watchdogs from expiring. A setpoint for the rest of the robot has shown that its
+        sender is alive."""
         if self._feed_until_ns is not None:
             self._feed_until_ns = self.clock.now_ns() + round(FEED_S * NS)
 
     async def before_arming(self, permit: Permit) -> None:
-        """Read again whether the joints are homed. A servo that was reset meanwhile has lost its turns, and the
-        note."""
+        """Read from the servos whether the joints are homed. A servo that was reset has lost the count of its
+        turns and is not homed."""
         await super().before_arming(permit)
         for axis, joint in zip(self.axes, self._joints, strict=True):
             if joint.needs_homing:
@@ -94,16 +96,16 @@ class ChainWire(DynamixelWire):
         return await super().arm(permit)
 
     async def read(self) -> Observation:
-        """Return a reading. A joint whose servo seems reset counts as not homed until the next arming reads
-        that."""
-        seen = await super().read()
+        """Read the chain. If a servo seems to have been reset, its joint counts as not homed until the next
+        arming reads it again."""
+        observation = await super().read()
         for axis, joint in zip(self.axes, self._joints, strict=True):
-            if joint.needs_homing and not RESET.isdisjoint(seen.faults.get(axis.key, "").split(", ")):
+            if joint.needs_homing and not RESET.isdisjoint(observation.faults.get(axis.key, "").split(", ")):
                 self.homed[axis.key] = False
-        return seen
+        return observation
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Hold, for every safe state, because a limp wrist would drop its load."""
+        """Hold the joints for every safe state, because a wrist without torque would drop its load."""
         self._is_profiled = False
         return at_rest(await super().make_safe(SafeState.HOLD))
 
@@ -130,7 +132,8 @@ class ChainStopChannel(DynamixelStopChannel):
 
 
 def at_rest(reports: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
-    """Return the reports of a hold. A servo without torque counts as safe, too, since nothing drives it."""
+    """Return the servos' reports after a hold. A servo without torque counts as safe, too, because it does not
+    drive its joint."""
     return tuple(
         msgspec.structs.replace(report, safe=True) if report.detail == LIMP else report for report in reports
     )

@@ -1,4 +1,4 @@
-"""The configuration that the wire and the stop channel of a Stretch share."""
+"""Settings of a Stretch, shared by the process that drives it (the wire) and the root's stop channel."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
         return self.parameters.wrist, self.parameters.head
 
     def chain_config(self, chain: Chain) -> ServoConfig:
-        """Return the configuration of the wire of one chain of Dynamixels."""
+        """Return the settings of one chain of Dynamixel servos."""
         return ServoConfig(
             robot=self.robot,
             port=chain.usb,
@@ -64,7 +64,8 @@ class StretchConfig(msgspec.Struct, frozen=True):
                 ServoAxis(
                     key=joint.key,
                     id=joint.id,
-                    model="",  # It differs from robot to robot.
+                    # The servo model differs from robot to robot.
+                    model="",
                     unit="rad",
                     zero=joint.zero,
                     scale=joint.scale,
@@ -83,7 +84,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
     # -- units
 
     def wheels(self, vx: float, wz: float) -> tuple[float, float]:
-        """Return the speeds of the left and the right wheel, m/s."""
+        """Convert a twist of the base to the speeds of the left and the right wheel, m/s."""
         turn = wz * self.parameters.separation_m / 2
         return vx - turn, vx + turn
 
@@ -93,7 +94,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
     # -- commands
 
     def goal(self, joint: str, position_m: float) -> Command:
-        """Return the command that moves lift or arm to a position, with the profile of the YAML."""
+        """Return the command that moves lift or arm to a position, with the motion profile of the YAML."""
         motor = self.motors[joint]
         return _guarded(motor, Mode.POSITION_PROFILE)._replace(
             position=position_m * motor.rad_per_m,
@@ -113,7 +114,7 @@ class StretchConfig(msgspec.Struct, frozen=True):
         return _guarded(self.motors[board], Mode.HOLD)
 
     def stand(self, wheel: str) -> Command:
-        """Return the command that stops a wheel at once, without a profile."""
+        """Return the command that stops a wheel at once, without a motion profile."""
         return _guarded(self.motors[wheel], Mode.VELOCITY)
 
 
@@ -123,8 +124,8 @@ def _guarded(motor: Motor, mode: Mode) -> Command:
 
 
 def ticks_per_s(rad_s: float, gear: float) -> int:
-    """Return a speed in counts of a Dynamixel's profile velocity. It is at least 1, because zero means
-    unlimited."""
+    """Convert a joint speed to the units of a Dynamixel's profile velocity. The result is at least 1, because
+    zero means unlimited."""
     return max(1, int(rad_s * gear * 4096 / math.tau / TICKS_PER_S))
 
 

@@ -1,8 +1,8 @@
-"""Declare Hello Robot's Stretch 2 and 3, on the boards' own serial lines, without an SDK.
+"""Declare Hello Robot's Stretch 2 and 3, commanded over the serial lines of their boards, without an SDK.
 
-Lift and arm are in metres, wrist and head in radians. ``set_twist(vx, wz)`` drives the base. The safe state is
-a hold for every reason: the wheels stand, and all joints stay where they are. An e-stop sets the runstop, too.
-The boards then stop by themselves until a person releases it on the robot.
+Lift and arm are in metres, wrist and head in radians. ``set_twist(vx, wz)`` drives the base. Every stop is a
+hold: the wheels stand, and all joints stay where they are. An e-stop sets the robot's runstop (its stop
+button), too. The boards then stop by themselves until a person releases it on the robot.
 """
 
 from __future__ import annotations
@@ -118,15 +118,16 @@ class Stretch(Driver):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Read the robot's own YAML. The ports of a twin are in its folder, and it needs no YAML."""
+        """Read the robot's parameters from its own YAML. A simulated robot has its ports in a folder, and needs
+        no YAML."""
         if port or "parameters" in options:
             return dict(options)
         read = read_folder(robot, folder_of(os.environ))
         return {**options, "parameters": msgspec.to_builtins(read)}
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
-        given = {name: value for name, value in options.items() if name != "parameters"}
-        hz = read_options(robot, StretchOptions, given).control_frequency
+        checked = {name: value for name, value in options.items() if name != "parameters"}
+        hz = read_options(robot, StretchOptions, checked).control_frequency
         if port and PurePath(port).name != TWIN_PORT:
             raise ValueError(
                 f"{robot}: port is {port!r}. Leave it out: the boards are found by their names, "
@@ -168,14 +169,16 @@ class Stretch(Driver):
         joint = str(arguments.get("joint", ""))[:40]
         if joint not in ranges:
             names = ", ".join(ranges)
-            why = f"joint is {joint or 'missing'}"
-            return Refused(Code.BAD_ARGUMENT, why, f"give one of {names}", joint, names)
+            reason = f"joint is {joint or 'missing'}"
+            return Refused(Code.BAD_ARGUMENT, reason, f"give one of {names}", joint, names)
         low, high = (finite(arguments.get(name)) for name in ("low", "high"))
         least, most = ranges[joint]
         if low is None or high is None or not least - 1e-9 <= low < high <= most + 1e-9:
             offered, limit = f"{arguments.get('low')}..{arguments.get('high')}"[:40], f"{least:.4f}..{most:.4f}"
-            why = f"{joint} {offered}"
-            return Refused(Code.BAD_ARGUMENT, why, f"give low below high, within {limit}", offered, limit)
+            reason = f"{joint} {offered}"
+            return Refused(
+                Code.BAD_ARGUMENT, reason, f"give low and high within {limit}, low below high", offered, limit
+            )
         return None
 
 
@@ -200,13 +203,13 @@ def _parts(config: StretchConfig) -> tuple[Part, ...]:
 
 
 def _moved(parameters: Parameters, folder: str) -> Parameters:
-    """Return the parameters of a robot with its devices in another folder."""
+    """Return the parameters of a robot, with its serial devices in another folder."""
 
     def move(usb: str) -> str:
         return f"{folder}/{usb.removeprefix(_DEVICES)}"
 
-    def chain(found: Chain) -> Chain:
-        return msgspec.structs.replace(found, usb=move(found.usb))
+    def chain(servos: Chain) -> Chain:
+        return msgspec.structs.replace(servos, usb=move(servos.usb))
 
     motors = {name: getattr(parameters, name) for name in ("lift", "arm", "left", "right")}
     return msgspec.structs.replace(

@@ -1,12 +1,13 @@
 """Frames of Stretch's boards: COBS, CRC-16, and the split of a call into frames. Pure: no I/O, no clock.
 
 A frame is ``COBS(code data.. crc crc) 00``: CRC-16/Modbus (polynomial 0xA001, initial 0xFFFF), high byte first.
-A call is a number and its arguments, and its reply has the next number. There is no sequence number, so a late
-reply looks like the answer to the next call of the same kind.
+A request to a board is named a call. It is a number and its arguments, and its reply has the next number. There
+is no sequence number, so a late reply looks like the answer to the next call of the same kind.
 
-These robots speak transport V1. A call that commands is *pushed*, 58 bytes a frame. Each frame is acknowledged,
-and the last acknowledgement has the reply. A call that asks is *pulled*: the reply comes 58 bytes a frame, each
-on request. Transport V0 is older. It is used for the one call that every firmware answers, identification.
+These robots speak transport V1. A call that commands is *pushed* in frames of 58 bytes. Each frame is
+acknowledged, and the last acknowledgement contains the reply. A call that asks is *pulled*: the host requests
+each frame of the reply, of 58 bytes. Transport V0 is older. It is used for the one call that every firmware
+answers, identification.
 """
 
 from __future__ import annotations
@@ -60,8 +61,8 @@ _ONE_OF = {PULL_MORE: PULL_LAST, V0_GOT_MORE: V0_GOT_LAST}
 
 
 class Frame(NamedTuple):
-    """One checked frame, as a ``half_duplex.Packet``. A reply is recognised by its code. Its length depends on the
-    firmware, and its reader checks it."""
+    """One frame with a valid checksum, as a ``half_duplex.Packet``. A reply is recognised by its code. Its
+    length depends on the firmware, so the decoder of the reply checks the length."""
 
     code: int
     data: bytes
@@ -80,9 +81,9 @@ class Frame(NamedTuple):
 
 
 def frame(code: int, data: bytes = b"") -> bytes:
-    """Return the bytes of one frame. Raise ``ValueError`` for data that does not fit."""
+    """Encode one frame. Raise ``ValueError`` if the data do not fit."""
     if len(data) > CHUNK_V1:
-        raise ValueError(f"{len(data)} bytes do not fit one frame of {CHUNK_V1}")
+        raise ValueError(f"{len(data)} bytes do not fit into one frame of {CHUNK_V1}")
     body = bytes((code,)) + data
     return stuff(body + crc16(body).to_bytes(2, "big")) + END
 
@@ -112,7 +113,7 @@ def unstuff(data: bytes) -> bytes:
 
 
 def parse(data: bytes) -> Frame:
-    """Decode the bytes between two ends of frames. Raise ``MalformedFrame``."""
+    """Decode the bytes between two frame ends (zero bytes). Raise ``MalformedFrame``."""
     body = unstuff(data)
     if len(body) < 3:
         raise MalformedFrame(f"{len(body)} bytes are too few for a frame")
@@ -122,8 +123,8 @@ def parse(data: bytes) -> Frame:
 
 
 class Decoder:
-    """Decode a stream of bytes into checked frames. Garbage is skipped and counted. A partial frame waits for its
-    rest."""
+    """Decode a stream of bytes into frames with a valid checksum. Garbage is skipped and counted. An incomplete
+    frame is kept until the rest arrives."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -132,7 +133,7 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """Return the number of bytes of a frame that has not ended yet."""
+        """Return the number of received bytes of a frame that is not complete yet."""
         return len(self._buffer)
 
     def clear(self) -> None:
@@ -168,10 +169,10 @@ def _frame_in(data: bytes) -> Frame | None:
 
 
 def pushes(call: bytes) -> tuple[bytes, ...]:
-    """Return the frames of a call that commands. Raise ``ValueError`` if it is too long."""
+    """Return the frames that send a commanding call of any length. Raise ``ValueError`` if it is too long."""
     if not 0 < len(call) <= MAX_CALL:
-        raise ValueError(f"a call of {len(call)} bytes. It has 1 to {MAX_CALL}")
-    chunks = [call[at : at + CHUNK_V1] for at in range(0, len(call), CHUNK_V1)]
+        raise ValueError(f"a call has 1 to {MAX_CALL} bytes, not {len(call)}")
+    chunks = [call[start : start + CHUNK_V1] for start in range(0, len(call), CHUNK_V1)]
     if len(chunks) == 1:
         return (frame(PUSH_ONLY, call),)
     codes = (PUSH_FIRST, *[PUSH_MORE] * (len(chunks) - 2), PUSH_LAST)
@@ -179,12 +180,13 @@ def pushes(call: bytes) -> tuple[bytes, ...]:
 
 
 def push(call: bytes) -> bytes:
-    """Return the only frame of a short call. Raise ``ValueError`` if it is too long."""
+    """Return the frame that sends a short commanding call. Raise ``ValueError`` if it is too long for one
+    frame."""
     return frame(PUSH_ONLY, call)
 
 
 def pull(call: int) -> bytes:
-    """Return the frame that sends a request and begins its reply."""
+    """Return the frame that sends a call which asks, and that requests the first part of its reply."""
     return frame(PULL_FIRST, bytes((call,)))
 
 
@@ -193,7 +195,7 @@ def pull_next(call: int) -> bytes:
 
 
 def answers(reply: bytes) -> Iterator[bytes]:
-    """Return the frames of a reply, one for each request. This is the board's side of ``pull``."""
-    chunks = [reply[at : at + CHUNK_V1] for at in range(0, len(reply), CHUNK_V1)] or [b""]
-    for at, chunk in enumerate(chunks):
-        yield frame(PULL_LAST if at == len(chunks) - 1 else PULL_MORE, chunk)
+    """Split a reply into its frames, one for each request of the host. The simulated board uses this."""
+    chunks = [reply[start : start + CHUNK_V1] for start in range(0, len(reply), CHUNK_V1)] or [b""]
+    for index, chunk in enumerate(chunks):
+        yield frame(PULL_LAST if index == len(chunks) - 1 else PULL_MORE, chunk)

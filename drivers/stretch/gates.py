@@ -1,4 +1,5 @@
-"""Refuse commands to a Stretch by the robot's own reports. Pure: no I/O. Nothing is ever clipped."""
+"""Checks that refuse commands to a Stretch in its reported state. Pure: no I/O. No value is ever limited
+silently."""
 
 from __future__ import annotations
 
@@ -27,13 +28,13 @@ _HOMING = "run the homing routine on the robot: stretch_robot_home.py"
 _STOPPED_ITSELF = {
     CONTACT: (
         StretchCode.CONTACT,
-        "has met something, and was stopped by its board",
-        "clear its way, then call resume()",
+        "has met an obstacle, and its board has stopped it",
+        "clear the joint's way, then call resume()",
     ),
     UNHELD: (
         StretchCode.SAFETY_MODE,
-        "is in its safety mode",
-        "check its board and its supply, then call resume()",
+        "is in the safety mode of its board",
+        "check the board and its supply, then call resume()",
     ),
 }
 """Word in ``faults`` of lift or arm: refusal code, reason, and remedy."""
@@ -43,7 +44,7 @@ _SETS_RUNSTOP = (
     ("low_battery", "the battery is low", "charge it"),
     ("at_cliff", "the base has met a cliff", "move it away, switch the robot off and on"),
     ("tilted", "the robot is tilted", "set it upright"),
-    ("high_current", "the robot has drawn too much current", "clear what it works against"),
+    ("high_current", "the robot has drawn too much current", "remove what blocks the robot"),
 )
 """Sensor: reason why the power board sets the runstop by itself, and first remedy. The board sets it again as long
 as the reason lasts. It remembers a cliff until it is switched off."""
@@ -55,11 +56,12 @@ as the reason lasts. It remembers a cliff until it is switched off."""
 def parse(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target, with a mask of the axes that get a command behind it.
+    """Parse an action into a target for all axes, followed by a mask of the axes that get a command.
 
-    The mask has the axes that the action names, and the joints of the target in force. A joint's goal stays in
-    force as long as the lease. A twist ends after ``LIFETIME_S``, and an action that names only joints lets it
-    run until then. ``vy`` is accepted if it is zero, since this base cannot strafe.
+    The mask contains the axes that the action names, and the joints of the previous target if it is still in
+    force. A joint's goal stays in force as long as the sender keeps the right to command. A twist ends after
+    ``LIFETIME_S``, and an action that names only joints lets it run until then. ``vy`` is accepted if it is
+    zero, since this base cannot strafe.
     """
     plain: dict[str, object] = dict(action)
     if "vy" in plain:
@@ -67,11 +69,12 @@ def parse(
         if sideways is None:
             return Refused(Code.NOT_FINITE, "vy is no finite number", "leave it out")
         if sideways != 0:
-            why = f"vy {sideways:g} m/s, and this base cannot strafe"
-            return Refused(StretchCode.STRAFE, why, "turn with wz, drive with vx", f"{sideways:g}", "0")
+            reason = f"vy is {sideways:g} m/s, and this base cannot drive sideways"
+            return Refused(StretchCode.STRAFE, reason, "turn with wz, drive with vx", f"{sideways:g}", "0")
         if not plain:
             plain = dict.fromkeys(BASE, 0.0)
-    before = msgspec.structs.replace(state, target=state.target[: len(axes)])  # without its mask
+    # The previous target without its mask.
+    before = msgspec.structs.replace(state, target=state.target[: len(axes)])
     parsed = parse_twist(plain, robot, axes, index, before)
     if isinstance(parsed, Refused):
         return parsed
@@ -83,53 +86,53 @@ def parse(
             until_ns = state.now_ns + round(LIFETIME_S * NS)
         named.update(base)
     if state.live is not None and len(state.target) > len(axes):
-        # The wire may get only the newer one of two commands, so that one includes the joints of the other.
-        named.update(_told(state.target, len(axes)).difference(base))
-    mask = float(sum(1 << at for at in named))
+        # The wire may skip the older of two commands. The newer one therefore includes the joints of the older.
+        named.update(_selected(state.target, len(axes)).difference(base))
+    mask = float(sum(1 << axis_index for axis_index in named))
     return msgspec.structs.replace(parsed, values=(*parsed.values, mask), until_ns=until_ns)
 
 
 def named_in(values: Sequence[float], axes: Sequence[str]) -> frozenset[str]:
-    """Return the axes that get a command by a target's mask."""
-    return frozenset(axes[at] for at in _told(values, len(axes)))
+    """Return the axes that the mask of a target selects."""
+    return frozenset(axes[index] for index in _selected(values, len(axes)))
 
 
-def _told(values: Sequence[float], axes: int) -> set[int]:
+def _selected(values: Sequence[float], axes: int) -> set[int]:
     mask = int(values[axes])
-    return {at for at in range(axes) if mask >> at & 1}
+    return {index for index in range(axes) if mask >> index & 1}
 
 
 # -- conditions
 
 
 def conditions() -> tuple[Condition, ...]:
-    return Condition(_runstop, Reason.FAULT, always=True), Condition(_went_on, Reason.FAULT, always=True)
+    return Condition(_runstop, Reason.FAULT, always=True), Condition(_stopped_itself, Reason.FAULT, always=True)
 
 
 def _runstop(observation: Observation, now_ns: int) -> Refused | None:
     sensors = observation.sensors
     if sensors.get("runstop", (0.0,)) == (0.0,):
         return None
-    why, remedy = runstop_reason(sensors)
-    return Refused(StretchCode.RUNSTOP, why, f"{remedy}, then resume()", "pressed")
+    reason, remedy = runstop_reason(sensors)
+    return Refused(StretchCode.RUNSTOP, reason, f"{remedy}, then resume()", "pressed")
 
 
 def runstop_reason(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
-    """Return why the runstop is on, as far as the robot reports it, and the remedy."""
-    release = "release it on the robot"
-    for sensor, why, first in _SETS_RUNSTOP:
+    """Return why the runstop (the robot's stop button) is on, as far as the robot reports it, and what to do."""
+    release = "release the runstop on the robot"
+    for sensor, reason, first in _SETS_RUNSTOP:
         if sensors.get(sensor, (0.0,)) != (0.0,):
-            return f"the robot sets its runstop: {why}", f"{first}, then {release}"
+            return f"the robot sets its runstop: {reason}", f"{first}, then {release}"
     return "the runstop is pressed", release
 
 
-def _went_on(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move further while lift or arm was stopped by its own board."""
+def _stopped_itself(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse further motion after the board of the lift or the arm has stopped its motor by itself."""
     for joint in (LIFT, ARM):
         for word in observation.faults.get(joint, "").split(", "):
             if word in _STOPPED_ITSELF:
-                code, what, remedy = _STOPPED_ITSELF[word]
-                return Refused(code, f"{joint} {what}", remedy, word, "none")
+                code, reason, remedy = _STOPPED_ITSELF[word]
+                return Refused(code, f"{joint} {reason}", remedy, word, "none")
     return None
 
 
@@ -137,41 +140,43 @@ def _went_on(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are checked. Speed is not checked here: the profiles of
-    boards and servos limit it."""
+    """Return the gates in the order in which they are checked. No gate checks a speed, because the motion
+    profiles of boards and servos limit it."""
     return (
         _soft_limits(axes),
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
         motor_fault(axes, FAULT_CODES),
-        _homed(axes),  # after the torque of servos, because arming finds out whether a servo was reset
+        # This comes after the check of the servos' torque. Arming, which gives torque, also finds out whether a
+        # servo was reset.
+        _homed(axes),
         _wheel_speeds(config, axes),
         _wheel_watchdog(axes),
     )
 
 
-def _row(state: GateState, name: str, at: int, default: float) -> float:
-    row = state.observation.sensors.get(name, ())
-    return row[at] if at < len(row) else default
+def _sensor_value(state: GateState, name: str, index: int, default: float) -> float:
+    values = state.observation.sensors.get(name, ())
+    return values[index] if index < len(values) else default
 
 
 def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
-    """Return a gate that refuses a goal outside the present soft limits of its joint."""
+    """Return a gate that refuses a goal outside the present soft limits of a joint."""
 
     def soft_limits(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            axis, value = axes[at], candidate.values[at]
+        for index in candidate.named:
+            axis, value = axes[index], candidate.values[index]
             if axis.mode is AxisMode.VELOCITY:
                 continue
-            low = _row(state, "limit_low", at, axis.low)
-            high = _row(state, "limit_high", at, axis.high)
+            low = _sensor_value(state, "limit_low", index, axis.low)
+            high = _sensor_value(state, "limit_high", index, axis.high)
             if not low - ROUNDING <= value <= high + ROUNDING:
                 bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
                 offered = show(value, axis.unit)
                 return Refused(
                     StretchCode.SOFT_LIMIT,
-                    f"{axis.key} {offered}{unit_of(axis)} is outside its soft limits of now",
+                    f"{axis.key} {offered}{unit_of(axis)} is outside its present soft limits",
                     f"stay within {bottom}..{top}",
                     offered,
                     f"{bottom}..{top}",
@@ -182,26 +187,26 @@ def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
 
 
 def _homed(axes: Sequence[Axis]) -> GateCheck:
-    """Return a gate that refuses to move a joint that does not know its position."""
+    """Return a gate that refuses to move a joint that is not homed and therefore does not know its position."""
 
     def homed(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            axis = axes[at]
-            if axis.mode is AxisMode.POSITION and not _row(state, "homed", at, 0.0):
-                return Refused(StretchCode.NOT_HOMED, f"{axis.key} not homed", _HOMING, "not homed", "homed")
+        for index in candidate.named:
+            axis = axes[index]
+            if axis.mode is AxisMode.POSITION and not _sensor_value(state, "homed", index, 0.0):
+                return Refused(StretchCode.NOT_HOMED, f"{axis.key} is not homed", _HOMING, "not homed", "homed")
         return None
 
     return homed
 
 
 def _twist(candidate: Candidate, axes: Sequence[Axis]) -> tuple[float, float]:
-    vx, wz = (candidate.values[at] for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY)
+    vx, wz = (candidate.values[index] for index, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY)
     return vx, wz
 
 
 def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
-    """Return a gate that refuses a twist at which a wheel would exceed its speed limit. A clamped speed would
-    change the twist."""
+    """Return a gate that refuses a twist at which a wheel would exceed its speed limit. Limiting the wheel's
+    speed would change the direction of the motion."""
     most = config.parameters.wheel_m_s
 
     def wheel_speeds(candidate: Candidate, state: GateState) -> Refused | None:
@@ -220,7 +225,7 @@ def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
 
 
 def _wheel_watchdog(axes: Sequence[Axis]) -> GateCheck:
-    """Return a gate that refuses to drive while the wheels have no watchdog."""
+    """Return a gate that refuses to drive while the watchdog of the wheels is off."""
 
     def wheel_watchdog(candidate: Candidate, state: GateState) -> Refused | None:
         if not any(_twist(candidate, axes)) or state.observation.sensors.get("wheel_watchdog") == (1.0,):

@@ -16,10 +16,11 @@ START = Pose(0.0, 0.0, 0.0)
 
 
 def moved(pose: Pose, left_m: float, right_m: float, separation_m: float) -> Pose:
-    """Return the pose after the wheels have moved so far, on an arc."""
-    way_m, turn_rad = (left_m + right_m) / 2, (right_m - left_m) / separation_m
-    # The chord of the arc is sin(a/2)/(a/2) of the way, in the mean direction.
-    chord_m = way_m * (math.sin(turn_rad / 2) / (turn_rad / 2) if abs(turn_rad) > 1e-9 else 1.0)
+    """Return the pose after the wheels have turned by these distances. The base moves on an arc."""
+    distance_m, turn_rad = (left_m + right_m) / 2, (right_m - left_m) / separation_m
+    # The chord of the arc has the length of the arc times sin(a/2)/(a/2), where a is the turn. It points in the
+    # mean direction.
+    chord_m = distance_m * (math.sin(turn_rad / 2) / (turn_rad / 2) if abs(turn_rad) > 1e-9 else 1.0)
     heading_rad = pose.yaw_rad + turn_rad / 2
     return Pose(
         pose.x_m + chord_m * math.cos(heading_rad),
@@ -37,7 +38,7 @@ class Odometry:
         self.pose = START
 
     def take(self, left_m: float, right_m: float) -> Pose:
-        """Take the positions of the wheels, and return the pose."""
+        """Process new positions of the wheels, and return the pose of the base."""
         if self._wheels_m is not None:
             before_left, before_right = self._wheels_m
             self.pose = moved(self.pose, left_m - before_left, right_m - before_right, self._separation_m)

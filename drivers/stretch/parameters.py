@@ -1,6 +1,6 @@
-"""Read the robot's own YAML into the parameters for wire, gates and stop channel.
+"""Read the robot's own YAML, and return the parameters that the driver uses.
 
-There are two files in its fleet folder: ``stretch_configuration_params.yaml`` (its calibration), and
+There are two files in the robot's fleet folder: ``stretch_configuration_params.yaml`` (its calibration), and
 ``stretch_user_params.yaml``, which overrides it. Both override the values that all robots of a model share.
 """
 
@@ -24,7 +24,8 @@ PATH, ID = "HELLO_FLEET_PATH", "HELLO_FLEET_ID"
 
 
 class Motor(msgspec.Struct, frozen=True):
-    """One stepper. The contact currents end a guarded motion."""
+    """Parameters of one stepper motor. During a guarded motion the motor stops when a contact current is
+    exceeded."""
 
     usb: str
     gains: Gains
@@ -32,7 +33,7 @@ class Motor(msgspec.Struct, frozen=True):
     speed_m_s: float
     acceleration_m_s2: float
     feedforward_a: float
-    contact_a: tuple[float, float]  # positive, negative
+    contact_a: tuple[float, float]  # contact currents in the positive and the negative direction
     low_m: float = 0.0
     high_m: float = 0.0
 
@@ -42,7 +43,7 @@ class Motor(msgspec.Struct, frozen=True):
 
 
 class Joint(msgspec.Struct, frozen=True):
-    """One Dynamixel. ``ticks = zero + scale * radians``."""
+    """Parameters of one Dynamixel servo. ``ticks = zero + scale * radians``."""
 
     key: str
     id: int
@@ -90,8 +91,9 @@ def folder_of(environment: Mapping[str, str]) -> Path:
 
 
 def read_folder(robot: str, folder: Path) -> Parameters:
-    """Read the parameters in a folder. Raise ``WireDown`` if it is not this robot's."""
-    import yaml  # Only a real robot needs it.
+    """Read the parameters in a folder. Raise ``WireDown`` if a file is unreadable or belongs to another robot."""
+    # Import yaml only here, because only a real robot needs it.
+    import yaml
 
     words: dict[str, Any] = {}
     for name in FILES:
@@ -100,7 +102,7 @@ def read_folder(robot: str, folder: Path) -> Parameters:
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
             raise WireDown(f"{folder / name} cannot be read ({_first_line(error)}). Check {PATH}") from None
         if content is not None and not isinstance(content, dict):
-            raise WireDown(f"{folder / name} is no table. Restore the robot's own file")
+            raise WireDown(f"{folder / name} contains no YAML mapping. Restore the robot's own file")
         words = merged(words, content or {})
     try:
         return parameters_of(robot, words)
@@ -108,32 +110,32 @@ def read_folder(robot: str, folder: Path) -> Parameters:
         raise WireDown(f"{folder}: {error}") from None
 
 
-def parameters_of(robot: str, said: Mapping[str, Any] | None = None) -> Parameters:
+def parameters_of(robot: str, content: Mapping[str, Any] | None = None) -> Parameters:
     """Return the parameters of a robot.
 
     Args:
         robot: Name of the robot.
-        said: Content of its YAML; None for the values that its model shares.
+        content: Content of the robot's YAML; None for the values that all robots of the model share.
 
     Raises:
-        ValueError: It is another robot or has an unknown tool, or a value is missing or no number.
+        ValueError: The YAML belongs to another model, names an unknown tool, or lacks a valid value.
     """
     name = TABLES.canonical(robot)
-    table, own = robot_of(name), dict(said or {})
+    table, own = robot_of(name), dict(content or {})
     about = own.get("robot") or {}
     model = about.get("model_name", table.model_name)
     if model != table.model_name:
-        raise ValueError(f"it is a {model}, and {name} is a {table.model_name}. Use the robot's own name")
-    tool = about.get("tool", table.tool if said is None else _shipped_tool(name))
+        raise ValueError(f"its YAML is of a {model}, but {name} is a {table.model_name}. Use the robot's own name")
+    tool = about.get("tool", table.tool if content is None else _shipped_tool(name))
     if tool not in table.tools:
-        raise ValueError(f"its tool is {tool!r}. {name} may have {', '.join(table.tools)}")
+        raise ValueError(f"its YAML names the tool {tool!r}. {name} may have {', '.join(table.tools)}")
     words = merged(nominal_of(name), own)
     try:
         return _parameters(words, model, tool, table.tools[tool].joints, table.tools[tool].gripper)
     except KeyError as missing:
         raise ValueError(f"{missing} is missing") from None
     except (TypeError, IndexError, ZeroDivisionError) as error:
-        raise ValueError(f"a value is none that fits: {error}") from None
+        raise ValueError(f"a value has a wrong type or range: {error}") from None
 
 
 def _shipped_tool(robot: str) -> str:

@@ -47,21 +47,22 @@ class BoardInfo(NamedTuple):
 
     @property
     def hardware(self) -> int:
-        """Return the number of the hardware; 0 for an older one, which has a longer name."""
+        """Return the hardware version of the board; 0 for an older board, whose name does not end with a
+        number."""
         last = self.variant.rpartition(".")[2]
         return int(last) if last.isdecimal() else 0
 
 
 def board_info_reply(variant: str, firmware: str, stepper_type: int | None = None) -> bytes:
-    """Return the names of a board. A stepper since protocol 5 has its type behind them."""
+    """Encode the reply that identifies a board. A stepper since protocol 5 adds its type at the end."""
     names = variant.encode().ljust(_NAME_BYTES, b"\0") + firmware.encode().ljust(_NAME_BYTES, b"\0")
     return names if stepper_type is None else names + bytes((stepper_type,))
 
 
 def parse_board_info(data: bytes) -> BoardInfo:
-    """Decode the names of a board. Raise ``MalformedFrame``."""
+    """Decode the reply that identifies a board. Raise ``MalformedFrame``."""
     if not INFO_BYTES <= len(data) <= INFO_BYTES + 1:
-        raise MalformedFrame(f"a board's name has {INFO_BYTES} or {INFO_BYTES + 1} bytes, this has {len(data)}")
+        raise MalformedFrame(f"a board's name has {INFO_BYTES} or {INFO_BYTES + 1} bytes, but {len(data)} arrived")
     try:
         variant, firmware = (
             data[start : start + _NAME_BYTES].rstrip(b"\0").decode("ascii") for start in (0, _NAME_BYTES)
@@ -70,7 +71,7 @@ def parse_board_info(data: bytes) -> BoardInfo:
         raise MalformedFrame("a board's name is no text") from None
     match = _FIRMWARE.fullmatch(firmware)
     if match is None:
-        raise MalformedFrame(f"its firmware is {firmware!r}, must read like Stepper.v0.5.1p5")
+        raise MalformedFrame(f"the firmware's name is {firmware!r} and must look like Stepper.v0.5.1p5")
     kind, major, minor, _, protocol = match.groups()
     return BoardInfo(variant, firmware, kind, (int(major), int(minor)), int(protocol))
 
@@ -115,7 +116,7 @@ class Diag(enum.IntFlag):
 
 
 class Config(enum.IntFlag):
-    """Flags of the gains."""
+    """Flags in the gains of a stepper board."""
 
     SAFETY_HOLD = 1
     RUNSTOP = 2
@@ -127,7 +128,7 @@ class Config(enum.IntFlag):
 
 
 class Command(NamedTuple):
-    """A command to a stepper, in motor radians. The contact currents (A) end a guarded motion."""
+    """A command to a stepper, in motor radians. If a contact current (A) is exceeded, a guarded motion ends."""
 
     mode: int
     position: float = 0.0
@@ -144,8 +145,8 @@ class Command(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Return the kind for the wire log. The mode tells a stop from a setpoint of zero: a twist has a profile, a
-        stop has no profile."""
+        """Return the kind of the command for the log of messages. The mode distinguishes a stop from a setpoint of
+        zero: a setpoint has a motion profile, a stop has none."""
         if self.mode in AT_REST or (self.mode == Mode.VELOCITY and self.velocity == 0):
             return "safe"
         return "setpoint"
@@ -162,8 +163,8 @@ def parse_command(data: bytes) -> Command:
 class StepperStatus(NamedTuple):
     mode: int
     effort: float
-    position: float  # motor rad
-    velocity: float  # motor rad/s
+    position: float  # motor position, rad
+    velocity: float  # motor velocity, rad/s
     error: float
     diag: int
     timestamp_us: int
@@ -171,7 +172,7 @@ class StepperStatus(NamedTuple):
     contacts: int
     trajectory: float
     waypoint: int
-    voltage: float = 0.0  # raw
+    voltage: float = 0.0  # raw value of the converter
 
     def has(self, bit: Diag) -> bool:
         return bool(self.diag & bit)
@@ -192,7 +193,7 @@ def pack_stepper_status(status: StepperStatus, protocol: int) -> bytes:
 
 
 def parse_stepper_status(data: bytes) -> StepperStatus:
-    """Decode a status. Raise ``MalformedFrame``, also for a number that is not finite."""
+    """Decode the status of a stepper. Raise ``MalformedFrame``, also for a number that is not finite."""
     head, tail = data[: _STEPPER_STATUS.size], data[_STEPPER_STATUS.size :]
     voltage = _unpack(_FLOAT, tail, "a voltage") if tail else ()
     status = StepperStatus(*_unpack(_STEPPER_STATUS, head, "a stepper's status"), *voltage)
@@ -235,8 +236,8 @@ def gains_bytes(protocol: int) -> int:
 
 
 def gains_of(words: Mapping[str, Any]) -> Gains:
-    """Return the gains of a motor's YAML. Sync mode is left out, so that a command takes effect when it
-    arrives, and not at the next pulse.
+    """Read the gains from a motor's section of the YAML. Sync mode is left out. A command then takes effect
+    when it arrives, and not at the next sync pulse of the power board.
 
     Raises:
         KeyError: A gain is missing.
@@ -267,7 +268,7 @@ _LIMITS = struct.Struct("<ff")
 
 
 def motion_limits(low: float, high: float) -> bytes:
-    """Return the call that sets the limits of motion, in motor radians."""
+    """Return the call that sets the motion limits of a stepper, in motor radians."""
     return bytes((MOTION_LIMITS,)) + _LIMITS.pack(low, high)
 
 
@@ -283,7 +284,7 @@ RUNSTOP_RESET, RUNSTOP_ON, CLIFF_RESET = 2, 256, 4
 
 
 class State(enum.IntFlag):
-    """Flags of the power board."""
+    """Flags in the status of the power board."""
 
     RUNSTOP = 16
     CLIFF = 32
@@ -295,7 +296,7 @@ class State(enum.IntFlag):
 
 
 class PimuStatus(NamedTuple):
-    """Angles in degrees, voltage and current raw, as on the wire."""
+    """Status of the power board. Angles are in degrees. Voltage and current are raw values of its converter."""
 
     acceleration: tuple[float, float, float]  # m/s2
     gyro: tuple[float, float, float]  # rad/s
@@ -314,11 +315,12 @@ class PimuStatus(NamedTuple):
 
     @property
     def voltage_v(self) -> float:
-        """Return the voltage: 0 to 20 V at a 10-bit converter."""
+        """Battery voltage, converted from the 10-bit raw value (0 to 20 V)."""
         return self.voltage * 20.0 / 1024
 
     def current_a(self, hardware: int) -> float:
-        """Return the current. Hardware since 3 measures it by an electronic fuse, older by a shunt."""
+        """Battery current. Hardware 3 and newer measures it with an electronic fuse, older hardware with a
+        shunt."""
         return self.current * 3.3 / 1024 / (0.224 if hardware >= 3 else 0.408)
 
 
@@ -372,7 +374,7 @@ _STOP_AT_RUNSTOP = 10
 
 
 def pimu_config(words: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return the configuration of the power board as a row.
+    """Read the configuration of the power board from the YAML, as a row of values.
 
     Raises:
         KeyError: A value is missing.
@@ -385,14 +387,14 @@ def pimu_config(words: Mapping[str, Any]) -> tuple[float, ...]:
     return tuple(row)
 
 
-def pimu_config_call(row: Sequence[float]) -> bytes:
+def pimu_config_call(values: Sequence[float]) -> bytes:
     return bytes((PIMU_CONFIG,)) + _PIMU_CONFIG.pack(
-        *(int(value) if at in _FLAGS else value for at, value in enumerate(row))
+        *(int(value) if index in _FLAGS else value for index, value in enumerate(values))
     )
 
 
 def stops_at_runstop(data: bytes) -> bool:
-    """Return True if the runstop stops the motors by this configuration."""
+    """Return True if with this configuration the runstop stops the motors."""
     return bool(_unpack(_PIMU_CONFIG, data, "a configuration of the power board")[_STOP_AT_RUNSTOP])
 
 
@@ -404,17 +406,18 @@ WACC_STATUS_BYTES = _WACC_STATUS.size
 
 
 def pack_wacc_status(acceleration: tuple[float, float, float], timestamp_us: int) -> bytes:
-    """Return a status of the wrist board: its accelerometer, with nothing plugged into its inputs."""
+    """Encode a status of the wrist board: its accelerometer, with nothing connected to its inputs."""
     return _WACC_STATUS.pack(*acceleration, 0, 0, 0, 0, 0, 0, 0, timestamp_us, 0)
 
 
-def _unpack(layout: struct.Struct, data: bytes, what: str) -> tuple[Any, ...]:
+def _unpack(layout: struct.Struct, data: bytes, subject: str) -> tuple[Any, ...]:
     if len(data) != layout.size:
-        raise MalformedFrame(f"{what} has {layout.size} bytes, this has {len(data)}")
+        raise MalformedFrame(f"{subject} has {layout.size} bytes, but {len(data)} arrived")
     return layout.unpack(data)
 
 
-def _finite(status: StepperStatus, numbers: Sequence[float], what: str) -> StepperStatus:
-    if any(number - number != 0 for number in numbers):  # true for infinity and NaN
-        raise MalformedFrame(f"{what} has a number that is none")
+def _finite(status: StepperStatus, numbers: Sequence[float], subject: str) -> StepperStatus:
+    # True for infinity and NaN.
+    if any(number - number != 0 for number in numbers):
+        raise MalformedFrame(f"{subject} has a number that is not finite")
     return status

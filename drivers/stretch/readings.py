@@ -1,4 +1,4 @@
-"""Keep the newest reports of boards and chains, and make an ``Observation`` of them."""
+"""Store the newest reports of boards and servo chains, and convert them to an ``Observation``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ CONTACT, UNHELD = "contact", "safety mode"
 
 
 class Readings:
-    """The readings. ``homed`` and ``limits`` are by joint; limits are the present ones."""
+    """The newest reports of all boards. ``homed`` and ``limits`` have an entry for each joint. The limits are
+    those at present."""
 
     def __init__(self, config: StretchConfig, pimu_hardware: int) -> None:
         self._config = config
@@ -29,18 +30,21 @@ class Readings:
         self._steppers: dict[str, p.StepperStatus] = {}
         self._pimu: p.PimuStatus | None = None
         self._stamp_ns: dict[str, int] = {}
-        self._silent_since_ns: dict[str, int] = {}  # boards that did not answer the last call
-        self._held: set[str] = set()  # steppers that were energised and not released since
-        self._met: set[str] = set()  # those of them that have reported a contact since
+        # Since when each board has not answered. Boards that answered the last call are missing.
+        self._silent_since_ns: dict[str, int] = {}
+        # Steppers that are energised.
+        self._energised: set[str] = set()
+        # Energised steppers that have reported a contact since they were energised.
+        self._contacted: set[str] = set()
         self._odometry = Odometry(config.parameters.separation_m)
         self.limits: dict[str, tuple[float, float]] = {}
         self.homed: dict[str, bool] = {}
         self.has_watchdog = False
 
     def stepper(self, board: str, status: p.StepperStatus | None, now_ns: int) -> bool:
-        """Take the status of a stepper.
+        """Store the status of a stepper.
 
-        A report with an unchanged time of the board counts as missing: its firmware may hang.
+        A report in which the board's time has not changed counts as missing, because the firmware may hang.
 
         Returns:
             False if the board was reset, because its clock started anew.
@@ -50,21 +54,21 @@ class Readings:
             self._silent_since_ns.setdefault(board, now_ns)
             return True
         self._steppers[board] = status
-        if board in self._held and (status.has(p.Diag.CONTACT) or _met_between(before, status)):
-            self._met.add(board)
+        if board in self._energised and (status.has(p.Diag.CONTACT) or _met_between(before, status)):
+            self._contacted.add(board)
         return before is None or status.timestamp_us > before.timestamp_us
 
-    def holds(self, board: str, status: p.StepperStatus, now_ns: int) -> None:
-        """Take the status of a stepper that was just energised. Earlier contacts no longer count."""
+    def store_energised(self, board: str, status: p.StepperStatus, now_ns: int) -> None:
+        """Store the status of a stepper that was just energised. Contacts from before that no longer count."""
         self.stepper(board, status, now_ns)
-        self._held.add(board)
-        self._met.discard(board)
+        self._energised.add(board)
+        self._contacted.discard(board)
 
-    def let_go(self) -> None:
-        self._held.clear()
+    def clear_energised(self) -> None:
+        self._energised.clear()
 
     def pimu(self, status: p.PimuStatus | None, now_ns: int) -> bool:
-        """Take the status of the power board, as ``stepper`` does. Return False if it was reset."""
+        """Store the status of the power board; None if it did not answer. Return False if the board was reset."""
         before = self._pimu
         if status is None or not self._is_new(PIMU, status, before, now_ns):
             self._silent_since_ns.setdefault(PIMU, now_ns)
@@ -79,7 +83,7 @@ class Readings:
         before: p.StepperStatus | p.PimuStatus | None,
         now_ns: int,
     ) -> bool:
-        """Note the arrival of a report. Return False if the board's time has not changed."""
+        """Store the arrival time of a report. Return False if the board's time has not changed."""
         if before is not None and status.timestamp_us == before.timestamp_us:
             return False
         self._silent_since_ns.pop(board, None)
@@ -96,13 +100,13 @@ class Readings:
         wheels_ns = min(self._stamp_ns.get(name, 0) for name in (LEFT, RIGHT))
         if math.isfinite(left[0]) and math.isfinite(right[0]):
             self._odometry.take(left[0], right[0])
-        places = [
+        servos = [
             row for chain in chains for row in zip(chain.position, chain.velocity, chain.stamp_ns, strict=True)
         ]
         rows = [
             (*lift, self._stamp_ns.get(LIFT, 0)),
             (*arm, self._stamp_ns.get(ARM, 0)),
-            *places,
+            *servos,
             (vx, math.nan, wheels_ns),
             (wz, math.nan, wheels_ns),
         ]
@@ -152,7 +156,8 @@ class Readings:
         }
 
     def _joints(self) -> dict[str, tuple[float, ...]]:
-        """Return rows in the order of the axes. The base has no limits, and needs no homing."""
+        """Return for all axes, in their order, whether they are homed, and their limits. The base has no limits
+        and needs no homing."""
         axes = self._config.axes
         anywhere = (-math.inf, math.inf)
         homed = {**self.homed}
@@ -175,21 +180,22 @@ class Readings:
 
     def _word_of(self, joint: str) -> str:
         status = self._steppers.get(joint)
-        if joint in self._met:
+        if joint in self._contacted:
             return CONTACT
         is_safe = status is not None and status.mode == p.Mode.SAFETY and not status.has(p.Diag.RUNSTOP)
-        return UNHELD if is_safe and joint in self._held else ""
+        return UNHELD if is_safe and joint in self._energised else ""
 
 
 def _met_between(before: p.StepperStatus | None, now: p.StepperStatus) -> bool:
-    """Return True if a stepper met a contact, and got a new goal before that was read. While it follows a goal,
-    its board counts only contacts. In other modes it also counts the forces against which it holds."""
+    """Return True if a stepper has met a contact and got a new goal before the contact was read. While a
+    stepper follows a goal, its board counts only contacts. In other modes it also counts the forces against
+    which it holds."""
     follows = before is not None and before.mode == now.mode == p.Mode.POSITION_PROFILE
     return follows and before is not None and now.contacts != before.contacts
 
 
 def _servos(chains: Sequence[Observation]) -> dict[str, tuple[float, ...]]:
-    """Return the servos' own sensors, as rows over all axes. NaN for an axis without a servo."""
+    """Return the sensor values of the servos, in the order of all axes. An axis without a servo has NaN."""
     rows = {}
     for name in SERVO_ROWS:
         parts = [chain.sensors.get(name, (math.nan,) * len(chain.position)) for chain in chains]

@@ -1,4 +1,4 @@
-"""The robots of this wire as data (``robots.toml`` and ``nominal.toml``)."""
+"""Load the robots that the Stretch driver supports from ``robots.toml`` and ``nominal.toml``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Tool(msgspec.Struct, frozen=True):
 
 
 class Robot(msgspec.Struct, frozen=True):
-    """The table of one robot."""
+    """One robot's table in ``robots.toml``."""
 
     model_name: str
     tool: str
@@ -36,12 +36,12 @@ class Robot(msgspec.Struct, frozen=True):
 
 @cache
 def robot_of(name: str) -> Robot:
-    """Return a robot's table. Raise ``ValueError`` if the robot is not of this wire."""
+    """Return a robot's table. Raise ``ValueError`` if this driver does not support the robot."""
     return msgspec.convert(TABLES.table(name), Robot)
 
 
 def nominal_of(name: str) -> dict[str, Any]:
-    """Return the values that all robots of a model share, in the words of the robot's YAML."""
+    """Return the values that all robots of a model share, with the names of the robot's YAML."""
     return merged(_common(), robot_of(name).nominal)
 
 
@@ -51,7 +51,7 @@ def _common() -> dict[str, Any]:
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return both tables merged. Where both have a value, ``above`` wins."""
+    """Merge two tables. Where both have a value, that of ``above`` is used."""
     whole = copy.deepcopy(dict(below))
     for key, value in above.items():
         lower = whole.get(key)

@@ -1,22 +1,25 @@
-"""Bring each board to its safe state, and prove it. The wire and the root's stop channel use this.
+"""Bring each board to its safe state, and confirm it. The process that drives the robot and the root's stop
+channel use this code.
 
-The first frame leaves at once, and a board obeys it in any state. Then the board is read, and gets the frame
-again until it reports the safe state. Its first report proves nothing. It may be from before the board took the
-frame, or from a board that hangs. In the next report the board's clock has advanced.
+The first frame is sent at once, and a board obeys it in any state. Then the board is read, and gets the frame
+again until it reports the safe state. Its first report confirms nothing. It may be from before the board
+received the frame, or from a board that hangs. Only a later report counts, in which the board's clock has
+advanced.
 
 ``wheels``      velocity zero, without a profile; hold once the wheel stands
 ``lift, arm``   hold
-``pimu``        the runstop, for an e-stop only: the boards then stop by themselves
+``pimu``        the power board: sets the runstop, for an e-stop only; the boards then stop by themselves
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-
-import trio
+from typing import NamedTuple
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport
+from strands_actors.drivers.common.kit.rest_watch import Rest, RestWatch
+from strands_actors.drivers.common.kit.stop_steps import repeat_until_safe
 
 from . import protocol as p
 from .board import Board
@@ -33,71 +36,69 @@ WHEELS = (LEFT, RIGHT)
 
 
 def boards_for(safe_state: SafeState) -> tuple[str, ...]:
-    """Return the boards that take part in a safe state."""
+    """Return the boards that must act for a safe state."""
     return BOARDS if safe_state == SafeState.STOP else STEPPERS
 
 
 def number_of(board: str) -> int:
-    """Return the number of a board in reports and in the twin."""
+    """Return the number of a board, as reports and the simulated robot use it."""
     return BOARDS.index(board) + 1
 
 
-def unreachable(board: str, why: str) -> MotorReport:
-    return MotorReport(board, number_of(board), False, False, False, why)
+def unreachable(board: str, reason: str) -> MotorReport:
+    return MotorReport(board, number_of(board), False, False, False, reason)
 
 
 async def make_safe(board: Board, config: StretchConfig, within_s: float = CONFIRM_S) -> MotorReport:
-    """Bring a board to rest, and read back that it is. Never raises. The first frame leaves before the first
-    wait."""
-    kind = _Runstop if board.name == PIMU else _Wheel if board.name in WHEELS else _Joint
-    return await kind(board, config).run(within_s)
+    """Bring a board to its safe state, and read back that it is in it. Never raises. The first frame is sent
+    before the first wait."""
+    steps = _Runstop if board.name == PIMU else _Wheel if board.name in WHEELS else _Joint
+    # A lost port fails in every step. The caller opens it again.
+    outcome = await repeat_until_safe(steps(board, config), within_s, LOOK_S, lambda: False)
+    (report,) = outcome.reports((board.name,), (number_of(board.name),))
+    return report
+
+
+class _Report(NamedTuple):
+    """A report of a board."""
+
+    time_us: int
+    """By the board's clock."""
+    reason: str
+    """Why it does not show the safe state; empty if it does."""
+    next_frame: bytes
+    """The frame that the board gets if it is not known to be safe."""
 
 
 class _Safing(ABC):
-    """The procedure for one board. ``first`` is the frame that leaves at once."""
+    """The stop procedure for one board (``StopSteps``). ``first`` is the frame that is sent at once."""
 
     first: bytes
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._written = self._acknowledged = False
-        self._detail = "silent"
-        self._first_us: int | None = None  # board's own time in its first report
+        self._watch = RestWatch()
+        self.written = self.acknowledged = False
 
     @abstractmethod
-    async def look(self) -> tuple[bytes, str] | None:
-        """Read the board. Return the next frame, and why the board is not safe (empty if it is). None if it
-        does not answer."""
+    async def look(self) -> _Report | None:
+        """Read the board. Return None if it does not answer."""
 
-    def old(self, report_us: int) -> str:
-        """Return why a report with this time of the board proves nothing; empty if it does prove."""
-        if self._first_us is None:
-            self._first_us = report_us
-        return "reports nothing new" if report_us == self._first_us else ""
-
-    async def run(self, within_s: float) -> MotorReport:
-        try:
+    async def step(self) -> str:
+        """Read the board, and send the frame again if the board is not known to be safe."""
+        if not self.written:
             self._board.send_first(self.first)
-            self._written = True
-            with trio.move_on_after(within_s):
-                while self._detail:
-                    await self._step()
-        except WireDown as down:
-            self._detail = str(down)
-        name, is_safe = self._board.name, not self._detail
-        return MotorReport(name, number_of(name), self._written, self._acknowledged, is_safe, self._detail)
-
-    async def _step(self) -> None:
-        """Read the board, and send a frame again if it is not safe."""
-        result = await self.look()
-        if result is None:
+            self.written = True
+        report = await self.look()
+        if report is None:
             self._board.send(self.first)
-            return
-        self._acknowledged = True
-        again, self._detail = result
-        if self._detail:
-            self._board.send(again)
-            await trio.sleep(LOOK_S)
+            return "silent"
+        self.acknowledged = True
+        self._watch.report(report.time_us, [0] if report.reason else [])
+        if self._watch.rest is Rest.RESTS:
+            return ""
+        self._board.send(report.next_frame)
+        return report.reason or "reports nothing new"
 
 
 class _Wheel(_Safing):
@@ -106,16 +107,13 @@ class _Wheel(_Safing):
         self.first = config.stand(board.name).call()
         self._hold = config.hold(board.name).call()
 
-    async def look(self) -> tuple[bytes, str] | None:
+    async def look(self) -> _Report | None:
         status = await self._board.stepper_status(wait=True)
         if status is None:
             return None
-        old = self.old(status.timestamp_us)
         if abs(status.velocity) > STANDS_RAD_S and status.mode != p.Mode.FREEWHEEL:
-            return self.first, f"still turns at {status.velocity:.1f} rad/s"
-        if status.mode not in p.AT_REST:
-            return self._hold, f"is in mode {status.mode}"
-        return self._hold, _sync(status) or old
+            return _Report(status.timestamp_us, f"still turns at {status.velocity:.1f} rad/s", self.first)
+        return _Report(status.timestamp_us, _reason_not_at_rest(status), self._hold)
 
 
 class _Joint(_Safing):
@@ -123,13 +121,9 @@ class _Joint(_Safing):
         super().__init__(board)
         self.first = config.hold(board.name).call()
 
-    async def look(self) -> tuple[bytes, str] | None:
+    async def look(self) -> _Report | None:
         status = await self._board.stepper_status(wait=True)
-        if status is None:
-            return None
-        old = self.old(status.timestamp_us)
-        why = "" if status.mode in p.AT_REST else f"is in mode {status.mode}"
-        return self.first, why or _sync(status) or old
+        return None if status is None else _Report(status.timestamp_us, _reason_not_at_rest(status), self.first)
 
 
 class _Runstop(_Safing):
@@ -138,13 +132,15 @@ class _Runstop(_Safing):
     def __init__(self, board: Board, config: StretchConfig) -> None:
         super().__init__(board)
 
-    async def look(self) -> tuple[bytes, str] | None:
+    async def look(self) -> _Report | None:
         status = await self._board.pimu_status(wait=True)
         if status is None:
             return None
-        old = self.old(status.timestamp_us)
-        return self.first, old if status.state & p.State.RUNSTOP else "the runstop is not on"
+        reason = "" if status.state & p.State.RUNSTOP else "the runstop is not on"
+        return _Report(status.timestamp_us, reason, self.first)
 
 
-def _sync(status: p.StepperStatus) -> str:
+def _reason_not_at_rest(status: p.StepperStatus) -> str:
+    if status.mode not in p.AT_REST:
+        return f"is in mode {status.mode}"
     return "waits for a sync pulse" if status.has(p.Diag.WAITS_FOR_SYNC) else ""

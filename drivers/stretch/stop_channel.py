@@ -1,8 +1,8 @@
-"""The root's stop channel to a Stretch: a duplicate of the wire's descriptor for each board and each chain. If
-one is dead, the port is opened anew.
+"""Stop a Stretch from the root process. The root has a duplicate of the driving process's file descriptor for
+each board and each servo chain. If a descriptor is dead, the root opens the port again.
 
-Nothing is read before the first frames leave, and no frame depends on a position: the wheels stand, lift and
-arm hold, and the servos are held where they are. A missing board does not delay the stop of the others.
+The first frames are sent before anything is read, and no frame depends on a position: the wheels stand, lift
+and arm hold, and the servos are held where they are. A missing board does not delay the stop of the others.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ class BoardStopChannel(DuplicateDescriptor[StretchConfig, Board]):
             raise WireDown(report.detail)
         return (report,)
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return (unreachable(self.name, why),)
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return (unreachable(self.name, reason),)
 
 
 class StretchStopChannel(StopChannel):
-    """The stop channel. ``descriptors`` are those of all boards, then of the chains, as from ``handover``; or
-    none."""
+    """The stop channel. ``descriptors`` has the file descriptors of all boards, then of the servo chains, as
+    ``handover`` returns them. If it is empty, the ports are opened."""
 
     def __init__(
         self,

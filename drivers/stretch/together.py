@@ -1,4 +1,4 @@
-"""Call several boards at once. Each is on its own port, so no call waits for another."""
+"""Call several boards at the same time. Each board has its own port, so no call waits for another."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ T = TypeVar("T")
 
 
 async def together(*calls: Callable[[], Awaitable[T]]) -> list[T]:
-    """Return the results in the order of the calls. Raise the first ``WireDown`` when all have ended, so that no
-    failure cancels another call."""
+    """Run all calls and return their results in order. A failed call does not cancel the others. When all have
+    ended, raise the first ``WireDown``."""
     results: dict[int, T] = {}
     failures: list[WireDown] = []
 

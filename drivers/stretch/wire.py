@@ -1,10 +1,10 @@
-"""The wire of a Stretch, in the wire process: five boards and two chains of servos, each on its own port, all
-called at once.
+"""Drive a Stretch: five boards and two chains of servos, each on its own port, all called at the same time.
+This module runs in the wire process.
 
-A setpoint goes to the axes that its action names. The wheels' velocity is repeated while it is in force,
-because their firmware's watchdog needs that. Lift, arm and servos move to a goal by their own profiles. Lift
-and arm get a goal once. To a board that has stopped at a contact, the same goal would be a new command, and it
-would push again.
+A setpoint is sent only to the axes that its action names. The wheels' velocity is repeated while it is in
+force, because their firmware's watchdog needs that. Lift, arm and servos move to a goal by their own profiles.
+Lift and arm get a goal once. A board that has stopped at a contact would take the same goal as a new command
+and push again.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class StretchWire(Wire):
         self._chains: list[ChainWire] = []
         self._readings = Readings(config, 0)
         self._armed = False
-        self._goals: dict[str, p.Command] = {}  # acknowledged goals of lift and arm
+        # The goals that the boards of lift and arm have acknowledged.
+        self._goals: dict[str, p.Command] = {}
 
     # -- the link
 
@@ -85,7 +86,8 @@ class StretchWire(Wire):
         }
 
     async def _set_up(self, board: Board) -> dict[str, Any]:
-        """Set gains and limits of the robot's YAML, as its own software does at its start. This moves nothing."""
+        """Send the gains and limits of the robot's YAML to the boards, as the robot's own software does at its
+        start. Nothing moves."""
         if board.name == PIMU:
             await board.identify(p.Kind.PIMU)
             await board.must(p.pimu_config_call(self._config.parameters.pimu_config), "its configuration")
@@ -102,16 +104,16 @@ class StretchWire(Wire):
         return p.motion_limits(low_m * scale, high_m * scale)
 
     async def _flash_watchdog(self, board: Board) -> bool:
-        """Return True if the gains in flash have the velocity watchdog. They hold after a reset of the board. The
-        present gains were acknowledged before."""
+        """Return True if the gains in flash memory switch the velocity watchdog on. These gains apply after a
+        reset of the board. The present gains were acknowledged before."""
         data = await board.ask(p.FLASH_GAINS, wait=True)
         if data is None:
-            raise WireDown(f"{board.name} does not tell its gains in flash. Check its cable and power")
+            raise WireDown(f"{board.name} does not report its gains in flash. Check its cable and power")
         try:
             return bool(p.parse_gains(data).config & p.Config.VELOCITY_WATCHDOG)
         except MalformedFrame as malformed:
-            why = f"{board.name} does not tell its gains in flash: {malformed}. Check its firmware"
-            raise WireDown(why) from None
+            message = f"{board.name} does not report its gains in flash: {malformed}. Check its firmware"
+            raise WireDown(message) from None
 
     def _begin(self) -> None:
         config, parameters = self._config, self._config.parameters
@@ -154,9 +156,7 @@ class StretchWire(Wire):
             status = None
         now_ns = self._clock.now_ns()
         if not self._readings.stepper(name, status, now_ns):
-            raise WireDown(
-                f"read: {name} was reset. Check its supply; its gains are set again when it is connected"
-            )
+            raise WireDown(f"read: {name} was reset. Check its supply, then connect again, which sets its gains")
         self._check_silence(name, now_ns)
 
     async def _read_pimu(self) -> None:
@@ -167,7 +167,7 @@ class StretchWire(Wire):
         now_ns = self._clock.now_ns()
         if not self._readings.pimu(status, now_ns):
             raise WireDown(
-                f"read: {PIMU} was reset. Check its supply; its configuration is set again when it is connected"
+                f"read: {PIMU} was reset. Check its supply, then connect again, which sets its configuration"
             )
         self._check_silence(PIMU, now_ns)
 
@@ -191,12 +191,12 @@ class StretchWire(Wire):
     async def arm(self, permit: Permit) -> Observation:
         """Hold every axis where it is."""
         self._check_open()
-        seen = await self.read()
-        if "runstop" not in seen.sensors:
-            raise WireDown("arm: the power board does not tell whether the runstop is pressed. Check its cable")
-        if seen.sensors["runstop"] != (0.0,):
-            why, remedy = runstop_reason(seen.sensors)
-            raise WireDown(f"arm: {why}. {remedy.capitalize()}")
+        observation = await self.read()
+        if "runstop" not in observation.sensors:
+            raise WireDown("arm: the power board does not report whether the runstop is pressed. Check its cable")
+        if observation.sensors["runstop"] != (0.0,):
+            reason, remedy = runstop_reason(observation.sensors)
+            raise WireDown(f"arm: {reason}. {remedy.capitalize()}")
         permit.check()
         self._armed = True
         self._goals = {}
@@ -212,13 +212,13 @@ class StretchWire(Wire):
             if status is None or status.mode != p.Mode.HOLD:
                 reported = "nothing" if status is None else f"mode {status.mode}"
                 raise WireDown(
-                    f"arm: {name} was told to hold and reports {reported}. Check its cable and the runstop"
+                    f"arm: {name} was commanded to hold, but reports {reported}. Check its cable and the runstop"
                 )
-            self._readings.holds(name, status, self._clock.now_ns())
+            self._readings.store_energised(name, status, self._clock.now_ns())
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write a setpoint to the named axes. Every frame leaves at once. Then the acknowledgements of lift and
-        arm are awaited. A board without one gets its goal again with the next re-send."""
+        """Write a setpoint to the named axes. All frames are sent at once. Then the acknowledgements of lift
+        and arm are awaited. A board that has not acknowledged its goal gets it again with the next repetition."""
         self._check_open()
         if not self._armed:
             raise PermitDenied("not armed")
@@ -238,14 +238,14 @@ class StretchWire(Wire):
             if any(axis.key in named for axis in chain.axes):
                 await chain.write(tuple(target[axis.key] for axis in chain.axes), permit)
             else:
-                chain.go_on()
+                chain.feed_watchdogs()
         acknowledged = await together(*(partial(self._boards[joint].was_acknowledged) for joint in sent))
         self._goals.update(
             row for row, is_acknowledged in zip(sent.items(), acknowledged, strict=True) if is_acknowledged
         )
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Set soft limits (``set_soft_limits``). The firmware of lift and arm gets them, too."""
+        """Run the service ``set_soft_limits``. The boards of lift and arm get the limits, too."""
         self._check_open()
         joint, low, high = str(arguments["joint"]), float(arguments["low"]), float(arguments["high"])
         permit.check()
@@ -255,7 +255,7 @@ class StretchWire(Wire):
         return {"joint": joint, "low": low, "high": high}
 
     async def _change(self, board: Board, call: bytes, permit: Permit) -> None:
-        """Send a call beside ``read`` and ``write``, until it is acknowledged."""
+        """Send a call until it is acknowledged, while ``read`` and ``write`` continue."""
         with trio.move_on_after(ANSWER_S):
             while True:
                 try:
@@ -263,16 +263,16 @@ class StretchWire(Wire):
                         return
                 except Quiet:
                     await trio.sleep(QUIET_LOOK_S)
-        raise WireDown(f"{board.name} does not take its limits of motion. Check its cable and power")
+        raise WireDown(f"{board.name} did not acknowledge its motion limits. Check its cable and power")
 
     # -- safe
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop all boards at once. After a hold for a late writer, the robot stays armed."""
+        """Stop all boards at once. After a hold because of a late command, the robot stays armed."""
         self._goals = {}
         if safe_state == SafeState.STOP:
             self._armed = False
-            self._readings.let_go()
+            self._readings.clear_energised()
         names = boards_for(safe_state)
         if not self._boards:
             return tuple(unreachable(name, "not connected") for name in names)
@@ -295,7 +295,7 @@ class StretchWire(Wire):
         return tuple(sorted(reports, key=lambda report: report.id))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop on the ports that count as lost, then on all ports opened anew."""
+        """Stop the robot after its link was lost: first on the old ports, then on all ports opened again."""
         if self._boards:
             with trio.move_on_after(OLD_S):
                 reports = await self._stop(safe_state, OLD_S)
@@ -311,4 +311,4 @@ class StretchWire(Wire):
 
     def _check_open(self) -> None:
         if not self._boards or not self._chains:
-            raise WireDown("wire: not connected. Open it first")
+            raise WireDown("not connected. Connect first")

@@ -1,4 +1,4 @@
-"""The facts about a legged robot that its wire and its stop channel need."""
+"""The immutable settings of a legged robot. The wire process and the stop channel use the same ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class UnitreeConfig(msgspec.Struct, frozen=True):
     port: str
     """The robot's address: ``host`` or ``host:port``."""
     interface: str = ""
-    """Our network interface, by name or address; empty for the one that leads to the robot."""
+    """Network interface of this computer, by name or address. Empty: the interface that leads to the robot."""
     domain: int = 0
     simulator: bool = False
     """True for Unitree's own simulator. Its states may lack a checksum and a tick, and it has no services."""

@@ -1,15 +1,15 @@
 """Command the joints of Unitree's legged robots, 500 times a second: ``unitree_g1``; Go2, B2, H1 and H1-2.
 
-Connecting and arming move nothing: the robot stands by its own controller until the first setpoint is
-accepted. From then on it stands only as long as setpoints arrive. When they end, for any reason, the last
-frames have no torque:
+Connecting and arming move nothing: the robot is held up by its own controller until the first setpoint is
+accepted. From then on it stands only as long as setpoints arrive. When they end, for any reason, the robot is
+brought to one of two safe states. Neither of them holds the robot up:
 
-``zero_torque``  every motor loses its torque at once. A standing robot falls, freely, in half a second.
-``damp``         for half a second every motor brakes its joint (kp 0, kd of the table), then it loses its torque:
-                 a standing robot sinks and topples more slowly. Neither safe state holds the robot up.
+``zero_torque``  every motor loses its torque at once. A standing robot falls within half a second
+``damp``         for half a second every motor brakes its joint (kp 0, kd from ``robots.toml``), then it loses its
+                 torque. A standing robot sinks and topples more slowly
 
-The option ``on_exit`` selects the safe state; the drivers page asks for the first. To put a robot down
-gently, bring it into a pose from which it cannot fall before the policy ends.
+The option ``on_exit`` selects the safe state. The default is ``zero_torque``. To put a robot down gently, bring it
+into a pose from which it cannot fall before the commands end.
 """
 
 from __future__ import annotations
@@ -70,7 +70,8 @@ class _Legs(Driver):
     unit = "radians"
     timing = Timing(
         control_hz=CONTROL_HZ,
-        keepalive_s=0.9 * CONTROL_S,  # a little less than a period, so that a punctual stream is not doubled
+        keepalive_s=0.9
+        * CONTROL_S,  # Just below a control period: a setpoint is repeated only if the next is late.
         stream_ttl_s=0.1,
         oneshot_ttl_s=0.1,
         state_ttl_s=0.1,
@@ -88,11 +89,13 @@ class _Legs(Driver):
         chosen = read_options(robot, LegsOptions, options)
         if chosen.level != "low":
             names = ", ".join(sorted({name.partition(":")[0] for name in cls.LEVELS}))
-            raise ValueError(f"{robot} is only commanded joint by joint. level='sport' is there for {names}")
+            raise ValueError(
+                f"{robot} accepts only joint commands. Leave level= out: only {names} have level='sport'"
+            )
         if chosen.simulator and chosen.domain == 0:
             raise ValueError(
-                f"{robot}: simulator=True, but domain 0 is the robots' own. Let the simulator speak in another "
-                "(DOMAIN_ID in its config.py, 1 as delivered) and give that"
+                f"{robot}: simulator=True, but DDS domain 0 is reserved for real robots. Set another domain in the "
+                "simulator (DOMAIN_ID in its config.py, 1 by default) and give the same number as domain="
             )
         return plain(chosen)
 
@@ -101,7 +104,7 @@ class _Legs(Driver):
         model = model_of(robot)
         self.robot = model.name
         if self.robot not in self.SUPPORTED_ROBOTS:
-            raise ValueError(f"{robot} is none of {', '.join(self.SUPPORTED_ROBOTS)}")
+            raise ValueError(f"{robot} is not supported here. Use one of {', '.join(self.SUPPORTED_ROBOTS)}")
         simulator = chosen.simulator
         domain = int(simulator) if chosen.domain is None else chosen.domain
         self.config = UnitreeConfig(model, port, chosen.network_interface, domain, simulator)
@@ -113,15 +116,15 @@ class _Legs(Driver):
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        """Return also the services of the onboard controller: their refusals name the right level."""
+        """Return all services, also those of ``level="sport"``. At this level they are refused with a hint."""
         return {**cls.OF_WALKING, **cls.SERVICES}
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         if service in self.OF_WALKING:
-            why = "this robot is commanded joint by joint (level='low')"
+            reason = "this robot is commanded joint by joint (level='low')"
             walks = f"{self.robot}:sport" in self.LEVELS
-            remedy = WALKS_ELSEWHERE if walks else "command its joints: its way to walk is not known here"
-            return Refused(Code.LEVEL, why, remedy, "low", "sport" if walks else "")
+            remedy = WALKS_ELSEWHERE if walks else "command its joints, because this package cannot make it walk"
+            return Refused(Code.LEVEL, reason, remedy, "low", "sport" if walks else "")
         return super().check_service(service, arguments)
 
     def check_port(self) -> None:
@@ -131,29 +134,32 @@ class _Legs(Driver):
         return self._parser.parse(action, state)
 
     def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Parse an action, with a last row of ones and zeros. Joints that were never named (0) stay with the
-        onboard controller, which keeps the robot on its feet."""
+        """Parse an action for a simulation. The target has an additional row with 1 or 0 for each joint.
+
+        1 means that an action has named the joint. A joint with 0 is held by the simulated onboard controller,
+        which keeps the robot on its feet.
+        """
         count, rows_end = len(self.axes), len(self.axes) * len(ROWS)
         before = state.target[rows_end:] or (0.0,) * count
         parsed = self.parse(action, msgspec.structs.replace(state, target=state.target[:rows_end]))
         if isinstance(parsed, Refused):
             return parsed
-        which = [*before]
-        for at in parsed.named:
-            which[at] = 1.0
-        return msgspec.structs.replace(parsed, values=(*parsed.values, *which))
+        named_flags = [*before]
+        for index in parsed.named:
+            named_flags[index] = 1.0
+        return msgspec.structs.replace(parsed, values=(*parsed.values, *named_flags))
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the positions. The other rows of a target follow after them."""
+        """Return the joint positions of a target, by joint name. Its speeds, torques and gains are left out."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = self._parser.named(action)
         return {
             "topic": COMMAND_TOPIC,
-            "joints": [self.axes[at] for at in named],
-            "slots": [self.ids[at] for at in named],
-            "targets": {self.axes[at]: values[at] for at in named},
+            "joints": [self.axes[index] for index in named],
+            "slots": [self.ids[index] for index in named],
+            "targets": {self.axes[index]: values[index] for index in named},
             "unit": self.unit,
         }
 
@@ -174,12 +180,16 @@ class _Legs(Driver):
 
 
 def controller_report(sensors: Mapping[str, tuple[float, ...]]) -> dict[str, Any]:
-    """Return what the robot reports about its controller, by the field names of strands-robots. Fields
-    that it does not report are missing."""
-    return {field: convert(sensors[name][0]) for field, (name, convert) in _TELLING.items() if name in sensors}
+    """Return the state of the onboard controller as far as the robot reports it.
+
+    The names are those of the package strands-robots. Fields that the robot does not report are missing.
+    """
+    return {
+        field: convert(sensors[name][0]) for field, (name, convert) in _CONTROLLER_FIELDS.items() if name in sensors
+    }
 
 
-_TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {
+_CONTROLLER_FIELDS: Mapping[str, tuple[str, Callable[[float], Any]]] = {
     "fsm_id": ("fsm", int),
     "mode_machine": ("mode_machine", int),
     "sport_mode_released": ("sport_mode_released", bool),
@@ -188,7 +198,7 @@ _TELLING: Mapping[str, tuple[str, Callable[[float], Any]]] = {
 
 
 class G1Driver(_Legs):
-    """A G1. It accepts low-level commands while its FSM is in 500, 501 or 801."""
+    """A G1. It accepts joint commands while its state machine (FSM) is in the state 500, 501 or 801."""
 
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("fsm", "mode_machine")
 
@@ -203,7 +213,8 @@ class G1Driver(_Legs):
 
 
 class Go2Driver(_Legs):
-    """Go2, B2, H1 and H1-2. They accept low-level commands once their own controller is released."""
+    """Go2, B2, H1 and H1-2. They accept joint commands once their onboard controller was switched off
+    (released)."""
 
     ANSWERS_WITH: ClassVar[tuple[str, ...]] = ("sport_mode_released",)
 

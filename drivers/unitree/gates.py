@@ -1,5 +1,7 @@
-"""The conditions of a legged robot under which it may be commanded. Pure. ``common/motor_targets`` has the
-gates of a command itself."""
+"""The conditions under which the joints of a legged robot may be commanded, as pure functions.
+
+The checks of a command's values are in ``common/kit/motor_targets``.
+"""
 
 from __future__ import annotations
 
@@ -20,24 +22,26 @@ HANDSHAKE_FSM = (500, 501, 801)
 FSM_TTL_S = 1.0
 MODE_TTL_S = 1.0
 BATTERY_TTL_S = 10.0
-"""Longest age of a charge with a separate topic [assumed]: it is published slowly."""
+"""Longest age of the battery's charge. Some robots publish it on a separate topic, at a low rate [assumed]."""
 BATTERY_FLOOR_PCT = 15.0
 
 
-# -- conditions: checked before every setpoint, and continuously while one is live
+# -- conditions: checked before every setpoint, and continuously while a setpoint is in force
 
 
 def conditions(
     model: Model, floor_pct: float, state_ttl_s: float, simulator: bool = False
 ) -> tuple[Condition, ...]:
-    """Return the conditions in the order of their checks: the first that refuses answers. A simulator
-    (``simulator``) has only states that can be checked."""
+    """Return the conditions in the order in which they are checked. The first refusal is reported.
+
+    For Unitree's own simulator (``simulator``) only the age of its states can be checked.
+    """
     if simulator:
         return (Condition(stale(state_ttl_s), is_silence=True),)
-    # All robots but the G1 have a service that releases the onboard controller.
+    # All robots except the G1 have a service that switches off (releases) the onboard controller.
     others = Condition(sport_mode, on_resume=OnResume.STAY_ARMED)
     handshake = Condition(fsm) if model.handshake == "fsm" else others
-    charge = (Condition(check) for check in (battery_known, battery_above(floor_pct)))
+    charge = (Condition(check) for check in (battery_reported, battery_above(floor_pct)))
     return Condition(stale(state_ttl_s), is_silence=True), handshake, *charge
 
 
@@ -47,14 +51,14 @@ def stale(ttl_s: float) -> ConditionCheck:
     def stale(observation: Observation, now_ns: int) -> Refused | None:
         stamp_ns = observation.stamp_ns[0]
         if stamp_ns == 0:
-            why = "no LowState yet, mode_machine unknown"
-            return Refused(Code.NO_STATE, why, "wait for the first, or check the network")
+            reason = "no LowState yet, mode_machine unknown"
+            return Refused(Code.NO_STATE, reason, "wait for the first LowState, or check the network")
         age_ns = now_ns - stamp_ns
         if age_ns <= ttl_ns:
             return None
         age, limit = f"{age_ns / 1e6:.0f} ms", f"{ttl_s * 1e3:.0f} ms"
-        why = f"last LowState is {age} old (limit {limit})"
-        return Refused(Code.STALE, why, "check the robot and the network", age, limit)
+        reason = f"last LowState is {age} old (limit {limit})"
+        return Refused(Code.STALE, reason, "check the robot and the network", age, limit)
 
     return stale
 
@@ -63,54 +67,63 @@ _HANDSHAKE = ", ".join(map(str, HANDSHAKE_FSM))
 
 
 def fsm(observation: Observation, now_ns: int) -> Refused | None:
-    """G1: refuse low-level commands unless the FSM is in a state that balances."""
+    """G1: refuse joint commands unless its state machine (FSM) is in a state in which the robot balances."""
     reported = observation.sensors.get("fsm")
     if reported is None:
-        why = "the FSM id is not known"
-        return Refused(UnitreeCode.FSM_UNKNOWN, why, "check that the robot has booted", "", _HANDSHAKE)
-    number, asked_s = reported
-    age_s = now_ns / NS - asked_s
+        reason = "the FSM id is not known"
+        return Refused(UnitreeCode.FSM_UNKNOWN, reason, "check that the robot has booted", "", _HANDSHAKE)
+    number, requested_s = reported
+    age_s = now_ns / NS - requested_s
     if age_s > FSM_TTL_S:
-        why = f"FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
+        reason = f"FSM id is {age_s:.1f} s old (limit {FSM_TTL_S:.1f} s)"
         age, limit = f"{age_s:.1f} s", f"{FSM_TTL_S:.1f} s"
-        return Refused(UnitreeCode.FSM_STALE, why, "check the robot's sport service", age, limit)
+        return Refused(UnitreeCode.FSM_STALE, reason, "check the robot's sport service and the network", age, limit)
     if number in HANDSHAKE_FSM:
         return None
     word = FSM_WORDS.get(round(number))
     shown = f"{number:g} ({word})" if word else f"{number:g}"
-    why = f"FSM {shown} does not accept low-level commands; needs 500, 501 or 801"
-    return Refused(UnitreeCode.FSM, why, "bring the robot there by its remote", f"{number:g}", _HANDSHAKE)
+    reason = f"FSM {shown} does not accept low-level commands; needs 500, 501 or 801"
+    return Refused(
+        UnitreeCode.FSM, reason, "select one of these states on the robot's remote", f"{number:g}", _HANDSHAKE
+    )
 
 
 def sport_mode(observation: Observation, now_ns: int) -> Refused | None:
-    """Other robots: refuse unless their own controller is released, and they have reported this recently."""
+    """Robots other than the G1: refuse unless the onboard controller is released (switched off).
+
+    The robot must have reported this within the last ``MODE_TTL_S``.
+    """
     reported = observation.sensors.get("sport_mode_released")
-    remedy = "call release_sport_mode() first: the robot no longer balances by itself then"
+    remedy = "call release_sport_mode() first. After that the robot no longer balances by itself"
     if reported is None:
         return Refused(UnitreeCode.SPORT_MODE_UNKNOWN, "the onboard mode is not known", remedy, "", "released")
-    released, asked_s = reported
-    age_s = now_ns / NS - asked_s
+    released, requested_s = reported
+    age_s = now_ns / NS - requested_s
     if age_s > MODE_TTL_S:
-        why = f"the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
+        reason = f"the onboard mode is {age_s:.1f} s old (limit {MODE_TTL_S:.1f} s)"
         age = f"{age_s:.1f} s"
-        return Refused(UnitreeCode.SPORT_MODE_STALE, why, "check the robot's network", age, f"{MODE_TTL_S:.1f} s")
+        return Refused(
+            UnitreeCode.SPORT_MODE_STALE, reason, "check the robot and the network", age, f"{MODE_TTL_S:.1f} s"
+        )
     if released:
         return None
     name = observation.faults.get("sport_mode", "")
-    return Refused(UnitreeCode.SPORT_MODE, f"sport mode {name} still active", remedy, name, "released")
+    return Refused(
+        UnitreeCode.SPORT_MODE, f"the onboard sport mode {name} is still active", remedy, name, "released"
+    )
 
 
-def battery_known(observation: Observation, now_ns: int) -> Refused | None:
+def battery_reported(observation: Observation, now_ns: int) -> Refused | None:
     stamp_s = observation.sensors.get("battery_stamp_s")
     if stamp_s is None:
-        why = "the battery's charge is not known"
+        reason = "the battery's charge is not known"
         return Refused(
-            UnitreeCode.BATTERY_UNKNOWN, why, "check the robot's battery topic", "unknown", "a state of charge"
+            UnitreeCode.BATTERY_UNKNOWN, reason, "check the robot's battery topic", "unknown", "a state of charge"
         )
     age_s = now_ns / NS - stamp_s[0]
     if age_s > BATTERY_TTL_S:
-        why = f"the battery's charge is {age_s:.0f} s old (limit {BATTERY_TTL_S:.0f} s)"
-        return Refused(UnitreeCode.BATTERY_UNKNOWN, why, "check the robot's battery topic", f"{age_s:.0f} s")
+        reason = f"the battery's charge is {age_s:.0f} s old (limit {BATTERY_TTL_S:.0f} s)"
+        return Refused(UnitreeCode.BATTERY_UNKNOWN, reason, "check the robot's battery topic", f"{age_s:.0f} s")
     return None
 
 
@@ -120,7 +133,7 @@ def battery_above(floor_pct: float) -> ConditionCheck:
         if reported is None or reported[0] >= floor_pct:
             return None
         charge = f"{reported[0]:.1f} %"
-        why = f"battery {charge} is under the floor of {floor_pct:.1f} %"
-        return Refused(UnitreeCode.BATTERY_LOW, why, "charge it", charge, f"{floor_pct:.1f} %")
+        reason = f"battery {charge} is below the minimum of {floor_pct:.1f} %"
+        return Refused(UnitreeCode.BATTERY_LOW, reason, "charge the battery", charge, f"{floor_pct:.1f} %")
 
     return battery_above

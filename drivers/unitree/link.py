@@ -1,7 +1,7 @@
-"""One participant on a Unitree robot's network. It sends commands and receives states. The wire and the stop
-channel both use it.
+"""One DDS participant that sends commands to a Unitree robot and receives its states.
 
-No call here waits or loops: ``poll`` handles received data, ``send`` and ``ask`` send at once.
+The wire process and the stop channel each have one. No call here waits: ``poll`` handles received data, and
+``send`` and ``ask`` send at once.
 """
 
 from __future__ import annotations
@@ -29,59 +29,59 @@ MAX_PENDING = 32
 TICK_WRAP = 1 << 32
 
 LOST_NS = 30 * NS
-"""A service answers requests in order [assumed]. If it answers a request that was made so long after an
-unanswered order, that order was lost."""
+"""A service answers its requests in order [assumed]. If it answers a request that is this much later than an
+unanswered order, the order was lost."""
 
 
 class Service:
-    """A client of one of the robot's services."""
+    """A client of one of the robot's services. It sends requests and receives the responses."""
 
     def __init__(self, participant: Participant, name: str, clock: Clock) -> None:
         self.name = name
         self._clock = clock
         self._pending: dict[int, Callable[[rpc.Response], None]] = {}
         self._newest = 0
-        self.owed: set[int] = set()
-        """Ids of orders without an answer. The request is delivered however late: a service that hung
-        carries it out when it goes on."""
+        self.unanswered: set[int] = set()
+        """Ids of orders that have no answer yet. The robot may still carry them out, even much later: a service
+        that hangs handles its requests when it continues."""
         self.settled_ns = 0
-        """When the last order was answered. Reports from before then may be from before the order."""
+        """Time at which the last order was answered. An earlier report may show the state before that order."""
         self._writer = participant.writer(rpc.request_topic(name), rpc.REQUEST_TYPE, reliable=True)
         self._reader = participant.reader(
             rpc.response_topic(name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
         )
 
     @property
-    def found(self) -> bool:
-        """Return True if a server is matched in at least one direction."""
+    def is_discovered(self) -> bool:
+        """True if DDS has connected at least one direction to the service: our requests or its responses."""
         return self._writer.matched > 0 or self._reader.matched > 0
 
     @property
     def matched(self) -> bool:
-        """Return True if both directions match. A response to an unknown reader would be lost."""
+        """True if DDS has connected both directions to the service. Before that, responses would be lost."""
         return self._writer.matched > 0 and self._reader.matched > 0
 
     @property
     def takes_stops(self) -> bool:
-        """Return True if a stop may reach the service. It knows us, or knew us until it announced its end."""
+        """True if a stop may reach the service: it is connected, or was connected until it announced its end."""
         return self.matched or self._writer.has_parted
 
-    def order(self, api: int) -> None:
-        """Request an action of the robot. It stays in ``owed`` until it is answered."""
-        self.owed.add(self.ask(api, lambda _: None))
+    def request_action(self, api: int) -> None:
+        """Request an action of the robot. The request's id stays in ``unanswered`` until the answer arrives."""
+        self.unanswered.add(self.ask(api, lambda _: None))
 
     def ask(
         self, api: int, on_response: Callable[[rpc.Response], None], parameter: str = "", stop: bool = False
     ) -> int:
-        """Send a request and return its id, the present time in nanoseconds.
+        """Send a request and return its id, which is the present time in nanoseconds.
 
-        The answer has the same id. It describes the robot at that time or later.
+        The response has the same id. So its content is at least as new as this time.
 
         Args:
-            api: The request's number.
-            on_response: Called from ``poll``, at most once.
-            parameter: The request's JSON.
-            stop: Send it also to a service that has announced its end.
+            api: The number of the request.
+            on_response: Called with the response, from ``poll``, at most once.
+            parameter: The parameter of the request, as JSON.
+            stop: Also send the request to a service that has announced its end.
         """
         number = self._newest = max(self._clock.now_ns(), self._newest + 1)
         if len(self._pending) >= MAX_PENDING:
@@ -92,26 +92,29 @@ class Service:
         return number
 
     def _on_response(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # skip an unreadable answer, so that the awaited value grows old
+        with suppress(MalformedFrame):  # Ignore an unreadable response. The gates notice if a value gets too old.
             response = rpc.decode_response(bytes(payload[4:]))
-            if response.id in self.owed:
-                self.owed.remove(response.id)
+            if response.id in self.unanswered:
+                self.unanswered.remove(response.id)
                 self.settled_ns = t_ns
             on_response = self._pending.pop(response.id, None)
             if on_response is not None:
-                self.owed = {number for number in self.owed if response.id - number < LOST_NS}
+                self.unanswered = {number for number in self.unanswered if response.id - number < LOST_NS}
                 on_response(response)
 
 
 class Network:
-    """Our participant, and the robot's LowState. Making it raises ``WireDown`` if the sockets cannot be
-    opened."""
+    """A DDS participant that receives the robot's LowState.
+
+    Its constructor raises ``WireDown`` if the sockets cannot be opened.
+    """
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model, robot = config.model, config.port
         try:
             own = address_of(config.interface) if config.interface else own_address(robot.partition(":")[0])
-            # On loopback, twins do not discover each other. A simulator there is found by multicast only.
+            # On loopback no multicast is used, so that several simulated robots do not discover each other.
+            # Unitree's own simulator needs multicast there, too.
             multicast = config.simulator or not own.startswith("127.")
             self.participant = Participant(config.domain, own, (robot,), multicast, clock=clock, only=robot)
         except ValueError as error:
@@ -120,33 +123,33 @@ class Network:
         self.model = model
         self.state: State | None = None
         self.state_ns = 0
-        """When the newest state with an increased tick arrived; 0 if there is no such state.
+        """Time at which the newest state with an increased tick arrived. 0 if there was no such state.
 
-        A repeated tick, from a loop that is stuck, brings nothing new, and the first state may be one.
-        An older tick, delayed by a network or a proxy, brings nothing new either. A robot that has
-        restarted is another participant, and its ticks start anew.
+        A state with a repeated tick (from a robot that hangs) or an older tick (delayed in the network) is not new.
+        So the first state alone does not count. A robot that has restarted is another participant, and its ticks
+        start again.
         """
-        self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # a simulator need not count ticks
-        self._writer = b""  # of the newest state
+        self._ticks = None if config.simulator else Stamps(TICK_WRAP)  # A simulator may not count ticks.
+        self._writer = b""  # The id of the DDS writer that sent the newest state.
         self.discarded: Counter[str] = Counter()
-        """States that were discarded since the link was opened, by reason."""
+        """Number of discarded states since the connection was opened, by the reason to discard them."""
         self._decode = StateCodec(model, unsealed=config.simulator).decode
 
     def listen(self) -> None:
-        """Subscribe to the robot's state."""
+        """Subscribe to the robot's LowState."""
         self.participant.reader(p.STATE_TOPIC, p.state_type(self.model.family), self._on_state)
 
     @property
     def unusable(self) -> str:
-        """Return in words why there is no state."""
+        """Return a message that explains why there is no usable state."""
         count = self.discarded.total()
         if not count:
-            return "no LowState comes"
-        whys = [f"{number} {why}" for why, number in self.discarded.items()]
-        shown = f"all {next(iter(self.discarded))}" if len(whys) == 1 else ", ".join(whys)
+            return "the robot sends no LowState. Check the robot and the network"
+        texts = [f"{number} {reason}" for reason, number in self.discarded.items()]
+        shown = f"all {next(iter(self.discarded))}" if len(texts) == 1 else ", ".join(texts)
         return (
-            f"{count} LowStates come, {shown}: a simulator? For Unitree's own, unitree_mujoco, say simulator=True. "
-            "A robot that goes on so has to be restarted"
+            f"{count} LowStates have arrived, {shown}. For Unitree's own simulator, unitree_mujoco, use "
+            "simulator=True. Restart a real robot that sends such states"
         )
 
     def poll(self) -> None:
@@ -172,7 +175,7 @@ class Network:
             self._ticks = Stamps(TICK_WRAP)
         self._writer, ticks = writer, self._ticks
         if ticks is not None and not ticks.take(state.tick, t_ns):
-            self.discarded["whose tick does not go on"] += 1
+            self.discarded["with a tick that does not advance"] += 1
             return
         self.state = state
         if ticks is None or ticks.goes_on:
@@ -180,7 +183,7 @@ class Network:
 
 
 class Link(Network):
-    """A ``Network`` that also commands the joints."""
+    """A ``Network`` that also sends joint commands (LowCmd)."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         super().__init__(config, clock)
@@ -192,25 +195,24 @@ class Link(Network):
         self._damp = (0.0,) * (4 * count) + (model.damp_kd,) * count
 
     @property
-    def heard(self) -> bool:
-        """Return True if the robot has matched our command writer."""
+    def matched(self) -> bool:
+        """True if the robot receives our commands: DDS has connected our writer to its reader."""
         return self.commands.matched > 0
 
     def encode(self, values: tuple[float, ...]) -> bytes:
-        """Return the payload of a target of five rows."""
+        """Return the payload of a joint command. ``values`` are q, dq, tau, kp and kd of all joints."""
         return CDR + self._codec.encode(self._machine, values)
 
     def send(self, payload: bytes) -> bool:
-        """Send a payload. Return True if it left for the robot."""
+        """Send a command. Return True if it was sent to at least one reader."""
         return self.commands.write(payload) > 0
 
     def send_stop(self, payload: bytes) -> bool:
-        """As ``send``, also to a robot that has announced its end."""
+        """Send a command as ``send`` does, but also to a robot that has announced its end."""
         return self.commands.write_stop(payload) > 0
 
     def safe_frame(self, damp: bool) -> bytes:
-        """Return a frame that pulls no joint to a position: with ``damp`` the joints brake, else they are
-        free."""
+        """Return a command without target positions. With ``damp`` the joints brake, else they have no torque."""
         return CDR + self._codec.encode(self._machine, self._damp if damp else self._limp)
 
     @property

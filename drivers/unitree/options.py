@@ -1,4 +1,4 @@
-"""Constructor keywords of Unitree's robots, for both levels of command."""
+"""Constructor keywords of Unitree's robots, for ``level="low"`` (joints) and ``level="sport"`` (walking)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ IMU: Mapping[str, str] = {
     "accel": "acceleration_m_s2",
     "quaternion": "orientation_wxyz",
 }
-"""Field of the IMU to its sensor."""
+"""Field of the IMU in an observation -> name of the sensor."""
 
 OF_JOINTS: Mapping[str, Service] = {
     "release_sport_mode": Service(

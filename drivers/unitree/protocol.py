@@ -1,12 +1,12 @@
 """Unitree's low-level frames: LowCmd and LowState of both families, and their checksum. No I/O, no clock.
 
-A frame is XCDR1, little endian, without its four-byte encapsulation. G1 and H1-2 speak ``hg`` (35 slots);
-Go2, B2 and H1 speak ``go`` (20 slots). A codec is made for one robot: slots without a motor are zero and
-are never read.
+A frame is XCDR1, little endian, without its four-byte encapsulation. There are two families of frames: G1 and H1-2
+use ``hg`` (with places, called slots, for 35 motors), and Go2, B2 and H1 use ``go`` (20 slots). A codec is made for
+one robot. Slots without a motor are zero and are never read.
 
-CDR aligns members, not structs: the first motor's mode byte follows the head directly, with less padding
-behind it than in the other motors. The checksum covers the C struct, in which the padding stands before that
-byte, so it is not computed over these bytes directly.
+CDR aligns members, not structs. So the mode byte of the first motor directly follows the head of the frame, and the
+padding is behind this byte. The robot computes the checksum over its C struct, in which the padding is before this
+byte. So ``checksum`` moves the padding first.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _BATTERY_SOC = 100
 FULL_PCT = 100
 """A larger number is no valid charge."""
 NO_CHARGE = 255
-"""The charge that the twin of ``go`` sends for an unknown battery [assumed]."""
+"""The charge that a simulated robot of the family ``go`` sends if its charge is unknown [assumed]."""
 
 LEVEL_LOW = 0xFF
 HEAD = b"\xfe\xef"
@@ -62,9 +62,9 @@ def state_type(family: Family) -> str:
 
 
 class Command(NamedTuple):
-    """A LowCmd, by joint."""
+    """A joint command (LowCmd). Each tuple has one value per joint, in the vendor's names."""
 
-    machine: int  # mode_machine; hg only
+    machine: int  # The field ``mode_machine``, which only the family ``hg`` has.
     mode: tuple[int, ...]
     q: tuple[float, ...]
     dq: tuple[float, ...]
@@ -74,18 +74,18 @@ class Command(NamedTuple):
 
 
 class State(NamedTuple):
-    """A LowState, with rows by joint. Radians, newton metres, degrees Celsius."""
+    """A LowState of the robot. Joint values are in rad, rad/s, Nm and degrees Celsius."""
 
     machine: int
     tick: int
-    quaternion: tuple[float, ...]  # w x y z
-    gyroscope: tuple[float, ...]  # rad/s
-    accelerometer: tuple[float, ...]  # m/s2
+    quaternion: tuple[float, ...]  # Orientation of the body as w, x, y, z.
+    gyroscope: tuple[float, ...]  # Angular velocity of the body in rad/s.
+    accelerometer: tuple[float, ...]  # Acceleration of the body in m/s2.
     q: tuple[float, ...]
     dq: tuple[float, ...]
     tau: tuple[float, ...]
     temperature: tuple[int, ...]
-    soc: int | None  # percent; None: not known, or the battery has a topic of its own
+    soc: int | None  # Charge of the battery in percent. None: unknown, or published on a separate topic.
 
 
 # -- the checksum
@@ -102,31 +102,35 @@ def _crc(image: bytes | bytearray) -> int:
 
 
 def checksum(body: bytes | bytearray, first_motor: int) -> int:
-    """Return the checksum of a frame. The last word, the checksum itself, is ignored."""
-    at = first_motor
-    pad = -at % 4
-    return _crc(body[:at] + bytes(pad) + body[at : at + 1] + b"\0\0\0" + body[at + pad : -4])
+    """Compute the checksum of a frame. ``body`` may end with any four bytes in the place of the checksum."""
+    start = first_motor
+    pad = -start % 4
+    return _crc(body[:start] + bytes(pad) + body[start : start + 1] + b"\0\0\0" + body[start + pad : -4])
 
 
 # -- the codecs
 
 
-def _motors(model: Model, first: str, other: str, bytes_each: int) -> str:
-    """Return struct codes of all slots: ``first`` for slot 0, ``other`` for the rest, padding for slots
-    without a motor."""
+def _motors(model: Model, first: str, later: str, bytes_each: int) -> str:
+    """Return the format for ``struct`` of all motor slots.
+
+    ``first`` is the format of slot 0, and ``later`` that of the other slots. Slots without a motor are padding.
+    """
     used = set(model.slots)
     codes = []
     for slot in range(SLOTS[model.family]):
         if slot in used:
-            codes.append(other if slot else first)
+            codes.append(later if slot else first)
         else:
             codes.append(f"{bytes_each}x" if slot else f"{struct.calcsize('<' + first)}x")
     return "".join(codes)
 
 
 class CommandCodec:
-    """The LowCmd of one robot. ``encode`` rewrites the joints' values and the checksum in one buffer; all
-    other bytes stay."""
+    """Encode and decode the LowCmd of one robot.
+
+    For speed, ``encode`` reuses one buffer, and writes only the values of the joints and the checksum.
+    """
 
     def __init__(self, model: Model) -> None:
         self._family: Family = model.family
@@ -134,44 +138,51 @@ class CommandCodec:
         if self._family == "hg":
             stride = 28
             code = f"<BB{_motors(model, 'Bx5f4x', 'B3x5f4x', stride)}16xI"
-            head: list[float] = [0, 0]  # mode_pr: pitch and roll of the ankles, not their two motors
+            head: list[float] = [
+                0,
+                0,
+            ]  # mode_pr 0: ankles are commanded by pitch and roll, not by their two motors.
         else:
             stride = 36
             code = f"<BBB19x{_motors(model, 'Bx5f12x', 'B3x5f12x', stride)}64xI"
             head = [*HEAD, LEVEL_LOW]
         self._struct = struct.Struct(code)
         assert self._struct.size == COMMAND_BYTES[self._family]
-        # The slots need not be in the order of the joints.
+        # The order of the joints may differ from the order of their slots in the frame.
         count = len(model.joints)
         self._order = sorted(range(count), key=model.slots.__getitem__)
         self._in_order = self._order == list(range(count))
         self.modes = tuple(joint.mode for joint in model.joints)
         self._start = len(head)
         self._width = 6 * count
-        idle = [word for at in self._order for word in (self.modes[at], 0.0, 0.0, 0.0, 0.0, 0.0)]
+        idle = [word for index in self._order for word in (self.modes[index], 0.0, 0.0, 0.0, 0.0, 0.0)]
         self._body = bytearray(self._struct.pack(*head, *idle, 0))
-        # Pack row by row, with gaps for slots without a motor. From there copy into the motors, value by
-        # value.
+        # First pack the values into a second buffer, row by row (q, dq, tau, kp, kd). Then copy each row into the
+        # motors of the frame.
         used = set(model.slots)
         slots = max(used) + 1
         row = "".join("f" if slot in used else "4x" for slot in range(slots))
         self._rows = struct.Struct(f"<{5 * row}")
-        self._by_slot = [count * kind + at for kind in range(5) for at in self._order]
+        self._by_slot = [count * row_index + index for row_index in range(5) for index in self._order]
         self._packed = bytearray(self._rows.size)
         words, values = memoryview(self._body).cast("f"), memoryview(self._packed).cast("f")
-        step, first = stride // 4, (self._first_motor + 2) // 4  # after the first motor's mode and its padding
+        # ``first`` is the index of the first value, after the mode byte of the first motor and its padding.
+        step, first = stride // 4, (self._first_motor + 2) // 4
         self._columns = [
-            (words[first + kind :][: step * slots : step], values[slots * kind :][:slots]) for kind in range(5)
+            (words[first + row_index :][: step * slots : step], values[slots * row_index :][:slots])
+            for row_index in range(5)
         ]
 
     def encode(self, machine: int, values: Sequence[float]) -> bytes:
-        """Return a frame with a checksum that commands every joint. ``values`` are the rows q, dq, tau, kp
-        and kd, one after the other."""
+        """Return a complete frame that commands every joint.
+
+        ``values`` has q of all joints, then dq, tau, kp and kd of all joints.
+        """
         body = self._body
         if self._family == "hg":
             body[1] = machine
         if not self._in_order:
-            values = [values[at] for at in self._by_slot]
+            values = [values[index] for index in self._by_slot]
         self._rows.pack_into(self._packed, 0, *values)
         for motors, row in self._columns:
             motors[:] = row
@@ -179,7 +190,7 @@ class CommandCodec:
         return bytes(body)
 
     def decode(self, body: bytes) -> Command:
-        """Return the command of a frame. Raise ``MalformedFrame`` if its length or checksum is wrong."""
+        """Decode a joint command. Raise ``MalformedFrame`` if its length or checksum is wrong."""
         if len(body) != COMMAND_BYTES[self._family]:
             expected = COMMAND_BYTES[self._family]
             raise MalformedFrame(f"a LowCmd of {self._family} has {expected} bytes, not {len(body)}")
@@ -193,24 +204,24 @@ class CommandCodec:
 
 
 class WrongChecksum(MalformedFrame):
-    """A complete frame has a wrong checksum."""
+    """Raised for a frame that has the right length but a wrong checksum."""
 
 
 class StateCodec:
-    """LowState of one robot."""
+    """Encode and decode the LowState of one robot."""
 
     def __init__(self, model: Model, unsealed: bool = False) -> None:
-        """``unsealed``: also accept a state without a checksum, with 0 in its place."""
+        """Make a codec for ``model``. If ``unsealed``, it also accepts states with the checksum 0 (no checksum)."""
         self._unsealed = unsealed
         self._family: Family = model.family
         self._first_motor = _FIRST_MOTOR[self._family, "state"]
         if self._family == "hg":
-            # Skipped in each motor: ddq, second temperature, volt, sensor, motorstate, reserve.
+            # These fields of each motor are not read: ddq, second temperature, volt, sensor, motorstate, reserve.
             motors = _motors(model, "Bx2f4xfh34x", "B3x2f4xfh34x", 56)
             code = f"<9xB2xI13fh{motors}56xI"
             self._stride, self._start = 5, 16
         else:
-            # Skipped in each motor: ddq, the three raw values, lost, reserve.
+            # These fields of each motor are not read: ddq, the three raw values, lost, reserve.
             motors = _motors(model, "B2x2f4xf12xB15x", "B3x2f4xf12xB15x", 48)
             code = f"<24x13fB{motors}3xB56xI72xI"
             self._stride, self._start = 5, 14
@@ -221,13 +232,13 @@ class StateCodec:
         self._joints = len(model.joints)
 
     def decode(self, body: bytes | memoryview) -> State:
-        """Return the state of a frame.
+        """Decode a LowState.
 
-        The checksum of ``go`` is not checked, since its C layout has not been verified.
+        For the family ``go`` the checksum is not checked, because the C layout of its frame was not verified.
 
         Raises:
-            MalformedFrame: Its length or checksum is wrong, or a number is not finite. Joints are held at
-                these positions, so they must be finite.
+            MalformedFrame: The length or the checksum is wrong, or a number is not finite. Joints may be commanded
+                to hold these positions, so they must be finite.
         """
         if len(body) != STATE_BYTES[self._family]:
             expected = STATE_BYTES[self._family]
@@ -252,14 +263,16 @@ class StateCodec:
         return State(machine, tick, imu[:4], imu[4:7], imu[7:10], q, dq, tau, temperature, soc)
 
     def encode(self, state: State) -> bytes:
-        """Return the frame of a state, for twins."""
+        """Encode a LowState. Only the simulated robot needs this."""
         columns = ((1,) * self._joints, state.q, state.dq, state.tau, state.temperature)
         motors: list[float] = [0] * (self._stride * self._joints)
         for offset, column in enumerate(columns):
-            motors[offset :: self._stride] = column if self._in_order else [column[at] for at in self._order]
-        rpy = roll_pitch_yaw(state.quaternion)  # for other clients; ours reads the quaternion
+            motors[offset :: self._stride] = column if self._in_order else [column[index] for index in self._order]
+        rpy = roll_pitch_yaw(
+            state.quaternion
+        )  # This driver reads the quaternion. Other clients read roll, pitch, yaw.
         imu = (*state.quaternion, *state.gyroscope, *state.accelerometer, *rpy)
-        temperature = 40  # of the inertial unit
+        temperature = 40  # Temperature of the IMU in degrees Celsius.
         if self._family == "hg":
             body = bytearray(self._struct.pack(state.machine, state.tick, *imu, temperature, *motors, 0))
         else:
@@ -271,18 +284,18 @@ class StateCodec:
 
 
 def _reordered(row: tuple[float, ...], order: Sequence[int]) -> tuple[float, ...]:
-    """Reorder a row from slots to joints."""
+    """Reorder values from the order of the slots to the order of the joints."""
     values = [0.0] * len(row)
-    for value, at in zip(row, order, strict=True):
-        values[at] = value
+    for value, index in zip(row, order, strict=True):
+        values[index] = value
     return tuple(values)
 
 
-# -- the battery of hg
+# -- the battery, which the family hg publishes on a separate topic
 
 
 def decode_battery(body: bytes | memoryview) -> int:
-    """Return the state of charge in percent. Raise ``MalformedFrame`` for a wrong length or charge."""
+    """Decode the battery's charge in percent. Raise ``MalformedFrame`` if length or charge is impossible."""
     if len(body) != BATTERY_BYTES:
         raise MalformedFrame(f"a BmsState has {BATTERY_BYTES} bytes, not {len(body)}")
     soc = int(body[_BATTERY_SOC])

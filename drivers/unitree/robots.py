@@ -1,4 +1,4 @@
-"""The robots of this wire, as data: a table of ``robots.toml`` and its joints."""
+"""Read the supported Unitree robots and their joints from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ TABLES = RobotTables(__package__, "Unitree")
 
 
 class Walks(msgspec.Struct, frozen=True):
-    """How a robot walks by its onboard controller."""
+    """How the onboard controller of a robot can walk: its service, and the limits of its speeds."""
 
-    by: Literal["sport", "loco"]  # the service that it walks by: ``walking/sport.py``, ``walking/loco.py``
-    vx_m_s: tuple[float, float]  # backward, forward
+    by: Literal["sport", "loco"]  # The robot's service for walking: ``walking/sport.py`` or ``walking/loco.py``.
+    vx_m_s: tuple[float, float]  # Lowest (backward) and highest (forward) speed in m/s.
     vy_m_s: tuple[float, float]
     wz_rad_s: tuple[float, float]
     sits: bool = False
-    lie_rad: tuple[float, ...] = ()  # pose of the twin when it lies or squats, in the order of its joints
+    lie_rad: tuple[float, ...] = ()  # Joint positions of the simulated robot while it lies or squats, in rad.
 
 
 class Model(msgspec.Struct, frozen=True):
-    """One robot: the frames and services that it speaks, and its limits."""
+    """One robot type: its family of frames, its services, and the limits of its joints."""
 
     name: str
     family: Literal["hg", "go"]
     handshake: Literal["fsm", "sport mode"]
-    service: str  # the service of its high-level requests
-    sport_mode: str  # the onboard mode that the twin starts in
+    service: str  # Name of the service that receives requests to walk.
+    sport_mode: str  # Name of the onboard mode in which the simulated robot starts.
     max_kp: float
     max_kd: float
     damp_kd: float
     joints: tuple[Joint, ...]
-    walks: Walks | None = None  # None: this package does not know its requests for walking
+    walks: Walks | None = None  # None if this package cannot make the robot walk.
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -58,7 +58,7 @@ def model_of(robot: str) -> Model:
     """Return a robot by name or alias.
 
     Raises:
-        ValueError: It is not a robot of this wire.
+        ValueError: No supported Unitree robot has this name.
     """
     table: Mapping[str, Any] = TABLES.table(robot)
     joints = parse_joints(table["joints"])

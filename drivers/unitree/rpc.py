@@ -1,7 +1,7 @@
-"""Requests and responses of Unitree's services, and their numbers. No I/O, no clock.
+"""Encode and decode requests to Unitree's services, and their responses. No I/O, no clock.
 
-A request travels on ``rt/api/<service>/request`` and its response on ``.../response``. They are matched
-by id.
+A request is sent on the topic ``rt/api/<service>/request``, and its response on ``rt/api/<service>/response``. A
+response has the id of its request.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ class Response(NamedTuple):
     data: str = ""
 
     @property
-    def why(self) -> str:
-        """Return the meaning of its code; empty for success."""
+    def error(self) -> str:
+        """The meaning of the response's error code. Empty for success."""
         return "" if self.code == OK else f"{ERRORS.get(self.code, 'an error')} ({self.code})"
 
 
@@ -151,8 +151,8 @@ def _with_empty_binary(body: bytes) -> bytes:
     return body + bytes(-len(body) % 4 + 4)
 
 
-def _read_text(body: bytes, at: int, length: int) -> str:
-    data = body[at : at + length]
+def _read_text(body: bytes, offset: int, length: int) -> str:
+    data = body[offset : offset + length]
     if length > MAX_TEXT or len(data) != length or (length and data[-1]):
         raise MalformedFrame("a text that does not end")
     try:
@@ -162,7 +162,10 @@ def _read_text(body: bytes, at: int, length: int) -> str:
 
 
 def parsed(text: str) -> dict[str, Any]:
-    """Return the JSON object of a parameter or of data. Raise ``MalformedFrame`` if it is not one."""
+    """Decode the JSON object in a request's parameter or in a response's data.
+
+    Raise ``MalformedFrame`` if the text is not a JSON object.
+    """
     try:
         value = json.loads(text or "{}")
     except (ValueError, RecursionError) as error:
@@ -173,7 +176,7 @@ def parsed(text: str) -> dict[str, Any]:
 
 
 def fsm_id(response: Response) -> int:
-    """Return the answer of GetFsmId. Raise ``MalformedFrame`` if it has no number."""
+    """Return the FSM id in a response to GetFsmId. Raise ``MalformedFrame`` if it has no number."""
     value = parsed(response.data).get("data")
     if isinstance(value, bool) or not isinstance(value, int):
         raise MalformedFrame(f"an FSM id of {value!r}")
@@ -181,8 +184,10 @@ def fsm_id(response: Response) -> int:
 
 
 def odometry(response: Response) -> tuple[float, float, float]:
-    """Return the answer of GetOdom: x and y in metres, and the heading. Raise ``MalformedFrame`` if it has
-    no pose."""
+    """Return the pose in a response to GetOdom: x and y in m, and the heading in rad.
+
+    Raise ``MalformedFrame`` if it has no pose.
+    """
     value = parsed(response.data)
     try:
         x, y, heading = (float(value[key]) for key in ("x", "y", "z"))
@@ -194,8 +199,10 @@ def odometry(response: Response) -> tuple[float, float, float]:
 
 
 def mode_name(response: Response) -> str:
-    """Return the answer of CheckMode: the onboard mode, "" if it is released. Raise ``MalformedFrame`` if
-    it has no name."""
+    """Return the name of the onboard mode in a response to CheckMode, or "" if no mode is active (released).
+
+    Raise ``MalformedFrame`` if it has no name.
+    """
     value = parsed(response.data).get("name")
     if not isinstance(value, str):
         raise MalformedFrame(f"a mode named {value!r}")

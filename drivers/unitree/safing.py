@@ -1,5 +1,7 @@
-"""Bring a robot down: send frames every 2 ms until its own state shows no torque. The wire and the root
-both stop it in this way."""
+"""Bring a robot to a safe state: send a command every 2 ms until the robot's own state shows no torque.
+
+The wire process and the supervising process (root) both use this code.
+"""
 
 from __future__ import annotations
 
@@ -16,28 +18,28 @@ from .robots import Model
 
 DAMP_S = 0.5
 AT_LEAST_S = 0.05
-"""Shortest time of sending frames without torque. One datagram may be lost, but not twenty-five."""
+"""Commands without torque are sent for at least this time: 25 datagrams, which will not all be lost."""
 AT_MOST_S = 0.5
-"""Longest time. A robot that receives the frames has shown by then that it obeys."""
+"""Commands without torque are sent for at most this time. A robot that receives them reports no torque earlier."""
 AFTER_S = 0.006
-"""Delay after the first frame. A state that arrives later was measured after that frame."""
+"""A state that arrives later than this after the first command was measured after that command."""
 
 
 def no_holder() -> str:
-    """Return no holder. For a caller that cannot know what else controls the robot."""
+    """Return an empty name. It is used where it is unknown whether another controller holds the robot."""
     return ""
 
 
 async def bring_down(
     link: Link, safe_state: SafeState, held_by: Callable[[], str] = no_holder
 ) -> tuple[MotorReport, ...]:
-    """Bring the robot to a safe state. Never raises. The first frame leaves before the first wait.
+    """Bring the robot to a safe state. Never raises. The first command is sent without waiting.
 
     Args:
-        link: The link to the robot.
-        safe_state: ``DAMP``, or zero torque for all others.
-        held_by: Returns what controls the robot instead of us; empty for nothing. Such a robot ignores our
-            commands, so its torque does not come from them.
+        link: The connection to the robot.
+        safe_state: ``DAMP`` brakes the joints first. Any other value means zero torque at once.
+        held_by: Returns the name of another controller that holds the robot, or an empty text. A robot that is held
+            by another controller ignores our commands, so torque in its joints is not caused by us.
     """
     damps = safe_state == SafeState.DAMP
     written = link.send_stop(link.safe_frame(damps))
@@ -52,21 +54,23 @@ async def bring_down(
             if passed_s > AT_MOST_S or (passed_s > AT_LEAST_S and (all(_obeys(link, zero_ns)) or held_by())):
                 break
     if link.state_ns < began_ns:
-        detail = "no new LowState came" if link.heard else "the robot does not hear us"
+        detail = "no new LowState has arrived" if link.matched else "the robot does not receive our commands"
         return reports(link.model, written, detail)
     obeys, holder = _obeys(link, zero_ns), held_by()
     if holder and not all(obeys):
         detail = f"held by the robot's own controller, {holder}"
         return tuple(MotorReport(joint.key, joint.slot, written, True, True, detail) for joint in link.model.joints)
     return tuple(
-        MotorReport(joint.key, joint.slot, written, True, safe, "" if safe else "it still shows torque")
+        MotorReport(joint.key, joint.slot, written, True, safe, "" if safe else "the motor still shows torque")
         for joint, safe in zip(link.model.joints, obeys, strict=True)
     )
 
 
 def _obeys(link: Link, zero_ns: int) -> list[bool]:
-    """Return for each joint whether a state that was measured after the first frame without torque shows
-    no torque."""
+    """Return True for each joint that has no torque, as shown by a state that was measured after ``zero_ns``.
+
+    ``zero_ns`` is the time of the first command without torque.
+    """
     state = link.state
     if state is None or link.state_ns < zero_ns + AFTER_S * NS:
         return [False] * len(link.model.joints)
@@ -74,10 +78,10 @@ def _obeys(link: Link, zero_ns: int) -> list[bool]:
 
 
 def still_nm(torque: float) -> float:
-    """Return the torque that an estimate may still show for a motor without torque [assumed]."""
+    """Return the torque (Nm) up to which a motor counts as free, because torque is only estimated [assumed]."""
     return max(1.0, 0.05 * torque)
 
 
-def reports(model: Model, written: bool, said: str) -> tuple[MotorReport, ...]:
-    """Return reports in which no motor has confirmed."""
-    return tuple(MotorReport(joint.key, joint.slot, written, False, False, said) for joint in model.joints)
+def reports(model: Model, written: bool, detail: str) -> tuple[MotorReport, ...]:
+    """Return reports in which no motor is confirmed to be safe, with ``detail`` as the reason."""
+    return tuple(MotorReport(joint.key, joint.slot, written, False, False, detail) for joint in model.joints)

@@ -1,4 +1,4 @@
-"""The root's stop channel to a legged robot."""
+"""The stop channel to a legged robot: the supervising process (root) stops it after the wire process has ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from .safing import bring_down, reports
 
 
 class UnitreeStopChannel(StopChannel):
-    """A separate participant of the root. The robot discovers it before it is needed."""
+    """A separate DDS participant in the root process. It connects to the robot early, so that a stop needs no
+    time."""
 
     def __init__(self, config: UnitreeConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
@@ -31,21 +32,25 @@ class UnitreeStopChannel(StopChannel):
         async with trio.open_nursery() as nursery:
             await nursery.start(link.participant.run)
             link.state = await self._one_state()
-            if link.state is None:  # the robot ignores frames without its mode_machine
-                raise WireDown(f"{self._config.port}: no LowState came to the root")
+            if link.state is None:  # A command needs the mode_machine from a state, or the robot ignores it.
+                raise WireDown(
+                    f"{self._config.port}: the root process received no LowState. Check the robot and the network"
+                )
             with trio.move_on_after(FIND_S):
                 await link.participant.wait_matched(link.commands)
-            if not link.heard:
-                raise WireDown(f"{self._config.port}: the robot does not take commands of the root")
+            if not link.matched:
+                raise WireDown(
+                    f"{self._config.port}: the robot does not connect to the root process, which must be able to "
+                    "stop it. Check the robot and the network"
+                )
             task_status.started()
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         link = self._link
         if link is None:
-            return reports(self._config.model, False, "the root has not found the robot")
-        link.send_stop(
-            link.safe_frame(safe_state == SafeState.DAMP)
-        )  # first; the reader that confirms it is announced afterwards
+            return reports(self._config.model, False, "the root process has not found the robot")
+        # Send the first command at once. Only then subscribe to the states that confirm the stop.
+        link.send_stop(link.safe_frame(safe_state == SafeState.DAMP))
         if not self._listens:
             self._listens = True
             link.listen()
@@ -57,8 +62,10 @@ class UnitreeStopChannel(StopChannel):
             self._link = None
 
     async def _one_state(self) -> p.State | None:
-        """Receive one state by a participant that then leaves, since the root cannot afford 500 states a
-        second."""
+        """Receive one state with a temporary participant.
+
+        The root process must not receive 500 states a second all the time, because that costs too much CPU time.
+        """
         scout = Link(self._config, self._clock)
         scout.listen()
         try:

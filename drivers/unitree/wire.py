@@ -1,7 +1,6 @@
-"""The wire of a legged robot with commanded joints, in the wire process.
+"""Connect the wire process (the only writer to the robot) to a legged robot, and command its joints.
 
-``read`` only handles received data. Only ``open`` and the services wait for the robot, each wait with
-a deadline.
+``read`` only handles received data. Only ``open`` and the services wait for the robot, and each wait has a timeout.
 """
 
 from __future__ import annotations
@@ -38,17 +37,17 @@ SILENT_S = 1.0
 ENOUGH = 50
 """After so many unusable states without a usable one, no usable state is expected."""
 STRANGER_S = 1.0
-"""Time in which the services of a robot that was called a simulator are found. The session looks for them
-as long as the link is up."""
-MAY_LET_GO = "asked and not answered: it may still let go"
+"""With ``simulator=True``, how long ``open`` waits for a service that only a real robot has. While connected, the
+session keeps looking for it."""
+MAY_LET_GO = "a release was requested but not answered, so the robot may still carry it out"
 REAL = (
-    "simulator=True, but a motion_switcher answers there: that is a robot, or its twin. Connect without "
-    "simulator=, so that its mode and its battery are looked at"
+    "simulator=True, but the service motion_switcher answers, so this is a real robot or its twin. Connect without "
+    "simulator=, so that its mode and its battery are checked"
 )
 
 
 class UnitreeSession(RobotSession):
-    """The state of the wire between ``open`` and ``close``."""
+    """One connection to the robot, from ``open`` to ``close``, for joint commands."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         model = config.model
@@ -59,31 +58,33 @@ class UnitreeSession(RobotSession):
         asks = model.handshake == "fsm" and not config.simulator
         self.fsm = Service(link.participant, model.service, clock) if asks else None
         self.fsm_id: tuple[float, float] | None = None
-        self._asked_ns = 0
-        self._seen_ns = 0
+        self._requested_ns = 0
+        self._observed_ns = 0
         self.discarded_before = 0
-        """How many states had been discarded when the newest state was accepted."""
+        """Number of states that were discarded before the newest state was accepted."""
         self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
 
     def poll(self, now_ns: int) -> None:
-        """Handle received data, and send the requests that are due."""
+        """Handle received data, and request the onboard mode or FSM id if it is time."""
         self.link.poll()
         if self._simulator:
-            if self.modes.found:  # it is a robot, and its gates are not in force
+            if (
+                self.modes.is_discovered
+            ):  # It is a real robot. With simulator=True its mode and battery are not checked.
                 raise WireDown(REAL)
-        elif now_ns - self._asked_ns >= ASK_EVERY_NS:
-            self._asked_ns = now_ns
+        elif now_ns - self._requested_ns >= ASK_EVERY_NS:
+            self._requested_ns = now_ns
             if self.fsm is not None:
                 self.fsm.ask(rpc.GET_FSM_ID, self._on_fsm)
             else:
                 self.ask_mode()
 
     def observation(self) -> Observation:
-        """Return the newest observation. It is built only after a new state."""
+        """Return the newest observation. A new one is made only if a new LowState has arrived."""
         link = self.link
-        if link.state is None or link.state_ns == self._seen_ns:
+        if link.state is None or link.state_ns == self._observed_ns:
             return self._observation
-        self._seen_ns = link.state_ns
+        self._observed_ns = link.state_ns
         self.discarded_before = link.discarded.total()
         state = link.state
         sensors = self.sensors_of(state)
@@ -91,8 +92,8 @@ class UnitreeSession(RobotSession):
         if self.fsm_id is not None:
             sensors["fsm"] = self.fsm_id
         if self.mode is not None and self.fsm is None:
-            name, asked_s = self.mode
-            sensors["sport_mode_released"] = (float(not name), asked_s)
+            name, requested_s = self.mode
+            sensors["sport_mode_released"] = (float(not name), requested_s)
             if name:
                 faults["sport_mode"] = repr(name)
         self._observation = Observation(
@@ -101,9 +102,12 @@ class UnitreeSession(RobotSession):
         return self._observation
 
     def held_by(self) -> str:
-        """Return what controls the robot instead of us, from its recent reports. Empty for nothing, and
-        while a request to release the robot has no answer, since it may still be carried out."""
-        if self.modes.owed:
+        """Return the onboard state or mode that controls the robot instead of our commands, from recent reports.
+
+        Return an empty text if no such state or mode is known. Also return it while a request to release the robot
+        has no answer, because the robot may still carry out this request.
+        """
+        if self.modes.unanswered:
             return ""
         now_s = self.clock.now_ns() / NS
         if self.fsm is not None:
@@ -116,7 +120,7 @@ class UnitreeSession(RobotSession):
     # -- answers
 
     def _on_fsm(self, response: rpc.Response) -> None:
-        if not response.why:
+        if not response.error:
             self.fsm_id = float(rpc.fsm_id(response)), response.id / NS
 
 
@@ -126,30 +130,35 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         self._config = config
         self._clock = clock
-        self._last: p.State | None = None  # the last state of a session that was closed
-        self._owed: set[int] = set()  # its open orders, which the robot has whether we are connected or not
+        self._last: p.State | None = None  # The last state of the previous connection.
+        # Ids of orders without an answer. They are kept when the connection ends, because the robot may still carry
+        # them out.
+        self._unanswered: set[int] = set()
 
     async def open(self) -> dict[str, Any]:
-        """Find the robot, receive its state, and ask what controls it."""
+        """Find the robot, receive its state, and request its onboard mode."""
         self.close()
         self.session_or_none = session = UnitreeSession(self._config, self._clock)
-        session.modes.owed = self._owed
-        link, where = session.link, self._config.port
-        await self._until(lambda: link.participant.peers > 0, FIND_S, f"{where}: nobody answers. Check port=")
-        await self._until(lambda: link.heard, FIND_S, f"{where}: nobody there takes {p.COMMAND_TOPIC}")
+        session.modes.unanswered = self._unanswered
+        link, address = session.link, self._config.port
+        await self._until(lambda: link.participant.peers > 0, FIND_S, f"{address}: no robot answers. Check port=")
+        await self._until(lambda: link.matched, FIND_S, f"{address}: the robot does not receive {p.COMMAND_TOPIC}")
         await self._look(lambda: link.state_ns > 0 or link.discarded.total() >= ENOUGH, FIND_S)
         if link.state is None or not link.state_ns:
-            raise WireDown(f"{where}: {link.unusable}")
+            raise WireDown(f"{address}: {link.unusable}")
         if self._config.simulator:
-            await self._look(lambda: False, STRANGER_S)  # time in which a robot's services would be found
+            # Wait: if this is a real robot, its services are found in this time, and ``poll`` raises.
+            await self._look(lambda: False, STRANGER_S)
             return self._opened(link.state, "none: a simulator")
         services = [service for service in (session.modes, session.fsm) if service is not None]
         for service in services:
             await self._until_served(service)
         session.ask_mode()
-        await self._until(lambda: session.mode is not None, FIND_S, f"{where}: its mode cannot be read")
-        # The gates need these answers. A robot that does not give them can still be connected to; the
-        # gates then refuse to move it.
+        await self._until(
+            lambda: session.mode is not None, FIND_S, f"{address}: the robot does not report its mode"
+        )
+        # Wait a short time for the charge and the FSM id. Without them connecting still succeeds, but the gates
+        # refuse every command.
         await self._look(lambda: "battery_pct" in session.observation().sensors, BATTERY_S)
         await self._look(lambda: session.fsm is None or session.fsm_id is not None, BATTERY_S)
         assert link.state is not None and session.mode is not None
@@ -165,7 +174,7 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise nothing: the robot stands by its own controller until the first setpoint."""
+        """Energise nothing. The robot's own controller holds it up until the first setpoint."""
         session = self.session
         await trio.lowlevel.checkpoint()
         permit.check()
@@ -180,8 +189,8 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         silent_s = (now_ns - session.link.state_ns) / NS
         if silent_s > SILENT_S:
             more = session.link.discarded.total() - session.discarded_before
-            but = f", but {more} that could not be used" if more else ""
-            raise WireDown(f"read: no LowState for {silent_s:.1f} s{but}. Check the robot and the network")
+            but = f", but {more} unusable ones" if more else ""
+            raise WireDown(f"read: no usable LowState for {silent_s:.1f} s{but}. Check the robot and the network")
         return session.observation()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -190,25 +199,26 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         payload = link.encode(values)
         permit.check()
         if not link.send(payload):
-            raise WireDown("write: the robot no longer takes commands. Check the robot and the network")
+            raise WireDown("write: the robot no longer receives commands. Check the robot and the network")
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
         if session is None:
             return reports(self._config.model, False, "not connected")
         motors = await bring_down(session.link, safe_state, session.held_by)
-        if not session.modes.owed:
+        if not session.modes.unanswered:
             return motors
         return tuple(
-            motor
-            if motor.safe
-            else msgspec.structs.replace(motor, detail=f"{motor.detail}; release_sport_mode {MAY_LET_GO}")
+            motor if motor.safe else msgspec.structs.replace(motor, detail=f"{motor.detail}; {MAY_LET_GO}")
             for motor in motors
         )
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Use the open participant, which the robot rediscovers by itself, or else a new one that has to be
-        discovered first."""
+        """Bring the robot to a safe state although the connection may be lost.
+
+        If a participant is open, use it: the robot finds it again by itself. Otherwise open a new participant,
+        which the robot must discover first.
+        """
         session = self.session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
@@ -220,8 +230,9 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
             link.state = self._last
             link.listen()
             with trio.move_on_after(REACH_S):
-                # The robot ignores a frame without its mode_machine, which only a state contains.
-                while not link.heard or link.state is None:
+                # A command needs the robot's mode_machine, or the robot ignores it. Only a state contains this
+                # number.
+                while not link.matched or link.state is None:
                     link.poll()
                     await trio.sleep(CONTROL_S)
             return await bring_down(link, safe_state)
@@ -229,8 +240,10 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
             link.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Run ``release_sport_mode``: order the release until the robot reports no active onboard mode. No
-        second order is sent while one has no answer."""
+        """Run ``release_sport_mode``: request the release until the robot reports that no onboard mode is active.
+
+        The request is not repeated while an earlier one has no answer.
+        """
         session = self.session
         if self._config.simulator:
             return Refused(UnitreeCode.SPORT_MODE, "a simulator has no onboard mode", "command its joints", "", "")
@@ -244,13 +257,19 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         name = await self._fresh_mode(session)
         if not name:
             return {"sport_mode_released": True, "attempts": attempts}
-        if session.modes.owed:
-            why = f"{name!r} is still active; {MAY_LET_GO}"
-            return Refused(UnitreeCode.SPORT_MODE, why, "bring it to lie by its remote, and wait", name, "released")
+        if session.modes.unanswered:
+            reason = f"{name!r} is still active; {MAY_LET_GO}"
+            return Refused(
+                UnitreeCode.SPORT_MODE,
+                reason,
+                "make the robot lie down with its remote, and wait",
+                name,
+                "released",
+            )
         return Refused(
             UnitreeCode.SPORT_MODE,
             f"{name!r} is still active after {attempts} attempts",
-            "bring the robot to lie or to damp by its remote, then try again",
+            "make the robot lie down or damp with its remote, then try again",
             name,
             "released",
         )
@@ -259,28 +278,28 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         if self.session_or_none is not None:
             self.session_or_none.link.close()
             self._last = self.session_or_none.link.state
-            self._owed = self.session_or_none.modes.owed
+            self._unanswered = self.session_or_none.modes.unanswered
             self.session_or_none = None
 
     # -- parts
 
     async def _ask_for_release(self, session: UnitreeSession) -> None:
-        """Order the release, unless an order has no answer yet, and wait a while for the answer."""
-        if not session.modes.owed:
-            session.modes.order(rpc.RELEASE_MODE)
-        await self._look(lambda: not session.modes.owed, RELEASE_S / 2)
+        """Request the release, unless an earlier request has no answer yet. Then wait a while for the answer."""
+        if not session.modes.unanswered:
+            session.modes.request_action(rpc.RELEASE_MODE)
+        await self._look(lambda: not session.modes.unanswered, RELEASE_S / 2)
 
     async def _fresh_mode(self, session: UnitreeSession) -> str:
-        """Ask for the onboard mode now and return it. ``read`` handles the answers meanwhile.
+        """Request the onboard mode and return it. ``read``, which runs at the same time, handles the response.
 
         Raises:
-            WireDown: No answer came.
+            WireDown: No response has arrived in time.
         """
         reported: list[str] = []
 
         def hear(response: rpc.Response) -> None:
             session.on_mode(response)
-            if not response.why and session.mode is not None:
+            if not response.error and session.mode is not None:
                 reported.append(session.mode[0])
 
         with trio.move_on_after(RELEASE_S / 2):
@@ -288,20 +307,20 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
                 session.modes.ask(rpc.CHECK_MODE, hear)
                 await trio.sleep(ASK_EVERY_NS / NS)
         if not reported:
-            owed = f"; {MAY_LET_GO}" if session.modes.owed else ""
-            raise WireDown(f"the robot does not say which mode is active{owed}")
+            detail = f"; {MAY_LET_GO}" if session.modes.unanswered else ""
+            raise WireDown(f"the robot does not report which mode is active{detail}")
         return reported[-1]
 
     async def _until_served(self, service: Service) -> None:
-        where = self._config.port
-        await self._until(lambda: service.matched, FIND_S, f"{where}: there is no service {service.name}")
+        address = self._config.port
+        await self._until(lambda: service.matched, FIND_S, f"{address}: there is no service {service.name}")
 
     async def _until(self, condition: Callable[[], bool], within_s: float, otherwise: str) -> None:
         if not await self._look(condition, within_s):
             raise WireDown(otherwise)
 
     async def _look(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Handle what arrives until the condition is true. Return False after ``within_s``."""
+        """Handle received data until the condition is true. Return False if it is not true within ``within_s``."""
         session = self.session
         with trio.move_on_after(within_s):
             while not condition():

@@ -1,4 +1,4 @@
-"""The arms of this wire, as data: a table of ``robots.toml``, and its joints as axes."""
+"""Read the supported UR arms and their joints from ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ JOINTS = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
-"""The joints, in the order of the wire."""
+"""The names of the joints, in the order in which the controller sends and receives them."""
 
 IDS = tuple(range(len(JOINTS)))
 
 
 class Arm(msgspec.Struct, frozen=True):
-    """One table of ``robots.toml``."""
+    """One UR arm: its table in ``robots.toml``, with its dimensions and the limits of its joints."""
 
     dh_m: tuple[float, float, float, float, float, float]
     range_deg: tuple[float, ...]
@@ -37,7 +37,7 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Return the joints. Each turns equally far to both sides."""
+        """Return the joints as axes. The range of each joint is the same in both directions."""
         rows = zip(JOINTS, map(math.radians, self.range_deg), map(math.radians, self.speed_deg_s), strict=True)
         return tuple(
             Axis(key=key, unit="rad", low=-reach, high=reach, speed=speed, id=number)
@@ -47,5 +47,5 @@ class Arm(msgspec.Struct, frozen=True):
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Return the table of a robot. Raise ``ValueError`` if it is no robot of this wire."""
+    """Return the arm with this robot name. Raise ``ValueError`` if no UR arm has this name."""
     return msgspec.convert(TABLES.table(robot), Arm)

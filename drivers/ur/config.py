@@ -1,4 +1,4 @@
-"""The facts about a UR arm that its wire and its stop channel need."""
+"""The immutable settings of a UR arm. The wire process and the stop channel use the same ones."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from strands_actors.drivers.common.ports.addresses import parse_address
 from .gates import CONTROL_HZ
 from .protocol import RTDE_PORT
 
-Way = Literal["ur-rtde", "script"]
-"""The way to command a robot: ur-rtde, or our own control script."""
+ControlMethod = Literal["ur-rtde", "script"]
+"""How to command a robot: by ur-rtde, or by our own control script."""
 
 
 class URConfig(msgspec.Struct, frozen=True):
     robot: str
     port: str
     silent_s: float = 0.3
-    """If the controller's clock stands still for this time, the link counts as lost."""
+    """If the controller's clock does not advance for this time, the connection counts as lost."""
     rtde_hz: float | None = None
-    """Rate at which the controller exchanges samples and registers; None: our default."""
-    control: Way | None = None
-    """The way to command it. None: ur-rtde if it can be imported, else our script."""
+    """Rate at which the controller exchanges samples and registers, in Hz. None: the default of this driver."""
+    control: ControlMethod | None = None
+    """How to command the robot. None: by ur-rtde if it can be imported, else by our own script."""
 
     @property
     def samples_hz(self) -> float:
@@ -31,9 +31,14 @@ class URConfig(msgspec.Struct, frozen=True):
 
     @property
     def host(self) -> str:
-        """The host of ``port``. Raise ``ValueError`` if it is no address, or if it names another port than
-        RTDE's: the ports are fixed."""
+        """The controller's host name or IP address, taken from ``port``.
+
+        Raises:
+            ValueError: ``port`` is not an address, or it contains another TCP port than 30004 (RTDE).
+        """
         host, port = parse_address(self.port, RTDE_PORT)
         if port != RTDE_PORT:
-            raise ValueError(f"port is {self.port!r}. Give the controller's address alone: its ports are fixed")
+            raise ValueError(
+                f"port is {self.port!r}. Give the controller's address without a port number: its ports are fixed"
+            )
         return host

@@ -1,4 +1,4 @@
-"""The common interface of the two ways to command a UR: ur-rtde, and our own control script."""
+"""The common interface of the two ways to command a UR: the package ur-rtde, and our own control script."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ from typing import ClassVar, Protocol
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.clock import Clock
 
-from .config import URConfig, Way
+from .config import ControlMethod, URConfig
 from .script_control import ScriptControl
 from .sdk import Sdk
 
 
 class Control(Protocol):
-    """Commands one controller. Calls never overlap.
+    """Send commands to one controller. Only one call runs at a time.
 
-    Calls raise ``ProcessSpent`` if only another process can command the robot, and ``WireDown`` if the
-    connection is lost.
+    Calls raise ``WireDown`` if the connection is lost. They raise ``ProcessSpent`` if this process cannot command
+    the robot any more, so that a new process is needed.
     """
 
-    WAY: ClassVar[Way]
-    """The name of this way."""
+    METHOD: ClassVar[ControlMethod]
+    """The name of this way to command the robot."""
 
     spent: str
-    """Why this process cannot command the robot any more; empty if it can."""
+    """The reason why this process cannot command the robot any more. Empty if it can."""
 
     async def connect(self) -> None:
-        """Connect to the registers, once. This starts no program."""
+        """Connect to the controller's registers, unless already connected. This starts no program."""
 
     def take(self) -> None:
-        """Handle the controller's answers. Called with each sample."""
+        """Handle the controller's answers that have arrived. It is called whenever a sample arrives."""
 
     async def upload(self, check: Callable[[], None]) -> bool:
         """Send the control script. It starts some time later.
 
         Args:
-            check: Called immediately before the script is sent. Its exceptions are raised here.
+            check: Called immediately before the script is sent. If it raises, nothing is sent.
 
         Returns:
             True if the controller accepted the script.
@@ -44,48 +44,48 @@ class Control(Protocol):
         ...
 
     def script_runs(self) -> bool:
-        """Return True if the script that was uploaded last runs."""
+        """Return True if the control script from the last upload is running on the controller."""
         ...
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        """Arm the controller's watchdog. Return True if the script has done it."""
+        """Arm the controller's watchdog, with the lowest rate of feeding. Return True if it is armed."""
         ...
 
     async def kick(self) -> None:
-        """Feed the watchdog."""
+        """Feed the controller's watchdog."""
 
     async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
-        """Send a target of each joint. Return False if the script does not run.
+        """Send the target position of each joint. Return False if the control script is not running.
 
         Args:
-            radians: In the order of ``JOINTS``.
-            check: As in ``upload``.
+            radians: Target positions in rad, in the order of ``JOINTS``.
+            check: Called immediately before the target is sent. If it raises, nothing is sent.
         """
         ...
 
     async def halt(self, ends: bool) -> bool:
-        """End servo motion. The order leaves before the first wait.
+        """Stop the arm's servo motion. The order is sent without waiting.
 
         Args:
-            ends: True to end the script as well.
+            ends: True to end the control script as well.
 
         Returns:
-            True if the script reports that the arm stands.
+            True if the script reports that the arm stands still.
         """
         ...
 
     def close(self) -> None:
-        """Close everything that can be closed without waiting."""
+        """Close the connections, as far as this is possible without waiting."""
 
 
 def open_control(config: URConfig, clock: Clock) -> Control:
-    """Return the way to command this robot, not connected yet.
+    """Return an object that can command this robot. It is not connected yet.
 
-    Without the option ``control`` it is ur-rtde if that can be imported, else our script.
+    Without the option ``control`` it uses ur-rtde if this can be imported, and otherwise our own script.
 
     Raises:
-        WireDown: ``control`` is ur-rtde, which cannot be imported.
-        ProcessSpent: This process has had one.
+        WireDown: ``control`` is ``ur-rtde``, but ur-rtde cannot be imported.
+        ProcessSpent: This process has already opened ur-rtde once.
     """
     if config.control != "script":
         try:

@@ -1,8 +1,8 @@
-"""Universal Robots e-Series and UR-Series arms, by ur-rtde or by our own control script.
+"""Drive Universal Robots e-Series and UR-Series arms, by ur-rtde or by our own control script.
 
-When a writer is late the robot holds: servoing ends, the control script goes on, and its watchdog is fed. For
-every other reason the arm is stopped and its program ends; the controller then holds the arm by itself. The
-power stays on. Only the pendant, or the e-stop on the wall, takes it off.
+If a program sends its next command too late, the robot holds: the servo motion ends, but the control script keeps
+running, and its watchdog is still fed. After any other fault the arm is stopped and the control script ends. The
+controller then holds the arm by itself. The arm's power stays on. Only the pendant or the e-stop switches it off.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, Too
 from strands_actors.contract.wire import Observation
 
 from .arms import TABLES, arm_of
-from .config import URConfig, Way
+from .config import ControlMethod, URConfig
 from .gates import CONDITIONS, CONTROL_HZ, CONTROL_S, LOOKAHEAD_S, START_S, WATCHDOG_HZ, all_gates
 from .protocol import RobotMode, SafetyMode, mode_name
 
@@ -45,7 +45,7 @@ class UROptions(DriverOptions, frozen=True):
         ),
     ] = None
     control: Annotated[
-        Way | None,
+        ControlMethod | None,
         option(
             "how it is commanded: by ur-rtde, or by our own control script without it; None: by ur-rtde "
             "where that is installed"
@@ -74,11 +74,12 @@ class UR(Driver):
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
-        arm_s=5.0,  # a real controller takes a second or two to start a program
-        # A cut-off upload is in a socket's buffer, in the network, or being started. The dashboard's "stop"
-        # ends only programs that the controller has taken. After START_S it has started, or never will.
+        arm_s=5.0,  # A real controller takes a second or two to start a program.
+        # If the wire process ends during an upload, the script may still be in a buffer or in the network. The
+        # dashboard's "stop" ends only a program that has already started. After START_S the script has started, or
+        # it never will.
         late_s=START_S,
-        silent_s=1.0,  # ur-rtde's constructors keep the lock: 10 ms here, and longer with network and load
+        silent_s=1.0,  # ur-rtde's constructors block the process: for 10 ms here, longer on a slow network.
     )
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
@@ -93,11 +94,11 @@ class UR(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         read = read_options(robot, UROptions, options)
         if read.model is not None and read.model.lower() != robot:
-            meant = read.model.lower()
-            remedy = f"Use Robot({meant!r})" if meant in cls.SUPPORTED_ROBOTS else f"Give {robot!r}"
+            requested = read.model.lower()
+            remedy = f"Use Robot({requested!r})" if requested in cls.SUPPORTED_ROBOTS else f"Give {robot!r}"
             raise ValueError(
-                f"{robot}: model is {read.model!r}. {remedy}, or leave it out. "
-                f"there are {', '.join(cls.SUPPORTED_ROBOTS)}"
+                f"{robot}: model is {read.model!r}. {remedy}, or leave model out. "
+                f"Models are {', '.join(cls.SUPPORTED_ROBOTS)}"
             )
         return plain(read)
 
@@ -128,7 +129,7 @@ class UR(Driver):
 
 
 def _word(modes: type[enum.IntEnum], number: int) -> str:
-    """Return a mode as scripts compare it: its name only, if it has one."""
+    """Return the name of a mode, which programs can compare, or name and number of an unknown mode."""
     return modes(number).name if number in list(modes) else mode_name(modes, number)
 
 

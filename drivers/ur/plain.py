@@ -1,5 +1,7 @@
-"""The controller's ports that need no SDK: the dashboard, samples that show that its clock advances, and
-registers that we write."""
+"""Use a UR controller's ports without an SDK: the dashboard, RTDE samples, and RTDE registers.
+
+The samples also show whether the controller's clock advances. The registers command our control script.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,10 @@ ANSWER_S = 0.5
 
 @contextlib.asynccontextmanager
 async def connected(host: str, port: int) -> AsyncIterator[TcpPort]:
-    """Connect to a port. Raise ``WireDown`` if that fails. The close is orderly, so a stop that a frozen
-    controller has not read stays there until it wakes up."""
+    """Connect to a port, for a ``with`` block. Raise ``WireDown`` if that fails.
+
+    At the end, sent data is still delivered. So a frozen controller receives a stop when it continues.
+    """
     stream = await open_tcp(host, port)
     try:
         yield stream
@@ -35,27 +39,29 @@ async def connected(host: str, port: int) -> AsyncIterator[TcpPort]:
 async def receive(stream: TcpPort) -> bytes:
     with trio.move_on_after(ANSWER_S):
         return await stream.read()
-    raise WireDown(f"{stream.name}: does not answer for {ANSWER_S * 1e3:g} ms. Is the controller alive?")
+    raise WireDown(f"{stream.name}: the controller did not answer for {ANSWER_S * 1e3:g} ms. Check its power")
 
 
 # -- the dashboard
 
 LONGEST_ANSWER = 16 * 1024
-"""Most bytes of an answer of the dashboard to one line. A serial number has 20."""
+"""Most bytes in an answer of the dashboard to one line. Usual answers have about 20."""
 
 
-def refuse_long(stream: TcpPort, heard: bytes) -> None:
-    """Raise ``WireDown`` if the data is too long for an answer of the dashboard."""
-    if len(heard) > LONGEST_ANSWER:
-        raise WireDown(f"{stream.name}: answers more than {LONGEST_ANSWER} bytes. Check what is served there")
+def refuse_long(stream: TcpPort, received: bytes) -> None:
+    """Raise ``WireDown`` if the received data is longer than any answer of a UR dashboard."""
+    if len(received) > LONGEST_ANSWER:
+        raise WireDown(
+            f"{stream.name}: the answer has more than {LONGEST_ANSWER} bytes. Check that this is a UR controller"
+        )
 
 
 async def ask_dashboard(host: str, *lines: str) -> list[str]:
-    """Return the answer to each line. Raise ``WireDown`` if one is missing."""
+    """Send lines to the dashboard and return the answer to each. Raise ``WireDown`` if an answer is missing."""
     answers: list[str] = []
     async with connected(host, p.DASHBOARD_PORT) as stream:
         pending = b""
-        for line in ("", *lines):  # the banner comes without a request
+        for line in ("", *lines):  # First receive the greeting, which the dashboard sends without a request.
             if line:
                 stream.write(f"{line}\n".encode())
             while b"\n" not in pending:
@@ -67,7 +73,10 @@ async def ask_dashboard(host: str, *lines: str) -> list[str]:
 
 
 async def handshake(host: str) -> dict[str, Any]:
-    """Return the identity of the controller, for ``status``. Raise ``WireDown`` if it does not answer."""
+    """Return version, serial number and model of the controller, and whether it is in remote control.
+
+    Raise ``WireDown`` if it does not answer.
+    """
     version, serial, model, remote = await ask_dashboard(
         host, "PolyscopeVersion", "get serial number", "get robot model", "is in remote control"
     )
@@ -78,13 +87,13 @@ async def handshake(host: str) -> dict[str, Any]:
 
 
 class Rtde:
-    """One RTDE connection."""
+    """One RTDE connection to a controller: requests and their answers."""
 
     def __init__(self, stream: TcpPort) -> None:
         self._stream = stream
         self._decoder = p.Decoder()
         self._budget = ReceiveBudget(stream.name)
-        self._packets: Iterator[p.Packet] = iter(())  # packets that arrived together with a requested one
+        self._packets: Iterator[p.Packet] = iter(())  # Received packets that were not handled yet.
         self._outputs: p.Recipe
 
     def close(self) -> None:
@@ -92,7 +101,10 @@ class Rtde:
 
     async def _agree_version(self) -> None:
         if await self._request(p.version_request(), p.Kind.VERSION) != b"\x01":
-            raise WireDown(f"{self._stream.name}: speaks no RTDE version {p.RTDE_VERSION}. Update its software")
+            raise WireDown(
+                f"{self._stream.name}: the controller does not support RTDE version {p.RTDE_VERSION}. "
+                "Update its software"
+            )
 
     async def _agree_outputs(self, names: Sequence[str], hz: float) -> None:
         answer = await self._request(p.outputs_request(hz, names), p.Kind.OUTPUTS)
@@ -118,20 +130,20 @@ class Rtde:
 
 
 class Samples(Rtde):
-    """A stream of RTDE samples: the present values of the requested outputs."""
+    """A stream of RTDE samples. Each sample has the present values of the requested outputs, by name."""
 
     async def start(self, names: Sequence[str], hz: float) -> None:
-        """Agree on the outputs and their rate. Raise ``WireDown`` if the controller refuses."""
+        """Request outputs at a rate, and start the stream. Raise ``WireDown`` if the controller refuses."""
         with self._understood():
             await self._agree_version()
             await self._agree_outputs(names, hz)
             await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     async def next(self) -> dict[str, Any]:
-        """Return the newest sample.
+        """Wait for a sample. If several have arrived, return the newest.
 
         Raises:
-            WireDown: No sample came, it cannot be read, or the controller sends more than can be read.
+            WireDown: No sample has arrived, it cannot be decoded, or more data arrives than can be read.
         """
         with self._understood():
             newest = await self._packet(p.Kind.DATA)
@@ -143,10 +155,10 @@ class Samples(Rtde):
             return self._outputs.unpack(newest)
 
     async def first(self) -> dict[str, Any]:
-        """Return the first sample that shows that the controller's clock advances.
+        """Wait until the controller's time stamp advances, and return that sample.
 
         Raises:
-            WireDown: The clock stands still.
+            WireDown: Samples arrive, but their time stamp does not advance.
         """
         sample = before = await self.next()
         with trio.move_on_after(ANSWER_S):
@@ -154,23 +166,23 @@ class Samples(Rtde):
                 sample = await self.next()
             return sample
         raise WireDown(
-            f"{self._stream.name}: samples come, but the controller's clock stands still. Restart the controller"
+            f"{self._stream.name}: samples arrive, but the controller's clock does not advance. "
+            "Restart the controller"
         )
 
 
 class Registers(Rtde):
-    """Inputs of the controller that this connection writes, all of them in each packet, and outputs that
-    answer them.
+    """Registers of the controller: inputs that this connection writes, and outputs that it reads.
 
-    The outputs have a second use. Inputs belong to one client until its connection ends. A controller that
-    sends nothing would not notice that the client has ended while the cable was pulled.
+    Each packet writes all of these inputs. The controller reserves inputs for one client until its connection ends.
+    It also sends the outputs all the time. So it notices that a client has ended, even if the cable was pulled.
     """
 
     answers: Mapping[str, Any] = {}
-    """The newest outputs; empty if none has come."""
+    """The newest values of the outputs, by name. Empty before the first ones have arrived."""
 
     async def start(self, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> None:
-        """Agree on inputs and outputs.
+        """Request the inputs to write and the outputs to read.
 
         Raises:
             WireDown: The controller refuses, for example because another client writes an input.
@@ -182,11 +194,12 @@ class Registers(Rtde):
             await self._request(p.frame(p.Kind.START), p.Kind.START)
 
     def write(self, values: Mapping[str, p.Value]) -> None:
-        """Write one packet at once. Raise ``WireDown`` if the connection is lost."""
+        """Send the values of all inputs, without waiting. Raise ``WireDown`` if the connection is lost."""
         self._stream.write(self._inputs.pack(values))
 
     def take(self) -> None:
-        """Handle received answers, without waiting. Raise ``WireDown`` if the connection is lost."""
+        """Store the output values that have arrived, without waiting. Raise ``WireDown`` if the connection is
+        lost."""
         with self._understood():
             for packet in (*self._packets, *self._decoder.feed(self._stream.read_waiting() or b"")):
                 if packet.kind == p.Kind.DATA:
@@ -194,7 +207,7 @@ class Registers(Rtde):
 
 
 async def open_registers(host: str, inputs: Sequence[str], outputs: Sequence[str], hz: float) -> Registers:
-    """Connect and agree on the registers. Raise ``WireDown`` if that fails."""
+    """Connect, and request the registers to write and to read. Raise ``WireDown`` if that fails."""
     opened = Registers(await open_tcp(host, p.RTDE_PORT))
     try:
         await opened.start(inputs, outputs, hz)
@@ -205,7 +218,7 @@ async def open_registers(host: str, inputs: Sequence[str], outputs: Sequence[str
 
 
 async def open_samples(host: str, names: Sequence[str], hz: float) -> Samples:
-    """Connect and start the samples. Raise ``WireDown`` if that fails."""
+    """Connect, and start a stream of samples. Raise ``WireDown`` if that fails."""
     started = Samples(await open_tcp(host, p.RTDE_PORT))
     try:
         await started.start(names, hz)

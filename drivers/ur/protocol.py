@@ -1,5 +1,6 @@
-"""The protocols of a UR controller's ports beyond the SDK: RTDE packets (30004), and the texts that stop a
-program. Pure: no I/O, no clock.
+"""Encode and decode what is sent to a UR controller without an SDK. Pure: no I/O, no clock.
+
+These are RTDE packets (port 30004), and the lines and scripts that stop a program.
 
 RTDE is big-endian: ``u16 size | u8 kind | payload``, where size counts all bytes.
 """
@@ -48,7 +49,7 @@ def frame(kind: int, payload: bytes = b"") -> bytes:
 
 
 class Decoder:
-    """Decodes bytes, in pieces of any size, into packets."""
+    """Decode a stream of bytes, in pieces of any size, into RTDE packets."""
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -83,7 +84,7 @@ TYPES = {
 
 
 class Recipe:
-    """An agreed list of variables of one data packet."""
+    """The list of variables in one kind of data packet, as client and controller have agreed on it."""
 
     def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
         self.number = number
@@ -93,13 +94,13 @@ class Recipe:
         self._struct = struct.Struct(">B" + "".join(formats))
 
     def pack(self, values: Mapping[str, Value]) -> bytes:
-        """Return a data packet."""
+        """Encode values, by name of the variable, as a data packet."""
         rows = ((values[name], count) for name, count in zip(self.names, self._counts, strict=True))
         flat = [part for value, count in rows for part in (value if isinstance(value, tuple) else (value,) * count)]
         return frame(Kind.DATA, self._struct.pack(self.number, *flat))
 
     def unpack(self, payload: bytes) -> dict[str, Value]:
-        """Return the values of a payload. Raise ``MalformedFrame`` if it is not of this recipe."""
+        """Decode the payload of a data packet. Raise ``MalformedFrame`` if it does not fit this recipe."""
         if len(payload) != self._struct.size:
             raise MalformedFrame(f"{len(payload)} bytes of data, the recipe has {self._struct.size}")
         number, *values = self._struct.unpack(payload)
@@ -119,10 +120,13 @@ def outputs_request(hz: float, names: Sequence[str]) -> bytes:
 
 
 def outputs_answer(payload: bytes, names: Sequence[str]) -> Recipe:
-    """Return the recipe of the requested outputs. Raise ``MalformedFrame`` with the missing names."""
+    """Decode the answer to a request for outputs: return their recipe.
+
+    Raise ``MalformedFrame``, with the names, if the controller does not have some of the outputs.
+    """
     types = payload[1:].decode("ascii", "replace").split(",")
     if len(types) != len(names) or any(name not in TYPES for name in types):
-        missing = [name for name, kind in zip(names, types, strict=False) if kind not in TYPES]
+        missing = [name for name, type_name in zip(names, types, strict=False) if type_name not in TYPES]
         raise MalformedFrame(f"the controller has no {', '.join(missing) or 'such outputs'}")
     return Recipe(payload[0], names, types)
 
@@ -132,15 +136,17 @@ def inputs_request(names: Sequence[str]) -> bytes:
 
 
 def inputs_answer(payload: bytes, names: Sequence[str]) -> Recipe:
-    """Return the recipe that the controller gives for these inputs.
+    """Decode the answer to a request to write inputs: return their recipe.
 
     Raises:
-        MalformedFrame: The controller has no such input, or another client writes it already. Names
-            the inputs.
+        MalformedFrame: The controller has no such input, or another client already writes it. The text names the
+            inputs.
     """
     types = payload[1:].decode("ascii", "replace").split(",")
     if len(types) != len(names) or any(name not in TYPES for name in types):
-        refused = [f"{name} ({kind})" for name, kind in zip(names, types, strict=False) if kind not in TYPES]
+        refused = [
+            f"{name} ({type_name})" for name, type_name in zip(names, types, strict=False) if type_name not in TYPES
+        ]
         raise MalformedFrame(f"the controller refuses to have us write {', '.join(refused) or 'these inputs'}")
     return Recipe(payload[0], names, types)
 
@@ -186,7 +192,7 @@ MOVABLE_SAFETY = (SafetyMode.NORMAL, SafetyMode.REDUCED)
 
 
 def mode_name(modes: type[enum.IntEnum], number: int) -> str:
-    """Return a mode as people know it: its name and its number."""
+    """Return the name and the number of a mode for messages, such as ``RUNNING (7)``."""
     return f"{modes(number).name if number in list(modes) else 'unknown'} ({number})"
 
 

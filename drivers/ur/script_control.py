@@ -1,5 +1,7 @@
-"""Command a UR by our own control script: upload it to a script port, then send orders by RTDE registers. It
-needs no SDK and no thread."""
+"""Command a UR by our own control script: upload the script, then send orders by RTDE registers.
+
+This needs no SDK and no thread.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +17,20 @@ from strands_actors.kernel.clock import Clock
 from . import protocol as p
 from . import script as s
 from .arms import JOINTS
-from .config import Way
+from .config import ControlMethod
 from .gates import CONTROL_S
 from .plain import Registers, open_registers
 
 ANSWER_S = 0.5
-"""Longest time for the script to arm its watchdog, or to stop the arm: 0.3 s from top speed."""
+"""Longest time in which the script arms its watchdog, or stops the arm. A stop from top speed takes 0.3 s."""
 
 
 class ScriptControl:
-    WAY: ClassVar[Way] = "script"
+    METHOD: ClassVar[ControlMethod] = "script"
     spent = ""
 
     def __init__(self, host: str, hz: float, clock: Clock) -> None:
-        """``hz``: rate of the controller's answers."""
+        """Set the controller's host, the rate of its answers (Hz) and the clock. Nothing is connected yet."""
         self._host = host
         self._hz = hz
         self._clock = clock
@@ -38,7 +40,7 @@ class ScriptControl:
         self._target = (0.0,) * len(JOINTS)
 
     async def connect(self) -> None:
-        """Connect to the registers. Raise ``WireDown`` if another RTDE client writes them."""
+        """Connect to the controller's registers. Raise ``WireDown`` if another RTDE client writes them."""
         if self._registers is None:
             self._registers = await open_registers(self._host, s.INPUTS, s.ANSWERS, self._hz)
 
@@ -49,7 +51,7 @@ class ScriptControl:
     async def upload(self, check: Callable[[], None]) -> bool:
         self._close_upload()
         self._sequence, self._token = 0, self._clock.now_ns() // 1000 % s.LAST_NUMBER + 1
-        self._write(s.Order.KEEP)  # overwrite the last order of an earlier script
+        self._write(s.Order.KEEP)  # Overwrite the last order to an earlier script, which is still in the register.
         self._upload = await open_tcp(self._host, p.SECONDARY_PORT)
         check()
         self._upload.write(s.control_script(self._token))
@@ -57,18 +59,18 @@ class ScriptControl:
 
     def script_runs(self) -> bool:
         if self._upload is not None:
-            # The port also sends the controller's state. Closing a connection with unread data resets it,
-            # and the script might be dropped.
+            # Read and ignore the controller's state, which this port also sends. If it is not read, the controller
+            # may end the connection before it has read the script [assumed].
             self._upload.read_waiting()
         return self._is_ours and self._answer(s.PHASE) != s.Phase.ENDED
 
     @property
     def _is_ours(self) -> bool:
-        """True if the script that was uploaded last is the one that answers."""
+        """True if the answers are from the script of the last upload, and not from an earlier one."""
         return self._answer(s.RUNS) == self._token
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        """Send orders until the script is ready. It arms the watchdog by itself, at its first packet."""
+        """Send packets until the script is ready. The script arms the watchdog by itself, at its first packet."""
         armed = await self._repeat(s.Order.KEEP, lambda: self._answer(s.PHASE) == s.Phase.READY)
         self._close_upload()
         return armed
@@ -91,7 +93,11 @@ class ScriptControl:
         return await self._repeat(s.Order.HOLD, lambda: s.has_reached(self._answer(s.HELD), ordered))
 
     def close(self) -> None:
-        """Discard unsent data, except a script with an upload under way."""
+        """Close the connections, and discard the data that the controller has not received yet.
+
+        This includes a script whose upload is under way. Its caller has given up arming the robot, and a script
+        that started later would have no client.
+        """
         self._close_upload()
         if self._registers is not None:
             self._registers.close()
@@ -103,22 +109,26 @@ class ScriptControl:
             self._upload = None
 
     def _answer(self, output: str) -> int:
-        """Return the present value of an output register; 0 if it is unknown. Raise ``WireDown`` if the
-        connection is lost."""
+        """Return the newest value of an output register, or 0 if it is unknown.
+
+        Raise ``WireDown`` if the connection is lost.
+        """
         self.take()
         return self._registers.answers.get(output, 0) if self._registers is not None else 0
 
     def _write(self, order: s.Order) -> None:
-        """Write one packet at once. Raise ``WireDown`` if the connection is lost."""
+        """Send one packet with an order, without waiting. Raise ``WireDown`` if the connection is lost."""
         if self._registers is None:
-            raise WireDown(f"{self._host}: the registers are not open. Reconnect")
+            raise WireDown(f"{self._host}: not connected to the controller's registers. Reconnect")
         self._sequence = s.next_number(self._sequence)
         targets = dict(zip(s.TARGETS, self._target, strict=True))
         self._registers.write({**targets, s.ORDER: order, s.SEQUENCE: self._sequence, s.TOKEN: self._token})
 
     async def _repeat(self, order: s.Order, answered: Callable[[], bool]) -> bool:
-        """Write an order until the script has answered it, which also feeds its watchdog. The first packet
-        leaves before the first wait. Return True if the script has answered."""
+        """Send an order again and again until the script has answered it. The first packet is sent without waiting.
+
+        The packets also feed the watchdog. Return True if the script has answered within ``ANSWER_S``.
+        """
         with trio.move_on_after(ANSWER_S):
             while True:
                 self._write(order)

@@ -1,15 +1,13 @@
-"""ur-rtde in the wire process. It only commands; the state of the controller is received without it
-(``plain``).
+"""Command a UR by ur-rtde, in the wire process. The controller's state is received without ur-rtde (``plain``).
 
-Unexpected behaviour of ur-rtde, seen with 1.6.5:
+Unexpected behaviour of ur-rtde, seen with version 1.6.5:
 
-* Constructors and destructors keep the interpreter's lock: a constructor for 10 ms, a destructor always for
-  500 ms, and for ever if the controller is frozen. So no object is ever destroyed here, and one process
-  opens it once.
-* A call that lost its connection reconnects by itself and then *sends its old command*. So a call that
-  missed its deadline ends the process: only that keeps the command from being sent late.
-* ``isConnected`` and return values do not show that a controller is frozen. Only the controller's clock
-  does.
+* Constructors and destructors hold the interpreter's lock: a constructor for 10 ms, a destructor for 500 ms. If the
+  controller is frozen, they hold it for ever. So objects of ur-rtde are never destroyed here, and a process opens
+  ur-rtde only once.
+* If a call loses its connection, ur-rtde reconnects by itself and then *sends the old command*. So if a call misses
+  its deadline, the whole process is ended. There is no other way to prevent the late command.
+* ``isConnected`` and return values do not show that a controller is frozen. Only the controller's clock does.
 """
 
 from __future__ import annotations
@@ -22,24 +20,24 @@ from typing import Any, ClassVar
 from strands_actors.contract.wire import ProcessSpent
 from strands_actors.drivers.common.kit.sdk import SdkCalls, kept, load_sdk
 
-from .config import Way
+from .config import ControlMethod
 from .gates import CONTROL_S, LOOKAHEAD_S
 
 OPEN_S = 3.0
 CALL_S = 0.1
-"""Deadline of calls that only send. They take 0.1 ms."""
+"""Deadline of calls that only send. They usually take 0.1 ms."""
 STOP_S = 0.5
-"""Deadline of servoStop, which waits until the arm stands: 0.3 s from top speed at its deceleration."""
+"""Deadline of servoStop, which waits until the arm stands still. From top speed this takes 0.3 s."""
 
 REGISTERS_HZ = 500.0
-"""Rate at which the controller sends its registers to the control interface. Before each command, that
-interface waits until the script has acknowledged the last one there. At 125 Hz a stop behind a setpoint left
-3 to 11 ms late, at 500 Hz 1 to 3."""
+"""Rate at which the controller sends its registers to ur-rtde. Before ur-rtde sends a command, it waits until the
+registers show that the script has received the last command. At 125 Hz a stop right after a setpoint was sent 3 to
+11 ms late, at 500 Hz 1 to 3 ms late."""
 
 GAIN = 300.0
 """Gain of servoJ, 100 to 2000. This is the SDK's own default."""
 UNUSED = 0.5
-"""servoJ takes a speed and an acceleration, and uses neither."""
+"""Value for the speed and the acceleration of servoJ, which ignores both."""
 STOP_RAD_S2 = 10.0
 
 _ERRORS = (RuntimeError, ValueError, IndexError, TypeError)
@@ -50,7 +48,10 @@ _NEWEST = (3, 12)
 
 
 def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:2]) -> str:
-    """Return the command that installs ur-rtde on this machine, or a text that says how to go on without."""
+    """Return the command that installs ur-rtde on this computer.
+
+    If there is no package for it, return a text that explains how to use the robot without ur-rtde.
+    """
     machine = machine or os.uname().machine
     if python <= _NEWEST and machine == "x86_64":
         return "pip install 'strands-actors[ur]'"
@@ -61,19 +62,19 @@ def install_line(machine: str = "", python: tuple[int, int] = sys.version_info[:
 
 
 class Sdk(SdkCalls):
-    """One connection of ur-rtde. Calls never overlap. See ``control.Control``."""
+    """Command one controller by ur-rtde. The methods are described in ``control.Control``."""
 
-    WAY: ClassVar[Way] = "ur-rtde"
+    METHOD: ClassVar[ControlMethod] = "ur-rtde"
 
     def __init__(self, host: str, registers_hz: float | None = None) -> None:
         """Load ur-rtde, without connecting.
 
         Raises:
-            WireDown: It is not installed.
-            ProcessSpent: This process has had one.
+            WireDown: ur-rtde is not installed.
+            ProcessSpent: This process has already opened ur-rtde once.
         """
         if kept():
-            raise ProcessSpent("the link was lost, and ur-rtde is opened once in a process")
+            raise ProcessSpent("the connection was lost, and ur-rtde can be opened only once in a process")
         super().__init__("ur-rtde", _ERRORS)
         self._interface = load_sdk("rtde_control", install_line()).RTDEControlInterface
         self._host = host
@@ -81,24 +82,26 @@ class Sdk(SdkCalls):
         self._control: Any = None
 
     async def connect(self) -> None:
-        """Connect to the registers, once. This starts no program."""
+        """Connect to the controller's registers, unless already connected. This starts no program."""
         if self._control is None:
-            # Registers 0 to 23 belong to fieldbus and PLC. NO_WAIT: it would otherwise wait with the lock
-            # held.
+            # UPPER_RANGE: the lower registers (0 to 23) are reserved for a fieldbus or a PLC. NO_WAIT: otherwise
+            # the constructor waits for the script while it holds the interpreter's lock.
             flags = self._interface.FLAG_UPPER_RANGE_REGISTERS | self._interface.FLAG_NO_WAIT
             self._control = await self.construct(
                 "control", OPEN_S, self._interface, self._host, self._registers_hz, flags
             )
 
     def take(self) -> None:
-        """Do nothing: its own threads read."""
+        """Do nothing, because threads of ur-rtde receive the answers."""
 
     def close(self) -> None:
-        """Close nothing: that takes half a second with the lock held, or for ever. The connection ends with
-        this process, which cannot open another one."""
+        """Do nothing: to close ur-rtde would block this process for half a second, or for ever.
+
+        The connection ends with this process.
+        """
 
     async def upload(self, check: Callable[[], None]) -> bool:
-        """Upload the script. ``check`` as in ``servo``."""
+        """Upload the control script of ur-rtde. ``check`` is called in a worker thread, right before the upload."""
         reupload = self._control.reuploadScript
 
         def send() -> bool:
@@ -117,7 +120,8 @@ class Sdk(SdkCalls):
         await self.call("kickWatchdog", CALL_S, self._control.kickWatchdog)
 
     async def servo(self, radians: tuple[float, ...], check: Callable[[], None]) -> bool:
-        """Send a target. ``check`` is called last, in the worker thread; its exceptions are raised here."""
+        """Send a target. ``check`` is called in a worker thread, right before sending. If it raises, nothing is
+        sent."""
         servo_j, target = self._control.servoJ, list(radians)
 
         def send() -> bool:

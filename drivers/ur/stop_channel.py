@@ -1,5 +1,8 @@
-"""Stop a UR without its SDK. The wire process does so if ur-rtde hangs, and the root if the wire process has
-ended."""
+"""Stop a UR without ur-rtde.
+
+The wire process uses this code if ur-rtde hangs. The supervising process (root) uses it after the wire process has
+ended.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.kit.rest_watch import RestWatch
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
@@ -23,11 +27,10 @@ STOP_S = 1.2
 """Longest time of a stop. From top speed a joint needs 0.8 s at the deceleration of ``stopj``."""
 
 DASHBOARD_S = 0.25
-"""Longest time for the dashboard. It is a separate program on the controller, and may hang while the arm
-moves on."""
+"""Longest wait for the dashboard. It is a separate program on the controller, and may hang while the arm moves."""
 
 SCRIPT_S = 0.2
-"""Time after which a sent program has replaced the one before [assumed]."""
+"""Time after which a program that was sent to a script port has replaced the running program [assumed]."""
 
 STANDING_RAD_S = 0.02
 
@@ -35,35 +38,35 @@ WATCHED = ("timestamp", "actual_qd", "runtime_state")
 
 
 class _Stop:
-    """The progress of a stop."""
+    """One stop: how to order it, how to observe it, and its result so far."""
 
     def __init__(self, host: str) -> None:
         self._host = host
         self.written = False
-        self.acknowledged = False  # by the dashboard; a script port answers nothing
-        self.ordered = False  # the order had the time to take effect
+        self.acknowledged = False  # True if the dashboard has confirmed the stop. A script port confirms nothing.
+        self.ordered = False  # True once the stop was confirmed, or had the time to take effect.
         self.playing = True
-        self.moving = set(range(len(JOINTS)))  # joints that move, or may move
+        self._watch = RestWatch(len(JOINTS))
         self.trouble: list[str] = []
 
     def reports(self) -> tuple[MotorReport, ...]:
         trouble = ", ".join(dict.fromkeys(self.trouble))
         reports = []
-        for at, joint in enumerate(JOINTS):
-            moves = at in self.moving
+        for index, joint in enumerate(JOINTS):
+            moves = index in self._watch.unsteady
             safe = self.written and not self.playing and not moves
-            detail = "" if safe else trouble or ("moves" if moves else "its program runs")
-            reports.append(MotorReport(joint, at, self.written, self.acknowledged, safe, detail))
+            detail = "" if safe else trouble or ("the joint moves" if moves else "a program still runs")
+            reports.append(MotorReport(joint, index, self.written, self.acknowledged, safe, detail))
         return tuple(reports)
 
     async def order(self) -> None:
-        """End the running program by the dashboard or, if that does not answer, by a script that replaces
-        it."""
+        """End the running program by the dashboard. If it does not answer, send a script that replaces the
+        program."""
         try:
             with trio.fail_after(DASHBOARD_S):
                 await self._by_dashboard()
         except (WireDown, trio.TooSlowError) as failure:
-            self.trouble.append(str(failure) or f"{self._host}:{p.DASHBOARD_PORT}: does not answer")
+            self.trouble.append(str(failure) or f"{self._host}:{p.DASHBOARD_PORT}: the dashboard does not answer")
             try:
                 await self._by_script()
             except WireDown as down:
@@ -71,7 +74,8 @@ class _Stop:
 
     async def _by_dashboard(self) -> None:
         async with connected(self._host, p.DASHBOARD_PORT) as stream:
-            stream.write(f"{p.DASHBOARD_STOP}\n".encode())  # without waiting for the banner, which may never come
+            # Send the stop at once. Do not wait for the dashboard's greeting, which may never arrive.
+            stream.write(f"{p.DASHBOARD_STOP}\n".encode())
             self.written = True
             received = b""
             while p.DASHBOARD_STOPPED.encode() not in received:
@@ -83,34 +87,28 @@ class _Stop:
         async with connected(self._host, p.SECONDARY_PORT) as stream:
             stream.write(p.STOP_SCRIPT)
             self.written = True
-            # Keep the connection open and read from it. If it were closed at once, the text might be dropped
-            # unread. If it were closed with unread data, it would be reset.
+            # Keep the connection open for a while, and read the data that the controller sends. If the connection
+            # were closed at once, or with unread data, the script might be lost.
             with trio.move_on_after(SCRIPT_S):
                 while True:
                     await stream.read()
             self.ordered = True
 
     async def watch(self) -> None:
-        """Wait for a sample that is newer than the order and shows the stop. A sample that repeats the
-        controller's time does not count."""
-        time_s = -1.0
+        """Wait until samples show that the arm stands still and no program runs."""
         try:
             with contextlib.closing(await open_samples(self._host, WATCHED, CONTROL_HZ)) as samples:
-                while self.playing or self.moving or not self.ordered:
+                while self.playing or self._watch.unsteady or not self.ordered:
                     sample = await samples.next()
-                    time_s, before_s = sample["timestamp"], time_s
-                    if not 0.0 <= before_s < time_s:
-                        continue
-                    self.playing = sample["runtime_state"] != p.RuntimeState.STOPPED
-                    self.moving = {
-                        at for at, rad_s in enumerate(sample["actual_qd"]) if not abs(rad_s) < STANDING_RAD_S
-                    }
+                    moving = [i for i, rad_s in enumerate(sample["actual_qd"]) if not abs(rad_s) < STANDING_RAD_S]
+                    if self._watch.report(sample["timestamp"], moving):
+                        self.playing = sample["runtime_state"] != p.RuntimeState.STOPPED
         except WireDown as down:
             self.trouble.append(str(down))
 
 
 async def stop(config: URConfig) -> tuple[MotorReport, ...]:
-    """End any running program, then wait until the arm stands. Never raises."""
+    """End any running program, then wait until the arm stands still. Return a report per joint. Never raises."""
     try:
         state = _Stop(config.host)
     except ValueError as error:
@@ -125,7 +123,7 @@ async def stop(config: URConfig) -> tuple[MotorReport, ...]:
 
 
 class URStopChannel(StopChannel):
-    """The root's stop channel. It opens its sockets when they are needed."""
+    """The stop channel of the supervising process (root). It connects only when it must stop the arm."""
 
     def __init__(self, config: URConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
@@ -138,4 +136,4 @@ class URStopChannel(StopChannel):
         return await stop(self._config)
 
     def close(self) -> None:
-        """Do nothing: no socket stays open."""
+        """Do nothing, because no connection stays open after a stop."""

@@ -1,4 +1,8 @@
-"""The wire of a UR controller: it sends commands, and stops trusting a controller with a stopped clock."""
+"""Connect the wire process (the only writer to the robot) to a UR controller.
+
+It sends no setpoint while the controller's clock does not advance, because a frozen controller would carry it out
+later.
+"""
 
 from __future__ import annotations
 
@@ -24,34 +28,34 @@ from .protocol import RuntimeState
 from .stop_channel import STANDING_RAD_S, stop
 
 FEED_S = 0.025
-"""Period of feeding a watchdog that waits 100 ms."""
+"""Period of feeding the controller's watchdog, which stops the program after 100 ms."""
 
 SILENT_S = 0.04
-"""No setpoint is written after the controller's clock has stood still for this time, or for two samples. A
-frozen controller would carry it out later."""
+"""If the controller's clock has not advanced for this time (or for two samples), no setpoint is written. A frozen
+controller would carry it out later."""
 
 CONFIRM_S = 0.4
 
 CLOCK_S = 1_000_000_000
-"""An upper limit of the controller's clock, in seconds since its start. So a sample that is behind the newest
-one is old, and not a wrapped clock. After a restart the connection is a new one."""
+"""A limit that the controller's clock (seconds since its start) never reaches, so the clock never wraps around. A
+sample with an earlier time than the newest one is therefore old."""
 
 SENSORS: Mapping[str, str] = {
     "current_a": "actual_current",
     "temperature_c": "joint_temperatures",
     "tcp_pose_m_rad": "actual_TCP_pose",
     "tcp_speed_m_s_rad_s": "actual_TCP_speed",
-    "wrench_n_nm": "actual_TCP_force",  # at the tool's centre, in the base's axes
+    "wrench_n_nm": "actual_TCP_force",  # Force and torque at the tool centre point, along the axes of the base.
     "robot_mode": "robot_mode",
     "safety_mode": "safety_mode",
     "runtime_state": "runtime_state",
 }
-"""Sensors and the controller's outputs."""
+"""Name of each sensor -> the output of the controller from which it is read."""
 OUTPUTS = ("timestamp", "actual_q", "actual_qd", "speed_scaling", "target_speed_fraction", *SENSORS.values())
 
 
 class URSession:
-    """The samples of the controller, and a ``Control``, which only commands."""
+    """One connection to a controller: its samples, and a ``Control`` object that sends the commands."""
 
     def __init__(self, control: Control, samples: plain.Samples, config: URConfig, clock: Clock) -> None:
         self.control = control
@@ -59,17 +63,19 @@ class URSession:
         self.sample: dict[str, Any] = {}
         self._config = config
         self._clock = clock
-        self._advanced = Stamps(CLOCK_S)  # of the controller's clock
+        self._advanced = Stamps(CLOCK_S)  # The controller's time stamps, to detect that its clock has stopped.
         self._still_s = max(SILENT_S, 2 / config.samples_hz)
         self._fed_ns = 0
-        self.controls = False  # our control script runs, and its watchdog is armed
+        self.controls = False  # True while our control script runs with an armed watchdog.
         self.servoing = False
-        self.lost = ""  # why control was lost since the robot was armed
+        self.lost = ""  # The reason why the control script has ended since the robot was armed.
 
     def take(self, sample: dict[str, Any]) -> None:
-        """Take a sample, if it is newer than the last one. After the controller has stopped or paused our
-        program, nothing is written until the next arming: the operator unlocks the controller, and that alone
-        must not move the arm."""
+        """Store a sample if it is newer than the last one.
+
+        If the sample shows that the controller has stopped or paused our program, no setpoint is written until the
+        robot is armed again. An operator who unlocks the controller must not start the motion by that.
+        """
         self.control.take()
         if not self._advanced.take(sample["timestamp"], self._clock.now_ns()):
             return
@@ -79,9 +85,9 @@ class URSession:
             if refusal is not None:
                 self.lose(refusal.offered)
             elif self.runtime_state in PAUSED:
-                self.lose("its program was paused on the pendant")
+                self.lose("the control script was paused on the pendant")
             elif self.runtime_state != RuntimeState.PLAYING:
-                self.lose("the controller stopped its program")
+                self.lose("the controller has stopped the control script")
 
     def refuse_modes(self) -> Refused | None:
         return refuse_modes(self.sample["robot_mode"], self.sample["safety_mode"])
@@ -91,42 +97,43 @@ class URSession:
         return int(self.sample["runtime_state"])
 
     def check_alive(self) -> None:
-        """Raise ``WireDown`` if the controller's clock stands still."""
+        """Raise ``WireDown`` if the controller's clock has not advanced for too long."""
         silent_s = self.silent_s()
         if silent_s > self._config.silent_s:
             raise WireDown(
-                f"read: the clock of {self._config.robot} stands still for {silent_s * 1e3:.0f} ms. "
+                f"read: the clock of {self._config.robot} has not advanced for {silent_s * 1e3:.0f} ms. "
                 "Check the controller and its network"
             )
 
     async def see_advance(self) -> None:
-        """Wait for a sample that is newer than this call. If the controller is frozen, the SDK's
-        constructors never return and never release the interpreter's lock.
+        """Wait for a sample that arrives after this call. It shows that the controller is not frozen.
+
+        This check is needed before ur-rtde is opened: with a frozen controller its constructors never return.
 
         Raises:
-            WireDown: No such sample came.
+            WireDown: No such sample has arrived.
         """
-        asked_ns = self._clock.now_ns()
+        requested_ns = self._clock.now_ns()
         with trio.move_on_after(plain.ANSWER_S):
             while True:
                 await trio.sleep(CONTROL_S)
-                if self._advanced.new_ns > asked_ns:
+                if self._advanced.new_ns > requested_ns:
                     return
-        raise WireDown("the controller's clock stands still. Restart the controller")
+        raise WireDown("the controller's clock does not advance. Restart the controller")
 
-    def lose(self, why: str) -> None:
-        self.lost, self.controls, self.servoing = why, False, False
+    def lose(self, reason: str) -> None:
+        self.lost, self.controls, self.servoing = reason, False, False
 
     def silent_s(self) -> float:
         return (self._clock.now_ns() - self._advanced.new_ns) / NS
 
     @property
     def is_still(self) -> bool:
-        """True if the controller's clock has stood still for too long to write."""
+        """True if the controller's clock has not advanced for so long that no setpoint may be written."""
         return self.silent_s() > self._still_s
 
     def stands_since(self, ordered_ns: int) -> bool:
-        """Return True if a fresh sample, newer than ``ordered_ns``, shows that no joint moves."""
+        """Return True if a sample that arrived after ``ordered_ns`` shows that no joint moves."""
         fresh = self._advanced.new_ns > ordered_ns and not self.is_still
         return fresh and all(abs(rad_s) < STANDING_RAD_S for rad_s in self.sample["actual_qd"])
 
@@ -134,8 +141,11 @@ class URSession:
         self._fed_ns = self._clock.now_ns()
 
     async def feed(self) -> None:
-        """Feed the controller's watchdog if it is due. During servoing only setpoints feed it, and each of
-        those has passed the gate."""
+        """Feed the controller's watchdog if it is time.
+
+        During servo motion only the setpoints feed it. So the watchdog stops the arm if no more setpoints are
+        accepted.
+        """
         due = self._clock.now_ns() - self._fed_ns >= round(FEED_S * NS)
         if due and self.controls and not self.servoing:
             await self.control.kick()
@@ -151,7 +161,7 @@ class URSession:
             velocity=sample["actual_qd"],
             sensors={
                 **{name: value if isinstance(value, tuple) else (value,) for name, value in values.items()},
-                # The controller's own value ignores the slider.
+                # The controller's output speed_scaling does not include the speed slider, so multiply both.
                 "speed_scaling": (sample["speed_scaling"] * sample["target_speed_fraction"],),
                 "control": (float(self.controls),),
                 "watchdog_hz": (WATCHDOG_HZ if self.controls else 0.0,),
@@ -180,10 +190,10 @@ class URWire(SessionWire[URSession]):
         except BaseException:
             self.close()
             raise
-        return {"address": host, "host": host, "commanded_by": control.WAY, **facts}
+        return {"address": host, "host": host, "commanded_by": control.METHOD, **facts}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Take the samples as they arrive."""
+        """Receive samples without end, and store each one."""
         session = self.session
         task_status.started()
         while True:
@@ -195,7 +205,7 @@ class URWire(SessionWire[URSession]):
         if refusal is not None:
             raise WireDown(refusal.text)
         if session.runtime_state != RuntimeState.STOPPED:
-            raise WireDown("a program runs on the controller. stop() ends it, then resume()")
+            raise WireDown("another program runs on the controller. Call stop() to end it, then resume()")
         if (await plain.ask_dashboard(self._config.host, "is in remote control"))[0].lower() == "false":
             raise WireDown("the controller is in local control. Switch it to remote on the pendant")
         await session.see_advance()
@@ -220,7 +230,7 @@ class URWire(SessionWire[URSession]):
         if not session.controls:
             raise PermitDenied(session.lost or "not armed")
         if session.is_still:
-            raise PermitDenied("the controller's clock stands still")
+            raise PermitDenied("the controller's clock does not advance")
         session.servoing = await session.control.servo(values, permit.check)
         if not session.servoing:
             session.lose("the control script is not running")
@@ -235,15 +245,15 @@ class URWire(SessionWire[URSession]):
             servoed = session.controls and await self._stop_by_control(session, ended)
             stands = (servoed or not ended) and await self._stands(session, ended)
         except (ProcessSpent, WireDown):
-            pass  # the next read raises it; the stop below needs no control
+            pass  # The next ``read`` reports this error. The stop below works without the control script.
         if stands:
             rows = zip(JOINTS, IDS, session.sample["actual_q"], strict=True)
-            return tuple(MotorReport(joint, at, servoed, servoed, True, target=rad) for joint, at, rad in rows)
+            return tuple(MotorReport(axis, motor, servoed, servoed, True, target=rad) for axis, motor, rad in rows)
         session.lose("stopped by the dashboard")
         return await stop(self._config)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop by the plain ports, which take a stop at any time."""
+        """Stop the arm by the dashboard or a script port, which accept a stop at any time."""
         return await stop(self._config)
 
     def close(self) -> None:
@@ -258,11 +268,11 @@ class URWire(SessionWire[URSession]):
         """Upload the control script, wait until it runs, and arm its watchdog.
 
         Raises:
-            WireDown: One of these failed.
+            WireDown: One of these steps has failed.
         """
         control = session.control
-        if not await control.upload(permit.check):  # the permit is checked last: connecting starts no program
-            raise WireDown("the controller does not take the control script. Try again")
+        if not await control.upload(permit.check):  # The permission is checked just before sending.
+            raise WireDown("the controller does not accept the control script. Check the pendant, then try again")
         with trio.move_on_after(START_S):
             while not (session.runtime_state == RuntimeState.PLAYING and control.script_runs()):
                 await trio.sleep(CONTROL_S)
@@ -270,19 +280,19 @@ class URWire(SessionWire[URSession]):
                 session.check_alive()
         permit.check()
         if session.runtime_state != RuntimeState.PLAYING:
-            raise WireDown(f"the control script does not start within {START_S:g} s. Look at the pendant")
+            raise WireDown(f"the control script did not start within {START_S:g} s. Check the pendant for errors")
         if not await control.set_watchdog(WATCHDOG_HZ):
-            raise WireDown("the control script does not arm its watchdog. Try again")
+            raise WireDown("the control script did not arm the controller's watchdog. Try again")
         session.was_fed()
 
     async def _stop_by_control(self, session: URSession, ended: bool) -> bool:
-        """End servo motion, and for a stop end the script.
+        """End the servo motion. If ``ended``, end the control script, too.
 
-        From high speed the controller's watchdog may end the program first, since ur-rtde's script cannot be
-        fed meanwhile.
+        While the arm brakes from a high speed, ur-rtde cannot feed the watchdog. So the controller's watchdog may
+        end the script first.
 
         Returns:
-            True if the controller did it.
+            True if the script reports that the arm stands still.
 
         Raises:
             ProcessSpent: The SDK hangs.
@@ -296,13 +306,13 @@ class URWire(SessionWire[URSession]):
         return stopped
 
     async def _stands(self, session: URSession, ended: bool) -> bool:
-        """Return True if samples show that no joint moves, and for a stop that no program runs.
+        """Return True if samples show that no joint moves and, if ``ended``, that no program runs.
 
         Raises:
             ProcessSpent: The SDK hangs.
             WireDown: The connection is lost.
         """
-        ordered_ns = self._clock.now_ns()  # the order was carried out before, if the control answered it
+        ordered_ns = self._clock.now_ns()  # The stop was carried out before this time, because it was answered.
         with trio.move_on_after(CONFIRM_S):
             while True:
                 await trio.sleep(CONTROL_S)

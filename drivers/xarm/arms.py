@@ -1,5 +1,5 @@
-"""Read the arms of this wire from ``robots.toml``: a robot's table, the type of one arm, and the model of
-its twin."""
+"""Read the arms of this driver from ``robots.toml``: the table of each robot, the types of its arm, and the model
+for simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ANY_SERIAL = (0, 9999)
 
 
 class ArmType(msgspec.Struct, frozen=True):
-    """The properties in which arms of the same name differ."""
+    """One type of an arm. Arms of the same name may differ in these properties."""
 
     number: int
     range_rad: tuple[Range, Range, Range, Range, Range, Range, Range]
@@ -39,7 +39,7 @@ class ArmType(msgspec.Struct, frozen=True):
 
 
 class Arm(msgspec.Struct, frozen=True):
-    """One robot's table."""
+    """The table of one robot in ``robots.toml``."""
 
     speed_rad_s: float
     effort_nm: tuple[float, ...]
@@ -48,24 +48,24 @@ class Arm(msgspec.Struct, frozen=True):
 
     @property
     def usual(self) -> ArmType:
-        """The type of most arms."""
-        return next(kind for kind in self.types if not kind.mirrored and kind.serials == ANY_SERIAL)
+        """Return the most common type of this arm."""
+        return next(arm_type for arm_type in self.types if not arm_type.mirrored and arm_type.serials == ANY_SERIAL)
 
-    def type_at(self, version: Version) -> int | None:
-        """Return the index in ``types`` of an arm's type, the first that fits; None if no type fits."""
+    def type_index(self, version: Version) -> int | None:
+        """Return the index in ``types`` of the first type that fits an arm's version; None if no type fits."""
         if version.axes != JOINTS:
             return None
-        return next((at for at, kind in enumerate(self.types) if kind.fits(version)), None)
+        return next((index for index, arm_type in enumerate(self.types) if arm_type.fits(version)), None)
 
 
 @cache
 def arm_of(robot: str) -> Arm:
-    """Return a robot's table. Raise ``ValueError`` if the robot does not belong to this wire."""
+    """Return the table of a robot. Raise ``ValueError`` if this driver does not know the robot."""
     return msgspec.convert(TABLES.table(robot), Arm)
 
 
 def axes_of(arm: Arm) -> tuple[Axis, ...]:
-    """Return the joints, with the ranges of the usual type."""
+    """Return the axes of an arm, with the joint ranges of its most common type."""
     rows = enumerate(zip(AXES, arm.usual.range_rad, strict=True), 1)
     return tuple(
         Axis(key=key, unit="rad", low=low, high=high, speed=arm.speed_rad_s, id=number)
@@ -73,24 +73,25 @@ def axes_of(arm: Arm) -> tuple[Axis, ...]:
     )
 
 
-def model_table(robot: str, kind: ArmType) -> Mapping[str, Any]:
-    """Return the arm of this type in the form that ``drivers/common/model_rows`` takes."""
+def model_table(robot: str, arm_type: ArmType) -> Mapping[str, Any]:
+    """Return the table of an arm of this type, in the form that ``drivers/common/physics/model_rows`` reads."""
     table, arm = TABLES.table(robot), arm_of(robot)
     rows = []
-    for at, row in enumerate(table["model_rows"].strip().splitlines()):
+    for index, row in enumerate(table["model_rows"].strip().splitlines()):
         columns = row.split()
-        low, high = kind.range_rad[at]
-        columns[3] = "-z" if at + 1 in kind.mirrored else "z"
-        columns[6:9] = f"{low},{high}", str(arm.effort_nm[at]), str(arm.speed_rad_s)
+        low, high = arm_type.range_rad[index]
+        columns[3] = "-z" if index + 1 in arm_type.mirrored else "z"
+        columns[6:9] = f"{low},{high}", str(arm.effort_nm[index]), str(arm.speed_rad_s)
         rows.append(" ".join(columns))
     return {
         **table,
         "joints": [{"key": axis} for axis in AXES],
-        "home_rad": mirrored(kind, arm.home_rad),
+        "home_rad": mirrored(arm_type, arm.home_rad),
         "model_rows": "\n".join(rows),
     }
 
 
-def mirrored(kind: ArmType, rad: Sequence[float]) -> tuple[float, ...]:
-    """Convert a pose of an arm without mirrored joints to the same shape of an arm of this type."""
-    return tuple(-value if at + 1 in kind.mirrored else value for at, value in enumerate(rad))
+def mirrored(arm_type: ArmType, rad: Sequence[float]) -> tuple[float, ...]:
+    """Convert a pose to an arm of this type. Some types turn a joint in the opposite direction, so the signs of
+    these joints change, and the arm has the same shape."""
+    return tuple(-value if index + 1 in arm_type.mirrored else value for index, value in enumerate(rad))

@@ -1,4 +1,4 @@
-"""The frozen settings that the wire and the stop channel share."""
+"""The settings of an xArm that the wire process and the root's stop channel share."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .arms import Arm, ArmType
 from .protocol import CONTROL_PORT, JOINTS, Version
 
 LATE_S = 0.3
-"""A request of a killed client may wait this long in the controller's queue [assumed: a controller that
-takes longer counts as lost, see ``silent_s``]. A stop on another connection overtakes it."""
+"""How long a request may wait in the controller's queue after its client was killed, in seconds [assumed: a slower
+controller counts as lost, see ``silent_s``]. A stop on another connection can overtake such a request."""
 
 
 class XArmConfig(msgspec.Struct, frozen=True):
@@ -20,23 +20,23 @@ class XArmConfig(msgspec.Struct, frozen=True):
     port: str
     arm: Arm
     silent_s: float = 0.3
-    """The link counts as lost after this long without a report, or without an outstanding reply."""
+    """The link counts as lost after this many seconds without a report, or with a request that is not answered."""
 
     def address(self) -> tuple[str, int]:
-        """Return host and control port. Raise ``ValueError`` if ``port`` is not an address."""
+        """Return the host and the control port. Raise ``ValueError`` if ``port`` is not a valid address."""
         return parse_address(self.port, CONTROL_PORT)
 
     @property
     def host(self) -> str:
         return self.address()[0]
 
-    def kind_of(self, version: Version) -> ArmType:
-        """Return the arm's type. Raise ``WireDown`` if it is not a type of this robot."""
-        index = self.arm.type_at(version)
+    def find_arm_type(self, version: Version) -> ArmType:
+        """Return the type of the connected arm. Raise ``WireDown`` if this robot has no such type."""
+        index = self.arm.type_index(version)
         if index is None:
-            numbers = ", ".join(str(number) for number in sorted({kind.number for kind in self.arm.types}))
+            numbers = ", ".join(str(number) for number in sorted({arm_type.number for arm_type in self.arm.types}))
             raise WireDown(
-                f"open: the arm at {self.port} has {version.axes} joints and is of type {version.arm_type}. "
-                f"{self.robot} has {JOINTS}, of type {numbers}"
+                f"open: the arm at {self.port} has {version.axes} joints and type {version.arm_type}, but "
+                f"{self.robot} has {JOINTS} joints and type {numbers}. Check the address and the robot's name"
             )
         return self.arm.types[index]

@@ -1,5 +1,5 @@
-"""One connection to a controller's control port, and the stop that is sent over it. The wire and the root's
-stop channel share this code."""
+"""Talk to a controller's control port, and stop the arm over this connection. The wire process and the root's stop
+channel share this code."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from .protocol import Register, State
 
 ATTEMPTS = 3
 ACKNOWLEDGE_S, CONFIRM_S = 0.1, 0.2
-"""Timeouts of the two requests of an attempt. Three attempts and a connection fit into the time limit of a
-stop."""
+"""Timeouts of the two requests of an attempt, in seconds. Three attempts and a new connection fit into the time
+limit of a stop."""
 
 LOOK_S = 0.02
-"""How often a permit is checked during the wait for a reply."""
+"""Period of checking the permit during the wait for a reply, in seconds."""
 
 FORGET_S = 1.0
-"""A request without a reply is forgotten after this time."""
+"""A request without a reply is deleted after this many seconds."""
 
 
 class Stream(ByteStream, Protocol):
-    """The methods of a connection that this module uses."""
+    """The methods that a connection must have for this module."""
 
     def read_waiting(self) -> bytes | None: ...
 
@@ -43,7 +43,8 @@ OpenStream = Callable[[str, int], Awaitable[Stream]]
 
 
 class Control:
-    """Send requests at once and match replies by number. Every method may raise ``WireDown``."""
+    """Send requests without waiting, and match each reply to its request by number. Every method may raise
+    ``WireDown``."""
 
     def __init__(self, stream: Stream, name: str, clock: Clock) -> None:
         self._stream = stream
@@ -52,27 +53,30 @@ class Control:
         self._budget = ReceiveBudget(name)
         self._decoder = p.Decoder()
         self._number = 0
-        self._open: dict[int, tuple[int, int]] = {}  # unanswered requests: number -> register, time sent
+        # For each unanswered request: number -> (register, time when it was sent).
+        self._open: dict[int, tuple[int, int]] = {}
         self._awaited: dict[int, p.Reply | None] = {}
-        self._heard_ns = 0
-        self.errors: tuple[int, int] = (0, 0)  # error and warning, from the last reply to ``ERRORS``
-        self.error_pending = False  # from the state byte of the last reply
-        self.state_set = 0  # number of the last answered ``SET_STATE``
+        self._last_received_ns = 0
+        # Codes of the error and the warning, from the last reply to ``ERRORS``.
+        self.errors: tuple[int, int] = (0, 0)
+        self.error_pending = False  # the error bit in the state byte of the last reply
+        self.state_set = 0  # number of the last ``SET_STATE`` request that was answered
 
     @property
     def idle(self) -> bool:
-        """Whether every request was answered."""
+        """Return True if every request was answered."""
         return not self._open
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long a reply has been outstanding while nothing arrived."""
+        """Return for how long the controller has sent nothing while a request waits for its reply; 0 if no request
+        waits."""
         if not self._open:
             return 0.0
         first_ns = next(iter(self._open.values()))[1]
-        return (now_ns - max(first_ns, self._heard_ns)) / NS
+        return (now_ns - max(first_ns, self._last_received_ns)) / NS
 
     def send(self, register: int, data: bytes = b"") -> int:
-        """Send a request now. Return its number."""
+        """Send a request now. Return its number, which the reply repeats."""
         self._number = self._number % p.LAST_NUMBER + 1
         self._stream.write(p.request(self._number, register, data))
         self._open[self._number] = register, self._clock.now_ns()
@@ -94,17 +98,17 @@ class Control:
         self._awaited[number] = None
         end_s = trio.current_time() + within_s
         try:
-            while self._awaited[number] is None and (left_s := end_s - trio.current_time()) > 0:
+            while self._awaited[number] is None and (remaining_s := end_s - trio.current_time()) > 0:
                 if permit is not None:
                     permit.check()
-                with trio.move_on_after(min(left_s, LOOK_S)):
+                with trio.move_on_after(min(remaining_s, LOOK_S)):
                     self._take(await self._stream.read())
             return self._awaited[number]
         finally:
             del self._awaited[number]
 
     def take_waiting(self) -> None:
-        """Process the data that has arrived, as much as one turn allows. Never waits."""
+        """Process received data, up to a limit for each call. Never waits."""
         for data in self._budget.turn(self._stream.read_waiting):
             self._take(data)
 
@@ -112,7 +116,8 @@ class Control:
         self._stream.close()
 
     def close_in_order(self) -> None:
-        """Close after the sent bytes are delivered, for a stop that a frozen controller has not read yet."""
+        """Close the connection after all sent bytes are delivered. So a frozen controller still reads a stop that
+        was sent before."""
         self._stream.close_in_order()
 
     def _take(self, data: bytes) -> None:
@@ -121,18 +126,19 @@ class Control:
             for received in self._decoder.feed(data):
                 self._take_reply(p.reply_of(received))
         except MalformedFrame as malformed:
-            raise WireDown(f"{self._name}: cannot be understood ({malformed}). Reconnect") from None
-        self._heard_ns = now_ns
+            raise WireDown(f"{self._name}: the controller sent invalid data ({malformed}). Reconnect") from None
+        self._last_received_ns = now_ns
         late = [number for number, (_, sent_ns) in self._open.items() if now_ns - sent_ns > FORGET_S * NS]
         for number in late:
             del self._open[number]
 
     def _take_reply(self, reply: p.Reply) -> None:
-        asked = self._open.pop(reply.number, None)
-        if asked is None:
-            return  # The request was forgotten.
-        if asked[0] != reply.register:
-            raise MalformedFrame(f"register {reply.register} for {asked[0]}")
+        request = self._open.pop(reply.number, None)
+        if request is None:
+            # The reply came so late that its request was deleted.
+            return
+        if request[0] != reply.register:
+            raise MalformedFrame(f"register {reply.register} for {request[0]}")
         self.error_pending = bool(reply.state & p.ERROR)
         if reply.register == Register.ERRORS:
             self.errors = p.errors_of(reply.data)
@@ -143,7 +149,7 @@ class Control:
 
 
 async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> Control:
-    """Connect to the control port. Raise ``WireDown``."""
+    """Connect to the control port. Raise ``WireDown`` if that fails."""
     try:
         host, port = config.address()
     except ValueError as error:
@@ -152,7 +158,7 @@ async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream
 
 
 async def stop(control: Control) -> Outcome:
-    """Set the arm to state 4, and read the state back. Never raises."""
+    """Stop the arm (state 4), and read the state back to confirm it. Never raises."""
     written = acknowledged = False
     detail = "silent"
     try:
@@ -161,7 +167,7 @@ async def stop(control: Control) -> Outcome:
             written = True
             acknowledged = acknowledged or (reply is not None and not reply.state & p.INVALID)
             reading = await control.ask(Register.GET_STATE, within_s=CONFIRM_S)
-            detail = "silent" if reading is None else unsafe_words(reading)
+            detail = "silent" if reading is None else unsafe_reason(reading)
             if not detail:
                 break
     except WireDown as down:
@@ -169,11 +175,11 @@ async def stop(control: Control) -> Outcome:
     return Outcome(written, acknowledged, detail)
 
 
-def unsafe_words(said: p.Reply) -> str:
-    """Return why the reply to ``GET_STATE`` does not show a stopped arm; empty if it does."""
-    data = said.data
-    if said.state & p.INVALID:
-        return "its controller does not take the question for its state"
+def unsafe_reason(reply: p.Reply) -> str:
+    """Return why the reply to a ``GET_STATE`` does not show a stopped arm; empty if it shows a stopped arm."""
+    data = reply.data
+    if reply.state & p.INVALID:
+        return "the controller refuses the request for its state"
     if data[:1] == bytes((State.STOPPED,)):
         return ""
-    return f"its controller says state {data[0]}" if data else "its controller says no state"
+    return f"the controller reports state {data[0]}" if data else "the controller reports no state"

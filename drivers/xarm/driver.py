@@ -1,9 +1,8 @@
-"""Drive a UFACTORY xArm 7 through the controller's own TCP protocol. No SDK.
+"""Drive a UFACTORY xArm 7 through the controller's own TCP protocol, without the vendor's SDK.
 
-The safe state for a late writer is to hold: the arm gets its last target once more and stays in servo
-mode. For every other reason the arm is stopped with state 4. In that state the controller holds the arm,
-drops its targets and accepts no new ones until ``resume()``, which sets up servo mode again. Brakes and
-power do not change.
+If the writer is late, the arm holds: it gets its last target again and stays in servo mode. For every other reason
+the arm is stopped (state 4). In that state the controller keeps the arm in its position, drops its targets and
+accepts no new ones. ``resume()`` sets up servo mode again. Brakes and power do not change.
 """
 
 from __future__ import annotations
@@ -47,9 +46,7 @@ class XArm(Driver):
     config: XArmConfig
     unit = "radians"
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
-    firmware_watchdog = (
-        "none: in servo mode the controller drives to the last target at full speed and holds it, whoever is silent"
-    )
+    firmware_watchdog = "none: in servo mode the controller drives to the last target at full speed and holds it"
     conditions = CONDITIONS
 
     @classmethod
@@ -64,7 +61,8 @@ class XArm(Driver):
         self.declare(Part(PartKind.ARM, axes_of(self.arm)))
         self.timing = Timing(
             control_hz=hz,
-            keepalive_s=0.1,  # not required; it repeats a target that the controller did not take
+            # Re-sending is not required. It repeats a target that the controller has missed.
+            keepalive_s=0.1,
             stream_ttl_s=0.1,
             oneshot_ttl_s=None,
             state_ttl_s=0.1,

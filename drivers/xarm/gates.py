@@ -1,6 +1,6 @@
-"""Conditions and gates that refuse a setpoint before it reaches the controller.
+"""Conditions and gates of an xArm. They refuse a setpoint before it reaches the controller.
 
-Every gate is a pure function of the candidate and the state. Nothing is ever clipped.
+Every gate is a pure function of the setpoint and the robot's state. A gate never changes a value.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ from .arms import Arm
 from .protocol import Mode, State, error_words
 
 LEAD_S = 0.1
-"""A target may lead the measured position by as far as the joint turns in this time. Servo mode drives to
-it at full speed, also after the arm was kept from following [assumed: no arm lags further behind]."""
+"""A target may be ahead of the measured position by as far as the joint turns in this time, in seconds. After
+something has blocked the arm, servo mode moves it to the target at full speed [assumed: no arm lags further behind
+while it moves freely]."""
 
 
-_AGAIN = "see to its cause, then call resume()"
+_AGAIN = "remove the cause, then call resume()"
 
 Axes = Sequence[Axis]
 
 
 def all_gates(arm: Arm, axes: Axes, period_s: float, state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of their checks. The first that refuses gives the answer."""
+    """Return the gates in the order in which they check a setpoint. The first one that refuses it gives the
+    reason."""
     return stale(axes, state_ttl_s), past_own_range(arm, axes), too_fast(arm, axes, period_s), runs_ahead(arm, axes)
 
 
-# -- conditions for a motion to begin and to continue
+# -- conditions of the robot, checked before and during a motion
 
 
 def error_free(observation: Observation, now_ns: int) -> Refused | None:
@@ -43,23 +45,29 @@ def error_free(observation: Observation, now_ns: int) -> Refused | None:
     if error == 0:
         return None
     words = "an unknown error" if error is None else f"error {error_words(error)}"
-    return Refused(XArmCode.ERROR, f"controller holds {words}", "clear it at the arm, then resume()", words, "none")
+    return Refused(
+        XArmCode.ERROR,
+        f"the controller reports {words}",
+        "clear the error at the arm, then call resume()",
+        words,
+        "none",
+    )
 
 
 def running(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move an arm that any client paused or stopped. It does not continue by itself."""
+    """Refuse to move an arm that is paused or stopped by any client. The arm does not continue by itself."""
     state = _sensor(observation, "state")
     if state in (State.MOVING, State.READY):
         return None
     word = {State.PAUSED.value: "paused", State.STOPPED.value: "stopped"}.get(state or 0, "not ready")
-    return Refused(XArmCode.STATE, f"arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
+    return Refused(XArmCode.STATE, f"the arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
 
 
 def in_servo_mode(observation: Observation, now_ns: int) -> Refused | None:
     mode = _sensor(observation, "mode")
     if mode == Mode.SERVO:
         return None
-    return Refused(Code.MODE, f"arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
+    return Refused(Code.MODE, f"the arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
 
 
 CONDITIONS = (
@@ -69,27 +77,29 @@ CONDITIONS = (
 )
 
 
-# -- gates of one setpoint
+# -- gates, checked for each setpoint
 
 
 def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse a target outside the range of the arm's own type, which the wire observes with the
-    positions. If the type is unknown, refuse a target outside the range of any type."""
-    joints = zip(*(kind.range_rad for kind in arm.types), strict=True)
+    """Refuse a target outside the range of the arm's type. The observation has this range. If it has none, accept
+    only targets that are inside the ranges of all types."""
+    joints = zip(*(arm_type.range_rad for arm_type in arm.types), strict=True)
     of_all = past_ranges(axes, [(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
-    return outside_reported_range(axes, "range_low_rad", "range_high_rad", untold=of_all)
+    return outside_reported_range(axes, "range_low_rad", "range_high_rad", fallback=of_all)
 
 
 def speed_limit(arm: Arm, state: GateState) -> float:
-    """Return the joint speed limit in rad/s: the controller's own if it is known, and at most the table's."""
+    """Return the joint speed limit in rad/s: the lower one of the controller's limit, if it is known, and the
+    table's limit."""
     reported = state.observation.sensors.get("speed_limit_rad_s", (math.nan,))[0]
     return min(reported, arm.speed_rad_s) if reported > 0.0 else arm.speed_rad_s
 
 
 def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
-    """Refuse a step from the last *commanded* target that is larger than a joint can turn in one period of
-    the control loop. Servo mode has no speed: the arm goes to each target at once, however rarely one
-    comes."""
+    """Refuse a step from the last *commanded* target that is larger than a joint can turn in one control period.
+
+    Servo mode has no speed setting. The arm moves to each target at full speed, even if targets come rarely.
+    """
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_step(axes, candidate, state.target, [speed_limit(arm, state)] * len(axes), period_s)
@@ -98,7 +108,8 @@ def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
 
 
 def runs_ahead(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse small steps that come faster than the arm follows, or while something holds it back."""
+    """Refuse a target that is too far ahead of the measured position: the arm follows too slowly, or something
+    blocks it."""
 
     def runs_ahead(candidate: Candidate, state: GateState) -> Refused | None:
         return refuse_lead(axes, candidate, state, [speed_limit(arm, state)] * len(axes), LEAD_S)

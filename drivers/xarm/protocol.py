@@ -48,7 +48,7 @@ class Register(enum.IntEnum):
 
 
 class State(enum.IntEnum):
-    """State of the arm. ``SET_STATE`` takes 0, 3 and 4; the controller reports the others."""
+    """State of the arm. ``SET_STATE`` accepts 0, 3 and 4. The controller reports the other states, too."""
 
     GO = 0
     MOVING = 1
@@ -108,7 +108,8 @@ def error_words(code: int) -> str:
 
 
 class Frame(NamedTuple):
-    """One frame, in either direction. ``body`` is register and data; in a reply the state is between them."""
+    """One frame, of a request or a reply. ``body`` is register and data; in a reply the state byte lies between
+    these two."""
 
     number: int
     protocol: int
@@ -123,14 +124,14 @@ class Reply(NamedTuple):
 
 
 PROTOCOL = 2
-"""Protocol of every request. The SDK changes to 3 after it has read a firmware version from 1.8.6 on. 2 is
-the first protocol that every firmware receives."""
+"""Protocol version of every request. The SDK changes to 3 if the firmware is 1.8.6 or newer. Version 2 is the one
+that the SDK sends first to every firmware."""
 HEARTBEAT_PROTOCOL = 1
 _PROTOCOLS = (HEARTBEAT_PROTOCOL, PROTOCOL, 3)
 
 LAST_NUMBER = 0xFFFF
 LONGEST = 1024
-"""Most bytes of a frame's body. The longest that exists has 320."""
+"""Largest size of a frame's body, in bytes. The longest known body has 320."""
 
 _HEADER = struct.Struct(">HHH")
 
@@ -164,45 +165,45 @@ def request(number: int, register: int, data: bytes = b"") -> bytes:
     return frame(number, bytes((register,)) + data)
 
 
-def reply_of(heard: Frame) -> Reply:
-    """Read a frame as a reply. Raise ``MalformedFrame``."""
-    if len(heard.body) < 2 or heard.protocol == HEARTBEAT_PROTOCOL:
-        raise MalformedFrame(f"a reply of {len(heard.body)} bytes, protocol {heard.protocol}")
-    return Reply(heard.number, heard.body[0], heard.body[1], heard.body[2:])
+def reply_of(received: Frame) -> Reply:
+    """Return a frame as a reply. Raise ``MalformedFrame`` if it is too short or a heartbeat."""
+    if len(received.body) < 2 or received.protocol == HEARTBEAT_PROTOCOL:
+        raise MalformedFrame(f"a reply of {len(received.body)} bytes, protocol {received.protocol}")
+    return Reply(received.number, received.body[0], received.body[1], received.body[2:])
 
 
 def floats(values: Sequence[float]) -> bytes:
     return struct.pack(f"<{len(values)}f", *values)
 
 
-def unpack_floats(data: bytes, count: int, at: int = 0) -> tuple[float, ...]:
-    """Return ``count`` floats from offset ``at`` on. Raise ``MalformedFrame`` if there are fewer."""
-    if len(data) < at + 4 * count:
-        raise MalformedFrame(f"{len(data)} bytes hold no {count} floats from {at} on")
-    return struct.unpack_from(f"<{count}f", data, at)
+def unpack_floats(data: bytes, count: int, offset: int = 0) -> tuple[float, ...]:
+    """Return ``count`` floats that begin at byte ``offset``. Raise ``MalformedFrame`` if ``data`` is too short."""
+    if len(data) < offset + 4 * count:
+        raise MalformedFrame(f"{len(data)} bytes hold no {count} floats from {offset} on")
+    return struct.unpack_from(f"<{count}f", data, offset)
 
 
 SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2 = math.pi, 20.0
-"""Values of a setpoint in fields that the controller reserves. A hold has 0 there. So the two can be
-distinguished on the wire, and both are correct for a firmware that reads the fields."""
+"""Values of a setpoint in fields that the controller does not use. A hold has 0 there. So the log of sent frames
+can tell a hold from a setpoint. Both values would also be valid for a firmware that uses the fields."""
 
 
 def servo_data(target_rad: Sequence[float], *, hold: bool = False) -> bytes:
-    """Return the data of ``SERVO_JOINT``."""
+    """Return the data of a ``SERVO_JOINT`` request. ``hold`` marks it as a hold in the log of sent frames."""
     speed, acc = (0.0, 0.0) if hold else (SETPOINT_SPEED_RAD_S, SETPOINT_ACC_RAD_S2)
     return floats((*target_rad, speed, acc, 0.0))
 
 
 def errors_of(data: bytes) -> tuple[int, int]:
-    """Return error and warning. Raise ``MalformedFrame``."""
+    """Return the codes of error and warning. Raise ``MalformedFrame`` if ``data`` is too short."""
     if len(data) < 2:
         raise MalformedFrame(f"{len(data)} bytes of error codes")
     return data[0], data[1]
 
 
 def classify(body: bytes) -> tuple[str, str | None]:
-    """Return the kind of a request, in the terms of the wire log, and the safe state that this request
-    alone brings the arm to; None if it does not."""
+    """Return the kind of a request for the log of sent frames, and the safe state that this request alone gives the
+    arm. The safe state is None if the request gives none."""
     register, data = body[0], body[1:]
     match register:
         case Register.SET_STATE if data[:1] == bytes((State.STOPPED,)):
@@ -228,7 +229,7 @@ def classify(body: bytes) -> tuple[str, str | None]:
 class Version(NamedTuple):
     axes: int
     arm_type: int
-    serial: str  # of the arm
+    serial: str  # serial number of the arm
     firmware: tuple[int, int, int]
 
     @property
@@ -242,9 +243,10 @@ TEXT_SIZE = 40
 
 
 def parse_version(data: bytes) -> Version:
-    """Read ``7,7,XF1300012345,AC1300012345,v1.12.10``: axes, type, arm, control box, firmware.
+    """Decode a version text: ``7,7,XF1300012345,AC1300012345,v1.12.10``.
 
-    Raise ``MalformedFrame`` for any other text. Firmware before 1.0 has a shorter one [assumed].
+    The parts are the number of axes, the arm's type, the serial numbers of arm and control box, and the firmware.
+    Raise ``MalformedFrame`` for any other text. Firmware before 1.0 sends a shorter text [assumed].
     """
     text = data.partition(b"\0")[0].decode("ascii", "replace")
     parts = _VERSION.match(text)

@@ -20,26 +20,26 @@ NORMAL_PORT, RICH_PORT, REAL_PORT = 30001, 30002, 30003
 
 REAL_SIZE, NORMAL_SIZE, RICH_SIZE = 135, 145, 494
 _SMALLEST, _LARGEST = 87, 2048
-_SPEED_LIMIT_AT = 217
-_CODES_AT = 89
+_SPEED_LIMIT_OFFSET = 217
+_CODES_OFFSET = 89
 
 _BASE = struct.Struct("<7f6f7f")
-_BASE_AT = 7
+_BASE_OFFSET = 7
 
 
 class Report(NamedTuple):
-    """The fields with which every report begins."""
+    """The fields at the beginning of every report."""
 
     state: int
     mode: int
     queue: int
     position_rad: tuple[float, ...]
     pose_mm_rad: tuple[float, ...]
-    torque_nm: tuple[float, ...]  # unit [assumed]
+    torque_nm: tuple[float, ...]  # torque of each joint; unit N m [assumed]
 
 
 class ReportDecoder:
-    """Decode a stream of bytes, in pieces of any size, into reports. Each has its size in front."""
+    """Decode a stream of bytes, in pieces of any size, into reports. Each report begins with its size."""
 
     def __init__(self) -> None:
         self._pending = bytearray()
@@ -59,12 +59,12 @@ class ReportDecoder:
 
 
 def parse_report(data: bytes) -> Report:
-    """Read the fields that every report has. Raise ``MalformedFrame`` if it is too short, or if a joint
+    """Decode the fields that every report has. Raise ``MalformedFrame`` if the report is too short, or if a joint
     position is not finite."""
     if len(data) < _SMALLEST:
         raise MalformedFrame(f"a report of {len(data)} bytes")
     state_and_mode, queue = data[4], int.from_bytes(data[5:7], "big")
-    numbers = _BASE.unpack_from(data, _BASE_AT)
+    numbers = _BASE.unpack_from(data, _BASE_OFFSET)
     position = numbers[:7]
     if not all(math.isfinite(rad) for rad in position):
         raise MalformedFrame(f"joints at {position}")
@@ -74,9 +74,9 @@ def parse_report(data: bytes) -> Report:
 def speed_limit_of(rich: bytes) -> float | None:
     """Return the controller's joint speed limit from a rich report, in rad/s; None if it is missing or
     impossible."""
-    if len(rich) < _SPEED_LIMIT_AT + 4:
+    if len(rich) < _SPEED_LIMIT_OFFSET + 4:
         return None
-    (limit,) = unpack_floats(rich, 1, _SPEED_LIMIT_AT)
+    (limit,) = unpack_floats(rich, 1, _SPEED_LIMIT_OFFSET)
     return limit if 0.0 < limit < math.inf else None
 
 
@@ -84,23 +84,23 @@ def pack_report(size: int, report: Report) -> bytearray:
     """Make a report of ``size`` bytes. Fields outside ``Report`` are zero."""
     data = bytearray(size)
     struct.pack_into(">IBH", data, 0, size, report.state | report.mode << 4, report.queue)
-    _BASE.pack_into(data, _BASE_AT, *report.position_rad, *report.pose_mm_rad, *report.torque_nm)
+    _BASE.pack_into(data, _BASE_OFFSET, *report.position_rad, *report.pose_mm_rad, *report.torque_nm)
     return data
 
 
 class Details(NamedTuple):
-    """The fields that the normal and the rich report add."""
+    """The fields that only the normal and the rich report have."""
 
-    enabled: int  # one bit per joint
+    enabled: int  # enabled motors, one bit per joint
     error: int
     warning: int
 
 
 def pack_details(data: bytearray, details: Details) -> None:
     """Write the details into a normal or rich report."""
-    data[87:89] = details.enabled, details.enabled  # brakes released, motors on
-    data[_CODES_AT : _CODES_AT + 2] = details.error, details.warning
-    data[131:133] = 3, 3  # collision and teaching sensitivity
+    data[87:89] = details.enabled, details.enabled  # two bytes, one bit per joint: brakes released, motors on
+    data[_CODES_OFFSET : _CODES_OFFSET + 2] = details.error, details.warning
+    data[131:133] = 3, 3  # collision sensitivity, teaching sensitivity
     struct.pack_into("<f", data, 141, -9.81)
 
 

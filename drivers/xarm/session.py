@@ -1,4 +1,4 @@
-"""One connection to a controller: opening it, its two streams, and the newest data from them."""
+"""One connection to a controller: how it is opened, its requests and reports, and the newest data."""
 
 from __future__ import annotations
 
@@ -26,40 +26,40 @@ accepts the connection but never sends is reported as such."""
 LIMIT_S = 0.5
 """Timeout for the first rich report. They come five times per second."""
 
-HELD_RAD = 0.01
-"""An arm this near to its target counts as holding it [assumed]."""
+AT_TARGET_RAD = 0.01
+"""An arm whose joints are all this near to its target counts as holding it [assumed]."""
 PAST_RAD = 0.02
-"""A joint that was braked at its limit may rest this far outside its range and still be armed. Its first
-target is then the end of its range, one step of a stream away [assumed]."""
+"""A joint that was stopped at its limit may rest this far outside its range and can still be energised. Its first
+target is then the limit itself, which is one step of a stream away [assumed]."""
 
 _MOVABLE = (State.MOVING, State.READY)
 
 
 class XArmSession:
-    """The state that exists between ``open`` and ``close``."""
+    """An open connection to a controller. It is made by ``open`` and ends with ``close``."""
 
-    def __init__(self, control: Control, kind: ArmType, limit_rad_s: float, reports: Stream, name: str) -> None:
+    def __init__(self, control: Control, arm_type: ArmType, limit_rad_s: float, reports: Stream, name: str) -> None:
         self.control = control
-        self.kind = kind
+        self.arm_type = arm_type
         self.limit_rad_s = limit_rad_s
-        self.target: tuple[float, ...] = ()  # the last written target since the arm was armed
-        self.stops: set[int] = set()  # numbers of the stop requests since the link was lost
+        self.target: tuple[float, ...] = ()  # last target that was sent since the arm was energised; empty before
+        self.stops: set[int] = set()  # numbers of the stop requests that were sent on this lost link
         self.report: r.Report
-        self.stamp_ns = 0  # when the report arrived
-        self.asked_ns = 0  # when the errors were requested
+        self.stamp_ns = 0  # when the newest report arrived
+        self.errors_requested_ns = 0  # when the errors were last requested
         self._reports = reports
         self._name = name
         self._decoder = r.ReportDecoder()
         self._budget = ReceiveBudget(name)
 
     def take_waiting(self, now_ns: int) -> None:
-        """Process the data that has arrived on both connections. Raise ``WireDown``."""
+        """Process received data of both connections. Raise ``WireDown`` for a lost link or invalid data."""
         self.control.take_waiting()
         for data in self._budget.turn(self._reports.read_waiting):
             self._take(data, now_ns)
 
     async def next_report(self, clock: Clock, within_s: float) -> bool:
-        """Wait for a new report. Return whether one arrived in time. Raise ``WireDown``."""
+        """Wait for a new report. Return True if one came in time. Raise ``WireDown`` for a lost link."""
         before_ns = self.stamp_ns
         with trio.move_on_after(within_s):
             while self.stamp_ns == before_ns:
@@ -67,7 +67,8 @@ class XArmSession:
         return self.stamp_ns != before_ns
 
     def silent_s(self, now_ns: int) -> float:
-        """Return the time without a report or without an outstanding reply, whichever is longer."""
+        """Return for how many seconds no report has come, or a request has waited for its reply. The longer time
+        counts."""
         return max((now_ns - self.stamp_ns) / NS, self.control.silent_s(now_ns))
 
     def close(self) -> None:
@@ -77,14 +78,14 @@ class XArmSession:
     def within_range(self, values: Sequence[float]) -> tuple[float, ...]:
         """Return the target, limited to the arm's range.
 
-        For a target that is outside by 0.001 rad or more the controller ends the motion with an error. The gates
-        let such a target pass if the joint already rests there.
+        A target outside the range by 0.001 rad or more makes the controller end the motion with an error. The gates
+        permit such a target if the joint already rests there, so it is limited here.
         """
-        ranges = zip(values, self.kind.range_rad, strict=True)
+        ranges = zip(values, self.arm_type.range_rad, strict=True)
         return tuple(min(high, max(low, rad)) for rad, (low, high) in ranges)
 
     def past_range(self) -> str:
-        """Return which joint rests too far outside its range to be armed; empty if all are near enough."""
+        """Return the joint that rests too far outside its range to be energised; empty if all are near enough."""
         rows = zip(AXES, self.report.position_rad, self.within_range(self.report.position_rad), strict=True)
         return next(
             (f"{axis} is {abs(rad - end):.3f} rad" for axis, rad, end in rows if abs(rad - end) > PAST_RAD), ""
@@ -92,26 +93,28 @@ class XArmSession:
 
     @property
     def movable(self) -> bool:
-        """Whether the arm would follow a target."""
+        """Return True if the arm would follow a target now."""
         return self.report.mode == Mode.SERVO and self.report.state in _MOVABLE
 
-    def held_at(self, target: tuple[float, ...]) -> bool:
-        """Return whether the arm is at ``target``."""
+    def is_at(self, target: tuple[float, ...]) -> bool:
+        """Return True if every joint is at ``target``, within ``AT_TARGET_RAD``."""
         pairs = zip(self.report.position_rad, target, strict=True)
-        return all(abs(rad - goal) <= HELD_RAD for rad, goal in pairs)
+        return all(abs(rad - goal) <= AT_TARGET_RAD for rad, goal in pairs)
 
     def _take(self, data: bytes, now_ns: int) -> None:
         try:
             for report in self._decoder.feed(data):
                 self.report, self.stamp_ns = r.parse_report(report), now_ns
         except MalformedFrame as malformed:
-            raise WireDown(f"{self._name}: its reports cannot be understood ({malformed}). Reconnect") from None
+            raise WireDown(
+                f"{self._name}: the controller sent an invalid report ({malformed}). Reconnect"
+            ) from None
 
 
 async def open_session(
     config: XArmConfig, clock: Clock, open_stream: OpenStream
 ) -> tuple[XArmSession, dict[str, Any]]:
-    """Connect, read version, errors and speed limit, and wait for the first report. Only read requests are sent.
+    """Connect, read version, errors and speed limit, and wait for the first report. Nothing on the arm is changed.
 
     Returns:
         The session, and facts for ``status``.
@@ -122,9 +125,12 @@ async def open_session(
     control = await open_control(config, clock, open_stream)
     try:
         version = await _ask_version(config, control)
-        kind = config.kind_of(version)
+        arm_type = config.find_arm_type(version)
         if await control.ask(Register.ERRORS, within_s=HANDSHAKE_S) is None:
-            raise WireDown(f"{config.robot} at {config.port}: does not say its errors. Restart the controller")
+            raise WireDown(
+                f"{config.robot} at {config.port}: the controller did not answer the request for its errors. "
+                "Restart it"
+            )
         reported = await _read_speed_limit(config, open_stream)
         limit_rad_s = reported or config.arm.speed_rad_s
         stream = await open_stream(config.host, r.REAL_PORT)
@@ -132,10 +138,10 @@ async def open_session(
         control.close()
         raise
     name = f"{config.robot} at {config.host}:{r.REAL_PORT}"
-    session = XArmSession(control, kind, limit_rad_s, stream, name)
+    session = XArmSession(control, arm_type, limit_rad_s, stream, name)
     try:
         if not await session.next_report(clock, HANDSHAKE_S):
-            raise WireDown(f"{name}: connected, but no report. Restart the controller")
+            raise WireDown(f"{name}: the port is open, but no report came. Restart the controller")
     except BaseException:
         session.close()
         raise
@@ -145,7 +151,7 @@ async def open_session(
         "arm_type": version.arm_type,
         "serial": version.serial,
         "speed_limit_rad_s": round(limit_rad_s, 4),
-        "speed_limit": "the controller's" if reported else "not told by the controller: assumed",
+        "speed_limit": "the controller's" if reported else "assumed, since the controller does not report it",
     }
 
 
@@ -153,15 +159,17 @@ async def _ask_version(config: XArmConfig, control: Control) -> p.Version:
     name = f"{config.robot} at {config.port}"
     reply = await control.ask(Register.VERSION, within_s=HANDSHAKE_S)
     if reply is None:
-        raise WireDown(f"{name}: connected, but no answer. Is it an xArm's controller? Restart it")
+        raise WireDown(
+            f"{name}: the port is open, but nothing answers. Check that it is an xArm's controller, or restart it"
+        )
     try:
         return p.parse_version(reply.data)
     except MalformedFrame as malformed:
-        raise WireDown(f"{name}: {malformed}. Update its firmware") from None
+        raise WireDown(f"{name}: {malformed}. Update the controller's firmware") from None
 
 
 async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> float | None:
-    """Return the controller's own limit from its rich report, in rad/s; None if the report has no limit."""
+    """Return the controller's joint speed limit from its rich report, in rad/s; None if the report has none."""
     decoder = r.ReportDecoder()
     with trio.move_on_after(LIMIT_S):
         try:
@@ -173,5 +181,6 @@ async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> floa
             finally:
                 stream.close()
         except (WireDown, MalformedFrame):
-            pass  # The table's limit is used then, and status shows that.
+            # The limit of the table is used instead, and the status shows it.
+            pass
     return None

@@ -1,4 +1,4 @@
-"""The root's stop channel to an xArm's controller. It connects when a stop is needed."""
+"""Stop an xArm from the root process, over a separate connection that is opened when a stop is needed."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class XArmStopChannel(ConnectWhenNeeded[XArmConfig, Control]):
     async def make_safe_by(self, port: Control, safe_state: SafeState) -> tuple[MotorReport, ...]:
         return (await stop(port)).reports(AXES)
 
-    def failed(self, why: str, port: Control | None = None) -> tuple[MotorReport, ...]:
-        return Outcome(False, False, why).reports(AXES)
+    def failed(self, reason: str, port: Control | None = None) -> tuple[MotorReport, ...]:
+        return Outcome(False, False, reason).reports(AXES)
 
     def release(self, port: Control) -> None:
-        # In order, so that a frozen controller still receives the stop when it continues.
+        # Close after delivery, so that a frozen controller still receives the stop when it continues.
         port.close_in_order()

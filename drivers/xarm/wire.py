@@ -1,8 +1,7 @@
-"""Connect the wire process to an xArm's controller.
+"""Talk to an xArm's controller from the wire process, over two connections.
 
-There are two connections: requests and replies on one, a hundred reports per second on the other.
-``read`` only processes received data. Only ``open``, ``arm`` and ``make_safe`` wait, each with a
-deadline.
+One connection carries requests and replies, the other a hundred reports per second. ``read`` only processes
+received data. ``open``, ``arm`` and ``make_safe`` may wait, each with a timeout.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ READY_S = 2.0
 ERRORS_EVERY_S = 0.05
 
 QUIET_S = 0.05
-"""No setpoint is written after this long without a message of the controller, which would act on it late."""
+"""No setpoint is sent after this many seconds without a message from the controller. It would carry it out late."""
 
 HOLD_S = 0.25
 """An arm that is ordered to hold must reach its target within this time, or it is stopped."""
@@ -62,9 +61,11 @@ class XArmWire(SessionWire[XArmSession]):
         self._refuse_error(session)
         past = session.past_range()
         if past:
-            raise WireDown(f"enable: {past} past its range. Bring it back in the vendor's software, then resume()")
+            raise WireDown(
+                f"enable: {past} outside its range. Move it back with the vendor's software, then call resume()"
+            )
         settings = (
-            # Stop first: a paused arm keeps its targets and would jump to the newest when it continues.
+            # Stop first, since a paused arm stores its targets and would jump to the newest one when it continues.
             (Register.SET_STATE, bytes((State.STOPPED,)), SETTING_S),
             (Register.MOTION_ENABLE, bytes((p.ALL_JOINTS, 1)), ENABLE_S),
             (Register.SET_MODE, bytes((Mode.SERVO,)), SETTING_S),
@@ -77,11 +78,14 @@ class XArmWire(SessionWire[XArmSession]):
                 await self._ask(session, Register.ERRORS, b"", SETTING_S, permit)
                 self._refuse_error(session)
         await self._until_movable(session, permit)
-        here = session.within_range(session.report.position_rad)
-        reply = await self._ask(session, Register.SERVO_JOINT, p.servo_data(here, hold=True), SETTING_S, permit)
+        position = session.within_range(session.report.position_rad)
+        reply = await self._ask(session, Register.SERVO_JOINT, p.servo_data(position, hold=True), SETTING_S, permit)
         if reply.state & _REFUSED:
-            raise WireDown(f"enable: the arm does not take its position as target (status 0x{reply.state:02x})")
-        session.target = here
+            raise WireDown(
+                f"enable: the controller refuses the arm's position as target (status 0x{reply.state:02x}). "
+                "Restart it"
+            )
+        session.target = position
         return self._observation(session)
 
     @property
@@ -94,13 +98,13 @@ class XArmWire(SessionWire[XArmSession]):
         session.take_waiting(now_ns)
         self._check_alive(session, now_ns)
         control = session.control
-        since_s = (now_ns - session.asked_ns) / NS
+        since_s = (now_ns - session.errors_requested_ns) / NS
         news = control.error_pending != bool(control.errors[0])
-        # Prefer to send this request while no other is open. A controller that answers one request per
-        # reading then gets one at a time. A missing reply delays it by one more period only.
+        # Send this request when no other one is open, if possible. Some controllers answer only one request each
+        # time they read the connection. If a reply is missing, this waits for one more period only.
         if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
             control.send(Register.ERRORS)
-            session.asked_ns = now_ns
+            session.errors_requested_ns = now_ns
         return self._observation(session)
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
@@ -109,7 +113,7 @@ class XArmWire(SessionWire[XArmSession]):
         session.take_waiting(now_ns)
         silent_s = session.silent_s(now_ns)
         if silent_s > QUIET_S:
-            raise PermitDenied(f"the controller is silent for {silent_s * 1e3:.0f} ms")
+            raise PermitDenied(f"the controller has sent nothing for {silent_s * 1e3:.0f} ms")
         target = session.within_range(values)
         permit.check()
         session.control.send(Register.SERVO_JOINT, p.servo_data(target))
@@ -127,14 +131,16 @@ class XArmWire(SessionWire[XArmSession]):
             self.hold_failed = self._reason_not_movable(session) or outcome.detail
         session.target = ()
         outcome = await stop(session.control)
-        if not outcome.written:  # This connection is lost, but the arm may still be reachable.
+        # Nothing can be sent on this connection any more, but the arm may still be reachable on a new one.
+        if not outcome.written:
             return await self.reach(safe_state)
         return outcome.reports(AXES)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop the arm on the lost connection, if it still takes bytes, and on a new one.
+        """Stop the arm on the lost connection, if bytes can still be sent there, and on a new connection.
 
-        If only the direction from the controller is cut, no new connection can be made.
+        If only the direction from the controller is interrupted, no new connection can be made, but the stop on the
+        old one still arrives.
         """
         self._close_if_answered()
         sent = self._tell_to_stop()
@@ -148,7 +154,7 @@ class XArmWire(SessionWire[XArmSession]):
         return reports
 
     def _tell_to_stop(self) -> bool:
-        """Send a stop without waiting for its reply. Return whether the connection took it."""
+        """Send a stop without waiting for its reply. Return True if it could be sent."""
         session = self.session_or_none
         if session is None:
             return False
@@ -160,10 +166,10 @@ class XArmWire(SessionWire[XArmSession]):
         return True
 
     def _close_if_answered(self) -> None:
-        """Close the old connection once a reply shows that the stop was taken there.
+        """Close the old connection after a reply has shown that the controller received the stop there.
 
-        A controller that serves one client would refuse every other until then. But the old connection
-        may also be the only way to the controller, so it stays open without that reply.
+        Some controllers serve one client only, and accept the new connection only after that. Without this reply
+        the old connection stays open, because it may be the only way to the controller.
         """
         session = self.session_or_none
         if session is None:
@@ -188,18 +194,20 @@ class XArmWire(SessionWire[XArmSession]):
     ) -> p.Reply:
         reply = await session.control.ask(register, data, within_s=within_s, permit=permit)
         if reply is None:
-            raise WireDown(f"enable: no answer to {register.name} within {within_s:g} s. Check the controller")
+            raise WireDown(f"enable: the controller did not answer {register.name} within {within_s:g} s. Check it")
         return reply
 
     def _refuse_error(self, session: XArmSession) -> None:
         error = session.control.errors[0]
         if error:
             raise WireDown(
-                f"enable: controller holds error {p.error_words(error)}. Clear it at the arm, then resume()"
+                f"enable: the controller reports error {p.error_words(error)}. "
+                "Clear it at the arm, then call resume()"
             )
 
     async def _until_movable(self, session: XArmSession, permit: Permit) -> None:
-        """Wait for a report with servo mode and a state in which the arm moves. Raise ``WireDown``."""
+        """Wait for a report with servo mode and a state in which the arm follows targets. Raise ``WireDown`` if
+        none comes in time."""
         session.take_waiting(self._clock.now_ns())
         with trio.move_on_after(READY_S):
             while await session.next_report(self._clock, READY_S):
@@ -209,31 +217,31 @@ class XArmWire(SessionWire[XArmSession]):
         report = session.report
         raise WireDown(
             f"enable: the arm is in state {report.state}, mode {report.mode} after {READY_S:g} s, not ready in "
-            "servo mode. Look at it in the vendor's software"
+            "servo mode. Check it with the vendor's software"
         )
 
     # -- holding
 
     async def _hold(self, session: XArmSession) -> Outcome:
-        """Send the last target once more, and check that the arm reaches it. Never raises."""
+        """Send the last target again, and check that the arm reaches it. Never raises."""
         acknowledged = False
         try:
             data = p.servo_data(session.target, hold=True)
             reply = await session.control.ask(Register.SERVO_JOINT, data, within_s=CONFIRM_S)
             acknowledged = reply is not None
             if reply is None or reply.state & _REFUSED:
-                return Outcome(True, acknowledged, "it does not take its target")
+                return Outcome(True, acknowledged, "the controller refuses the target")
             session.take_waiting(self._clock.now_ns())
             with trio.move_on_after(HOLD_S):
                 while await session.next_report(self._clock, HOLD_S):
-                    if session.movable and session.held_at(session.target):
+                    if session.movable and session.is_at(session.target):
                         return Outcome(True, True, "")
         except WireDown as down:
             return Outcome(True, acknowledged, str(down))
-        return Outcome(True, acknowledged, "it is not where it is to hold")
+        return Outcome(True, acknowledged, "the arm did not reach the target that it must hold")
 
     def _reason_not_movable(self, session: XArmSession) -> str:
-        """Return why the arm cannot move, by the newest report; empty if it can."""
+        """Return why the arm cannot follow targets, by the newest report; empty if it can."""
         observation, now_ns = self._observation(session), self._clock.now_ns()
         refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)
         return next((refusal.reason for refusal in refusals if refusal is not None), "")
@@ -244,13 +252,13 @@ class XArmWire(SessionWire[XArmSession]):
         silent_s = session.silent_s(now_ns)
         if silent_s > self._config.silent_s:
             raise WireDown(
-                f"read: {self._config.robot} is silent for {silent_s * 1e3:.0f} ms. "
+                f"read: {self._config.robot} has sent nothing for {silent_s * 1e3:.0f} ms. "
                 "Check the controller and its network"
             )
 
     def _observation(self, session: XArmSession) -> Observation:
         report, (error, warning) = session.report, session.control.errors
-        low, high = zip(*session.kind.range_rad, strict=True)
+        low, high = zip(*session.arm_type.range_rad, strict=True)
         return Observation(
             t_ns=session.stamp_ns,
             position=report.position_rad,

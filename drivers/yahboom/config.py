@@ -1,4 +1,5 @@
-"""The configuration that the wire and the stop channel of an M3 Pro share."""
+"""Settings of an M3 Pro, shared by the process that drives it (the wire) and the root's stop
+channel."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""The root's link to a base over ROS 2: it writes zero to ``/cmd_vel`` and reads ``/odom_raw``, by DDS.
+"""The root's own link to a base that is driven over ROS 2. It writes a zero twist to ``/cmd_vel``
+and reads ``/odom_raw``, by DDS.
 
-rclpy can hang, and must not be in the root. So the root speaks RTPS itself, as one more participant of the
-robot's domain. It uses two topics. This was never run on a robot.
+rclpy can hang, and must not be loaded in the root. The root therefore speaks RTPS, the protocol of
+DDS, itself. To the robot it is one more DDS participant. This was never run on a robot.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ _COVARIANCE = 36 * 8
 
 
 class DdsLink:
-    """The link.
+    """The link to one base.
 
     Args:
         config: The robot.
         clock: The clock of this process.
-        address: Our address; empty for the one of the machine's default route.
-        peers: Addresses to search by unicast; empty to search by multicast.
+        address: This machine's address; empty for the address of its default route.
+        peers: Addresses at which to search for participants; empty to search by multicast.
     """
 
     def __init__(self, config: YahboomConfig, clock: Clock, address: str = "", peers: tuple[str, ...] = ()) -> None:
@@ -65,7 +66,7 @@ class DdsLink:
         await self.connect()
 
     async def connect(self) -> None:
-        """Join the domain, and wait until the base subscribes."""
+        """Join the DDS domain, and wait until the base subscribes to commands."""
         if self._participant is None:
             address = self._address or own_address()
             try:
@@ -82,9 +83,11 @@ class DdsLink:
         with trio.move_on_after(self._config.timeout_s):
             await self._until(lambda: self._writer.matched > 0)
             return
-        raise WireDown(f"dds: nobody listens to {m.CMD_VEL} in domain {domain_of_environment()}. Check the base")
+        raise WireDown(
+            f"dds: no node subscribes to {m.CMD_VEL} in domain {domain_of_environment()}. Check the base"
+        )
 
-    async def hear(self) -> None:
+    async def receive_messages(self) -> None:
         if self._participant is None:
             raise WireDown("dds: not connected. Reconnect")
         self._serving = True
@@ -97,11 +100,11 @@ class DdsLink:
         if self._participant is None:
             raise WireDown("dds: not connected. Reconnect")
         if not self._writer.write_stop(CDR + encode_twist(m.REST)):
-            raise WireDown(f"dds: nobody listens to {m.CMD_VEL}. Check the base")
+            raise WireDown(f"dds: no node subscribes to {m.CMD_VEL}. Check the base")
 
-    async def taken(self, within_s: float) -> None:
-        """Wait until every reliable reader has acknowledged all samples. Raise ``WireDown`` after
-        ``within_s`` seconds."""
+    async def acknowledged(self, within_s: float) -> None:
+        """Wait until every reliable subscriber has acknowledged all messages. Raise ``WireDown``
+        after ``within_s`` seconds."""
         with trio.move_on_after(within_s):
             await self._until(lambda: self._writer.matched > 0 and self._writer.unacknowledged == 0)
             return
@@ -161,10 +164,12 @@ def decode_odometry(body: bytes) -> m.Odometry:
 
 
 def own_address() -> str:
-    """Return our address towards other participants; the loopback address without a network."""
+    """Return this machine's address towards other participants; the loopback address if there is no
+    network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
-            sock.connect(("239.255.0.1", 7400))  # the address at which participants discover each other
+            # The address at which DDS participants discover each other.
+            sock.connect(("239.255.0.1", 7400))
         except OSError:
             return "127.0.0.1"
         address: str = sock.getsockname()[0]

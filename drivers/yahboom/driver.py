@@ -1,9 +1,10 @@
-"""Declare the Yahboom ROSMASTER M3 Pro: a mecanum base with an arm of five servos and a gripper, over
-rosbridge or ROS 2.
+"""Declare the Yahboom ROSMASTER M3 Pro: a mecanum base with an arm of five servos and a gripper,
+over rosbridge or ROS 2.
 
-The safe state is zero for every reason: the base stands, and the arm keeps its last goal. A command lives
-300 ms, and the wheels' firmware zeroes the base by itself after about as long. After a late writer a new
-command may continue. After a stop only ``resume()`` permits one.
+Every stop leads to the same safe state: the base stands, and the arm keeps its last goal. A command
+expires after 300 ms, and the firmware of the base stops the wheels by itself after about as long.
+After an expired command another may follow. After a stop, commands are accepted only after
+``resume()``.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class YahboomM3Pro(Driver):
     PORT_OPTIONAL: ClassVar[bool] = True
     TRANSPORTS: ClassVar[tuple[str, ...]] = (ROSBRIDGE, ROS2, "twin")
     EXPERIMENTAL: ClassVar[Mapping[str, str]] = {
-        BY_ROS2: "nobody has seen it on a real robot. It was tried with a stand-in for rclpy"
+        BY_ROS2: "this was never run on a real robot, only with a replacement for rclpy"
     }
     WIRE: ClassVar[str] = "strands_actors.drivers.yahboom.wire:YahboomWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.yahboom.stop:YahboomStopChannel"
@@ -105,7 +106,8 @@ class YahboomM3Pro(Driver):
     unit = "radians; base: m/s and rad/s"
     timing = Timing(
         control_hz=10.0,
-        keepalive_s=0.1,  # the firmware zeroes the base after 200 to 500 ms without a command
+        # Repeat commands, because the firmware stops the base after 200 to 500 ms without one.
+        keepalive_s=0.1,
         stream_ttl_s=LIFETIME_S,
         oneshot_ttl_s=LIFETIME_S,
         state_ttl_s=0.5,
@@ -137,13 +139,13 @@ class YahboomM3Pro(Driver):
         self._time_ms = read.move_time_ms
         self.config = YahboomConfig(self.robot, port, read.transport, read.timeout_s, self.axes, self.ids, servos)
         timing = type(self).timing
-        # The import of rclpy and its first node may keep the interpreter's lock.
+        # Importing rclpy and making its first node may block this process for a while.
         silent_s = ROS2_SILENT_S if read.transport == ROS2 else 0.0
         open_s = read.timeout_s + timing.handover_s + silent_s + 1.0
         self.timing = msgspec.structs.replace(timing, open_s=open_s, silent_s=silent_s)
         self.gates = all_gates(self.table, servos, timing.state_ttl_s)
         home = {servo.key: servo.radians(degrees) for servo, degrees in zip(servos, table.home_deg, strict=True)}
-        # The home pose in radians depends on this robot's joint_signs.
+        # The home pose is given in servo degrees. Its radians depend on the option ``joint_signs``.
         vars(self)["TOOL_VERBS"] = _verbs(home)
 
     def check_port(self) -> None:
@@ -158,11 +160,12 @@ class YahboomM3Pro(Driver):
         return parse(action, self.robot, self.table, self._index, state, self._time_ms)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return a row by key, without unknown values: most of these robots do not report their arm."""
+        """Return the values by axis name, without unknown values. Most of these robots do not
+        report the positions of their arm."""
         return {key: value for key, value in super().as_json(values[: len(self.axes)]).items() if value == value}
 
     def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
-        """Translate the verbs that give servos in degrees, as scripts of strands-robots do."""
+        """Translate commands that give servo angles in degrees, as scripts for strands-robots do."""
         servos = self._servos
         timed = {TIME: inputs[TIME]} if TIME in inputs else {}
         if verb.name == _SET_GRIPPER:
@@ -193,17 +196,18 @@ class YahboomM3Pro(Driver):
 
 
 def _refuse_degrees(servos: Sequence[Servo], joints: Sequence[Any]) -> Refused | None:
-    """Return why these are not valid degrees of all servos; None if they are."""
+    """Return a refusal if these are not valid angles in degrees for all servos; None if they are
+    valid."""
     ranges = ", ".join(f"{servo.key} {servo.low_deg}..{servo.high_deg}" for servo in servos)
     remedy = f"give {len(servos)} servo angles in degrees: {ranges}"
     if len(joints) != len(servos):
-        why = f"joints has {len(joints)} numbers"
-        return Refused(Code.BAD_INPUT, why, remedy, str(len(joints)), str(len(servos)))
+        reason = f"joints has {len(joints)} numbers"
+        return Refused(Code.BAD_INPUT, reason, remedy, str(len(joints)), str(len(servos)))
     for servo, value in zip(servos, joints, strict=True):
         degrees = finite(value)
         if degrees is None or not servo.low_deg <= degrees <= servo.high_deg:
-            why = f"{servo.key} is {shown(value)}"
-            return Refused(Code.PAST_TRAVEL, why, remedy, shown(value), f"{servo.low_deg}..{servo.high_deg}")
+            reason = f"{servo.key} is {shown(value)}"
+            return Refused(Code.PAST_TRAVEL, reason, remedy, shown(value), f"{servo.low_deg}..{servo.high_deg}")
     return None
 
 

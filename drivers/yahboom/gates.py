@@ -1,5 +1,5 @@
-"""Turn an action into a target, and refuse targets before they reach the wire. Pure: no I/O. Nothing is
-ever clipped."""
+"""Parse an action into a target, and refuse targets that the robot must not get. Pure: no I/O. No
+value is ever limited silently."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def parse(
     state: GateState,
     time_ms: int,
 ) -> Candidate | Refused:
-    """Return the whole target.
+    """Parse an action into a target for all axes.
 
     Args:
         action: The action.
@@ -60,13 +60,15 @@ def parse(
     moves_arm = any(number >= len(BASE) for number in candidate.named)
     drives = candidate.until_ns > 0 or any(number < len(BASE) for number in candidate.named)
     if TIME in action:
-        given = finite(action[TIME])
-        if given is None or given != int(given) or not 1 <= given <= MAX_TIME_MS:
+        requested_ms = finite(action[TIME])
+        if requested_ms is None or requested_ms != int(requested_ms) or not 1 <= requested_ms <= MAX_TIME_MS:
             shown = str(action[TIME])[:SHOWN]
             return Refused(Code.BAD_TIME, f"{TIME} is {shown}", _NO_TIME, shown, f"1..{MAX_TIME_MS}")
         if not moves_arm:
-            return Refused(Code.NO_JOINT, f"{TIME} is of the arm", "name a joint of the arm with it", TIME)
-        time_ms = int(given)
+            return Refused(
+                Code.NO_JOINT, f"{TIME} applies only to the arm", "name a joint of the arm with it", TIME
+            )
+        time_ms = int(requested_ms)
     arm = (float(time_ms), state.now_ns / NS) if moves_arm else (0.0, 0.0)
     return msgspec.structs.replace(candidate, values=(*candidate.values, *arm, 1.0 if drives else 0.0))
 
@@ -88,7 +90,7 @@ def silent(ttl_s: float) -> GateCheck:
         return Refused(
             Code.STALE,
             f"no odometry for {age}",
-            "check the base and rosbridge: it is back by itself",
+            "check the base and rosbridge. The next odometry ends this",
             age,
             limit,
         )
@@ -97,8 +99,8 @@ def silent(ttl_s: float) -> GateCheck:
 
 
 def whole_arm(servos: Sequence[Servo]) -> GateCheck:
-    """Return a gate that refuses to move some servos while the positions of others are unknown. All servos
-    are commanded together, so an unnamed one would jump."""
+    """Return a gate that refuses to move some servos while the positions of others are unknown. All
+    servos are commanded together, so a servo that the action does not name would jump."""
     keys = ", ".join(servo.key for servo in servos)
 
     def whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
@@ -110,8 +112,8 @@ def whole_arm(servos: Sequence[Servo]) -> GateCheck:
             return None
         return Refused(
             Code.UNKNOWN_POSE,
-            f"where {unknown} are is not known, and all servos are told at once",
-            f"name all of {keys}, or use the verb home: after that each can be named alone",
+            f"the positions of {unknown} are unknown, and all servos are commanded together",
+            f"give all of {keys} once, or use the verb home. After that give any of them alone",
             unknown,
             keys,
         )
@@ -120,7 +122,7 @@ def whole_arm(servos: Sequence[Servo]) -> GateCheck:
 
 
 def servo_range(servos: Sequence[Servo]) -> GateCheck:
-    """Return a gate that refuses an arm goal with a servo out of its range."""
+    """Return a gate that refuses an arm goal in which a servo is outside its range."""
 
     def servo_range(candidate: Candidate, state: GateState) -> Refused | None:
         if not candidate.values[ARM_MS]:

@@ -1,6 +1,8 @@
-"""The interface of a link to the robot's ROS topics: publish at once, and keep the newest of each topic.
+"""The interface of a link to the robot's ROS topics. It publishes at once, and keeps the newest
+message of each topic.
 
-``rosbridge.RosbridgeLink`` implements it over a WebSocket, ``ros2.Ros2Link`` with rclpy on the robot.
+``rosbridge.RosbridgeLink`` implements it over a WebSocket, ``ros2.Ros2Link`` with rclpy on the
+robot.
 """
 
 from __future__ import annotations
@@ -11,14 +13,14 @@ from typing import Any, Protocol
 
 from strands_actors.drivers.common.kit.reporting_base import Report, ReportingBase
 from strands_actors.drivers.common.kit.stamps import Stamps
-from strands_actors.kernel.clock import Clock
+from strands_actors.kernel.clock import NS, Clock
 
 from .messages import IMU, JOINT_STATES, ODOMETRY, ArmGoal, Imu, Message, Odometry, Twist, stands
 
 
 class News:
-    """The newest message of each topic and the time of its arrival (0 for never). For odometry it is the
-    time at which its stamp changed."""
+    """The newest message of each topic, and when it arrived (0 if none arrived). For odometry, it
+    is the time at which the message's stamp last changed."""
 
     def __init__(self) -> None:
         self.odometry: Odometry | None = None
@@ -26,12 +28,12 @@ class News:
         self.imu: Imu | None = None
         self.joints: dict[str, float] = {}
         self.joints_ns = 0
-        self.nearest_m: dict[str, float] = {}  # by scan
+        self.nearest_m: dict[str, float] = {}  # nearest distance of each laser scan
         self.malformed = 0
-        self.taken = 0  # count of messages
+        self.received = 0  # number of received messages
 
     def take(self, topic: str, message: Message, now_ns: int) -> None:
-        self.taken += 1
+        self.received += 1
         match topic, message:
             case (_, Odometry()) if topic == ODOMETRY:
                 self.odometry_stamps.take(message.stamp_ns, now_ns)
@@ -43,9 +45,14 @@ class News:
             case _, float():
                 self.nearest_m[topic] = message
 
-    def missing(self, now_ns: int) -> str:
-        """Return the verb that is missing: odometry that is not new does not come, or repeats its stamp."""
-        return "changed its stamp" if self.odometry_stamps.repeats(now_ns) else "come"
+    def describe_silence(self, now_ns: int) -> str:
+        """Return a sentence about the missing odometry, for a message."""
+        if self.odometry is None:
+            return "no odometry has arrived"
+        silent_s = (now_ns - self.odometry_stamps.new_ns) / NS
+        if self.odometry_stamps.repeats(now_ns):
+            return f"odometry has not changed its stamp for {silent_s:.1f} s"
+        return f"no odometry has arrived for {silent_s:.1f} s"
 
 
 class RosLink(ReportingBase, Protocol):
@@ -58,13 +65,14 @@ class RosLink(ReportingBase, Protocol):
         ``status``."""
         ...
 
-    async def hear(self) -> None:
-        """Keep ``news`` up to date until cancelled."""
+    async def receive_messages(self) -> None:
+        """Receive messages into ``news`` until cancelled."""
         ...
 
     @property
     def is_behind(self) -> bool:
-        """True if so many commands are unacknowledged that another one would be carried out late."""
+        """True if too many commands are unacknowledged. Another command would wait behind them and
+        be carried out late."""
         ...
 
     def drive(self, twist: Twist) -> None:
@@ -76,17 +84,18 @@ class RosLink(ReportingBase, Protocol):
         ...
 
     def close(self) -> None:
-        """Close the connection at once. It may be called again."""
+        """Close the connection at once. A second call does nothing."""
         ...
 
 
-def report_of(told: Odometry) -> Report:
-    """Return the report of the base as a whole."""
-    return Report(told.stamp_ns, stands(told.speed), ", ".join(f"{value:.3g}" for value in told.speed))
+def report_of(odometry: Odometry) -> Report:
+    """Summarise an odometry message as one report for the whole base: its stamp, whether the base
+    stands, and its speed."""
+    return Report(odometry.stamp_ns, stands(odometry.speed), ", ".join(f"{value:.3g}" for value in odometry.speed))
 
 
 async def look_until(clock: Clock, every_s: float, is_so: Callable[[], bool]) -> None:
-    """Wait until the condition is true. The caller sets the deadline."""
+    """Check the condition every ``every_s`` seconds until it is true. The caller sets the deadline."""
     async with aclosing(clock.ticks(every_s)) as ticks:
         async for _ in ticks:
             if is_so():

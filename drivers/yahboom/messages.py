@@ -1,7 +1,7 @@
 """The ROS messages of an M3 Pro, as plain structs and in the JSON of rosbridge. Pure: no I/O.
 
-A stop is written in whole numbers (``0``), a setpoint in fractions (``0.0``). For ROS they are equal, but
-the log of the wire can tell a stop from a setpoint of zero.
+A stop is written with whole numbers (``0``), a setpoint with fractions (``0.0``). For ROS they are
+equal. A log of the messages can thereby tell a stop from a setpoint of zero.
 """
 
 from __future__ import annotations
@@ -115,9 +115,9 @@ class _Scan(msgspec.Struct, frozen=True):
 
 
 class Odometry(NamedTuple):
-    """Position and speed of the base, by its wheels."""
+    """Position and speed of the base, computed from its wheels."""
 
-    stamp_ns: int  # the robot's clock
+    stamp_ns: int  # time of the measurement by the robot's clock
     x_m: float
     y_m: float
     yaw_rad: float
@@ -147,7 +147,8 @@ Struct = TypeVar("Struct")
 
 
 def twist_message(twist: Twist, *, stop: bool = False) -> dict[str, Any]:
-    """Return a ``geometry_msgs/Twist``. With ``stop`` it is zero in whole numbers, for any twist."""
+    """Encode a ``geometry_msgs/Twist``. With ``stop`` the twist is ignored, and zero is written in
+    whole numbers."""
     if stop:
         return {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
     x, y, yaw = (float(value) for value in twist)
@@ -155,29 +156,31 @@ def twist_message(twist: Twist, *, stop: bool = False) -> dict[str, Any]:
 
 
 def arm_message(goal: ArmGoal) -> dict[str, int]:
-    """Return an ``arm_msgs/ArmJoints``. Raise ``ValueError`` unless there are six servos and 16-bit
-    numbers."""
+    """Encode an ``arm_msgs/ArmJoints``. Raise ``ValueError`` unless there are six servos and all
+    numbers fit into 16 bits."""
     if len(goal.degrees) != SERVOS or not all(0 <= value <= INT16 for value in (*goal.degrees, goal.time_ms)):
-        raise ValueError(f"an arm goal of {goal.degrees} degrees in {goal.time_ms} ms")
+        raise ValueError(
+            f"an arm goal needs {SERVOS} servos and 16-bit numbers, not {goal.degrees} in {goal.time_ms} ms"
+        )
     return {**{f"joint{number}": value for number, value in enumerate(goal.degrees, 1)}, "time": goal.time_ms}
 
 
 def read_twist(message: Mapping[str, Any]) -> tuple[Twist, bool]:
-    """Return a ``geometry_msgs/Twist``, and True if it is written as a stop. A missing number counts as 0,
-    as in ROS. Raise ``MalformedFrame``."""
+    """Decode a ``geometry_msgs/Twist``. The second result is True if it is written as a stop. A
+    missing number counts as 0, as in ROS. Raise ``MalformedFrame``."""
     parts = [message.get(name, {}) for name in ("linear", "angular")]
     if not all(isinstance(part, Mapping) for part in parts):
-        raise MalformedFrame("a Twist whose linear or angular is no vector")
+        raise MalformedFrame("a Twist in which linear or angular is not a vector")
     raw = [part.get(axis, 0) for part in parts for axis in "xyz"]
     numbers = [finite(value) for value in raw]
     speeds = [number for number in numbers if number is not None]
     if len(speeds) != len(numbers):
-        raise MalformedFrame("a Twist with what is no finite number")
+        raise MalformedFrame("a Twist with a value that is not a finite number")
     return Twist(speeds[0], speeds[1], speeds[5]), all(type(value) is int and value == 0 for value in raw)
 
 
 def read_arm(message: Mapping[str, Any]) -> ArmGoal:
-    """Return an ``arm_msgs/ArmJoints``. Raise ``MalformedFrame``."""
+    """Decode an ``arm_msgs/ArmJoints``. Raise ``MalformedFrame``."""
     values = [message.get(name) for name in (*(f"joint{number}" for number in range(1, SERVOS + 1)), "time")]
     if not all(type(value) is int and -INT16 - 1 <= value <= INT16 for value in values):
         raise MalformedFrame("an ArmJoints without six joints and a time, each an int16")
@@ -185,7 +188,7 @@ def read_arm(message: Mapping[str, Any]) -> ArmGoal:
 
 
 def read_report(topic: str, message: bytes | msgspec.Raw) -> Message:
-    """Return the content of a topic of ``REPORTED`` or ``OPTIONAL``. Raise ``MalformedFrame``."""
+    """Decode a message of a topic in ``REPORTED`` or ``OPTIONAL``. Raise ``MalformedFrame``."""
     if topic == ODOMETRY:
         return _odometry(_struct(_Odometry, message))
     if topic == IMU:
@@ -218,7 +221,7 @@ def quaternion_of(yaw_rad: float) -> dict[str, float]:
 
 
 def _odometry(message: Any) -> Odometry:
-    """Convert a ``nav_msgs/Odometry``, ours or rclpy's."""
+    """Convert a ``nav_msgs/Odometry``, decoded from JSON or received by rclpy."""
     stamp, pose, speeds = message.header.stamp, message.pose.pose, message.twist.twist
     return Odometry(
         stamp.sec * 10**9 + stamp.nanosec,
@@ -230,25 +233,25 @@ def _odometry(message: Any) -> Odometry:
 
 
 def _imu(message: Any) -> Imu:
-    """Convert a ``sensor_msgs/Imu``, ours or rclpy's."""
+    """Convert a ``sensor_msgs/Imu``, decoded from JSON or received by rclpy."""
     turned, gyro, pushed = message.orientation, message.angular_velocity, message.linear_acceleration
     return Imu((turned.w, turned.x, turned.y, turned.z), (gyro.x, gyro.y, gyro.z), (pushed.x, pushed.y, pushed.z))
 
 
-def read_object(topic: str, told: Any) -> Message:
-    """Return the content of a message object of rclpy's, as ``read_report`` does."""
+def read_object(topic: str, message: Any) -> Message:
+    """Decode a message object that rclpy has received, as ``read_report`` does for JSON."""
     if topic == ODOMETRY:
-        return _odometry(told)
+        return _odometry(message)
     if topic == IMU:
-        return _imu(told)
+        return _imu(message)
     if topic == JOINT_STATES:
-        return dict(zip(told.name, told.position, strict=False))
-    return nearest_m(told)
+        return dict(zip(message.name, message.position, strict=False))
+    return nearest_m(message)
 
 
 def plain_type(name: str) -> str:
-    """Return the name of a type as ROS 1 and rosbridge's clients spell it: ``geometry_msgs/Twist`` for
-    ``geometry_msgs/msg/Twist``."""
+    """Return the name of a message type as ROS 1 and rosbridge spell it: ``geometry_msgs/Twist``
+    for ``geometry_msgs/msg/Twist``."""
     return name.replace("/msg/", "/")
 
 
@@ -262,8 +265,8 @@ def stands(speed: Twist, still: Sequence[float] = (0.01, 0.01, 0.02)) -> bool:
     return all(abs(value) <= most for value, most in zip(speed, still, strict=True))
 
 
-def _struct(kind: type[Struct], message: bytes | msgspec.Raw) -> Struct:
+def _struct(struct_type: type[Struct], message: bytes | msgspec.Raw) -> Struct:
     try:
-        return msgspec.json.decode(message, type=kind)
+        return msgspec.json.decode(message, type=struct_type)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:
-        raise MalformedFrame(f"{kind.__name__.strip('_')}: {error}") from None
+        raise MalformedFrame(f"{struct_type.__name__.strip('_')}: {error}") from None

@@ -1,5 +1,5 @@
-"""Encode and decode rosbridge v2: the operations of client and bridge, each a JSON text message. Pure: no
-I/O."""
+"""Encode and decode rosbridge v2. Each message of client or bridge is named an operation, and is a
+JSON text. Pure: no I/O."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ ERROR_LEVEL = "error"
 
 
 class Operation(msgspec.Struct, frozen=True, tag_field="op", omit_defaults=True):
-    """One message. Only the listed fields are sent, and all others are ignored on receipt."""
+    """One rosbridge message. Only the declared fields are sent. Other fields are ignored on
+    receipt."""
 
 
 class Advertise(Operation, frozen=True, tag="advertise"):
@@ -61,7 +62,8 @@ class CallService(Operation, frozen=True, tag="call_service"):
 
 
 class SetLevel(Operation, frozen=True, tag="set_level"):
-    """The level of status messages: none, error, warning or info."""
+    """Sets which status messages rosbridge sends: none, or those from error, warning or info
+    upwards."""
 
     level: str
 
@@ -79,14 +81,14 @@ class Status(Operation, frozen=True, tag="status"):
     id: str | None = None
 
 
-Asked = Advertise | Unadvertise | Publish | Subscribe | Unsubscribe | CallService | SetLevel
+ClientOperation = Advertise | Unadvertise | Publish | Subscribe | Unsubscribe | CallService | SetLevel
 """The operations of a client."""
 
-Told = Publish | ServiceResponse | Status
+BridgeOperation = Publish | ServiceResponse | Status
 """The operations of the bridge."""
 
-_asked = msgspec.json.Decoder(Asked)
-_told = msgspec.json.Decoder(Told)
+_client_decoder = msgspec.json.Decoder(ClientOperation)
+_bridge_decoder = msgspec.json.Decoder(BridgeOperation)
 _encoder = msgspec.json.Encoder()
 
 
@@ -95,31 +97,31 @@ def encode(operation: Operation) -> str:
 
 
 def publish(topic: str, message: Mapping[str, Any]) -> str:
-    """Return the operation that publishes a message."""
+    """Encode the operation that publishes a message."""
     return encode(Publish(topic, msgspec.Raw(_encoder.encode(message))))
 
 
-def response(asked: CallService, values: Any, result: bool = True) -> str:
-    """Return the answer to a call. ``result`` is always present, unlike other fields, because some clients
+def response(call: CallService, values: Any, result: bool = True) -> str:
+    """Encode the answer to a service call. ``result`` is always present, because some clients
     require it."""
-    answer = {"op": "service_response", "service": asked.service, "values": values, "result": result}
-    return _encoder.encode({**answer, "id": asked.id} if asked.id is not None else answer).decode()
+    answer = {"op": "service_response", "service": call.service, "values": values, "result": result}
+    return _encoder.encode({**answer, "id": call.id} if call.id is not None else answer).decode()
 
 
-def decode_asked(text: str | bytes) -> Asked:
-    """Decode an operation of a client. Raise ``MalformedFrame``."""
-    asked: Asked = _decode(_asked, text)
-    return asked
+def decode_client_operation(text: str | bytes) -> ClientOperation:
+    """Decode a message that a client sends to rosbridge. Raise ``MalformedFrame``."""
+    operation: ClientOperation = _decode(_client_decoder, text)
+    return operation
 
 
-def decode_incoming(text: str | bytes) -> Told:
-    """Decode an operation of the bridge. Raise ``MalformedFrame``."""
-    told: Told = _decode(_told, text)
-    return told
+def decode_incoming(text: str | bytes) -> BridgeOperation:
+    """Decode an operation that rosbridge sends. Raise ``MalformedFrame``."""
+    operation: BridgeOperation = _decode(_bridge_decoder, text)
+    return operation
 
 
 def decode_message(message: msgspec.Raw) -> dict[str, Any]:
-    """Return the message of a ``Publish`` as plain data. Raise ``MalformedFrame``."""
+    """Return the message inside a ``Publish`` operation as plain data. Raise ``MalformedFrame``."""
     try:
         return msgspec.json.decode(message, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, ValueError) as error:

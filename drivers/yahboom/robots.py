@@ -1,5 +1,5 @@
-"""The robots of this wire as data (``robots.toml``), and the only conversion between radians and servo
-degrees."""
+"""Load the robots that this driver supports from ``robots.toml``, and convert between radians and
+servo degrees. No other module converts them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ARM_JOINTS = 5
 
 
 class Servo(msgspec.Struct, frozen=True):
-    """One servo, which is commanded in whole degrees."""
+    """One servo. It is commanded in whole degrees."""
 
     key: str
     low_deg: int
@@ -35,15 +35,17 @@ class Servo(msgspec.Struct, frozen=True):
         return self.zero_deg + self.scale * rad
 
     def whole_degrees(self, rad: float) -> int:
-        """Return the value on the wire. Raise ``ValueError`` for a value that is not finite."""
+        """Convert radians to the whole degrees that the servo is commanded in. Raise ``ValueError``
+        for a value that is not finite."""
         return round(self.degrees(rad))
 
     def radians(self, degrees: float) -> float:
         return (degrees - self.zero_deg) / self.scale
 
     def turned(self, reported_rad: float) -> float:
-        """Return the radians of an action for the reported radians. The robot does not use ``joint_signs``,
-        and counts upward with its servo's degrees [assumed]."""
+        """Convert a position that the robot reports to the sign of the commands. The robot knows
+        nothing of ``joint_signs``, and its reported radians increase with the servo's degrees
+        [assumed]."""
         return reported_rad if self.scale > 0 else -reported_rad
 
     @property
@@ -53,7 +55,7 @@ class Servo(msgspec.Struct, frozen=True):
 
 
 class M3Pro(msgspec.Struct, frozen=True):
-    """The table of one robot."""
+    """The table of one robot in ``robots.toml``."""
 
     max_m_s: float
     max_rad_s: float
@@ -66,7 +68,7 @@ class M3Pro(msgspec.Struct, frozen=True):
     servos: tuple[Servo, ...]
 
     def servos_by(self, signs: Sequence[float]) -> tuple[Servo, ...]:
-        """Return the servos of an arm with these signs of its joints."""
+        """Return the servos with the signs of the option ``joint_signs`` applied to the arm joints."""
         return tuple(
             msgspec.structs.replace(servo, scale=sign * servo.scale)
             for servo, sign in zip(self.servos, (*signs, 1.0), strict=True)
@@ -75,7 +77,7 @@ class M3Pro(msgspec.Struct, frozen=True):
 
 @cache
 def table_of(robot: str) -> M3Pro:
-    """Return a robot's table. Raise ``ValueError`` if the robot is not of this wire."""
+    """Return a robot's table. Raise ``ValueError`` if this driver does not support the robot."""
     return msgspec.convert(TABLES.table(robot), M3Pro)
 
 

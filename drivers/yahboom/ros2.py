@@ -1,7 +1,7 @@
 """Reach the robot's topics with rclpy, for a program that runs on the robot.
 
-rclpy is loaded in the wire process only, which the root may end. This was never run on a robot: it is
-written against the calls below, and tried with a stand-in for them.
+rclpy is loaded only in the wire process, which can be killed if rclpy hangs. This was never run on
+a robot. It was tested with a replacement for the rclpy calls below.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Load = Callable[[str, str], Any]
 
 
 class Ros2Link:
-    """The link with rclpy. ``load`` imports a module, or raises ``WireDown`` that names the remedy."""
+    """The link with rclpy. ``load`` imports a module, or raises ``WireDown`` with the remedy."""
 
     def __init__(self, config: YahboomConfig, clock: Clock, load: Load = load_sdk) -> None:
         self.news = News()
@@ -66,18 +66,18 @@ class Ros2Link:
     async def open(self) -> dict[str, Any]:
         await self.connect()
         with trio.move_on_after(self._config.timeout_s):
-            await look_until(self._clock, SPIN_S, self._is_there)
+            await look_until(self._clock, SPIN_S, self._is_ready)
             return {"ros2": f"domain {domain_of_environment()}", "topics": sorted(self._topics())}
-        why = self._missing()
+        missing = self._missing()
         self.close()
-        raise WireDown(f"ros2: {why} within {self._config.timeout_s:g} s. Start the robot's own nodes")
+        raise WireDown(f"ros2: {missing} within {self._config.timeout_s:g} s. Start the robot's own nodes")
 
     async def connect(self) -> None:
         if self._node is None:
             self._open()
         await trio.lowlevel.checkpoint()
 
-    async def hear(self) -> None:
+    async def receive_messages(self) -> None:
         self._spinning = True
         try:
             await look_until(self._clock, SPIN_S, self._spun)
@@ -85,12 +85,14 @@ class Ros2Link:
             self._spinning = False
 
     def zero(self) -> None:
-        self._publisher(m.CMD_VEL)  # raises without a connection, before anything is imported
+        # Without a connection this raises, before any module is imported.
+        self._publisher(m.CMD_VEL)
         self.drive(m.REST)
 
     @property
     def is_behind(self) -> bool:
-        return False  # rclpy keeps the newest few, and does not report which were received.
+        # rclpy keeps only the newest few messages, and does not report which of them were received.
+        return False
 
     def drive(self, twist: m.Twist) -> None:
         message = self._type(m.CMD_VEL)()
@@ -103,17 +105,18 @@ class Ros2Link:
             setattr(message, name, value)
         self._publish(m.ARM, message)
 
-    async def taken(self, within_s: float) -> None:
-        """Wait until every reliable subscriber has acknowledged all messages. Raise ``WireDown``
-        otherwise."""
+    async def acknowledged(self, within_s: float) -> None:
+        """Wait until every reliable subscriber has acknowledged all messages. Raise ``WireDown`` if
+        that fails."""
         within_s = min(within_s, ACK_S)
         duration = self._load("rclpy.duration", INSTALL).Duration(seconds=within_s)
         wait = self._publisher(m.CMD_VEL).wait_for_all_acked
         try:
-            taken = await self._calls.call("wait_for_all_acked", within_s + ACK_MARGIN_S, wait, duration)
+            acknowledged = await self._calls.call("wait_for_all_acked", within_s + ACK_MARGIN_S, wait, duration)
         except ProcessSpent as spent:
-            raise WireDown(str(spent)) from None  # The stop continues with its other means.
-        if not taken:
+            # The caller continues the stop in another way.
+            raise WireDown(str(spent)) from None
+        if not acknowledged:
             raise WireDown(f"ros2: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")
 
     async def next_report(self, within_s: float) -> Report:
@@ -147,46 +150,49 @@ class Ros2Link:
             node = rclpy.create_node(NODE, context=context)
             self._publishers = {topic: node.create_publisher(kinds[topic], topic, QUEUE) for topic in m.COMMANDED}
             for topic in (*m.REPORTED, *m.OPTIONAL):
-                node.create_subscription(kinds[topic], topic, self._taking(topic), quality)
+                node.create_subscription(kinds[topic], topic, self._receiver_of(topic), quality)
             self._executor = executors.SingleThreadedExecutor(context=context)
             self._executor.add_node(node)
-        except Exception as error:  # rclpy raises many kinds of exceptions.
+        # rclpy raises exceptions of many types.
+        except Exception as error:
             raise WireDown(f"ros2: {type(error).__name__}: {error}. Check the ROS 2 of this robot") from None
         self._node = node
 
-    def _taking(self, topic: str) -> Callable[[Any], None]:
+    def _receiver_of(self, topic: str) -> Callable[[Any], None]:
         return lambda message: self.news.take(topic, m.read_object(topic, message), self._clock.now_ns())
 
-    def _is_there(self) -> bool:
+    def _is_ready(self) -> bool:
         self._spin()
         return not self._missing()
 
     def _spun(self) -> bool:
-        """Process received messages. Return False, since more always follow."""
+        """Process received messages. Always return False, so that a caller's wait for a condition
+        continues."""
         self._spin()
         return False
 
     def _spin(self) -> None:
         before = -1
         for _ in range(AT_ONCE):
-            if self._node is None or self.news.taken == before:
+            if self._node is None or self.news.received == before:
                 return
-            before = self.news.taken
+            before = self.news.received
             self._executor.spin_once(timeout_sec=0)
 
     def _topics(self) -> dict[str, str]:
-        """Return the types of the topics that this driver knows, by topic."""
+        """Return the present topics of the robot that this driver knows, with their types."""
         published = {
-            name: [m.plain_type(kind) for kind in kinds] for name, kinds in self._node.get_topic_names_and_types()
+            name: [m.plain_type(type_name) for type_name in kinds]
+            for name, kinds in self._node.get_topic_names_and_types()
         }
-        known = {**m.COMMANDED, **m.REPORTED, **m.OPTIONAL}
-        return {topic: kind for topic, kind in known.items() if kind in published.get(topic, ())}
+        expected = {**m.COMMANDED, **m.REPORTED, **m.OPTIONAL}
+        return {topic: type_name for topic, type_name in expected.items() if type_name in published.get(topic, ())}
 
     def _missing(self) -> str:
-        """Return the first missing part of the robot; empty if all are there."""
+        """Return which part of the robot is missing first; empty if all topics are there."""
         for topic in m.COMMANDED:
             if not self._node.count_subscribers(topic):
-                return f"nobody listens to {topic}"
+                return f"no node subscribes to {topic}"
         if self.news.odometry is None:
             return "no odometry"
         return "" if self.news.odometry_stamps.goes_on else "odometry never changes its stamp"
@@ -200,10 +206,11 @@ class Ros2Link:
         publisher = self._publisher(topic)
         try:
             publisher.publish(message)
-        except Exception as error:  # rclpy raises many kinds of exceptions.
+        # rclpy raises exceptions of many types.
+        except Exception as error:
             raise WireDown(f"ros2: {topic}: {error}. Check the ROS 2 of this robot") from None
 
     def _type(self, topic: str) -> Any:
-        """Return the class of a topic's messages. Raise ``WireDown``."""
+        """Return the rclpy class for the messages of a topic. Raise ``WireDown``."""
         package, name = {**m.COMMANDED, **m.REPORTED, **m.OPTIONAL}[topic].split("/")
         return getattr(self._load(f"{package}.msg", INSTALL), name)

@@ -1,7 +1,7 @@
 """Reach the robot's topics over rosbridge: one WebSocket, which keeps the order of all messages.
 
-No message is kept for later. A message that cannot be sent now is an error, and a new connection starts
-empty.
+No message is stored to be sent later. A message that cannot be sent now is an error. A new
+connection has no old messages.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ JOINTS_S = 0.5
 WATCH_MS = 50.0
 """Shortest interval of odometry on a connection that only stops the base, milliseconds."""
 
-MOST_OWED = 4
+MAX_UNANSWERED = 4
 """Largest number of unacknowledged commands, for 10 Hz and a bridge that answers after 300 ms."""
 
 DIGITS = 19
@@ -48,7 +48,8 @@ ZERO = p.publish(m.CMD_VEL, m.twist_message(m.REST, stop=True))
 
 
 class Socket(Protocol):
-    """The used part of a WebSocket. ``common.ports.websocket.WebSocket`` implements it."""
+    """The part of a WebSocket that this module uses. ``common.ports.websocket.WebSocket``
+    implements it."""
 
     name: str
 
@@ -76,14 +77,15 @@ class RosbridgeLink:
         self._clock = clock
         self._open_socket = open_socket
         self._socket: Socket | None = None
-        self._numbers = 0  # number of the last call
+        self._numbers = 0  # number of the last service call
         self._responses: dict[int, p.ServiceResponse] = {}
-        self._asked: set[int] = set()  # calls with a waiting caller
-        self._owed: list[int] = []  # unanswered calls after commands
-        self._objection = ""  # the bridge's last error
+        self._awaited: set[int] = set()  # numbers of the calls for which a caller waits
+        # Numbers of the calls that follow commands and are not answered yet.
+        self._unanswered: list[int] = []
+        self._objection = ""  # the last error that rosbridge reported
         self._connecting = trio.Lock()
-        self._reads = False  # True while one task reads for all
-        self._heard = trio.Event()
+        self._reads = False  # True while one task receives messages for all tasks
+        self._processed = trio.Event()
 
     @property
     def is_open(self) -> bool:
@@ -110,21 +112,21 @@ class RosbridgeLink:
         )
 
     async def listen(self) -> None:
-        """Connect and subscribe to odometry, before a stop is needed. Raise ``WireDown``."""
+        """Connect and subscribe to odometry before a stop is needed. Raise ``WireDown``."""
         async with self._connecting:
             await self._connect(CONNECT_S)
             self._listen((m.ODOMETRY,), WATCH_MS)
 
     async def connect(self) -> None:
-        """Connect for a stop. Zero leaves in one write with the upgrade request, and ``taken`` completes the
-        handshake."""
+        """Connect for a stop. A zero twist is sent in one write with the request that opens the
+        WebSocket. ``acknowledged`` then completes the handshake."""
         async with self._connecting:
             if not self.is_open:
                 await self._begin(CONNECT_S, _advertised(m.CMD_VEL), ZERO)
 
-    async def hear(self) -> None:
+    async def receive_messages(self) -> None:
         while True:
-            await self._hear()
+            await self._receive_next()
 
     def zero(self) -> None:
         if self._socket is None:
@@ -133,7 +135,7 @@ class RosbridgeLink:
 
     @property
     def is_behind(self) -> bool:
-        return len(self._owed) >= MOST_OWED
+        return len(self._unanswered) >= MAX_UNANSWERED
 
     def drive(self, twist: m.Twist) -> None:
         self._command(p.publish(m.CMD_VEL, m.twist_message(twist)))
@@ -141,9 +143,9 @@ class RosbridgeLink:
     def move_arm(self, goal: m.ArmGoal) -> None:
         self._command(p.publish(m.ARM, m.arm_message(goal)))
 
-    async def taken(self, within_s: float) -> None:
-        """Wait until the bridge has taken all that was sent. It processes operations in order, so its answer
-        to a call follows them."""
+    async def acknowledged(self, within_s: float) -> None:
+        """Wait until the bridge has processed all messages that were sent. It processes them in
+        order, so its answer to a last call follows all of them."""
         with trio.move_on_after(within_s):
             if self._socket is not None and self._socket.is_pending:
                 await self._accept(self._socket, within_s)
@@ -177,8 +179,8 @@ class RosbridgeLink:
         await self._accept(await self._begin(within_s), within_s)
 
     async def _begin(self, within_s: float, *stop: str) -> Socket:
-        """Connect anew, and send ``stop`` with the upgrade request. The old connection is kept until then,
-        since a stop may have no other one to write on."""
+        """Open a new connection, and send ``stop`` together with its upgrade request. The old
+        connection stays open until then, because a stop may have no other connection to write on."""
         try:
             host, port = self._config.address()
         except ValueError as error:
@@ -188,13 +190,14 @@ class RosbridgeLink:
         if before is not None:
             before.close()
         self._objection = ""
-        self._asked.clear()
-        self._owed.clear()
+        self._awaited.clear()
+        self._unanswered.clear()
         self._responses.clear()
         return self._socket
 
     async def _accept(self, socket: Socket, within_s: float) -> None:
-        """Wait for the answer to the upgrade. Raise ``WireDown``."""
+        """Wait until rosbridge has answered the request that opens the WebSocket. Raise
+        ``WireDown``."""
         if not await socket.accepted(within_s):
             raise WireDown(
                 f"{socket.name}: no WebSocket within {within_s * 1e3:.0f} ms. Check rosbridge and its network"
@@ -202,20 +205,22 @@ class RosbridgeLink:
         self._advertise()
 
     async def _shake_hands(self) -> dict[str, Any]:
-        """Check topics and types, and subscribe. Raise ``WireDown``."""
+        """Check that the robot's topics exist with the expected types, and subscribe. Raise
+        ``WireDown``."""
         values = await self._call(p.TOPICS_SERVICE)
         types = _types(values)
-        for topic, wanted in {**m.COMMANDED, **m.REPORTED}.items():
-            found = types.get(topic)
-            if found is None:
-                raise WireDown(f"{self._name}: there is no topic {topic}. Start the robot's own nodes")
-            if found != wanted:
-                raise WireDown(f"{self._name}: {topic} is a {found}, not a {wanted}. Is this an M3 Pro?")
-        optional = tuple(topic for topic, kind in m.OPTIONAL.items() if types.get(topic) == kind)
+        for topic, expected in {**m.COMMANDED, **m.REPORTED}.items():
+            actual = types.get(topic)
+            if actual is None:
+                raise WireDown(f"{self._name}: the robot has no topic {topic}. Start the robot's own nodes")
+            if actual != expected:
+                raise WireDown(f"{self._name}: {topic} is a {actual}, not a {expected}. Is this an M3 Pro?")
+        optional = tuple(topic for topic, type_name in m.OPTIONAL.items() if types.get(topic) == type_name)
         self._listen((m.ODOMETRY, *optional))
-        await self._call(p.TIME_SERVICE)  # An objection arrives before this answer.
+        # rosbridge reports an error in a subscription before it answers this call.
+        await self._call(p.TIME_SERVICE)
         if self._objection:
-            raise WireDown(f"{self._name}: rosbridge objects: {self._objection}")
+            raise WireDown(f"{self._name}: rosbridge reports an error: {self._objection}")
         return {"rosbridge": f"ws://{self._name}", "topics": sorted((*m.COMMANDED, *m.REPORTED, *optional))}
 
     def _advertise(self) -> None:
@@ -235,10 +240,11 @@ class RosbridgeLink:
         self._socket.send(text)
 
     def _command(self, text: str) -> None:
-        """Send a command, then a call. The answer to the call shows that the bridge has taken the command."""
+        """Send a command, then a service call. The answer to the call shows that the bridge has
+        processed the command."""
         self._send(text)
         number = self._next_number()
-        self._owed.append(number)
+        self._unanswered.append(number)
         self._send(p.encode(p.CallService(p.TIME_SERVICE, id=str(number))))
 
     def _next_number(self) -> int:
@@ -246,28 +252,29 @@ class RosbridgeLink:
         return self._numbers
 
     async def _call(self, service: str) -> Any:
-        """Return the answer of a service. Raise ``WireDown`` if it reports a failure."""
+        """Call a service and return its answer. Raise ``WireDown`` if the answer reports a failure."""
         number = self._next_number()
-        self._asked.add(number)
+        self._awaited.add(number)
         try:
             self._send(p.encode(p.CallService(service, id=str(number))))
             await self._until(lambda: number in self._responses)
             answer = self._responses[number]
         finally:
-            self._asked.discard(number)
+            self._awaited.discard(number)
             self._responses.pop(number, None)
         if not answer.result:
-            raise WireDown(f"{self._name}: {service} says no ({answer.values}). Check that rosapi runs")
+            raise WireDown(f"{self._name}: {service} failed ({answer.values}). Check that rosapi runs")
         return answer.values
 
     async def _until(self, is_so: Callable[[], bool]) -> None:
         while not is_so():
-            await self._hear()
+            await self._receive_next()
 
-    async def _hear(self) -> None:
-        """Process the next message, or wait until another task has done that."""
+    async def _receive_next(self) -> None:
+        """Process the next message. If another task is receiving, wait until that task has
+        processed a message."""
         if self._reads:
-            await self._heard.wait()
+            await self._processed.wait()
             return
         socket = self._socket
         if socket is None:
@@ -286,18 +293,19 @@ class RosbridgeLink:
                     self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
                 case p.ServiceResponse(id=str(text)) as answer if text.isdecimal() and len(text) < DIGITS:
                     number = int(text)
-                    # The bridge has taken all commands before this call.
-                    self._owed = [owed for owed in self._owed if owed > number]
-                    if number in self._asked:
+                    # The bridge has processed all commands that were sent before this call.
+                    self._unanswered = [command for command in self._unanswered if command > number]
+                    if number in self._awaited:
                         self._responses[number] = answer
                 case p.Status(level, text) if level == p.ERROR_LEVEL:
                     self._objection = text
         except MalformedFrame:
-            self.news.malformed += 1  # ``read`` reports a bridge that sends nothing else as silent.
+            # Only count the message. If a bridge sends nothing else, ``read`` reports it as silent.
+            self.news.malformed += 1
 
     def _wake(self) -> None:
-        heard, self._heard = self._heard, trio.Event()
-        heard.set()
+        processed, self._processed = self._processed, trio.Event()
+        processed.set()
 
 
 def _advertised(topic: str) -> str:
@@ -305,14 +313,15 @@ def _advertised(topic: str) -> str:
 
 
 def _types(values: Any) -> dict[str, str]:
-    """Return the types by topic of an answer of ``/rosapi/topics``; empty for an invalid answer."""
+    """Return the type of each topic from an answer of ``/rosapi/topics``; empty for an invalid
+    answer."""
     if not isinstance(values, dict):
         return {}
     topics, types = values.get("topics"), values.get("types")
     if not isinstance(topics, list) or not isinstance(types, list):
         return {}
     return {
-        topic: m.plain_type(kind)
-        for topic, kind in zip(topics, types, strict=False)
-        if isinstance(topic, str) and isinstance(kind, str)
+        topic: m.plain_type(type_name)
+        for topic, type_name in zip(topics, types, strict=False)
+        if isinstance(topic, str) and isinstance(type_name, str)
     }

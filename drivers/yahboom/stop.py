@@ -1,7 +1,7 @@
-"""Stop an M3 Pro: repeat zero until the robot's own odometry shows that it stands.
+"""Stop an M3 Pro: send a zero twist until the robot's own odometry shows that the base stands.
 
-The arm keeps its last goal. Its servos do that by themselves and cannot be stopped, and the robot does not
-report their positions.
+The arm keeps its last goal. Its servos do that by themselves and cannot be stopped, and the robot
+does not report their positions.
 """
 
 from __future__ import annotations
@@ -25,35 +25,37 @@ link has to be opened first."""
 
 
 class StopLink(ReportingBase, Protocol):
-    """A link to the base that is kept open for a stop."""
+    """A link to the base that is kept open so that a stop can use it."""
 
     async def listen(self) -> None:
         """Connect and subscribe to odometry, before a stop is needed."""
         ...
 
-    async def hear(self) -> None:
+    async def receive_messages(self) -> None:
         """Receive reports until cancelled."""
         ...
 
     def close(self) -> None:
-        """Close the connection at once. It may be called again."""
+        """Close the connection at once. A second call does nothing."""
         ...
 
 
 def reports_of(
     outcome: Outcome, config: YahboomConfig, arm_rad: Sequence[float] = (), arm_detail: str = ""
 ) -> tuple[MotorReport, ...]:
-    """Return a report for each axis.
+    """Return a report of the stop for each axis.
 
     Args:
         outcome: The result of the stop.
         config: The robot.
         arm_rad: The arm's last goal, which it keeps; empty if it is unknown here.
-        arm_detail: Detail of the arm's reports.
+        arm_detail: Text for the arm's reports.
     """
     base = len(config.axes) - len(config.servos)
-    held: tuple[float | None, ...] = tuple(arm_rad) or (None,) * len(config.servos)
-    targets = ((0.0, "") if index < base else (held[index - base], arm_detail) for index in range(len(config.axes)))
+    arm_targets: tuple[float | None, ...] = tuple(arm_rad) or (None,) * len(config.servos)
+    targets = (
+        (0.0, "") if index < base else (arm_targets[index - base], arm_detail) for index in range(len(config.axes))
+    )
     return tuple(
         MotorReport(
             axis,
@@ -69,8 +71,9 @@ def reports_of(
 
 
 class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
-    """The root's own connection to rosbridge. With ``transport="ros2"`` it is the root's own DDS writer,
-    since rclpy must not be in the root."""
+    """Stop an M3 Pro from the root process, by the root's own connection to rosbridge. With
+    ``transport="ros2"`` the root writes to DDS itself, because rclpy must not be loaded in the
+    root."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
@@ -87,7 +90,7 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
         return link
 
     async def keep_up(self, session: StopLink) -> None:
-        await session.hear()
+        await session.receive_messages()
 
     async def make_safe_by(self, session: StopLink | None, safe_state: SafeState) -> tuple[MotorReport, ...]:
         self.session = session or self.new_link()
@@ -95,6 +98,6 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
 
 
 def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
-    """Return a link that the root may load."""
+    """Return a link for a stop that does not load rclpy, so that the root may use it."""
     link: StopLink = load(LINKS[config.transport])(config, clock)
     return link

@@ -1,7 +1,8 @@
-"""The wire of an M3 Pro, in the wire process.
+"""Drive an M3 Pro. This module runs in the wire process, the only process that commands the robot.
 
-Commands, odometry and stops share one connection, which keeps their order. So the zero of a stop always
-follows a command that waits in a frozen bridge. Only a few commands ever wait there.
+Commands, odometry and stops share one connection, which keeps their order. The zero of a stop
+therefore follows every command that still waits in a frozen bridge. Only a few commands can wait
+there.
 """
 
 from __future__ import annotations
@@ -49,22 +50,31 @@ class YahboomWire(Wire):
         self._config = config
         self._clock = clock
         self._link = link or link_of(config, clock)
-        self._anew: StopLink | None = anew  # used for a stop when the link is lost
-        self._arm_rad: tuple[float, ...] = ()  # last goal of the arm
-        self._arm_at_s = 0.0  # time of that action, which identifies it
-        self._arm_until_ns = 0  # end of that motion
+        # The second connection, for a stop when the first is lost.
+        self._anew: StopLink | None = anew
+        self._arm_rad: tuple[float, ...] = ()  # last commanded goal of the arm; empty if unknown
+        # Time of the action with the arm's last goal. It identifies the action, so that its goal is sent only
+        # once.
+        self._arm_at_s = 0.0
+        # When the arm's last commanded motion ends.
+        self._arm_until_ns = 0
 
     async def open(self) -> dict[str, Any]:
         facts = await self._link.open()
-        joints = "reported" if self._link.news.joints_ns else "not reported: the first action of the arm names all"
+        joints = (
+            "reported"
+            if self._link.news.joints_ns
+            else "not reported: the first action of the arm must name all joints"
+        )
         return {**facts, "transport": self._config.transport, "joints": joints}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         task_status.started()
-        await self._link.hear()
+        await self._link.receive_messages()
 
     async def arm(self, permit: Permit) -> Observation:
-        """Forget the arm's last goal, because a person may have moved the arm since the stop."""
+        """Send a zero twist, and forget the arm's last goal, because a person may have moved the
+        arm since the last stop."""
         permit.check()
         self._link.zero()
         self._arm_rad, self._arm_at_s = (), 0.0
@@ -79,12 +89,13 @@ class YahboomWire(Wire):
         odometry = news.odometry
         silent_s = (now_ns - news.odometry_stamps.new_ns) / NS
         if odometry is None or silent_s > SILENT_S:
-            why = "never come" if odometry is None else f"for {silent_s:.1f} s not {news.missing(now_ns)}"
             raise WireDown(
-                f"read: odometry has {why} ({news.malformed} malformed messages). Check the base and rosbridge"
+                f"read: {news.describe_silence(now_ns)} ({news.malformed} malformed messages). "
+                "Check the base and rosbridge"
             )
         joints = news.joints if now_ns - news.joints_ns <= SILENT_S * NS else {}
-        # Apply the sign of the commands. Otherwise an unnamed joint would jump to its mirror image.
+        # Apply the sign that commands use (``joint_signs``). Otherwise a joint that an action does not name would
+        # jump to its mirror image.
         arm = tuple(servo.turned(joints.get(servo.key, NAN)) for servo in self._config.servos)
         stamps = tuple(0 if math.isnan(value) else news.joints_ns for value in arm)
         return Observation(
@@ -99,11 +110,11 @@ class YahboomWire(Wire):
         arm_rad, arm_at_s = values[len(BASE) : axes], values[ARM_AT]
         silent_s = (self._clock.now_ns() - self._link.news.odometry_stamps.new_ns) / NS
         if silent_s > QUIET_S or self._link.is_behind:
-            raise PermitDenied(f"the robot takes nothing now (odometry {silent_s * 1e3:.0f} ms ago)")
+            raise PermitDenied(f"the robot receives no commands now (last odometry {silent_s * 1e3:.0f} ms ago)")
         permit.check()
         if values[DRIVES]:
             self._link.drive(Twist(*values[: len(BASE)]))
-        # A goal is sent once, since each repetition would start the motion anew.
+        # Send a goal only once. A repetition would start the motion again.
         if values[ARM_MS] and arm_at_s != self._arm_at_s:
             self._link.move_arm(self._goal(arm_rad, values[ARM_MS]))
             self._arm_rad, self._arm_at_s = arm_rad, arm_at_s
@@ -113,9 +124,10 @@ class YahboomWire(Wire):
         return self._reports(await stop_until_it_stands(self._link, STOP_S))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop on the old connection and on a new one at the same time. The old one may be dead or garbled,
-        and zero is written on it all the same."""
-        with contextlib.suppress(WireDown):  # It is closed.
+        """Stop the robot after its link was lost, on the old connection and a new one at the same
+        time. The old one may be dead or unreadable, but a zero twist is written on it all the same."""
+        # Ignore a connection that is closed.
+        with contextlib.suppress(WireDown):
             self._link.zero()
         self._anew = self._anew or stop_link(self._config, self._clock)
         links = [self._link, self._anew] if self._link.is_open else [self._anew]
@@ -132,7 +144,7 @@ class YahboomWire(Wire):
 
     def _reports(self, outcome: Outcome) -> tuple[MotorReport, ...]:
         left_s = (self._arm_until_ns - self._clock.now_ns()) / NS
-        detail = f"goes on to its last goal for {left_s:.1f} s: these servos cannot be told to stop"
+        detail = f"the joint moves on to its last goal for {left_s:.1f} s, because these servos cannot be stopped"
         return reports_of(outcome, self._config, self._arm_rad, detail if left_s > 0 else "")
 
     def _sensors(self) -> dict[str, tuple[float, ...]]:
@@ -160,9 +172,10 @@ class YahboomWire(Wire):
 
 
 def link_of(config: YahboomConfig, clock: Clock) -> RosLink:
-    """Return the wire's link to the robot, not yet open."""
+    """Return the link to the robot for commands. It is not open yet."""
     if config.transport == ROS2:
-        from .ros2 import Ros2Link  # It loads rclpy when it is opened.
+        # Import this only when it is needed. rclpy itself is loaded when the link is opened.
+        from .ros2 import Ros2Link
 
         return Ros2Link(config, clock)
     from .rosbridge import RosbridgeLink

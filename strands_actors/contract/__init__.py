@@ -1,8 +1,12 @@
-"""The names that the author of a driver imports. Only the stop channels do I/O.
+"""The names that the author of a driver imports.
+
+A stop channel is a second connection to the robot that can stop it when the usual one cannot; only the stop
+channels of this package do I/O.
 
 ``Driver``, ``Wire``, ``StopChannel``   the three classes of a driver, besides its twin
 ``Part``, ``Axis``, ``axis_gates``      the axes of the robot, and the limits of their targets
-``SafeState``, ``Reason``, ``Timing``   the safe states, the reasons for a stop, the times of a wire
+``SafeState``, ``Reason``, ``Timing``   the states in which a robot is safe, the reasons for a stop, the times of a
+                                        connection
 ``DriverOptions``, ``option``           keywords of the constructor
 ``DuplicateDescriptor`` to ``OwnProcess``   ready-made stop channels
 ``CameraSettings``, ``Picture``, ``PictureSource``   the robot's own cameras

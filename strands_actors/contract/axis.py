@@ -1,7 +1,7 @@
-"""Axes as data: the numbers of an action, their units, ranges and speeds.
+"""Describe a robot's axes as data. An axis is one number of an action, with its unit, range and speed.
 
 A driver declares parts, and each part has axes. Names, parsing, range and speed gates, the JSON of
-``send_action``, tool schemas and dataset features all follow from this table.
+``send_action``, tool schemas and dataset features are all derived from this table.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ SHOWN = 40
 
 
 class AxisMode(enum.StrEnum):
-    """The meaning of an axis' number."""
+    """The meaning of an axis' number: a position or a speed."""
 
-    POSITION = "position"  # a position; an axis that an action does not name keeps its target
-    VELOCITY = "velocity"  # a speed; an axis that an action does not name gets its rest value
+    POSITION = "position"  # the value is a position; an axis that an action does not name keeps its target
+    VELOCITY = "velocity"  # the value is a speed; an axis that an action does not name gets its rest value
 
 
 class PartKind(enum.StrEnum):
-    """The kind of a group of axes, in the words of Viam and LeRobot."""
+    """The kind of a group of axes, with the names that Viam and LeRobot use."""
 
     ARM = "arm"
     GRIPPER = "gripper"
@@ -44,16 +44,16 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
     """One number of an action.
 
     Attributes:
-        key: Its name.
-        unit: Its unit, also of the range.
+        key: The name of the axis.
+        unit: The unit of the value, of the range, and of the speed (per second).
         low: Lowest value.
         high: Highest value.
-        speed: Largest change of the value in a second; infinite for no limit.
-        mode: Whether it is a position or a speed.
-        rest: The value of a velocity axis without a command.
+        speed: Largest change of the value in a second; infinite if there is no limit.
+        mode: Whether the value is a position or a speed.
+        rest: The value that a velocity axis gets when an action does not name it.
         sign: The number on the wire is ``sign`` times the value.
-        id: Number of its motor, joint or register on the wire.
-        optional: Not every robot of this name has it. A robot without it reads NaN.
+        id: Number of the motor, joint or register in the robot's protocol.
+        optional: True if some robots of this type lack the axis. Its position is NaN there.
     """
 
     key: str
@@ -69,12 +69,12 @@ class Axis(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def label(self) -> str:
-        """The axis and its motor, for people."""
+        """The name of the axis and the number of its motor, to show to people."""
         return f"{self.key} (id {self.id})"
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The range of the value, lowest and highest, in the unit of the axis."""
+        """The lowest and the highest value, in the unit of the axis."""
         return self.low, self.high
 
 
@@ -95,15 +95,15 @@ def axes_of(parts: Sequence[Part]) -> tuple[Axis, ...]:
     axes = tuple(axis for part in parts for axis in part.axes)
     keys = [axis.key for axis in axes]
     if twice := sorted({key for key in keys if keys.count(key) > 1}):
-        raise ValueError(f"axes: two are called {', '.join(twice)}")
+        raise ValueError(f"two axes are called {', '.join(twice)}. Give each axis another key")
     return axes
 
 
 def first_target(axes: Sequence[Axis], measured: Sequence[float]) -> tuple[float, ...]:
-    """Return the target of a robot that was just armed.
+    """Return the first target of a robot whose motors were just energised.
 
-    Position axes keep their measured position, so that the robot does not jump. Velocity axes get their rest
-    value.
+    The target of a position axis is its measured position, so that the robot does not jump. Velocity axes get their
+    rest value.
 
     Args:
         axes: The axes.
@@ -123,22 +123,22 @@ def parse_action(
 ) -> tuple[tuple[float, ...], tuple[int, ...]] | Refused:
     """Return the target of every axis, and the indices of the axes that the action names.
 
-    ``x`` and ``x.pos`` name the same axis. An action must not have both.
+    The keys ``x`` and ``x.pos`` name the same axis. An action must not contain both.
 
     Args:
         action: Values by key.
         robot: The robot's name, for refusals.
         axes: The axes.
         index: The index of each key in ``axes``.
-        target: The present target, which position axes keep if they are not named.
+        target: The present target. A position axis that the action does not name keeps it.
     """
     keys = ", ".join(index)
     if not action:
         return Refused(Code.EMPTY, "the action names no joint", f"use {keys}", "{}", keys)
     values = list(target)
-    for at, axis in enumerate(axes):
+    for i, axis in enumerate(axes):
         if axis.mode is AxisMode.VELOCITY:
-            values[at] = axis.rest
+            values[i] = axis.rest
     named: list[int] = []
     for key, value in action.items():
         axis_index = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
@@ -151,15 +151,15 @@ def parse_action(
             return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, name)
         number = finite(value)
         if number is None:
-            why = f"{name} is {_not_a_number(value)}"
-            return Refused(Code.NOT_FINITE, why, "send a finite number", shown(value, SHOWN), "a finite number")
+            problem = f"{name} is {_not_a_number(value)}"
+            return Refused(Code.NOT_FINITE, problem, "send a finite number", shown(value, SHOWN), "a finite number")
         values[axis_index] = number
         named.append(axis_index)
     return tuple(values), tuple(named)
 
 
 def _not_a_number(value: object) -> str:
-    """Return a value that is no number, for a refusal.
+    """Describe a value that is not a number, for the text of a refusal.
 
     A text that looks like a number is called a text.
     """

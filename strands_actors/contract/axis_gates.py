@@ -1,6 +1,7 @@
-"""Gates that follow from the table of axes: freshness, range and speed. Pure.
+"""Gates: functions that refuse a command to an axis. Pure.
 
-A gate refuses a value and never clips it.
+The reason is a position that was not read lately, or a target that is out of range or too far away. A gate refuses
+a value and never clips it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ _MOST_DECIMALS = 12
 
 
 class Limited(Protocol):
-    """The part of an axis that a gate needs. ``contract.axis.Axis`` has it."""
+    """The properties of an axis that a gate needs. ``contract.axis.Axis`` has them all."""
 
     @property
     def key(self) -> str:
@@ -41,22 +42,22 @@ class Limited(Protocol):
 
     @property
     def label(self) -> str:
-        """The axis and its motor, for the text of a refusal."""
+        """The name of the axis and the number of its motor, for the text of a refusal."""
         ...
 
     @property
     def unit(self) -> str:
-        """The unit of the value, also of ``limits`` and ``speed``."""
+        """The unit of the value, of ``limits``, and of ``speed`` (per second)."""
         ...
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The range of the value, lowest and highest."""
+        """The lowest and the highest value."""
         ...
 
     @property
     def speed(self) -> float:
-        """The largest change of the value in a second; infinite for no limit."""
+        """The largest change of the value in a second; infinite if there is no limit."""
         ...
 
     @property
@@ -71,13 +72,16 @@ Axes = Sequence[Limited]
 def axis_gates(
     axes: Axes, state_ttl_s: float, *, oneshot_s: float | None = None, longest_s: float = 0.1
 ) -> tuple[GateCheck, ...]:
-    """Return the gates of a robot, in the order in which they are checked. The first refusal counts.
+    """Return the gates of a robot, in the order in which they are called.
+
+    The first refusal is returned to the user.
 
     Args:
         axes: The axes.
-        state_ttl_s: The oldest reading that counts, in seconds (``stale``).
-        oneshot_s: The time of a single command (``too_fast``).
-        longest_s: The longest pause of a stream that counts, in seconds (``too_fast``).
+        state_ttl_s: The largest age of a reading, in seconds. An older one makes ``stale`` refuse.
+        oneshot_s: The time that ``too_fast`` allows for a single command, in seconds; None for any distance.
+        longest_s: The longest pause between two setpoints of a stream for which ``too_fast`` allows a longer
+            step, in seconds.
     """
     return (
         stale(axes, state_ttl_s),
@@ -87,22 +91,22 @@ def axis_gates(
 
 
 def stale(axes: Axes, ttl_s: float) -> GateCheck:
-    """Return a gate that refuses to move an axis if its position was not read within ``ttl_s``."""
+    """Return a gate that refuses to move an axis whose last position reading is older than ``ttl_s``."""
     ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
-    remedy = "check its cable and power: it is back by itself as soon as it answers"
+    remedy = "check its cable and power. When it answers again, send the command again"
 
     def stale(candidate: Candidate, state: GateState) -> Refused | None:
-        for at in candidate.named:
-            stamp = state.observation.stamp_ns[at]
+        for index in candidate.named:
+            stamp = state.observation.stamp_ns[index]
             age_ns = state.now_ns - stamp
             if stamp == 0 or age_ns > ttl_ns:
                 age = "yet" if stamp == 0 else f"for {age_ns / 1e6:.0f} ms"
-                return Refused(Code.STALE, f"no position from {axes[at].label} {age}", remedy, age, limit)
-        for at, value in enumerate(candidate.values[: len(axes)]):
-            # An axis that was never read has no target to keep.
+                return Refused(Code.STALE, f"no position from {axes[index].label} {age}", remedy, age, limit)
+        for index, value in enumerate(candidate.values[: len(axes)]):
+            # The axis was never read, so it has no target that it could keep.
             if not math.isfinite(value):
-                return Refused(Code.STALE, f"no position from {axes[at].label} yet", remedy, "yet", limit)
+                return Refused(Code.STALE, f"no position from {axes[index].label} yet", remedy, "yet", limit)
         return None
 
     return stale
@@ -111,31 +115,29 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
 def past_range(axes: Axes, *, rounding: float = _ROUNDING, measured: bool = True) -> GateCheck:
     """Return a gate that refuses a target outside the range of its axis.
 
-    An axis that is past its end may be kept at its position, or be brought back.
+    If an axis is already out of range, a target that keeps it there or moves it back is allowed.
 
     Args:
         axes: The axes.
-        rounding: The error of a number on the way to the robot and back. An axis at its end is within its
-            range.
-        measured: False if the axes are not those of the observation. A target outside is then refused wherever
-            the robot is.
+        rounding: The error of a number on the way to the robot and back. The range is wider by this.
+        measured: False if ``axes`` are not the axes of the observation. Then every target out of range is refused.
     """
     ends = tuple((low - rounding, high + rounding) for low, high in (axis.limits for axis in axes))
 
     def past_range(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
-        for at in candidate.named:
-            value, (least, most) = values[at], ends[at]
-            # ``not (a <= b)`` and not ``b < a``, so that a NaN is refused too.
-            if not least <= value <= most and not (measured and _no_further(axes[at], at, value, state)):
-                return _past_range(axes[at], value)
+        for index in candidate.named:
+            value, (least, most) = values[index], ends[index]
+            # This condition is also false for a NaN, which must be refused, too.
+            if not least <= value <= most and not (measured and _no_further(axes[index], index, value, state)):
+                return _past_range(axes[index], value)
         return None
 
     return past_range
 
 
 class _Narrower(NamedTuple):
-    """An axis with another range."""
+    """An axis with another range than the driver declares."""
 
     key: str
     label: str
@@ -146,7 +148,7 @@ class _Narrower(NamedTuple):
 
 
 def past_ranges(axes: Axes, ranges: Iterable[tuple[float, float]]) -> GateCheck:
-    """Return ``past_range`` for axes with these ends: lowest and highest value, in the unit of the axis."""
+    """Return the gate ``past_range`` for axes with other ranges: (lowest, highest), in the axis' unit."""
     return past_range(
         [
             _Narrower(axis.key, axis.label, axis.unit, ends, axis.speed, axis.mode)
@@ -155,35 +157,35 @@ def past_ranges(axes: Axes, ranges: Iterable[tuple[float, float]]) -> GateCheck:
     )
 
 
-def outside_reported_range(axes: Axes, lows: str, highs: str, untold: GateCheck) -> GateCheck:
+def outside_reported_range(axes: Axes, lows: str, highs: str, fallback: GateCheck) -> GateCheck:
     """Return a gate that refuses a target outside the range that the robot itself reports.
 
     Args:
         axes: The axes.
-        lows: The sensor with the lowest values.
-        highs: The sensor with the highest values.
-        untold: The gate for an observation without these sensors.
+        lows: The name of the sensor that reports the lowest value of each axis.
+        highs: The name of the sensor that reports the highest value of each axis.
+        fallback: The gate to use while the robot has not reported these sensors.
     """
     within = functools.lru_cache(maxsize=4)(functools.partial(past_ranges, axes))
 
     def outside_reported_range(candidate: Candidate, state: GateState) -> Refused | None:
         sensors = state.observation.sensors
         ranges = tuple(zip(sensors.get(lows, ()), sensors.get(highs, ()), strict=True))
-        return (within(ranges) if ranges else untold)(candidate, state)
+        return (within(ranges) if ranges else fallback)(candidate, state)
 
     return outside_reported_range
 
 
-def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:
-    """Return True if a position outside the range does not lead further out.
+def _no_further(axis: Limited, index: int, value: float, state: GateState) -> bool:
+    """Return True if a target outside the range does not lead further out than the axis is.
 
-    It is then no further out than the measured position or the last target. A policy that returns the observed
-    positions holds a joint that rests on its end stop.
+    The target is compared with the measured position and with the last target. So a policy that returns the
+    observed positions can hold a joint that rests on its end stop.
     """
     if axis.mode is not AxisMode.POSITION:
         return False
     low, high = axis.limits
-    measured, target = state.observation.position[at], state.target[at]
+    measured, target = state.observation.position[index], state.target[index]
     noise = READING_NOISE * (high - low)
     if value > high:
         return value <= measured + noise or value <= target
@@ -192,7 +194,7 @@ def _no_further(axis: Limited, at: int, value: float, state: GateState) -> bool:
 
 def _past_range(axis: Limited, value: float) -> Refused:
     low, high = axis.limits
-    # Rounded inwards, so that the gate accepts the limits in the text.
+    # The limits are rounded inwards, so that the gate accepts the limits that the text shows.
     bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
     end = bottom if value < low else top
     offered = _show_past(value, low if value < low else high, axis.unit)
@@ -229,15 +231,17 @@ def too_fast(
 ) -> GateCheck:
     """Return a gate that refuses a step that the axis cannot follow.
 
-    In a stream, the step may be as far as the axis moves in the period, or since the last accepted target if
-    that is longer. A single command may step as far as the axis moves in ``oneshot_s``.
+    In a stream, an axis may step as far as it moves in one period. After a longer pause it may step as far as it
+    moves since the last accepted target. A single command may step as far as the axis moves in ``oneshot_s``.
 
     Args:
         axes: The axes.
-        tolerance: Factor on the step in a stream, since a period jitters.
-        oneshot_s: None allows any distance, for a servo that limits its own speed.
-        longest_s: The longest pause of a stream that counts.
-        pause_counts: False if only the period counts, for a controller that goes to each target in one period.
+        tolerance: Factor on the allowed step in a stream, since the period varies.
+        oneshot_s: Time for a single command, in seconds. None allows any distance, for a servo that limits its
+            speed.
+        longest_s: The longest pause of a stream for which a longer step is allowed, in seconds.
+        pause_counts: False if a pause never allows a longer step, for a controller that goes to each target in one
+            period.
     """
     speeds = tuple(axis.speed for axis in axes)
 
@@ -251,11 +255,11 @@ def too_fast(
         else:
             return None
         values, target = candidate.values, state.target
-        for at in candidate.named:
-            step = abs(values[at] - target[at])
-            allowed = speeds[at] * reach_s
+        for index in candidate.named:
+            step = abs(values[index] - target[index])
+            allowed = speeds[index] * reach_s
             if not step <= allowed + _ROUNDING:
-                axis = axes[at]
+                axis = axes[index]
                 most = show(allowed, axis.unit, inwards=math.floor)
                 unit = unit_of(axis)
                 return Refused(
@@ -271,13 +275,13 @@ def too_fast(
 
 
 def show(value: float, unit: str, inwards: object = None) -> str:
-    """Return ``value`` with the digits of its unit.
+    """Return ``value`` as text, with as many decimals as its unit needs.
 
     Args:
         value: A number in ``unit``.
         unit: Degrees, percent and millimetres have one decimal, other units four.
-        inwards: ``math.floor`` or ``math.ceil``, so that a limit is rounded into its range. None shows two more
-            digits if the value needs them.
+        inwards: ``math.floor`` for an upper limit, ``math.ceil`` for a lower one. So the shown limit is within the
+            range. None: show two more digits if the value needs them.
     """
     digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
     if not math.isfinite(value):
@@ -294,7 +298,7 @@ def show(value: float, unit: str, inwards: object = None) -> str:
 
 
 def unit_of(axis: Limited) -> str:
-    """Return the unit to put after a number, with a space. It is empty for a plain fraction."""
+    """Return the unit with a space before it, to append to a number. It is empty for a value without a unit."""
     unit = "%" if axis.unit == "percent" else axis.unit
     return f" {unit}" if unit else ""
 

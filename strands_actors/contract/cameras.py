@@ -4,8 +4,8 @@ A source runs in a camera process, apart from everything that moves the robot. I
 
     async def open_camera(settings: CameraSettings) -> PictureSource
 
-which is named as ``module:function``: by the type of a camera, or by a driver for its robot's cameras
-(``Driver.CAMERAS``).
+The user gives the name of this function (``module:function``) as the type of a camera. A driver names it for the
+robot's own cameras (``Driver.CAMERAS``).
 """
 
 from __future__ import annotations
@@ -20,19 +20,22 @@ if TYPE_CHECKING:
 
 
 class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
-    """The settings of one camera, after validation. Sizes are those of the picture after ``rotation``."""
+    """The settings of one camera, after validation.
+
+    Width and height are those of the picture after ``rotation``.
+    """
 
     name: str
     type: str
     robot: str = ""  # the robot's name in the registry
-    port: str = ""  # the port of the robot, or its scene
+    port: str = ""  # the port of the robot, or the scene to render
     options: dict[str, Any] = {}  # options of the robot's driver
     view: str = ""
     index_or_path: int | str = ""
     fps: float | None = None
     width: int | None = None
     height: int | None = None
-    rotation: int = 0  # degrees clockwise: 0, 90, 180, -90
+    rotation: int = 0  # clockwise rotation of the picture, in degrees: 0, 90, 180, -90
     color_mode: str = "rgb"
     fourcc: str | None = None
     backend: int = 0
@@ -40,12 +43,12 @@ class CameraSettings(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def turned(self) -> bool:
-        """True if width and height are exchanged before ``rotation``."""
+        """True if the rotation exchanges width and height."""
         return self.rotation in (90, -90)
 
     @property
     def captured_size(self) -> tuple[int | None, int | None]:
-        """Width and height before ``rotation``."""
+        """Width and height of the picture before it is rotated."""
         return (self.height, self.width) if self.turned else (self.width, self.height)
 
 
@@ -53,8 +56,8 @@ class Picture(NamedTuple):
     """One picture.
 
     Attributes:
-        image: (height, width, 3), RGB, with the first row on top.
-        captured_ns: On the host's monotonic clock.
+        image: Array of shape (height, width, 3), RGB. The first row is the top of the picture.
+        captured_ns: Time of the capture, on the computer's monotonic clock (ns).
     """
 
     image: NDArray[numpy.uint8]
@@ -64,7 +67,7 @@ class Picture(NamedTuple):
 class PictureSource(Protocol):
     """An open source of pictures, used in one loop.
 
-    An exception of its methods is reported, and the source is opened again later.
+    If a method raises an exception, the exception is reported, and the source is opened again later.
     """
 
     paced: bool
@@ -75,5 +78,5 @@ class PictureSource(Protocol):
         ...
 
     async def aclose(self) -> None:
-        """Release the device or connection of the source."""
+        """Close the device or the connection of the source."""
         ...

@@ -1,15 +1,16 @@
 """The driver contract: the classes that the author of a driver writes.
 
-A driver declares the robot. It never loops, sleeps or retries. It has four parts:
+A driver declares one type of robot. It contains no loops, sleeps or retries. It has four parts:
 
 ``Driver``      Pure data and functions: robots, axes and units, gates, safe states, timing. It is built in
                 the caller, the wire process and the root process from the same plain options.
-``Wire``        All I/O (``wire.py``). Only the transport in the wire process calls it.
-``StopChannel`` The root's way to the hardware when the wire process is gone (``wire.py``). ``stop_channels``
-                and ``stop_process`` have five ready-made kinds.
-a twin          The robot's side of the wire, as a process (``drivers/common/twin/``).
+``Wire``        All I/O with the robot (``wire.py``). Only one process, the wire process, calls it.
+``StopChannel`` The connection by which the root process (the supervisor) stops the robot when the wire process has
+                ended (``wire.py``). ``stop_channels`` and ``stop_process`` have five ready-made kinds.
+a twin          A simulated robot that speaks the robot's protocol, as a process (``drivers/common/twin/``).
 
-The tree does the rest: leases, epochs, lifetimes, re-sending, stops and restarts.
+The processes of a robot (its tree) do the rest: they decide which program may command, drop old commands, repeat
+setpoints, stop the robot and restart after a failure.
 """
 
 from __future__ import annotations
@@ -35,7 +36,10 @@ from .wire import Observation, StopChannel, Wire
 
 
 class Reason(enum.StrEnum):
-    """Why the robot has to be in a safe state. A driver's table of fallbacks maps each reason to one."""
+    """Why the robot has to go to a safe state.
+
+    A driver's table ``fallbacks`` gives a safe state for each reason.
+    """
 
     EXPIRED = "expired"  # the lifetime of a setpoint has ended
     LEASE = "lease"  # the caller sends no heartbeats, or has released its lease
@@ -47,7 +51,7 @@ class Reason(enum.StrEnum):
     WIRE = "wire"  # the wire process died or stopped answering
     ROOT = "root"  # the root process died or stopped answering
     LINK = "link"  # the cable, socket or bus was lost
-    FAULT = "fault"  # a broken condition of the robot, a failed hold or arming, too many restarts
+    FAULT = "fault"  # the robot has broken a condition, a hold or arming has failed, or restarts were too many
 
 
 HOLDING_REASONS = frozenset({Reason.EXPIRED, Reason.LEASE, Reason.POLICY})
@@ -58,105 +62,110 @@ ORDERED = frozenset({Reason.STOP, Reason.ESTOP})
 
 
 class Timing(msgspec.Struct, frozen=True):
-    """The times of one wire.
+    """The times of the connection to a robot, in seconds.
 
-    The lifetime (promised by the writer) and the keepalive (needed by the firmware) are different numbers.
+    A setpoint has a lifetime, after which the robot must hold. The keepalive period is another time: the firmware
+    needs a frame that often.
     """
 
     control_hz: float
-    keepalive_s: float  # period of re-sending the last live setpoint
-    stream_ttl_s: float = 0.1  # lifetime of a streamed setpoint
-    oneshot_ttl_s: float | None = None  # of a single send_action; None: latched while the lease lives
-    state_ttl_s: float = 0.3  # an observation older than this is no observation
+    keepalive_s: float  # period in which the last setpoint is sent again while it is valid
+    stream_ttl_s: float = 0.1  # lifetime of a setpoint that is part of a stream
+    oneshot_ttl_s: float | None = None  # lifetime of a single send_action; None: valid as long as the lease
+    state_ttl_s: float = 0.3  # an older observation counts as missing
     arm_s: float = 2.0  # longest time that ``Wire.arm`` may take
-    # In ``Wire.open`` and ``arm`` the whole wire process may be silent for this time, because an SDK's
-    # constructor keeps the interpreter's lock. The root waits so long before it counts the process as frozen.
+    # The root process waits for this time before it counts the wire process as frozen during ``Wire.open`` and
+    # ``Wire.arm``. An SDK's constructor may keep the interpreter's lock, so that the wire process cannot send
+    # heartbeats.
     silent_s: float = 0.0
-    tick_s: float = 0.01  # period in which the tree checks deadlines, and in which wire and root beat
-    heartbeat_ttl_s: float = 0.1  # without a heartbeat for so long, the other process counts as frozen
-    # Longest time that ``Wire.read``, ``write`` or ``feed`` may wait, where that is longer than a heartbeat.
-    # The watchdog gets notice of it, and a longer call counts as frozen. 0 if they wait less than a heartbeat.
+    tick_s: float = 0.01  # period of the deadline checks, and of the heartbeats between wire and root process
+    heartbeat_ttl_s: float = 0.1  # a process without a heartbeat for this time counts as frozen
+    # Longest time that a call of ``Wire.read``, ``write`` or ``feed`` may wait, if it is longer than
+    # ``heartbeat_ttl_s``. A call that takes longer counts as frozen. 0 if these calls wait less than
+    # ``heartbeat_ttl_s``.
     call_s: float = 0.0
-    open_s: float = 5.0  # longest time that ``Wire.open`` and the first reading may take, and the stop channel's
-    handover_s: float = 3.0  # the part of it in which the root gets its stop channel ready
-    safe_s: float = 1.5  # longest time that ``make_safe`` may take: the wire's, and the stop channel's
-    # Longest time for which an arming that was cut off (cancelled by a stop, or its process was killed) may
-    # still take effect on the robot. The request may be in a buffer or in the network, or the robot may act on
-    # it later. No stop is confirmed before this time has passed. 0 if the robot carries out requests at once
-    # and in order, so that the safe frame is always the last.
+    open_s: float = 5.0  # longest time of ``Wire.open`` with the first reading, and of opening a stop channel
+    handover_s: float = 3.0  # the part of ``open_s`` in which the root process prepares its stop channel
+    safe_s: float = 1.5  # longest time of ``make_safe``, of the wire and of the stop channel
+    # Longest time after which a request to arm can still take effect, although it was cut off: a stop cancelled it,
+    # or its process was killed. The request may be in a buffer or in the network, or the robot may act on it later.
+    # No stop is confirmed before this time has passed. 0 if the robot carries out requests at once and in order, so
+    # that the safe frame is always the last.
     late_s: float = 0.0
 
 
 class Service(msgspec.Struct, frozen=True):
-    """A service of a robot beyond the common verbs: a method of its handle.
+    """A method of the robot's handle beyond the common verbs, for example ``take_off``.
 
-    ``arguments`` maps names to defaults.
+    ``about`` describes the service. ``arguments`` maps the names of arguments to their defaults.
     """
 
     about: str
     within_s: float  # longest time that ``Wire.perform`` may take
     arguments: Mapping[str, Any] = msgspec.field(default_factory=dict)
-    counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # arguments that are whole: 1 to so many
-    in_motion: bool = False  # it may run while a target is in force
-    # It moves the robot. It is refused whenever a setpoint would be. Its motion counts as a latched
-    # target, until a stop or the end of the lease. An older target is not sent again.
+    counts: Mapping[str, int] = msgspec.field(default_factory=dict)  # whole numbers from 1 to this value, by name
+    in_motion: bool = False  # True if the service may run while the robot follows a target
+    # The service moves the robot. It is refused whenever a setpoint would be refused. Its motion counts as a target
+    # that does not expire, until a stop or the end of the lease. Earlier targets are not sent again.
     moves: bool = False
-    # It ends the present motion, and may be asked for during it. An older target is not sent again. No
-    # condition refuses it: a landing must not be refused for a low battery.
+    # The service ends the present motion, so it may be requested while the robot moves. Earlier targets are not
+    # sent again. No condition refuses it: a drone must be able to land with a low battery.
     ends_motion: bool = False
-    # It gives motors power, takes it away, or lets them move by themselves afterwards. For agents and
-    # the mesh it counts as motion, even when the robot is not armed.
+    # The service switches motor power on or off, or lets motors move afterwards. If an agent or another computer
+    # requests it, it counts as motion, even when the robot is not armed.
     powers: bool = False
-    # It is refused when the robot is not armed, even if a stopped robot keeps its power. ``moves`` includes
-    # that.
+    # The service is refused when the robot is not armed, even if the stopped robot is still energised. A service
+    # with ``moves`` is always refused then.
     needs_armed: bool = False
-    # As ``Timing.late_s``, for a service that powers or moves the robot with a delay.
+    # Longest time after a cut-off for which the service can still power or move the robot (see ``Timing.late_s``).
     late_s: float = 0.0
-    # It is no service of the wire but a command. Its arguments are an action, with the lifetime and the
-    # gates of one. An argument with the default None is left out of it unless it is given.
+    # The service is sent as an action. Its arguments are the action's values, with the lifetime and the checks of
+    # any action. An argument with the default None is left out if the user does not give it.
     acts: bool = False
-    # It is no service of the wire but a stop for this reason, with a lock as of an e-stop. It is never
-    # refused, and goes ahead of everything.
+    # The service is a stop for this reason, with a lock as after an e-stop. It is never refused, and is handled
+    # before all other messages.
     stops: Reason | None = None
 
 
 class Live(msgspec.Struct, frozen=True, gc=False):
     """A target that the robot follows.
 
-    ``until_ns`` is its end; None if it is latched, and ends with the lease.
+    ``until_ns`` is the time at which the target expires. None means that it does not expire (it is latched): it
+    ends with the lease of the program that commands.
     """
 
     until_ns: int | None = None
 
     @property
     def latched(self) -> bool:
-        """True if the target has no end by time, and ends with the lease."""
+        """True if the target does not expire, and ends with the lease of the program that commands."""
         return self.until_ns is None
 
     def over(self, now_ns: int) -> bool:
-        """Return True if its end has passed."""
+        """Return True if the target has expired."""
         return self.until_ns is not None and now_ns >= self.until_ns
 
 
 class GateState(msgspec.Struct, frozen=True, gc=False):
-    """The input of a gate. A gate is pure: without a clock and without I/O."""
+    """The input of a gate (a function that accepts or refuses a command). A gate has no clock and does no I/O."""
 
     now_ns: int
     observation: Observation
     target: tuple[float, ...]  # the last accepted target, or the measured position after arming
-    target_ns: int  # when the target was accepted
-    stream: bool  # True if the setpoint is part of a stream
-    period_s: float = 0.0  # period of the stream; 0 for a single command
-    live: Live | None = None  # the target in force; None if there is none
+    target_ns: int  # time at which the target was accepted
+    stream: bool  # True if the setpoint is part of a stream, False for a single command
+    period_s: float = 0.0  # period of the stream, in seconds; 0 for a single command
+    live: Live | None = None  # the target that the robot follows now; None if it follows no target
 
 
 class Candidate(msgspec.Struct, frozen=True, gc=False):
-    """A parsed action, before the gates.
+    """A parsed action, before the gates check it.
 
     Attributes:
-        values: The target of every axis, in axis order, then modifiers that the driver adds.
+        values: The target of every axis, in axis order, and then further numbers that the driver adds.
         named: Indices of the axes that the action names.
-        until_ns: Latest end, for an action that continues a motion with an earlier end; 0 for none.
+        until_ns: Time at which the target expires at the latest, for an action that continues a motion; 0 for no
+            such time.
     """
 
     values: tuple[float, ...]
@@ -171,27 +180,29 @@ ConditionCheck = Callable[[Observation, int], Refused | None]
 
 
 class OnResume(enum.StrEnum):
-    """The reaction of ``resume()`` of an armed robot to a broken condition."""
+    """What ``resume()`` does with a robot that is armed, if a condition is broken."""
 
-    REFUSE = "refuse"  # a person has to mend it first; our own stop does not break it
-    ARM_ANEW = "arm anew"  # arming mends it, so the robot is stopped and armed
-    STAY_ARMED = "stay armed"  # a service mends it: take off, stand up
+    REFUSE = "refuse"  # refuse: a person has to repair the cause first, and our stop does not cause it
+    ARM_ANEW = "arm anew"  # stop the robot and arm it again, which repairs the cause
+    STAY_ARMED = "stay armed"  # stay armed, because a service repairs the cause: take off, stand up
 
 
 class Condition(msgspec.Struct, frozen=True):
     """A condition that must be true while the robot is commanded, and its safe state.
 
-    Each condition may have its own safe state: a drone with a low battery lands, one with a weak link
-    hovers. A driver lists the most specific condition first, since the first broken one is shown as the
+    Each condition may lead to another safe state: a drone lands when its battery is low, and hovers when its radio
+    link is weak. A driver lists the most specific condition first, since the first broken one is shown as the
     cause.
 
     Attributes:
-        check: The check.
-        reason: The reason of the stop.
-        safe_state: The safe state; None for the driver's one for ``reason``.
-        always: Check it while the robot is energised, too, and not only while a target is in force.
-        on_resume: The reaction of ``resume()``.
-        is_silence: It only shows that the robot does not answer. Any other cause is more specific.
+        check: The function that checks the condition.
+        reason: The reason for the stop that is reported.
+        safe_state: The safe state to go to; None for the one that the driver declares for ``reason``.
+        always: True checks it whenever the robot is energised. False checks it only while the robot follows a
+            target.
+        on_resume: What ``resume()`` does if this condition is broken.
+        is_silence: True if the condition only shows that the robot does not answer. Any other broken condition is
+            then shown as the cause.
     """
 
     check: ConditionCheck
@@ -203,17 +214,17 @@ class Condition(msgspec.Struct, frozen=True):
 
 
 class Driver(ABC):
-    """One robot as data and pure functions.
+    """The description of one robot as data and pure functions.
 
     A subclass defines ``SUPPORTED_ROBOTS``, ``PORT_KIND``, ``WIRE`` and ``STOP_CHANNEL``, and ``TWIN`` if it has a
     twin. In place of ``WIRE`` and ``STOP_CHANNEL`` it may override ``open_wire`` and ``stop_channel``.
 
-    Its constructor calls ``declare`` with the axes, and sets ``robot``, ``unit``, ``timing``, ``fallbacks``,
-    ``firmware_watchdog``, ``config`` and ``gates``.
+    The constructor of the subclass calls ``declare`` with the axes, and sets ``robot``, ``unit``, ``timing``,
+    ``fallbacks``, ``firmware_watchdog``, ``config`` and ``gates``.
 
     Args:
         robot: The robot's name.
-        port: Its serial port or address; empty if it was left out. It is not opened here.
+        port: The robot's serial port or address; empty if it was left out. The driver does not open it.
         options: The plain options that ``resolve`` and ``complete`` have returned.
     """
 
@@ -225,7 +236,7 @@ class Driver(ABC):
     """True if ``port`` may be left out, because the robot sends first."""
     PORT_LIKE: ClassVar[str] = "192.0.2.10"
     """An example of this robot's addresses, for the refusal of a missing port."""
-    TOLD_APART_BY: ClassVar[tuple[str, ...]] = ()
+    DISTINGUISHED_BY: ClassVar[tuple[str, ...]] = ()
     """Options that distinguish several robots at one address, as units behind a gateway."""
     TRANSPORTS: ClassVar[tuple[str, ...]] = ("twin",)
     WIRE: ClassVar[str] = ""
@@ -251,7 +262,7 @@ class Driver(ABC):
     """Why this robot runs no policies in a separate process; empty if it does."""
     EXPERIMENTAL: ClassVar[Mapping[str, str]] = {}
     """Ways to connect that were never tried on a real robot, and how each was tried. A driver that uses
-    one adds ``experimental(way)`` to its ``caveats``."""
+    one adds ``experimental(connection)`` to its ``caveats``."""
     SIMULATION: ClassVar[str] = ""
     """Why there is no simulation of this robot; empty if there is."""
     SIMULATED: ClassVar[bool] = False
@@ -283,13 +294,13 @@ class Driver(ABC):
     parts: tuple[Part, ...] = ()
     """The axes as data, set by ``declare``. A driver without parts sets ``axes`` and ``ids`` itself."""
     axes: tuple[str, ...]
-    ids: tuple[int, ...]  # motor id per axis
+    ids: tuple[int, ...]  # the motor id of each axis
     table: tuple[Axis, ...] = ()
-    unit: str  # for people: "degrees (gripper: percent open)"
+    unit: str  # the unit of the values, to show to people: "degrees (gripper: percent open)"
     timing: Timing
     fallbacks: Mapping[Reason, SafeState]
-    firmware_watchdog: str  # the reaction of the firmware when every process of the tree is gone
-    bound_s: float = 0.05  # longest time from a death to the safe frame, a published bound
+    firmware_watchdog: str  # what the firmware does when all processes of this package have ended
+    bound_s: float = 0.05  # published bound: longest time from the end of a process to the stop command
     config: Any
     """A frozen struct with everything that ``WIRE`` and ``STOP_CHANNEL`` know of the robot."""
     gates: tuple[GateCheck, ...]
@@ -304,10 +315,10 @@ class Driver(ABC):
     ``module:class``. The option ``level`` selects one. The kill matrix uses the same name."""
 
     @classmethod
-    def at_level(cls, robot: str, options: Mapping[str, Any]) -> type[Driver]:
-        """Return the driver for the option ``level``: one of ``LEVELS``, or this class."""
-        where = cls.LEVELS.get(f"{robot}:{options.get('level')}")
-        return cls if where is None else load(where)
+    def for_level(cls, robot: str, options: Mapping[str, Any]) -> type[Driver]:
+        """Return the driver for the option ``level`` (a way to command the robot), or this class by default."""
+        class_path = cls.LEVELS.get(f"{robot}:{options.get('level')}")
+        return cls if class_path is None else load(class_path)
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -320,7 +331,8 @@ class Driver(ABC):
             options: The user's keywords, under the names of ``OPTIONS``.
 
         Returns:
-            Options that every process of the tree can be given. The default returns the keywords unchanged.
+            Options as plain data, which can be sent to every process of the robot. The default returns the
+            keywords unchanged.
 
         Raises:
             ValueError: A value is wrong. The text says what is accepted.
@@ -335,9 +347,9 @@ class Driver(ABC):
 
     @classmethod
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the options, completed by facts that only the robot can give.
+        """Add facts to the options that only the robot knows, and return them.
 
-        It runs in the caller before the tree is started, and may run again.
+        It runs in the caller's process, before the robot's other processes are started. It may run again.
 
         Args:
             robot: The robot's name.
@@ -353,88 +365,95 @@ class Driver(ABC):
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None: ...
 
     def check_port(self) -> None:  # noqa: B027  # a default that accepts
-        """Check the form of ``port``, without opening it. The default accepts any.
+        """Check the form of ``port``, without opening it. The default accepts any text.
 
         Raises:
-            ValueError: The form is wrong. The text says what is accepted.
+            ValueError: The form is wrong. The text describes the accepted form.
         """
 
     @property
     def late_s(self) -> float:
-        """Longest time after a cut-off in which an arming or a service may still take effect."""
+        """Longest time for which a request to arm, or a service, can still take effect after a stop cut it off."""
         return max((self.timing.late_s, *(service.late_s for service in self.SERVICES.values())))
 
     def declare(self, *parts: Part) -> None:
-        """Set the axes of the robot. Names, ids, parsing and the first target follow from them."""
+        """Set the axes of the robot. Their names, motor ids, parsing and first target are derived from them."""
         self.parts = parts
         self.table = axes_of(parts)
         self.axes = tuple(axis.key for axis in self.table)
         self.ids = tuple(axis.id for axis in self.table)
-        self._index = {key: at for at, key in enumerate(self.axes)}
+        self._index = {key: index for index, key in enumerate(self.axes)}
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
         """Return the target of every axis, or a refusal of the action.
 
-        Position axes that the action does not name keep ``state.target``; velocity axes get zero.
+        Position axes that the action does not name keep ``state.target``. Velocity axes that it does not name get
+        their rest value.
         """
         parsed = parse_action(action, self.robot, self.table, self._index, state.target)
         return parsed if isinstance(parsed, Refused) else Candidate(*parsed)
 
     def parse_simulated(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """As ``parse``, for a simulation. Its body may accept more than the wire. The default is the same."""
+        """Return the target of every axis for a simulated robot, or a refusal.
+
+        By default it does the same as ``parse``. A simulation may accept more keys than the real robot.
+        """
         return self.parse(action, state)
 
     def to_approve(self, action: Mapping[str, Any]) -> tuple[str, ...]:
-        """Return the keys of an action that may need approval.
+        """Return the keys of an action that may need an operator's approval.
 
         Velocities of zero are excluded, since they stop the robot.
         """
-        at_rest = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
+        rest_values = {axis.key: axis.rest for axis in self.table if axis.mode is AxisMode.VELOCITY}
         keys = ((key, str(key).removesuffix(".pos")) for key in action)
-        return tuple(plain for key, plain in keys if plain not in at_rest or finite(action[key]) != at_rest[plain])
+        return tuple(
+            plain for key, plain in keys if plain not in rest_values or finite(action[key]) != rest_values[plain]
+        )
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
-        """Return the target of a robot that was just armed.
+        """Return the first target of a robot whose motors were just energised.
 
-        These are the measured positions, so that it does not jump, and zero for velocity axes.
+        Position axes get their measured position, so that the robot does not jump. Velocity axes get their rest
+        value.
         """
         return first_target(self.table, observation.position) if self.parts else observation.position
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         """Return a refusal of a service, or None if it may run. Pure.
 
-        It may run if ``SERVICES`` declares the service and its arguments, and all counts are valid.
+        It may run if ``SERVICES`` declares the service and its arguments, and if each argument in ``counts`` is a
+        whole number in range.
         """
         declared = self.SERVICES.get(service)
         if declared is None:
             names = ", ".join(self.SERVICES) or "none"
             return Refused(
-                Code.UNKNOWN_SERVICE, f"{self.robot} has no such service", f"it has {names}", service, names
+                Code.UNKNOWN_SERVICE, f"{self.robot} has no service {service}", f"it has {names}", service, names
             )
         for name in arguments:
             if name not in declared.arguments:
                 names = ", ".join(declared.arguments) or "none"
-                return Refused(Code.UNKNOWN_ARGUMENT, f"no argument {name}", f"it takes {names}", name, names)
+                return Refused(Code.UNKNOWN_ARGUMENT, f"unknown argument {name}", f"it takes {names}", name, names)
         for name, most in declared.counts.items():
             value = arguments.get(name, declared.arguments[name])
             if not _is_count(value, most):
-                why, limit = f"{name} is {value!r}", f"1..{most}"
-                return Refused(Code.BAD_ARGUMENT, why, f"give a whole number, 1 to {most}", f"{value}", limit)
+                problem, limit = f"{name} is {value!r}", f"1..{most}"
+                return Refused(Code.BAD_ARGUMENT, problem, f"give a whole number, 1 to {most}", f"{value}", limit)
         return None
 
     def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
-        """Return the command of a verb with these inputs. Pure.
+        """Return the action that a verb with these inputs commands. Pure.
 
-        A driver overrides it for verbs in other units than those of the axes. The default is
-        ``ToolVerb.command``.
+        The default is ``ToolVerb.command``. A driver overrides this if its verbs have other units than its axes.
         """
         return verb.command(inputs)
 
     def preload(self) -> None:
         """Import the modules of ``stop_channel``.
 
-        It is called in the root and in the wire process before their first heartbeat. On a busy machine an
-        import takes longer than they may be silent.
+        The root and the wire process call this before their first heartbeat. An import on a busy computer takes so
+        long that the process would look frozen afterwards.
         """
         if self.STOP_CHANNEL:
             load(self.STOP_CHANNEL)
@@ -442,13 +461,13 @@ class Driver(ABC):
     def preload_wire(self) -> None:
         """Import the modules of ``open_wire``.
 
-        It is called in the wire process only, so that the root loads no SDK.
+        Only the wire process calls this, so that the root process never loads an SDK.
         """
         if self.WIRE:
             load(self.WIRE)
 
     def open_wire(self, clock: Clock) -> Wire:
-        """Return a new wire, which is not open yet."""
+        """Return a new connection to the robot, which is not open yet."""
         wire: Wire = load(self.WIRE)(self.config, clock)
         return wire
 
@@ -456,34 +475,34 @@ class Driver(ABC):
         """Return a new stop channel.
 
         Args:
-            descriptors: Those of ``Wire.handover``. Without any, the channel opens its own connections when it
-                is used.
+            descriptors: The descriptors that ``Wire.handover`` returned. If there are no descriptors, the channel
+                opens a new connection when it is used.
             clock: The clock.
         """
         channel: StopChannel = load(self.STOP_CHANNEL)(self.config, descriptors, clock)
         return channel
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return a row in axis order as a mapping of public keys."""
+        """Return numbers in axis order as a mapping with the axes' public keys."""
         return dict(zip(self.axes, values, strict=True))
 
-    def experimental(self, way: str) -> str:
-        """Return the warning for a transport in ``EXPERIMENTAL``."""
-        return f"{way} is experimental: {self.EXPERIMENTAL[way]}"
+    def experimental(self, connection: str) -> str:
+        """Return the warning for a way to connect that was never tried on a real robot (``EXPERIMENTAL``)."""
+        return f"{connection} is experimental: {self.EXPERIMENTAL[connection]}"
 
     def observed(self, observation: Observation) -> dict[str, float]:
-        """Return the positions by public key: of the axes, and of read-only joints that were read."""
+        """Return the positions of the axes, and of the read-only joints that were read, by public key."""
         rows = {joint.key: observation.sensors.get(joint.sensor) for joint in self.READ_ONLY_JOINTS}
         return self.as_json(observation.position) | {key: row[0] for key, row in rows.items() if row}
 
     def as_telemetry(self, observation: Observation) -> dict[str, float]:
-        """Return ``observed`` for subscribers on the mesh, with each position under ``x`` and ``x.pos``."""
+        """Return the positions for subscribers on the network. Each position has two keys, ``x`` and ``x.pos``."""
         positions = self.observed(observation)
         rates = {axis.key for axis in self.table if axis.mode is AxisMode.VELOCITY}
         return positions | {f"{key}{SUFFIX}": value for key, value in positions.items() if key not in rates}
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
-        """Return the reply of ``send_action``: the accepted action and its target."""
+        """Return the reply of ``send_action``: the target of each axis that the accepted action names."""
         target = self.as_json(values)
         named = {str(key).removesuffix(".pos") for key in action}
         return {"commanded": {key: target[key] for key in target if key in named}, "unit": self.unit}
@@ -491,12 +510,12 @@ class Driver(ABC):
     def accepted(
         self, action: Mapping[str, Any], values: Sequence[float], sensors: Mapping[str, tuple[float, ...]]
     ) -> dict[str, Any]:
-        """Return the reply of ``send_action`` with readings.
+        """Return the reply of ``send_action``, for a driver that adds sensor readings to it.
 
         Args:
             action: The accepted action.
-            values: Its target.
-            sensors: The newest readings of ``ANSWERS_WITH``.
+            values: The target of every axis.
+            sensors: The newest readings of the sensors in ``ANSWERS_WITH``.
         """
         return self.commanded(action, values)
 
@@ -511,20 +530,20 @@ class Driver(ABC):
             observation: The newest observation.
 
         Returns:
-            The command, or a refusal. None (the default) if the robot cannot plan one; then a path of small
-            steps is sent.
+            The command, or a refusal. None (the default) if the robot cannot plan a timed motion. Then a path
+            of small steps is sent.
         """
         return None
 
     def readings(self, observation: Observation) -> dict[str, Any]:
-        """Return more readings for ``state`` and ``status``, as JSON.
+        """Return further readings for ``state`` and ``status``, as JSON.
 
-        They are in the users' words: a pose, a charge, the name of a mode.
+        They are in words and units of the robot's users: a pose, a charge, the name of a mode.
         """
         return {}
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
-        """Return (zero, scale) of each axis, to convert from the joints of the twin's model.
+        """Return (zero, scale) of each axis, to convert positions of the simulated robot's model.
 
         ``value = zero + scale * m``, where ``m`` is the joint of the model in radians or metres. The default is
         (0, 1).
@@ -534,14 +553,14 @@ class Driver(ABC):
     def travel(self) -> dict[str, tuple[float, float]]:
         """Return the calibrated range (low, high) of each axis, in the driver's units.
 
-        It is empty without a calibration.
+        The result is empty if there is no calibration.
         """
         return {}
 
     def energised(self, safe_state: SafeState) -> bool:
-        """Return True if the next setpoint moves the robot out of this safe state without a resume.
+        """Return True if the robot stays energised in this safe state, and the next setpoint moves it.
 
-        It does where motors keep torque, or a base stands at velocity zero.
+        This is so where motors keep torque, or where a base stands with velocity zero. No resume is needed then.
         """
         return safe_state in (SafeState.HOLD, SafeState.ZERO)
 

@@ -1,4 +1,4 @@
-"""Optional packages: the modules of each extra, and the line that installs it."""
+"""Optional packages: the modules that each extra of this package installs, and the command that installs it."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ EXTRAS: dict[str, tuple[str, ...]] = {
 
 
 class MissingExtra(ImportError):
-    """An extra is not installed. The text has the line that installs it."""
+    """An extra (a set of optional packages) is not installed. The text has the command that installs it."""
 
 
 def missing(extra: str, use: str) -> str:
-    """Return why ``use`` is not possible, with the line that installs the extra.
+    """Return why ``use`` is not possible, with the command that installs the extra.
 
     Args:
         extra: One of ``EXTRAS``.
@@ -41,8 +41,8 @@ def missing(extra: str, use: str) -> str:
 
 def require(extra: str, use: str) -> None:
     """Raise ``MissingExtra`` if an extra that ``use`` needs is not installed."""
-    if why := missing(extra, use):
-        raise MissingExtra(why)
+    if reason := missing(extra, use):
+        raise MissingExtra(reason)
 
 
 def refusing(name: str, failure: ImportError) -> Callable[..., NoReturn]:
@@ -50,13 +50,14 @@ def refusing(name: str, failure: ImportError) -> Callable[..., NoReturn]:
 
     Args:
         name: The name of the function.
-        failure: The exception of its import. A call raises ``MissingExtra`` with its text.
+        failure: The exception that importing the function has raised. A call of the replacement raises
+            ``MissingExtra`` with the text of this exception.
     """
-    why = str(failure) if isinstance(failure, MissingExtra) else f"{name} cannot be imported: {failure}"
+    reason = str(failure) if isinstance(failure, MissingExtra) else f"{name} cannot be imported: {failure}"
 
     def refuse(*values: object, **keywords: object) -> NoReturn:
-        raise MissingExtra(why) from failure
+        raise MissingExtra(reason) from failure
 
     refuse.__name__ = refuse.__qualname__ = name
-    refuse.__doc__ = f"Not installed: {why}"
+    refuse.__doc__ = f"Not installed: {reason}"
     return refuse

@@ -1,4 +1,4 @@
-"""Check the table of a driver that maps reasons and conditions to safe states."""
+"""Check a driver's tables, which give the safe state for each reason and each condition."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from .safe_state import SafeState
 
 
 def fallbacks_for(*, late: SafeState, otherwise: SafeState) -> dict[Reason, SafeState]:
-    """Return the usual table.
+    """Return the table of safe states that most drivers use.
 
     Args:
-        late: The safe state when the writer is late or lost.
+        late: The safe state if the program that commands is late, or has ended.
         otherwise: The safe state for every other reason.
     """
     return {reason: late if reason in HOLDING_REASONS else otherwise for reason in Reason}
 
 
 def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason, SafeState]:
-    """Return a table with its words as safe states.
+    """Return the table with ``SafeState`` members in place of text.
 
     Raises:
-        ValueError: A reason is missing, or a word is no safe state. The text names it.
+        ValueError: A reason is missing, or a text is not the name of a safe state. The message names it.
     """
     if missing := [str(reason) for reason in Reason if reason not in fallbacks]:
         raise ValueError(f"{robot}: no safe state is declared for {', '.join(missing)}")
@@ -33,10 +33,10 @@ def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason,
 
 
 def check_conditions(robot: str, conditions: Sequence[Condition]) -> tuple[Condition, ...]:
-    """Return conditions with their words as safe states.
+    """Return the conditions with ``SafeState`` members in place of text.
 
     Raises:
-        ValueError: A word is no safe state. The text names it.
+        ValueError: A text is not the name of a safe state. The message names it.
     """
     _check_words(robot, (condition.safe_state for condition in conditions if condition.safe_state))
     return tuple(

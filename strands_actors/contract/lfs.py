@@ -8,11 +8,11 @@ _POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 def pointer_reason(file: Path) -> str:
-    """Return why a file is only git-lfs's pointer, or an empty text if it is the file itself.
+    """Return an error text if a file is only the pointer of git-lfs, or an empty text if it is the file itself.
 
     Raises:
         OSError: The file cannot be read.
     """
     with file.open("rb") as opened:
         is_pointer = opened.read(len(_POINTER)) == _POINTER
-    return f"{file} is a git-lfs pointer, not the file itself. run: git lfs pull" if is_pointer else ""
+    return f"{file} is a git-lfs pointer, not the file itself. Run: git lfs pull" if is_pointer else ""

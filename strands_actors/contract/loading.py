@@ -11,9 +11,9 @@ def place_of(thing: type[Any]) -> str:
     return f"{thing.__module__}:{thing.__qualname__}"
 
 
-def load(where: str) -> Any:
+def load(object_path: str) -> Any:
     """Import the module and return the object at ``module:qualified.name``."""
-    module, _, name = where.partition(":")
+    module, _, name = object_path.partition(":")
     loaded: Any = importlib.import_module(module)
     for part in name.split("."):
         loaded = getattr(loaded, part)

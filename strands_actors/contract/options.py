@@ -1,6 +1,6 @@
-"""Constructor keywords of a driver as a msgspec struct.
+"""Declare the constructor keywords of a driver (its options) as a msgspec struct.
 
-The annotation of a field has its type, its range and its meaning.
+The annotation of a field contains the option's type, range and meaning.
 
 ::
 
@@ -32,19 +32,19 @@ Options = TypeVar("Options", bound=DriverOptions)
 
 
 def option(about: str, *, secret: bool = False, is_path: bool = False, **constraints: Any) -> msgspec.Meta:
-    """Describe a field.
+    """Describe an option, within the annotation of a field.
 
     Args:
-        about: Its meaning.
-        secret: Its value is never shown, recorded or hashed.
-        is_path: Its text may also be given as a path object.
+        about: The meaning of the option, for people.
+        secret: True if the value must never be shown, recorded or hashed (a password).
+        is_path: True if the value may also be given as a path object.
         constraints: Constraints of msgspec: ``gt``, ``ge``, ``lt``, ``le``, ``pattern``, ``min_length``.
     """
     return msgspec.Meta(description=about, extra={"secret": secret, "is_path": is_path}, **constraints)
 
 
 def secrets_of(options: type[DriverOptions]) -> frozenset[str]:
-    """Return the secret keywords, for ``Driver.SECRETS``."""
+    """Return the keywords with secret values (passwords), for ``Driver.SECRETS``."""
     hints = get_type_hints(options, include_extras=True)
     return frozenset(
         field.encode_name
@@ -64,7 +64,7 @@ class Meanings(dict[str, str]):
 def meanings(options: type[DriverOptions]) -> Meanings:
     """Return the meaning and default of each keyword.
 
-    ``list``, ``--help`` and the signatures of ``Robot`` show them.
+    The command ``list``, the option ``--help`` and the signatures of ``Robot`` show them.
     """
     result = Meanings(options)
     hints = get_type_hints(options, include_extras=True)
@@ -74,61 +74,63 @@ def meanings(options: type[DriverOptions]) -> Meanings:
     return result
 
 
-def read_options(robot: str, options: type[Options], given: Mapping[str, Any]) -> Options:
+def read_options(robot: str, options: type[Options], offered: Mapping[str, Any]) -> Options:
     """Return a driver's options as a struct.
 
     Raises:
         TypeError: A keyword is unknown. The text suggests the nearest one.
-        ValueError: A value is not accepted. The text says which are.
+        ValueError: A value is not accepted. The text lists the accepted values.
     """
     own = {
         name: value
-        for name, value in given.items()
+        for name, value in offered.items()
         if name in options.__struct_encode_fields__ or name not in ALWAYS
     }
     return convert_options(robot, options, own)
 
 
 def convert_options(
-    robot: str, options: type[Options], given: Mapping[str, Any], *, from_text: bool = False
+    robot: str, options: type[Options], offered: Mapping[str, Any], *, from_text: bool = False
 ) -> Options:
-    """As ``read_options``, without the keywords that every driver gets.
+    """Return options as a struct. A keyword that ``options`` does not declare is refused.
 
     Args:
         robot: The robot's name, for the texts of exceptions.
         options: The class of the struct.
-        given: Values by keyword.
+        offered: Values by keyword.
         from_text: True accepts numbers and bools as text, as from a command line.
     """
     names = [field.encode_name for field in msgspec.structs.fields(options)]
-    values = {name: as_python(value) for name, value in given.items()}
+    values = {name: as_python(value) for name, value in offered.items()}
     if unknown := [name for name in values if name not in names]:
         close = closest(unknown[0], names)
         hint = f" ({unknown[0]!r} -> {close[0]!r}?)" if close else ""
-        use = f"Use {', '.join(names)}" if names else "There is none"
+        use = f"Use {', '.join(names)}" if names else "This robot takes no options"
         raise TypeError(f"{robot}: unknown option {', '.join(unknown)}{hint}. {use}")
     try:
         read = msgspec.convert(values, options, strict=not from_text)
     except msgspec.ValidationError as error:
-        why, _, where = str(error).rpartition(" - at `$.")
-        name = where.removesuffix("`").partition("[")[0]
+        reason, _, path = str(error).rpartition(" - at `$.")
+        name = path.removesuffix("`").partition("[")[0]
         shown = "not accepted" if name in secrets_of(options) else repr(values.get(name))
-        raise ValueError(f"{robot}: {name} is {shown}. {_wanted(options, name)} ({why or error})") from None
+        raise ValueError(
+            f"{robot}: {name} is {shown}. {_accepted_values(options, name)} ({reason or error})"
+        ) from None
     for field in msgspec.structs.fields(options):
         number, name = getattr(read, field.name), field.encode_name
         if name in values and isinstance(number, float) and not math.isfinite(number):
-            raise ValueError(f"{robot}: {name} is {values[name]!r}. {_wanted(options, name)}")
+            raise ValueError(f"{robot}: {name} is {values[name]!r}. {_accepted_values(options, name)}")
     return read
 
 
 def plain(options: DriverOptions) -> dict[str, Any]:
-    """Return the options as plain data, for other processes and recordings."""
+    """Return the options as plain data, which can be sent to other processes and stored in recordings."""
     data: dict[str, Any] = msgspec.to_builtins(options)
     return data
 
 
-def _wanted(options: type[DriverOptions], name: str) -> str:
-    """Return the accepted values of an option, for a refusal."""
+def _accepted_values(options: type[DriverOptions], name: str) -> str:
+    """Describe the accepted values of an option, for the text of a refusal."""
     if name not in (field.encode_name for field in msgspec.structs.fields(options)):
         return "Leave it out"
     choices = _choices(get_type_hints(options)[name])

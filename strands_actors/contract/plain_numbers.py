@@ -15,7 +15,7 @@ def as_python(value: Any) -> Any:
         return value
     try:
         return item()
-    except (TypeError, ValueError, RuntimeError):  # a tensor without data
+    except (TypeError, ValueError, RuntimeError):  # a tensor without data cannot be converted
         return value
 
 

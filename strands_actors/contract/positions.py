@@ -1,4 +1,4 @@
-"""Positions by key, as an observation has them."""
+"""Positions by joint name, as an observation contains them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ SUFFIX = ".pos"
 class Positions(dict[str, float]):
     """The positions of a robot, in the order of its axes.
 
-    ``shoulder_pan`` and ``shoulder_pan.pos`` both find a value. The stored keys, which are shown and sent, are
-    the plain ones that ``send_action`` takes.
+    Both keys ``shoulder_pan`` and ``shoulder_pan.pos`` return the same value. Only the key without ``.pos`` is
+    stored, shown and sent.
     """
 
     def __missing__(self, key: object) -> float:
@@ -32,12 +32,12 @@ class Positions(dict[str, float]):
             return default
 
     def copy(self) -> Positions:
-        """Return a copy that also accepts keys with ``.pos``."""
+        """Return a copy of the positions. It accepts keys with ``.pos``, too."""
         return Positions(self)
 
 
 def _plain(key: object) -> str | None:
-    """Return the key without its suffix, or None if it has no suffix."""
+    """Return the key without its suffix ``.pos``, or None if it has no such suffix."""
     return key.removesuffix(SUFFIX) if isinstance(key, str) and key.endswith(SUFFIX) else None
 
 

@@ -1,4 +1,4 @@
-"""Rotations, for all wires that report or take them."""
+"""Convert rotations, for all robots that report or accept them."""
 
 from __future__ import annotations
 

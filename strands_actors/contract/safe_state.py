@@ -1,7 +1,7 @@
 """The safe states of a robot, in order of severity.
 
-A later member gives up more than an earlier one. An order for a safe state is never answered with an earlier
-state than the ordered one.
+A later member takes more control away from the motors than an earlier one. A stop never ends in a milder state than
+the requested one.
 """
 
 from __future__ import annotations
@@ -10,30 +10,30 @@ import enum
 
 
 class SafeState(enum.StrEnum):
-    """A safe state. The members stand in order, from the mildest to the most severe."""
+    """A safe state of a robot. The members are ordered from the mildest to the most severe."""
 
     HOLD = "hold"  # energised, at the present position; a drone hovers
-    ZERO = "zero"  # a base or a pair of wheels: velocity zero, energised
-    STOP = "stop"  # motion ended by the robot's own controller, which keeps it up
-    SETTLE = "settle"  # sit or lie down, then without power (Spot: settle, then cut)
-    LAND = "land"  # a drone: down, then motors off
-    DAMP = "damp"  # motors brake the joints, then let go
+    ZERO = "zero"  # velocity zero, energised, for a mobile base or wheels
+    STOP = "stop"  # the robot's own controller ends the motion and keeps the robot upright
+    SETTLE = "settle"  # the robot sits or lies down, and its power is switched off (Spot: settle, then cut)
+    LAND = "land"  # a drone lands, and then its motors are switched off
+    DAMP = "damp"  # the motors brake the joints, and then let them move freely
     LIMP = "limp"  # no torque on any motor
-    ZERO_TORQUE = "zero_torque"  # frames that ask for no torque, at once
+    ZERO_TORQUE = "zero_torque"  # frames that command zero torque, at once
     OFF = "off"  # motors off or power cut, even if a load falls
 
     @property
     def severity(self) -> int:
-        """The index in the order of severity, from 0, the mildest."""
+        """The position of the state in the order of severity, from 0 (the mildest)."""
         return _ORDER[self]
 
     def at_least(self, other: SafeState) -> bool:
-        """Return True if this state is as severe as ``other``, or more."""
+        """Return True if this state is at least as severe as ``other``."""
         return self.severity >= other.severity
 
     def or_more(self, other: SafeState) -> SafeState:
-        """Return the more severe of the two."""
+        """Return this state or ``other``, the more severe one."""
         return self if self.at_least(other) else other
 
 
-_ORDER = {state: at for at, state in enumerate(SafeState)}
+_ORDER = {state: severity for severity, state in enumerate(SafeState)}

@@ -1,8 +1,8 @@
 """The sensors of a robot, as its driver declares them: their topics and fields.
 
-A sensor that is not declared is not published on a topic, but is still in ``health``. Fields have the names
-that subscribers of strands-robots use (``rpy``, ``gyro``, ``accel``; ``pct``). So a program for them reads
-every robot.
+A sensor that is not declared is not published on a topic, but is still in ``health``. Fields have the names that
+subscribers of strands-robots use (``rpy``, ``gyro``, ``accel``; ``pct``). So a program that reads strands-robots'
+topics can read every robot.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ Row = tuple[float, ...]
 
 
 def number_of(sensors: Mapping[str, Row], name: str, missing: int = -1) -> int:
-    """Return a sensor with one whole number, such as a mode or a state.
+    """Return the value of a sensor that has one whole number, such as a mode or a state.
 
     Args:
-        sensors: The sensors of an observation.
-        name: The sensor.
-        missing: Returned if the robot has not reported it.
+        sensors: The sensors of an observation, by name.
+        name: The name of the sensor.
+        missing: The value to return if the robot has not reported the sensor.
     """
     row = sensors.get(name)
     return round(row[0]) if row and math.isfinite(row[0]) else missing
 
 
 class ReadOnlyJoint(msgspec.Struct, frozen=True):
-    """A joint that the robot reports and that is not commanded.
+    """A joint that the robot reports, but that cannot be commanded.
 
     Attributes:
-        key: Its name.
-        sensor: The sensor in ``Observation.sensors`` with its position, one number.
-        unit: The unit of that number.
+        key: The name of the joint.
+        sensor: The name of the sensor in ``Observation.sensors`` that contains the joint's position.
+        unit: The unit of the position.
     """
 
     key: str
@@ -57,7 +57,8 @@ class Sensor(msgspec.Struct, frozen=True):
 
     Attributes:
         topic: One of ``TOPICS_HZ``.
-        fields: Field on the topic -> name in ``Observation.sensors``. ``name[0]`` is one number of a row.
+        fields: The fields of the topic, and for each the name in ``Observation.sensors``. ``name[0]`` is the first
+            number of a sensor with several numbers.
         prefix: Every sensor with this prefix is a field, too, for a driver that learns its sensors from the
             robot.
         words: Fields that never change (``frame``).
@@ -73,14 +74,14 @@ class Sensor(msgspec.Struct, frozen=True):
             raise ValueError(f"sensor: no topic {self.topic!r}. Use one of {', '.join(TOPICS_HZ)}")
 
     def publishes(self, name: str) -> bool:
-        """Return True if a sensor is on this topic, so that it need not be in ``health``."""
+        """Return True if the topic contains this sensor, so that ``health`` need not contain it."""
         whole = (source.partition("[")[0] for source in self.fields.values())
         return name in whole or bool(self.prefix and name.startswith(self.prefix))
 
     def read(self, sensors: Mapping[str, Row]) -> dict[str, Any]:
         """Return the present readings by field; empty if nothing was read.
 
-        A reading is a number, or a list of several. Unknown numbers are None.
+        A reading is a number, or a list of numbers. Unknown numbers are None.
 
         Args:
             sensors: ``Observation.sensors``.
@@ -88,18 +89,18 @@ class Sensor(msgspec.Struct, frozen=True):
         readings: dict[str, Any] = {}
         for name, row in sensors.items() if self.prefix else ():
             if name.startswith(self.prefix):
-                readings[name.removeprefix(self.prefix)] = _known(row)
+                readings[name.removeprefix(self.prefix)] = _without_nan(row)
         for field, source in self.fields.items():
-            name, _, at = source.partition("[")
+            name, _, index = source.partition("[")
             row = sensors.get(name, ())
-            if not at and name in sensors:
-                readings[field] = _known(row)
-            elif at and int(at[:-1]) < len(row):
-                readings[field] = _known(row[int(at[:-1]) :][:1])
+            if not index and name in sensors:
+                readings[field] = _without_nan(row)
+            elif index and int(index[:-1]) < len(row):
+                readings[field] = _without_nan(row[int(index[:-1]) :][:1])
         return {**readings, **self.words} if readings else {}
 
 
-def _known(row: Row) -> float | list[float | None] | None:
+def _without_nan(row: Row) -> float | list[float | None] | None:
     values = [None if math.isnan(value) else value for value in row]
     return values[0] if len(values) == 1 else values
 
@@ -111,7 +112,8 @@ def imu(**sensors: str) -> Sensor:
     ``accel`` from others. Both names are published.
 
     Args:
-        sensors: Those of ``rpy``, ``gyro``, ``accel`` and ``quaternion`` that the robot has.
+        sensors: The sensors that the robot has, of ``rpy``, ``gyro``, ``accel`` and ``quaternion``: each with its
+            name in ``Observation.sensors``.
     """
     other_names = {"gyro": "gyroscope", "accel": "accelerometer"}
     more = {other_names[field]: name for field, name in sensors.items() if field in other_names}
@@ -125,7 +127,7 @@ def pose(xyz: str, *, rpy: str = "", frame: str, **more: str) -> Sensor:
         xyz: The sensor with three positions, published as ``xyz``, ``x``, ``y`` and ``z``.
         rpy: The sensor with three angles, published as ``rpy``, and as ``theta``, the rotation about z.
         frame: The name of the coordinate frame.
-        more: Further fields.
+        more: Further fields of the topic, and for each the name in ``Observation.sensors``.
     """
     fields = {"xyz": xyz, "x": f"{xyz}[0]", "y": f"{xyz}[1]", "z": f"{xyz}[2]", **more}
     if rpy:

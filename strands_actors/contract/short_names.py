@@ -1,8 +1,8 @@
 """Other names of robots.
 
 These are short names of the usual robot of a family, and names in the registry of strands-robots [read: its
-``robots.json``]. Other spellings (``Koch-v1.1``) need no row. The names that a wire itself declares are in its
-``robots.toml``.
+``robots.json``]. Spellings that differ only in case or punctuation (``Koch-v1.1``) need no row. A driver declares
+the names of its robots in its ``robots.toml``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Show received values in messages: short, in bounded time, and harmless to a terminal. Pure."""
+"""Show received values in messages.
+
+The result is short, is made in bounded time, and cannot harm a terminal. Pure.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,13 @@ LONGEST = 100
 
 
 def shown(value: object, most: int = 40) -> str:
-    """Return a value in at most ``most`` characters, however deep and long it is."""
+    """Return a value as text of at most ``most`` characters, even if it is deeply nested or very long."""
     brief = reprlib.Repr()
     brief.maxlevel, brief.maxdict, brief.maxlist, brief.maxtuple, brief.maxset = 3, 4, 6, 6, 6
     brief.maxstring = brief.maxother = brief.maxlong = most
     try:
         text = repr(value[:most]) if isinstance(value, str | bytes) else brief.repr(value)
-    # A number has too many digits, or the object's repr fails.
+    # The number has too many digits to be converted, or the object's ``repr`` fails.
     except (ValueError, RecursionError):
         text = f"<{type(value).__name__}>"
     return harmless(text)[:most]
@@ -26,15 +29,15 @@ def shown(value: object, most: int = 40) -> str:
 def harmless(text: str) -> str:
     """Return a text in which only printable characters are left.
 
-    Others are escaped: those that move a cursor, colour, hide, change the direction of a line, or are no
-    character at all.
+    All others are escaped: characters that move the cursor, change colours, hide text or change its direction, and
+    invalid ones.
     """
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
-def closest(name: object, known: Iterable[str], count: int = 1) -> list[str]:
-    """Return the most similar known names. A name that is too long matches none of them."""
+def closest(name: object, names: Iterable[str], count: int = 1) -> list[str]:
+    """Return the known names that are most similar to a name. A name that is too long gets no suggestions."""
     text = name if isinstance(name, str) else ""
-    return difflib.get_close_matches(text, list(known), n=count) if len(text) <= LONGEST else []
+    return difflib.get_close_matches(text, list(names), n=count) if len(text) <= LONGEST else []

@@ -1,8 +1,12 @@
-"""Base classes for stop channels. A driver adds the frames of its robot.
+"""Base classes for stop channels.
 
-``DuplicateDescriptor``  a duplicate of the wire's descriptor; if it is dead, the port is opened anew
+A stop channel stops a robot when the wire process, which usually writes to the robot, cannot. A driver adds the
+frames of its robot.
+
+``DuplicateDescriptor``  a duplicate of the file descriptor that the wire process has open. If it does not
+                         work, the port is opened again
 ``ConnectWhenNeeded``    a new connection for each stop
-``WatchedFirmware``      the same for firmware that stops by itself; the channel sees that it did
+``WatchedFirmware``      the same, for firmware that stops by itself; the channel confirms that it did
 ``KeptSession``          a session that is kept open, because opening one takes too long
 ``OwnProcess``           processes that load an SDK (``stop_process``)
 
@@ -27,7 +31,7 @@ Reports = tuple[MotorReport, ...]
 
 
 class Closable(Protocol):
-    """A port, connection or session of a stop channel."""
+    """A port, connection or session of a stop channel, which can be closed."""
 
     def close(self) -> None:
         """Close the descriptors of the port or connection."""
@@ -38,7 +42,7 @@ class Watch(Closable, Protocol):
     """A connection on which the robot reports its state."""
 
     def look(self) -> Reports:
-        """Read the received data and return the report of each motor.
+        """Read the data that the robot has sent, and return the report of each motor.
 
         Raises:
             WireDown: The connection is lost.
@@ -52,10 +56,10 @@ WatchT = TypeVar("WatchT", bound=Watch)
 
 
 class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
-    """Stop by a duplicate of the wire's descriptor.
+    """Stop by a duplicate of the file descriptor that the wire process has open.
 
-    If it is dead or missing, the port is opened again, and stays open until ``close``. A subclass defines
-    ``adopt``, ``open_port``, ``make_safe_on`` and ``failed``.
+    If the descriptor does not work or is missing, the port is opened again. It stays open until ``close``. A
+    subclass defines ``adopt``, ``open_port``, ``make_safe_on`` and ``failed``.
     """
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
@@ -65,28 +69,34 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     def adopt(self, descriptor: int) -> PortT:
-        """Return a port that owns the descriptor. Must not raise."""
+        """Return a port object that uses this file descriptor and closes it later. Must not raise."""
 
     @abstractmethod
     async def open_port(self) -> PortT:
-        """Open the port by its path or address. Raise ``WireDown``."""
+        """Open the port by its path or address. Raise ``WireDown`` if this fails."""
 
     async def hung_up(self, port: PortT) -> None:
-        """Wait until the device behind the port is gone. Most ports never report that."""
+        """Wait until the device behind the port is unplugged.
+
+        The default waits for ever, since most ports never report that.
+        """
         await trio.sleep_forever()
 
     @abstractmethod
     async def make_safe_on(self, port: PortT, safe_state: SafeState) -> Reports:
-        """As ``make_safe``, on this port. Raise ``WireDown`` if nothing could be written."""
+        """Bring every motor to the safe state by this port, and return the reports.
+
+        Raise ``WireDown`` if nothing could be written.
+        """
 
     @abstractmethod
-    def failed(self, why: str) -> Reports:
-        """Report that nothing was written."""
+    def failed(self, reason: str) -> Reports:
+        """Return reports in which no motor is confirmed, with this reason."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Close the port when its adapter was unplugged.
+        """Close the port when its adapter is unplugged.
 
-        While the port is open, the adapter gets another name when it comes back.
+        If the port stayed open, a returning adapter would get another device name.
         """
         task_status.started()
         if self.port is not None:
@@ -94,7 +104,7 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
             self.close()
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
-        """Make the robot safe on the open port. If that is lost or missing, open the port again."""
+        """Bring every motor to the safe state by the open port. If the port is lost or missing, open it again."""
         if self.port is not None:
             try:
                 return await self.make_safe_on(self.port, safe_state)
@@ -116,9 +126,9 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
     """Stop by a new connection.
 
-    The wire's connection is gone with its process by then, so a controller with one client accepts this
-    one. A host name has to be looked up for it, which takes longer than an address. A subclass defines
-    ``connect``, ``make_safe_by`` and ``failed``.
+    The wire process has ended before this is used, and so has its connection. So a controller that accepts only one
+    client accepts the new connection. If the address is a host name, the name has to be looked up first, which
+    takes longer. A subclass defines ``connect``, ``make_safe_by`` and ``failed``.
     """
 
     def __init__(self, config: ConfigT, descriptors: Sequence[int], clock: Clock) -> None:
@@ -127,22 +137,25 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def connect(self) -> PortT:
-        """Connect to the robot. Raise ``WireDown``."""
+        """Connect to the robot. Raise ``WireDown`` if this fails."""
 
     @abstractmethod
     async def make_safe_by(self, port: PortT, safe_state: SafeState) -> Reports:
-        """As ``make_safe``, on this connection. Raise ``WireDown`` if it is lost."""
+        """Bring every motor to the safe state by this connection, and return the reports.
+
+        Raise ``WireDown`` if the connection is lost.
+        """
 
     @abstractmethod
-    def failed(self, why: str, port: PortT | None = None) -> Reports:
-        """Return reports in which no motor is confirmed. ``port`` is the connection, if there was one."""
+    def failed(self, reason: str, port: PortT | None = None) -> Reports:
+        """Return reports in which no motor is confirmed. ``port`` is the connection; None if connecting failed."""
 
     def release(self, port: PortT) -> None:
-        """Close a connection after its stop. This must not raise, since ``make_safe`` never does."""
+        """Close the connection after the stop. It must not raise, because ``make_safe`` never does."""
         port.close()
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
-        """Connect, make the robot safe, and release the connection."""
+        """Connect, bring every motor to the safe state, and close the connection."""
         try:
             port = await self.connect()
         except WireDown as down:
@@ -155,14 +168,14 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
             self.release(port)
 
     def close(self) -> None:
-        """Nothing is kept open."""
+        """Do nothing, since no connection is kept open."""
 
 
 class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
-    """Stop a robot with firmware that stops by itself when the wire process is gone.
+    """Stop a robot with firmware that stops by itself when it loses the connection to the wire process.
 
-    The channel orders the stop nevertheless, and observes the robot until every motor is safe. A subclass
-    defines ``connect``, ``failed`` and ``CONFIRM_S``, and ``order`` if another client may move the robot.
+    The channel still sends the stop, and observes the robot until every motor is safe. A subclass defines
+    ``connect``, ``failed`` and ``CONFIRM_S``, and also ``order`` if another client may move the robot.
     """
 
     CONFIRM_S: ClassVar[float]
@@ -171,10 +184,10 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
     """Pause between two observations."""
 
     def order(self, watch: WatchT, safe_state: SafeState) -> None:
-        """Order the stop, in case another client moves the robot. Raise ``WireDown``."""
+        """Send the stop, in case another client moves the robot. Raise ``WireDown`` if the connection is lost."""
 
     async def make_safe_by(self, watch: WatchT, safe_state: SafeState) -> Reports:
-        """Order the stop, and observe the robot for ``CONFIRM_S`` at most until every motor is safe."""
+        """Send the stop, and observe the robot until every motor is safe, for at most ``CONFIRM_S``."""
         self.order(watch, safe_state)
         reports = watch.look()
         with trio.move_on_after(self.CONFIRM_S):
@@ -185,9 +198,9 @@ class WatchedFirmware(ConnectWhenNeeded[ConfigT, WatchT]):
 
 
 class KeptSession(StopChannel, Generic[ConfigT, PortT]):
-    """Stop by a session that is opened before the wire's link counts as up, and kept open.
+    """Stop by a session that is opened before the robot counts as connected, and that stays open.
 
-    A lost session is replaced. A subclass defines ``connect``, ``keep_up`` and ``make_safe_by``, and
+    A lost session is replaced. A subclass defines ``connect``, ``keep_up`` and ``make_safe_by``. It also defines
     ``has_other_way`` if the robot can be stopped without a session.
     """
 
@@ -202,15 +215,18 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def connect(self) -> PortT:
-        """Open a session. Raise ``WireDown``."""
+        """Open a session. Raise ``WireDown`` if this fails."""
 
     @abstractmethod
     async def keep_up(self, session: PortT) -> None:
-        """Keep a session alive until it is lost. Return then, or raise ``WireDown``."""
+        """Keep a session alive. When it is lost, return or raise ``WireDown``."""
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
-        """As ``make_safe``. Never raises. ``session`` is for this call alone, and None without one."""
+        """Bring every motor to the safe state by the session, and return the reports. Never raises.
+
+        ``session`` is None if no session is open. No other call uses it at the same time.
+        """
 
     @property
     def has_other_way(self) -> bool:
@@ -220,7 +236,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Open a session, keep it up, and replace it ``AGAIN_S`` after it is lost.
 
-        The first ``make_safe`` ends it, so that the session is used for the stop alone.
+        The first ``make_safe`` cancels this task, so that only the stop uses the session.
 
         Raises:
             WireDown: The first session cannot be opened, and the robot cannot be stopped without one.
@@ -241,15 +257,16 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
                 with contextlib.suppress(WireDown):
                     self.replace(await self.connect())
         if not is_started:
-            task_status.started()  # It was used for a stop meanwhile.
+            # ``make_safe`` has cancelled this task before a session was open.
+            task_status.started()
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
-        """End ``serve`` and make the robot safe by the session, or without one if there is none."""
+        """End ``serve``, and bring every motor to the safe state, by the session if one is open."""
         self._serving.cancel()
         return await self.make_safe_by(self.session, safe_state)
 
     def replace(self, session: PortT | None) -> None:
-        """Close the session and use another one."""
+        """Close the present session, and use this one instead."""
         if self.session is not None and self.session is not session:
             self.session.close()
         self.session = session

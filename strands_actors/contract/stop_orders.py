@@ -1,4 +1,4 @@
-"""The messages between a process and the children that stop a robot for it (``stop_process``).
+"""The messages between a process and its child processes that can stop a robot (``stop_process``).
 
 Orders and answers go over a socket pair. The child acknowledges each order at once, and answers again with the
 reports when it has carried it out.
@@ -24,18 +24,18 @@ _HEADER = 4
 
 
 class Order(msgspec.Struct, frozen=True):
-    """An order. Without a ``safe_state`` it only requests a sign of life."""
+    """An order to stop the robot. Without a ``safe_state`` it only requests a sign of life."""
 
     number: int
     safe_state: SafeState | None = None
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """An answer.
+    """An answer of the child process to an order.
 
     Attributes:
-        number: The number of the order. 0 before the first one: the child is ready.
-        reports: The reports of the stop. None acknowledges the order, which the child then carries out.
+        number: The number of the order. 0 in the first answer, which means that the child is ready.
+        reports: The reports of the stop. None if the answer only acknowledges the order, before the stop.
         trouble: Why the child cannot be used. Empty if it can.
     """
 
@@ -45,7 +45,10 @@ class Answer(msgspec.Struct, frozen=True):
 
 
 class StopChild:
-    """The parent's side of one child. Every answer acknowledges the orders up to its number."""
+    """The parent's side of the connection to one child process.
+
+    An answer to an order also acknowledges earlier orders.
+    """
 
     def __init__(self, process: ChildProcess, name: str, clock: Clock) -> None:
         self.process = process
@@ -53,49 +56,57 @@ class StopChild:
         self._clock = clock
         self._frames = Frames(process.socket)
         self._is_ready = False
-        self._sent = self._acknowledged = 0  # numbers of orders
-        self._unheard_ns = 0  # time since which an order lacks its acknowledgement; 0 if none does
-        self._carries_out_ns = 0  # time of the order that it carries out; 0 while it is idle
-        self._done: Answer | None = None  # the last order that it has carried out
-        # True while a task waits for the child's answers, and itself limits the time for them.
+        # Numbers of the last order that was sent, and of the last one that was acknowledged.
+        self._sent = self._acknowledged = 0
+        # Time since which an order waits for its acknowledgement; 0 if no order waits.
+        self._unacknowledged_ns = 0
+        # Time at which the child got the order that it carries out; 0 while it is idle.
+        self._carries_out_ns = 0
+        # The answer with the reports of the last order that the child has carried out.
+        self._done: Answer | None = None
+        # True while a task waits for an answer. That task limits the waiting time itself.
         self._is_awaited = False
 
     @property
     def is_lost(self) -> bool:
-        """True if the system reports that the child was killed or is stopped."""
+        """True if the system reports that the child was killed, has ended, or is frozen."""
         life = life_of(self.process.pid)
         return life.dying or life.stopped or not self.process.alive
 
     def send(self, safe_state: SafeState | None) -> int:
-        """Send an order and return its number. None requests a sign of life. Raise ``WireDown``."""
+        """Send an order, and return its number.
+
+        Without a safe state it requests a sign of life. Raise ``WireDown`` if the order cannot be sent.
+        """
         try:
             self._frames.send(Order(self._sent + 1, safe_state))
         except OSError as error:
-            raise WireDown(f"stop channel: the process of {self._name} takes no order ({error.strerror})") from None
+            raise WireDown(f"stop channel: cannot send to the process of {self._name} ({error.strerror})") from None
         self._sent += 1
         now_ns = self._clock.now_ns()
-        self._unheard_ns = self._unheard_ns or now_ns
+        self._unacknowledged_ns = self._unacknowledged_ns or now_ns
         if safe_state is not None:
             self._carries_out_ns = now_ns
         return self._sent
 
     async def ready(self, within_s: float) -> None:
-        """Wait until the child can carry out an order. Raise ``WireDown``."""
+        """Wait until the child can carry out orders. Raise ``WireDown`` if it is not ready in time."""
         if not await self._until(lambda: self._is_ready, within_s):
             raise self._silent(within_s)
 
     async def acknowledges(self, number: int, within_s: float) -> bool:
-        """Return True if the child acknowledges an order in time.
+        """Return True if the child acknowledges an order within ``within_s``.
 
-        The time counts from its oldest order without acknowledgement. Raise ``WireDown`` when the child ends.
+        The time begins with the oldest order that the child has not acknowledged. Raise ``WireDown`` if the child
+        ends.
         """
-        # An unread answer to the last sign of life may be here. Then the child is not silent.
+        # An answer to the last sign of life may have arrived, and not be read yet. Then the child is not silent.
         self._take_waiting()
-        left_s = within_s - (self._clock.now_ns() - self._unheard_ns) / NS
+        left_s = within_s - (self._clock.now_ns() - self._unacknowledged_ns) / NS
         return await self._until(lambda: self._acknowledged >= number, max(0.0, left_s))
 
     async def carried_out(self, number: int, within_s: float) -> Reports:
-        """Return the reports of an order. Raise ``WireDown`` if they do not come in time."""
+        """Return the reports of an order. Raise ``WireDown`` if they do not arrive in time."""
 
         def reports() -> Reports | None:
             return self._done.reports if self._done is not None and self._done.number == number else None
@@ -107,9 +118,9 @@ class StopChild:
         return result
 
     def is_alive(self, now_ns: int, busy_s: float) -> bool:
-        """Return True if the child has answered all orders, and request the next sign of life.
+        """Return True if the child has answered all orders. Then also request its next sign of life.
 
-        A child that carries out an order need not answer for ``busy_s``.
+        While the child carries out an order, it may be silent for ``busy_s``.
         """
         if self._is_awaited:
             return True
@@ -121,24 +132,25 @@ class StopChild:
                 return False
             self.send(None)
         except WireDown:
-            return False  # another task notices its end
+            # The child has ended. Another task notices that, too, and replaces the child.
+            return False
         return True
 
     def hang_up(self) -> None:
-        """End the wait for answers. Call it before the socket is closed."""
+        """Make a waiting task stop waiting for answers. Call this before the socket is closed."""
         trio.lowlevel.notify_closing(self.process.socket)
 
     def abandon(self) -> None:
         """Kill the child without waiting for its end."""
         self.hang_up()
         self.process.kill()
-        self.process.part()
+        self.process.detach()
         self.process.socket.close()
 
     async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Handle answers until ``condition()`` is true. Return True if that came in time.
+        """Handle answers until ``condition()`` is true. Return False if it is not true within ``within_s``.
 
-        Raise ``WireDown`` when the child ends or reports trouble.
+        Raise ``WireDown`` if the child ends or reports trouble.
         """
         self._take_waiting()
         self._is_awaited = True
@@ -156,13 +168,13 @@ class StopChild:
 
     def _take(self, data: bytes) -> None:
         if not data:
-            raise WireDown(f"stop channel: the process of {self._name} has ended. What it says is above")
+            raise WireDown(f"stop channel: the process of {self._name} has ended. Its error is printed above")
         answer = msgspec.msgpack.decode(data, type=Answer)
         if answer.trouble:
             raise WireDown(answer.trouble)
         self._is_ready = True
         self._acknowledged = max(self._acknowledged, answer.number)
-        self._unheard_ns = 0 if self._acknowledged == self._sent else self._clock.now_ns()
+        self._unacknowledged_ns = 0 if self._acknowledged == self._sent else self._clock.now_ns()
         if answer.reports is not None:
             self._done, self._carries_out_ns = answer, 0
 
@@ -171,7 +183,10 @@ class StopChild:
 
 
 class Frames:
-    """Messages on a stream: four bytes of length, then msgpack."""
+    """Send and receive messages on a stream socket.
+
+    Each has four bytes with its length, and then its data (msgpack).
+    """
 
     def __init__(self, sock: socket.socket) -> None:
         sock.setblocking(False)
@@ -179,21 +194,25 @@ class Frames:
         self._received = b""
 
     def send(self, message: msgspec.Struct) -> None:
-        """Send a message without waiting. Raise ``OSError`` if it cannot leave at once."""
+        """Send a message without waiting. Raise ``OSError`` if the socket cannot take it at once."""
         data = msgspec.msgpack.encode(message)
         self._socket.send(len(data).to_bytes(_HEADER, "little") + data)
 
     async def receive(self) -> bytes:
-        """Return the next message, or nothing if the other end is gone."""
+        """Return the next message. It is empty if the other process has closed the connection."""
         while (data := self.waiting()) is None:
             try:
                 await trio.lowlevel.wait_readable(self._socket)
-            except trio.ClosedResourceError:  # this end has hung up
+            # This process has closed its end of the connection.
+            except trio.ClosedResourceError:
                 return b""
         return data
 
     def waiting(self) -> bytes | None:
-        """Return the next message. It is empty when the other end is gone, and None if no message has come yet."""
+        """Return the next message without waiting.
+
+        It is None if no message has arrived yet, and empty if the other process has closed the connection.
+        """
         while True:
             size = int.from_bytes(self._received[:_HEADER], "little")
             if len(self._received) >= _HEADER + size and self._received:

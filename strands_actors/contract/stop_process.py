@@ -1,17 +1,18 @@
 """A stop channel in separate processes, for a stop that needs an SDK.
 
 An SDK must not be loaded in the root, which must never hang. A child loads ``CHANNEL``, an ordinary stop
-channel, and stops the robot when it gets an order over a socket pair. A newer order ends the present one.
+channel, and stops the robot when it gets an order over a socket pair. A newer order replaces the present one.
 
-Theory. Importing an SDK takes longer than a robot's bound, so two children (``READY``) wait with the SDK
-imported. Only one of them may act on an order.
+Theory. Importing an SDK takes longer than the time in which the robot must be stopped. So two children (``READY``)
+wait with the SDK imported. Only one of them may act on an order.
 
-* The first child that is neither dead nor stopped (SIGSTOP) gets the order. It acknowledges the order before it
+* The first child that is neither dead nor frozen (SIGSTOP) gets the order. It acknowledges the order before it
   acts.
-* A child that does not acknowledge within ``HEARD_S`` is killed, and the next one is ordered at once. So two
-  children never write at the same time, and a frozen child never writes later.
-* The last child gets ``ANSWER_S``. If it is stopped, another one is started.
-* Idle children are asked for a sign of life. A child that has ended or does not answer is replaced.
+* A child that does not acknowledge within ``ACKNOWLEDGED_S`` is killed, and the next child gets the order at once.
+  So two children never write at the same time, and a frozen child never writes later.
+* The last child has ``ANSWER_S`` for its answer. If it is frozen, another child is started.
+* Idle children are regularly requested to send a sign of life. A child that has ended or does not answer is
+  replaced.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ interpreter's lock."""
 
 
 class OwnProcess(StopChannel, Generic[ConfigT]):
-    """Stop by a child process.
+    """Stop by a child process, which has loaded the SDK.
 
     ``config`` is a msgspec struct, since it is sent to the child. A subclass defines ``CHANNEL`` and ``failed``.
     """
@@ -69,7 +70,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     START_S: ClassVar[float] = 8.0
     """Longest start of a child. Root and standby start two each at the same time, and each computes for
     0.7 s. It must be less than ``Timing.handover_s`` of the driver."""
-    HEARD_S: ClassVar[float] = 0.02
+    ACKNOWLEDGED_S: ClassVar[float] = 0.02
     """Longest time to an acknowledgement, while there is another child to ask."""
     ANSWER_S: ClassVar[float] = 0.6
     """Longest time to a result. Two of them fit into ``Timing.safe_s``."""
@@ -82,18 +83,18 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         self.config = config
         self.clock = clock
         self._descriptors = tuple(descriptors)
-        self._children: list[StopChild] = []  # ready children; the first one gets the next order
-        self._beginning = 0  # number of children that are starting
-        self._begun = trio.Event()  # set when one of them is ready or has failed
+        self._children: list[StopChild] = []  # child processes that are ready; the first one gets the next order
+        self._beginning = 0  # number of child processes that are starting
+        self._begun = trio.Event()  # set when a starting child is ready or has failed
         self._closed = False
 
     @abstractmethod
-    def failed(self, why: str) -> Reports:
+    def failed(self, reason: str) -> Reports:
         """Return reports in which no motor is confirmed."""
 
     @property
     def lacks(self) -> str:
-        """Why no stop is possible at once: no child is ready; empty if one is."""
+        """Why no stop is possible at once (no child is ready); empty if a child is ready."""
         return "" if self._children else f"no process of {short_name(self.CHANNEL)} is ready to stop the robot"
 
     @property
@@ -117,27 +118,27 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             raise _first_of(down) from None
 
     async def make_safe(self, safe_state: SafeState) -> Reports:
-        """Stop the robot. If a child is ready, the order leaves before the first wait.
+        """Stop the robot. If a child is ready, the order is sent before this function first waits.
 
-        A cancelled call leaves the child alive, because the guardian cancels an order before a fence
-        and repeats it afterwards.
+        If the call is cancelled, the child stays alive. The supervisor (guardian) cancels an order when it has to
+        kill the wire process first, and repeats the order afterwards.
         """
-        why, failures = "", 0
+        reason, failures = "", 0
         while failures < self.ATTEMPTS:
             try:
                 child = await self._ready()
             except WireDown as down:
-                why, failures = str(down), failures + 1
+                reason, failures = str(down), failures + 1
                 continue
             try:
                 number = child.send(safe_state)
-                if len(self._children) == 1 or await child.acknowledges(number, self.HEARD_S):
+                if len(self._children) == 1 or await child.acknowledges(number, self.ACKNOWLEDGED_S):
                     failures += 1
                     return await child.carried_out(number, self.ANSWER_S)
             except WireDown as down:
-                why = str(down)
+                reason = str(down)
             await self._discard(child)
-        return self.failed(why)
+        return self.failed(reason)
 
     def close(self) -> None:
         """End all children, and close the descriptors."""
@@ -152,7 +153,10 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
     # -- the children
 
     async def _ready(self) -> StopChild:
-        """Return the next child to order, and start one if there is none. Raise ``WireDown``."""
+        """Return the child that gets the next order.
+
+        Start one if no child is ready. Raise ``WireDown`` if that fails.
+        """
         while True:
             while self._children and self._children[0].is_lost:
                 self._children.pop(0).abandon()
@@ -167,7 +171,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
         """Keep a child ready and replace it when it is lost.
 
         Raises:
-            WireDown: The first one cannot start.
+            WireDown: The first child cannot start.
         """
         child = await self._begin()
         task_status.started()
@@ -179,18 +183,18 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
                 child = await self._begin()
 
     async def _until_lost(self, child: StopChild) -> None:
-        """Wait until a child has ended, was discarded, or is idle and silent."""
+        """Wait until a child has ended, was discarded, or does not answer although it is idle."""
         detector = FailureDetector(SILENT_S, LOOK_S, partial(suspected, child.process.pid))
         while child in self._children and child.process.alive:
             now_ns = self.clock.now_ns()
             if child.is_alive(now_ns, self.ANSWER_S):
-                detector.heard(now_ns)
+                detector.note_heartbeat(now_ns)
             if detector.tick(now_ns):
                 return
             await trio.sleep(LOOK_S)
 
     async def _begin(self) -> StopChild:
-        """Start a child and wait until it is ready. Raise ``WireDown``."""
+        """Start a child and wait until it is ready. Raise ``WireDown`` if it does not become ready."""
         self._beginning += 1
         kept = False
         child: StopChild | None = None
@@ -209,7 +213,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             begun.set()
 
     def _start(self) -> StopChild:
-        """Start a child process. Raise ``WireDown``."""
+        """Start a child process. Raise ``WireDown`` if the system cannot start one."""
         args = {
             "channel": self.CHANNEL,
             "config_class": place_of(type(self.config)),
@@ -221,16 +225,17 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
             process = start(_ENTRY, args, self._descriptors, label=f"stop channel {self.CHANNEL}")
         except OSError as error:
             RESERVE.lacked(error)
-            raise WireDown(f"stop channel: no process for {self.CHANNEL} ({error.strerror})") from None
+            raise WireDown(f"stop channel: cannot start a process for {self.CHANNEL} ({error.strerror})") from None
         return StopChild(process, self.CHANNEL, self.clock)
 
     async def _discard(self, child: StopChild) -> None:
         """Kill a child.
 
-        The next one can be ordered at once, since a killed process runs no more of its code.
+        The next child can get the order at once, because a killed process no longer runs any of its code.
         """
         if child not in self._children:
-            return  # another task has discarded it
+            # Another task has discarded the child.
+            return
         self._children.remove(child)
         if self._children:
             child.abandon()
@@ -244,7 +249,7 @@ def _first_of(group: BaseExceptionGroup[WireDown]) -> WireDown:
     return _first_of(first) if isinstance(first, BaseExceptionGroup) else first
 
 
-# -- in the child
+# -- code that runs in the child process
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
@@ -262,7 +267,8 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     lower_oom_score()
     raise_limits()
     RESERVE.begin(lambda: True)
-    run_first(STANDBY_PRIORITY)  # It stops the robot when the wire cannot.
+    # A high priority, because this process stops the robot when the wire process cannot.
+    run_first(STANDBY_PRIORITY)
     trio.run(_answer, channel, Frames(sock))
 
 
@@ -275,22 +281,24 @@ async def _answer(channel: StopChannel, frames: Frames) -> None:
                 frames.send(Answer(trouble=str(down)))
                 return
             frames.send(Answer())
-            one_at_a_time, carried_out = trio.Lock(), trio.CancelScope()
+            order_lock, carried_out = trio.Lock(), trio.CancelScope()
 
             async def carry_out(number: int, safe_state: SafeState, scope: trio.CancelScope) -> None:
-                async with one_at_a_time:
+                async with order_lock:
                     with scope:
                         with RESERVE.freed():
                             reports = await channel.make_safe(safe_state)
                         if not all(report.safe for report in reports):
-                            RESERVE.end_if_short()  # The parent then starts another child.
+                            # If memory or open files are short, this child ends, and its parent starts another one.
+                            RESERVE.end_if_short()
                         frames.send(Answer(number, reports))
 
             while data := await frames.receive():
                 order = msgspec.msgpack.decode(data, type=Order)
                 frames.send(Answer(order.number))
                 if order.safe_state is not None:
-                    carried_out.cancel()  # The newer order replaces it.
+                    # The newer order replaces the one that is being carried out.
+                    carried_out.cancel()
                     carried_out = trio.CancelScope()
                     nursery.start_soon(carry_out, order.number, order.safe_state, carried_out)
             nursery.cancel_scope.cancel()
@@ -301,9 +309,10 @@ async def _answer(channel: StopChannel, frames: Frames) -> None:
 def _end_with_parent(parent: int) -> None:
     """End with the parent, even if an SDK hangs or keeps the interpreter's lock.
 
-    Only Linux can do that; elsewhere a hanging child outlives a killed parent.
+    Only Linux can do that. On other systems a hanging child continues after its parent was killed.
     """
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
         if os.getppid() != parent:
-            os._exit(1)  # The parent ended before the call.
+            # The parent had already ended when prctl was called, so no signal will come.
+            os._exit(1)

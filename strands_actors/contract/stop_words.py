@@ -1,9 +1,9 @@
-"""Recognise a stop in the input of a tool or a message from the mesh, in any form. Pure.
+"""Recognise a request to stop, in any form, in the input of a tool or in a message from the network. Pure.
 
-A model, a gateway or a person sends a stop as an object, as JSON text or nearly JSON, as an object within
-another, in a list, in another case, or as a sentence of only stop words. All of these are understood. No other
-request is: a motion in a form that is not declared is refused. Where an object names another verb, a text next
-to it is no stop.
+A model, a gateway or a person may send a stop as an object, as JSON text or nearly JSON, as an object within
+another, in a list, in upper or lower case, or as a sentence of stop words only. All of these are accepted as a
+stop. Only stops are recognised in free form: a motion must have the declared form, or it is refused. If an object
+names another verb, a text next to that verb does not make it a stop.
 """
 
 from __future__ import annotations
@@ -49,30 +49,34 @@ _WORD = re.compile(r"[^\W_]+")
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
-def asks_for_stop(given: object, names: str = "", depth: int = 0) -> bool:
-    """Return True if ``given`` asks for a stop and for nothing else.
+def asks_for_stop(message: object, names: str = "", depth: int = 0) -> bool:
+    """Return True if ``message`` requests a stop and nothing else.
 
     Args:
-        given: The input or message.
-        names: The names of the robot, which may occur in it.
-        depth: The depth of nesting.
+        message: The input or message.
+        names: The names of the robot, which may occur in the request.
+        depth: The depth of nesting, which is limited.
     """
     if depth > DEEPEST:
         return False
-    match given:
+    match message:
         case bytes() | bytearray() | memoryview():
-            return asks_for_stop(bytes(given[: LONGEST_JSON + 1]).decode("utf-8", "replace"), names, depth)
+            return asks_for_stop(bytes(message[: LONGEST_JSON + 1]).decode("utf-8", "replace"), names, depth)
         case str():
-            return _is_stop(given, names) or _is_stop_as_json(given, names, depth) or _is_pairs(given, names, depth)
+            return (
+                _is_stop(message, names)
+                or _is_stop_as_json(message, names, depth)
+                or _is_pairs(message, names, depth)
+            )
         case Mapping():
-            return _is_stop_as_object(given, names, depth)
+            return _is_stop_as_object(message, names, depth)
         case list() | tuple() | set() | frozenset():
-            return any(asks_for_stop(value, names, depth + 1) for value in [*given][:WIDEST])
+            return any(asks_for_stop(value, names, depth + 1) for value in [*message][:WIDEST])
     return False
 
 
 def names_estop(text: str) -> bool:
-    """Return True if the stop in ``text`` is one that locks the robot (an e-stop)."""
+    """Return True if ``text`` requests an e-stop, a stop that also locks the robot."""
     return bool(_LOCKING.search(text.lower()))
 
 
@@ -98,22 +102,22 @@ def _are_stop(words: set[str], names: str) -> bool:
     return bool(words & STOPS) and _add_nothing(words, names)
 
 
-def _is_stop_as_object(given: Mapping[object, object], names: str, depth: int) -> bool:
-    words = {key: _words(key) for key in given if isinstance(key, str) and len(key) <= LONGEST_KEY}
-    verbs = [given[key] for key in words if words[key] & VERB_KEYS and not words[key] & INPUTS]
+def _is_stop_as_object(message: Mapping[object, object], names: str, depth: int) -> bool:
+    words = {key: _words(key) for key in message if isinstance(key, str) and len(key) <= LONGEST_KEY}
+    verbs = [message[key] for key in words if words[key] & VERB_KEYS and not words[key] & INPUTS]
     if any(asks_for_stop(value, names, depth + 1) for value in verbs):
         return True
     names_another = any(isinstance(value, str) and not _changes_nothing(value, names) for value in verbs)
-    if any(_are_stop(words[key], names) and _is_set(given[key], not names_another) for key in words):
+    if any(_are_stop(words[key], names) and _is_set(message[key], not names_another) for key in words):
         return True
-    others = [given[key] for key in words if words[key] and words[key] <= IN_KEYS]
+    others = [message[key] for key in words if words[key] and words[key] <= IN_KEYS]
     return any(
         asks_for_stop(value, names, depth + 1) for value in others if not (names_another and isinstance(value, str))
     )
 
 
 def _is_set(value: object, if_empty: bool) -> bool:
-    """Return True if a flag with this value is set. ``if_empty`` is the meaning of an empty value."""
+    """Return True if a flag with this value is set. ``if_empty`` is the result for an empty value."""
     match value:
         case str() if value.strip():
             return value.strip().lower() not in NO
@@ -125,19 +129,25 @@ def _is_set(value: object, if_empty: bool) -> bool:
 
 
 def _is_stop_as_json(text: str, names: str, depth: int) -> bool:
-    """Return True if JSON in the text is a stop. A code fence, a tag or a stop word may stand around it."""
-    begin = min((at for at in map(text.find, '{["') if at >= 0), default=-1)
+    """Return True if the text contains JSON that requests a stop.
+
+    A code fence, a tag or a stop word may surround the JSON.
+    """
+    begin = min((index for index in map(text.find, '{["') if index >= 0), default=-1)
     end = max(map(text.rfind, '}]"')) + 1
     if begin < 0 or end - begin > LONGEST_JSON or not _changes_nothing(f"{text[:begin]} {text[end:]}", names):
         return False
     try:
         return asks_for_stop(msgspec.json.decode(text[begin:end]), names, depth + 1)
     except (msgspec.DecodeError, RecursionError):
-        return False  # it is no JSON
+        return False  # the text is not JSON
 
 
 def _is_pairs(text: str, names: str, depth: int) -> bool:
-    """Read an object that is nearly JSON (in single quotes, cut off, with a comma too many), or a call."""
+    """Return True if the text is a call, or nearly a JSON object.
+
+    Such an object is in single quotes, is cut off, or has an extra comma.
+    """
     pairs = _PAIR.findall(text) if len(text) <= LONGEST else []
     beside = _changes_nothing(_PAIR.sub(" ", text), names) if pairs else False
     return beside and asks_for_stop(dict(pairs), names, depth + 1)

@@ -1,4 +1,4 @@
-"""The members that the reference's drivers page requires of a driver class."""
+"""List the members that strands-robots' page on drivers requires of a driver class."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ from .driver import Driver
 
 @runtime_checkable
 class HardwareDriver(Protocol):
-    """The members of a driver, without inheritance. A robot that ``Robot`` returns has them, too.
+    """The members that a driver class must have. It need not inherit from a class of this package.
 
-    This package calls ``send_action``, ``stop`` and ``cleanup`` of such a class. It has the other methods itself.
+    A robot that ``Robot`` returns has these members, too.
+
+    For such a class this package calls only ``send_action``, ``stop`` and ``cleanup``. It has its own
+    implementation of the other methods.
     """
 
     @property
@@ -23,7 +26,7 @@ class HardwareDriver(Protocol):
 
     @property
     def tool_type(self) -> str:
-        """The type of the tool for strands-agents. Ours have ``robot``."""
+        """The type of the tool for strands-agents. It is ``robot`` for the robots of this package."""
         ...
 
     @property
@@ -110,31 +113,33 @@ OTHER_SPELLINGS = {"policy": "policy_object"}
 
 
 def missing_driver_members(cls: type[Any]) -> list[str]:
-    """Return the required members that ``cls`` lacks, sorted; empty for a ``Driver``."""
+    """Return the required members that the class ``cls`` lacks, sorted. The result is empty for a ``Driver``."""
     if isinstance(cls, type) and issubclass(cls, Driver):
         return []
     return [member for member in sorted(PARAMETERS) if not hasattr(cls, member)]
 
 
 def drifted_driver_parameters(cls: type[Any]) -> dict[str, list[str]]:
-    """Return the parameters that each member of ``cls`` lacks; empty if there are none."""
+    """Return the parameters that the members of ``cls`` lack, by member; empty if there are none."""
     if isinstance(cls, type) and issubclass(cls, Driver):
         return {}
     drifted = {}
-    for member, wanted in {**PARAMETERS, **DEPRECATED}.items():
+    for member, required in {**PARAMETERS, **DEPRECATED}.items():
         function = getattr(cls, member, None)
-        if wanted and callable(function):
-            taken = inspect.signature(function).parameters
-            if any(one.kind is inspect.Parameter.VAR_KEYWORD for one in taken.values()):
+        if required and callable(function):
+            parameters = inspect.signature(function).parameters
+            if any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in parameters.values()):
                 continue
-            lacking = [name for name in wanted if name not in taken and OTHER_SPELLINGS.get(name) not in taken]
+            lacking = [
+                name for name in required if name not in parameters and OTHER_SPELLINGS.get(name) not in parameters
+            ]
             if lacking:
                 drifted[member] = lacking
     return drifted
 
 
 def driver_name(cls: type[Any]) -> str:
-    """Return the name of a driver class as the page prints it: ``FeetechDriver``."""
+    """Return the name of a driver class as strands-robots' page on drivers prints it: ``FeetechDriver``."""
     name = cls.__name__
     ours = cls.__module__.startswith("strands_actors.drivers.") and not name.endswith("Driver")
     return f"{name}Driver" if ours else name

@@ -10,13 +10,13 @@ from .driver import Driver
 
 
 def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
-    """Return the specification of the tool. Its input ``action`` names the verb."""
+    """Return the specification of the tool. The tool's input ``action`` selects the verb."""
     verbs = verbs_of(driver)
     properties: dict[str, Any] = {
         "action": {
             "type": "string",
             "enum": [verb.name for verb in verbs],
-            "description": " ".join(f"{verb.name}: {verb.says}" for verb in verbs),
+            "description": " ".join(f"{verb.name}: {verb.description}" for verb in verbs),
         }
     }
     for verb in verbs:
@@ -33,7 +33,7 @@ def tool_spec(tool_name: str, driver: Driver) -> dict[str, Any]:
 
 
 def _with_axes(schema: Mapping[str, Any], driver: Driver) -> dict[str, Any]:
-    """Add the axes to the schema of an object, which has one number for each axis."""
+    """Add the robot's axes to the schema of an input that is an object with one number for each axis."""
     if schema["type"] != "object":
         return dict(schema)
     return {

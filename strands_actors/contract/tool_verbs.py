@@ -1,8 +1,8 @@
 """The verbs of a robot for agents, MCP clients and commands from the mesh.
 
-A driver declares its verbs as data (``Driver.TOOL_VERBS``). Each verb does one of eight things that
-every robot can do. Its name, inputs and action differ. Verbs that are commands are also methods of the
-robot's handle.
+A driver declares its verbs as data (``Driver.TOOL_VERBS``). Each verb does one of eight things that every robot can
+do (see ``ToolVerb``). Robots differ in the names, inputs and actions of their verbs. Verbs that are commands are
+also methods of the robot's handle.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class ToolVerb(msgspec.Struct, frozen=True):
     ``status``   the result of ``get_status()``
     ``sensors``  positions, sensors and faults, with their age
     ``state``    positions and velocities, with their age
-    ``action``   one command, as ``send_action()``: ``action``, each input that is a number by its name,
-                 and the entries of each input that is an object
+    ``action``   one command to the axes, as ``send_action()`` sends it. It consists of the fixed values in
+                 ``action``, of each number among the inputs, and of the entries of each object among the inputs
     ``move_to``  ``move_to()`` with the inputs ``targets`` and ``seconds``
     ``service``  the driver's service of that name, with the inputs as its arguments
     ``torque``   input ``enabled``: true energises at the measured position, false is a stop
@@ -36,7 +36,7 @@ class ToolVerb(msgspec.Struct, frozen=True):
 
     name: str
     does: Does
-    says: str  # one sentence, for a model that chooses a verb
+    description: str  # a sentence that describes the verb, for the model that chooses a verb
     inputs: Mapping[str, Schema] = {}
     required: tuple[str, ...] = ()
     action: Mapping[str, float] = {}
@@ -45,7 +45,7 @@ class ToolVerb(msgspec.Struct, frozen=True):
     Without it the command is sent once, with the lifetime of the driver."""
 
     def command(self, inputs: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the action that these inputs make."""
+        """Return the action that the verb commands for these inputs."""
         made: dict[str, Any] = dict(self.action)
         for name, value in inputs.items():
             if name != self.lasts:
@@ -73,19 +73,19 @@ DURATION = "duration_s"
 """The input with the seconds of a held speed."""
 
 
-def held_move(says: str, speeds: Mapping[str, str], rest: Mapping[str, float]) -> ToolVerb:
-    """Return the verb ``move`` of a base, which can hold its speeds.
+def held_move(description: str, speeds: Mapping[str, str], rest: Mapping[str, float]) -> ToolVerb:
+    """Return the verb ``move`` of a mobile base that can keep its speeds.
 
     Args:
-        says: One sentence, for a model that chooses a verb.
+        description: A sentence that describes the verb, for the model that chooses a verb.
         speeds: The meaning of each axis' number.
-        rest: The values of axes that a call does not name.
+        rest: The value of each axis that a call does not name.
     """
     inputs: dict[str, Schema] = {
         axis: {"type": "number", "description": meaning} for axis, meaning in speeds.items()
     }
     inputs[DURATION] = {"type": "number", "description": "seconds to go on for, then stand; left out: one command"}
-    return ToolVerb("move", "action", says, inputs, action=rest, lasts=DURATION)
+    return ToolVerb("move", "action", description, inputs, action=rest, lasts=DURATION)
 
 
 MOVE_AT_ONCE = ToolVerb(

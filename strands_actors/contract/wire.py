@@ -1,4 +1,8 @@
-"""The I/O of a driver: ``Wire``, ``StopChannel``, their observations and their reports."""
+"""The classes of a driver that do I/O: ``Wire`` and ``StopChannel``.
+
+``Wire`` is the connection to a robot, and ``StopChannel`` a second connection for stops. This module also has their
+observations and reports.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +19,15 @@ from .safe_state import SafeState
 
 
 class Observation(Message, frozen=True):
-    """One reading of the robot. Rows are in axis order.
+    """One reading of the robot. Each tuple is in axis order.
 
     Attributes:
         t_ns: Time of the newest value, in nanoseconds of CLOCK_MONOTONIC.
-        position: Position of each axis in the driver's units; NaN for an axis that was never read.
-        stamp_ns: When each position was read; 0 for never.
-        velocity: Units per second of each axis; empty if the robot does not report it.
+        position: Position of each axis in the driver's units; NaN if it was never read.
+        stamp_ns: Time at which each position was read (ns); 0 if it was never read.
+        velocity: Velocity of each axis in units per second; empty if the robot does not report velocities.
         sensors: Other values by name. The name ends with the unit (``rpy_rad``).
-        faults: Fault texts by axis, as the motors report them.
+        faults: Text of the fault that a motor reports, by axis.
     """
 
     t_ns: int
@@ -40,11 +44,11 @@ class MotorReport(Message, frozen=True):
     Attributes:
         axis: The axis of the motor.
         id: The number of the motor.
-        written: The safe frame has left.
-        acknowledged: The motor has answered.
-        safe: A value that was read back afterwards shows the safe state.
-        detail: Why it is not safe; empty if it is.
-        target: The position at which it holds, in the driver's units; None if it does not hold.
+        written: True if the frame with the stop was sent.
+        acknowledged: True if the motor has answered.
+        safe: True if a value that was read afterwards shows that the motor is in the safe state.
+        detail: Why the motor is not safe; empty if it is safe.
+        target: The position that the motor holds, in the driver's units; None if it does not hold one.
     """
 
     axis: str
@@ -57,44 +61,47 @@ class MotorReport(Message, frozen=True):
 
 
 class Permit(Protocol):
-    """The last check before a setpoint is written or a motor is energised."""
+    """Decides, immediately before bytes are sent, whether a setpoint or a request to energise is still allowed."""
 
     def check(self) -> None:
-        """Raise ``PermitDenied`` if the setpoint's deadline or epoch has passed, or a stop waits.
+        """Raise ``PermitDenied`` if the setpoint has expired, is from before a stop, or if a stop waits.
 
-        In ``Wire.arm`` and ``Wire.perform`` a passed check also notes that a request is being sent. If
-        the call is then cut off, no stop is confirmed for ``late_s`` (``Timing``, ``Service``). So call
-        it immediately before each request that energises or moves the robot, and not before requests
-        that only read or connect.
+        In ``Wire.arm`` and ``Wire.perform`` a successful check also notes that a request is being sent. If the call
+        is then cut off, no stop is confirmed for ``late_s`` (see ``Timing`` and ``Service``). So call this method
+        immediately before each request that energises or moves the robot, and not before requests that only read or
+        connect.
         """
         ...
 
 
 class PermitDenied(Exception):
-    """The setpoint must not be written any more.
+    """The setpoint must not be written any more, because a stop has come or its time is over.
 
-    This is no error of the wire; the transport catches it.
+    This is not an error of the connection. The caller of ``Wire.write`` catches it.
     """
 
 
 class WireDown(Exception):
-    """The wire cannot be used: it is missing, closed or silent. The text says why, and the remedy."""
+    """The connection to the robot cannot be used: it is missing, closed or silent.
+
+    The text gives the reason and the remedy.
+    """
 
 
 class ProcessSpent(Exception):
-    """Only a new process can use this wire again, because an SDK hangs in this one or cannot be closed.
+    """An SDK in this process hangs or cannot be closed, so only a new process can connect to the robot again.
 
-    Any call of a ``Wire`` except ``make_safe`` may raise it. The root then ends the process, stops the
-    robot by its stop channel, and starts another process. This does not count as a failure.
+    Any method of ``Wire`` except ``make_safe`` may raise this. The root process then ends the wire process, stops
+    the robot by its stop channel, and starts another wire process. This does not count as a failure.
     """
 
 
 class Wire(ABC):
-    """All I/O of one robot, in the wire process.
+    """The connection to one robot, with all I/O. Only the wire process uses it.
 
-    Calls never overlap, except that ``serve`` and ``perform`` run at the same time as others. A stop cancels
-    ``read`` and ``write`` wherever they wait. A call that cannot be cancelled (of an SDK, in a thread) has to
-    be shielded, with a deadline shorter than the robot's bound.
+    One call at a time is made, except that ``serve`` and ``perform`` run at the same time as others. A stop cancels
+    ``read`` and ``write`` while they wait. A call that cannot be cancelled (of an SDK, in a thread) has to be
+    shielded. It needs a deadline that is shorter than the robot's bound for a stop.
     """
 
     interruptible: ClassVar[bool] = False
@@ -110,10 +117,10 @@ class Wire(ABC):
         """Connect to the robot and identify it, without moving anything.
 
         Returns:
-            Facts for ``status``.
+            Facts about the robot, which ``status`` shows.
 
         Raises:
-            WireDown: It cannot be connected to.
+            WireDown: The robot cannot be reached.
         """
 
     @abstractmethod
@@ -129,47 +136,50 @@ class Wire(ABC):
             The measured positions.
 
         Raises:
-            WireDown: It failed. The caller stops the motors that were energised before.
-            PermitDenied: A stop came; let it pass.
+            WireDown: The robot could not be energised. The caller then stops the motors that already have torque.
+            PermitDenied: A stop has come. Do not catch this exception.
         """
 
     @abstractmethod
     async def read(self) -> Observation:
-        """Return one observation. A silent motor keeps its old stamp and is named in ``faults``.
+        """Return one observation.
+
+        A motor that does not answer keeps its old ``stamp_ns`` and is named in ``faults``.
 
         Raises:
-            WireDown: The link itself is gone.
+            WireDown: The connection itself is lost.
         """
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Run in the background: answer a peer that sends requests, keep the newest sample for ``read``.
+        """Do the background work: answer requests of the robot, and keep its newest sample for ``read``.
 
-        It is started after ``open`` and cancelled before ``close``. It may return if there is nothing to do. It
-        writes only setpoints from ``write``, and no setpoint after ``make_safe``.
+        This method is started after ``open`` and cancelled before ``close``. It may return if there is nothing to
+        do. It must write only setpoints that ``write`` was given, and no setpoint after ``make_safe``.
 
         Args:
-            task_status: Call ``started()`` when the first ``read`` may come.
+            task_status: Call ``started()`` when ``read`` can be called.
 
         Raises:
-            WireDown: The link is gone.
+            WireDown: The connection is lost.
             ProcessSpent: An SDK hangs.
         """
         task_status.started()
 
     async def feed(self) -> None:  # noqa: B027  # most firmware has no watchdog to feed
-        """Feed the firmware's watchdog, if it has one that setpoints do not feed.
+        """Send the frame that keeps the firmware's watchdog from stopping the robot, if setpoints do not.
 
-        It is called once per control period, if gate and transport have replied in this period.
+        This method is called once per control period, but only if our checks and our writer have replied in this
+        period.
 
         Raises:
-            WireDown: The link is gone.
+            WireDown: The connection is lost.
         """
 
     @property
     def prompt(self) -> bool:
-        """True if ``read`` and ``write`` return without waiting now, as a wire of datagrams does.
+        """True if ``read`` and ``write`` now return without waiting, for example because they only send datagrams.
 
-        The transport then calls them without a task switch.
+        They are then called without a task switch.
         """
         return False
 
@@ -182,30 +192,30 @@ class Wire(ABC):
             permit: Call ``permit.check()`` immediately before the bytes leave, after any wait.
 
         Raises:
-            WireDown: The link is gone.
-            PermitDenied: It must not be written; let it pass.
+            WireDown: The connection is lost.
+            PermitDenied: The setpoint must not be written any more. Do not catch this exception.
         """
 
     @abstractmethod
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Bring every motor to a safe state. Never raises.
 
-        The first safe frame leaves before the first wait. Every motor is tried.
+        The first frame with the stop must be sent before the first wait. Every motor is tried.
 
         Returns:
-            A report of each motor. On a dead link every motor is unconfirmed.
+            A report of each motor. If the connection is lost, no motor is confirmed.
         """
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """As ``make_safe``, without a working link: after it was lost, or before the first ``open``.
+        """Do the work of ``make_safe`` without a working connection (lost, or not open yet).
 
-        Write on everything that is still open, then on a port or connection opened for this. The
-        first safe frame leaves before any question, and needs no answer. Only if that frame could move
-        the robot, ask first. Leave nothing open that would keep another wire from opening. Never
-        raises. It may be cancelled wherever it waits, and is repeated until all motors confirm.
+        Write on every connection that is still open, and then on a port or connection that is opened for the stop.
+        Send the stop before any question, without waiting for an answer. Only if that frame could move the robot,
+        ask first. At the end, leave nothing open that would keep another process from connecting. Never raises. The
+        call may be cancelled wherever it waits, and is repeated until all motors confirm.
 
         Returns:
-            A report of each motor. Without any, a new stop channel is used instead (the default).
+            A report of each motor. If there are no reports (the default), a new stop channel is used instead.
         """
         return ()
 
@@ -213,20 +223,20 @@ class Wire(ABC):
         """Run a service of ``Driver.SERVICES``. A stop cancels it.
 
         Args:
-            service: Its name.
-            arguments: Its arguments, which ``Driver.check_service`` has accepted.
+            service: The name of the service.
+            arguments: The arguments of the service, which ``Driver.check_service`` has accepted.
             permit: Call ``permit.check()`` before each write.
 
         Returns:
             The result for the caller, or a refusal.
 
         Raises:
-            WireDown: The link is gone.
+            WireDown: The connection is lost.
         """
         raise NotImplementedError(f"{type(self).__name__} declares {service} and does not do it")
 
     def handover(self) -> Sequence[int]:
-        """Return the descriptors that the root's stop channel needs. They are valid until ``close``."""
+        """Return the file descriptors that the root's stop channel needs. They stay valid until ``close``."""
         return ()
 
     @abstractmethod
@@ -235,12 +245,12 @@ class Wire(ABC):
 
 
 class StopChannel(ABC):
-    """A second way to the hardware, for a stop without the wire.
+    """A second connection to the robot, for a stop without the wire process.
 
-    The root uses it after it has fenced the wire process, and closes it before the next wire starts.
-    The wire process uses one when its link is lost, and the standby has its own. Making one must not
-    raise. ``make_safe`` is repeated until every motor confirms. The descriptors may be dead by then, so
-    each call finds the robot anew.
+    The root process uses it after it has killed the wire process, and closes it before the next wire process
+    starts. The wire process uses one when its own connection is lost, and the standby process has another one. The
+    constructor must not raise. ``make_safe`` is called again until every motor confirms. The given descriptors may
+    no longer work by that time, so each call must be able to connect to the robot again.
     """
 
     SERVED_FIRST: ClassVar[bool] = True
@@ -251,26 +261,26 @@ class StopChannel(ABC):
     def hosts(self) -> Sequence[str]:
         """The hosts that ``make_safe`` connects to, by name or address.
 
-        They are looked up before anything is energised.
+        Their addresses are looked up before any motor is energised.
         """
         return ()
 
     @property
     def lacks(self) -> str:
-        """Why the channel is not ready for a stop, after ``serve`` has started; empty if it is.
+        """Why the channel is not ready for a stop, after ``serve`` has started; empty if it is ready.
 
-        While the root's channel lacks something, nothing is armed.
+        No motor is energised while the root's channel is not ready.
         """
         return ""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Prepare the channel and keep it ready: discovery, a session.
 
-        It is cancelled before ``close``. It may return if there is nothing to keep up.
+        This task is cancelled before ``close``. It may return if there is nothing to keep ready.
 
         Args:
-            task_status: Call ``started()`` when the channel is ready for a stop. The wire's link
-                counts as up only then.
+            task_status: Call ``started()`` when the channel is ready for a stop. Only then does the robot count as
+                connected.
 
         Raises:
             WireDown: The channel is lost.
@@ -279,8 +289,8 @@ class StopChannel(ABC):
 
     @abstractmethod
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Bring every motor to a safe state, as ``Wire.make_safe``. Never raises."""
+        """Bring every motor to a safe state, with the same rules as ``Wire.make_safe``. Never raises."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close the descriptors that ``Driver.stop_channel`` was given."""
+        """Close the descriptors that the channel has got from ``Driver.stop_channel``."""

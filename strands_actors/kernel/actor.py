@@ -1,8 +1,8 @@
-"""An actor: state that only its own ``receive`` touches, one message at a time.
+"""An actor has state that only its ``receive`` changes. It handles one message at a time.
 
-The annotation of ``receive`` *is* the protocol: the kernel reads the union from it, builds the
-decoder of the inbox, and answers anything else with a typed refusal, never with an exception in the
-actor::
+The annotation of ``receive`` *is* the protocol: the kernel reads the accepted message types from it, and
+decodes messages as these types. It answers any other message with a refusal, and the actor never sees that
+message::
 
     class Gate(Actor):
         def receive(self, message: Setpoint | Stop) -> Accepted | Refused | StopReport: ...
@@ -53,8 +53,9 @@ class Deferred:
 
 
 class Actor:
-    """Base of all actors. Define ``receive`` with types; override ``started`` to set timers or to look up
-    other actors."""
+    """Base of all actors. Define ``receive`` with annotated message types; override ``started`` to set timers
+    or to look up other actors.
+    """
 
     context: Context
 
@@ -65,8 +66,10 @@ class Actor:
         raise NotImplementedError
 
     def is_prompt(self, message: Any) -> bool:
-        """Return True if an asynchronous ``receive`` would handle this message without waiting. The
-        message can then be handled in the sender's turn (``dispatch``)."""
+        """Return True if an asynchronous ``receive`` would handle this message without waiting.
+
+        The message can then be handled while its sender runs, without waking this actor's task (``dispatch``).
+        """
         return False
 
 
@@ -81,7 +84,7 @@ def read_protocols() -> None:
 
 
 class Context:
-    """The interface of an actor to its node; new for each incarnation."""
+    """The interface of an actor to its node. Each incarnation (each start of the actor) gets a new one."""
 
     def __init__(self, cell: Cell, nursery: trio.Nursery) -> None:
         self._cell = cell
@@ -97,7 +100,7 @@ class Context:
         self.deferrals = 0
 
     @property
-    def asked(self) -> bool:
+    def expects_answer(self) -> bool:
         """True if the sender waits for the answer to the present message."""
         return self.reply is not None
 
@@ -110,17 +113,17 @@ class Context:
         return self.node.ref(address, protocol, sender=self.address)
 
     def defer(self) -> Deferred:
-        """Return a reply to the present message that is sent later."""
+        """Return a ``Deferred``, by which the actor answers the present message later."""
         self.deferrals += 1
         return Deferred(self.reply, self, self.deferrals)
 
     def saw(self, value: object) -> None:
-        """Record a value that a handler has read or written outside of its message, for replays."""
+        """Record a value that a handler has read or written and that is not in its message, for replays."""
         if (instrument := self.node.instrument) is not None:
             instrument.saw(self.address, value)
 
     def note(self, message: Message) -> None:
-        """Record an event that is in no message."""
+        """Record an event that no message describes."""
         if (instrument := self.node.instrument) is not None:
             instrument.noted(self.address, self.clock.now_ns(), message)
 
@@ -134,8 +137,11 @@ class Context:
 
     @contextlib.contextmanager
     def until_urgent(self) -> Iterator[None]:
-        """Cancel the block when an urgent message comes for this actor, so that a stop does not wait for a
-        slow robot. Assignments of the block may be missing then."""
+        """Cancel the block when an urgent message for this actor comes, so that a stop does not wait for a slow
+        robot.
+
+        Variables that the block should assign may then be missing.
+        """
         mailbox = self._cell.mailbox
         with trio.CancelScope() as scope:
             mailbox.on_urgent = scope.cancel
@@ -164,7 +170,10 @@ class Context:
 
 
 class Cell:
-    """An address, a mailbox, and the incarnations of one actor. The mailbox survives a restart."""
+    """The address and the mailbox of one actor, through all its incarnations (starts and restarts).
+
+    The mailbox survives a restart.
+    """
 
     def __init__(self, node: Router, address: str, factory: Callable[[], Actor], role: str = "") -> None:
         self.node = node
@@ -176,7 +185,7 @@ class Cell:
         can_be_helped = not self.protocol.is_async or type(self.actor).is_prompt is not Actor.is_prompt
         self.plain = self.protocol.accepts - self.protocol.carriers
         """Messages that go into the mailbox unchanged, without descriptors."""
-        self.commands = frozenset(kind for kind in self.plain if kind.lane == "command")
+        self.commands = frozenset(message_type for message_type in self.plain if message_type.lane == "command")
         self.mailbox = Mailbox(offer=partial(node.dispatch.offer, self) if can_be_helped else None)
         self._error: Exception | None = None
         self.hosted = False
@@ -225,11 +234,13 @@ class Cell:
 
     def help(self, until_ns: int) -> bool:
         if not self.mailbox.take_up():
-            return True  # Its own task was woken, or it ends.
+            # The actor's task was woken, or it ends. So nothing is left to do here.
+            return True
         try:
             return self._work_promptly(until_ns) if self.protocol.is_async else self.work(until_ns)
         except Exception as error:
-            self._error = error  # Its own task raises it.
+            # The actor's task raises this error.
+            self._error = error
             self.wake()
             return True
 
@@ -237,23 +248,27 @@ class Cell:
         self.mailbox.wake()
 
     def work(self, until_ns: int) -> bool:
-        """Handle the waiting messages of a synchronous actor. Return True if none is left. Raise the
-        actor's exceptions."""
+        """Handle the waiting messages of a synchronous actor. Return True if no message is left.
+
+        An exception of the actor is raised.
+        """
         urgent, queue = self.mailbox.urgent, self.mailbox.queue
         now_ns, instrument = self.node.clock.now_ns, self.node.instrument
         context, receive = self.actor.context, self.actor.receive
         at_ns = now_ns()
         for _ in range(BURST):
-            if urgent:  # as Mailbox.pop, without the cost of a call for each message
+            # This repeats ``Mailbox.pop`` inline, which saves a call for each message.
+            if urgent:
                 item: Any = urgent.popleft()
             elif queue:
                 item = queue.popleft()
             else:
                 return True
-            kind = type(item)  # isinstance() asks msgspec's metaclass, for 50 ns
-            if kind is tuple:
+            # ``isinstance()`` would call msgspec's metaclass, which takes 50 ns.
+            message_type = type(item)
+            if message_type is tuple:
                 message, reply = item
-            elif kind is Slot:
+            elif message_type is Slot:
                 message, reply = item.take()
             else:
                 message, reply = item, None
@@ -274,7 +289,9 @@ class Cell:
         return not self.mailbox
 
     def _work_promptly(self, until_ns: int) -> bool:
-        """As ``work``, for an asynchronous actor, while its messages are prompt."""
+        """Handle the waiting messages of an asynchronous actor, as long as they need no waiting
+        (``is_prompt``).
+        """
         mailbox, now_ns, actor = self.mailbox, self.node.clock.now_ns, self.actor
         at_ns = now_ns()
         while (entry := mailbox.first()) is not None:
@@ -335,23 +352,26 @@ class Cell:
 
 
 def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
-    """Run a handler that must not wait, and return its result. Raise ``RuntimeError`` if it waits."""
+    """Run an asynchronous handler that must not wait, and return its result.
+
+    Raise ``RuntimeError`` if the handler waits.
+    """
     try:
         handler.send(None)
     except StopIteration as done:
         return done.value
     handler.close()
-    raise RuntimeError(f"{handler} waits, of a message that it called prompt")
+    raise RuntimeError(f"{handler} waits, but is_prompt returned True for its message")
 
 
 def first_of(error: BaseException) -> BaseException:
-    """Return the first error of an exception group; any other error unchanged."""
+    """Return the first error of an exception group. Return any other error unchanged."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return error
 
 
 def describe(error: BaseException) -> str:
-    """Return an error as one line for people. Of a group, the first error."""
+    """Describe an error in one line for people. An exception group is described by its first error."""
     error = first_of(error)
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -10,17 +10,17 @@ from .refusals import Code
 Answer = TypeVar("Answer", bound=Message)
 
 
-def read_answer(answer: Message | None, kind: type[Answer], verb: str = "") -> Answer | Refused:
+def read_answer(answer: Message | None, answer_type: type[Answer], verb: str = "") -> Answer | Refused:
     """Return the answer if it has the expected type or is a refusal.
 
     Otherwise return a refusal: a missing answer, or one of another type, is no success (SAF-023).
 
     Args:
         answer: The answer as received.
-        kind: The expected type.
+        answer_type: The expected type.
         verb: The verb that the refusal names.
     """
-    if isinstance(answer, kind | Refused):
+    if isinstance(answer, answer_type | Refused):
         return answer
     return Refused(Code.NO_ANSWER, "no answer", verb=verb)
 

@@ -1,4 +1,4 @@
-"""Pending answers of asks, and their deadlines."""
+"""Pending answers of requests (asks), and their deadlines."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ from .messages import Message
 
 
 class AskTimeout(Exception):
-    """The answer did not come before the deadline. The request may still have been carried out, so follow with
-    a stop."""
+    """The answer did not come before the deadline. The request may still have been carried out, so stop the
+    robot afterwards.
+    """
 
 
 class Unreachable(Exception):
-    """The actor does not exist, or ended, perhaps after it had read the request. The text is for users."""
+    """The actor does not exist, or it has ended. It may have read the request before its end. The text is for
+    users.
+    """
 
 
-def not_there(address: str) -> Unreachable:
+def not_running(address: str) -> Unreachable:
     return Unreachable(f"the {_spoken(address)} is not running")
 
 
@@ -31,22 +34,22 @@ def went_away(address: str) -> Unreachable:
 
 
 def _spoken(address: str) -> str:
-    """Return ``gate of so101`` for ``strands/so101/actor/gate``."""
+    """Return the readable form of an address: ``gate of so101`` for ``strands/so101/actor/gate``."""
     host, _, actor = address.partition("/actor/")
     return f"{actor} of {host.rpartition('/')[2]}" if actor else address
 
 
 class Answer:
-    """The pending answer of one ask. The reply may come before the sender waits for it."""
+    """The pending answer of one request. The reply may come before the sender waits for it."""
 
-    __slots__ = ("_task", "_value", "decode", "done", "expires_at", "to", "way")
+    __slots__ = ("_task", "_value", "connection", "decode", "done", "expires_at", "to")
 
     def __init__(self, decode: Callable[[msgspec.Raw], Message | None] | None) -> None:
         self.decode = decode
         self.to = ""
         """The address of the receiver, if it lives in another process."""
-        self.way: object = None
-        """The way over which the request left. An answer that comes over another way is refused."""
+        self.connection: object = None
+        """The link or the mesh over which the request left. An answer that comes over another one is refused."""
         self.done = False
         self.expires_at = 0.0
         self._task: trio.lowlevel.Task | None = None
@@ -83,10 +86,11 @@ class Answer:
 
 
 class Deadlines:
-    """Let asks expire.
+    """Let requests expire that were not answered in time.
 
-    Asks with the same timeout expire in the order in which they were made. So there is one queue for each
-    timeout, and one task for all queues. (``trio.fail_after`` around each ask costs twice the ask.)
+    Requests with the same timeout expire in the order in which they were made. So there is one queue for each
+    timeout, and one task for all queues. (``trio.fail_after`` around each request would take twice the time of
+    the request.)
     """
 
     def __init__(self) -> None:
@@ -100,7 +104,7 @@ class Deadlines:
             queue.popleft()
         answer.expires_at = trio.current_time() + duration_s
         queue.append(answer)
-        # Otherwise the running task wakes up early enough.
+        # If the new deadline is not the earliest one, the running task wakes up early enough.
         if answer.expires_at < self._next_at:
             self._wake.set()
 

@@ -1,7 +1,8 @@
 """Time: nanoseconds of one monotonic clock, everywhere.
 
 Between processes of one host a deadline is a CLOCK_MONOTONIC reading, so it means the same in each of them.
-Under ``trio.testing.MockClock`` the same code reads trio's clock, and a whole robot tree runs in virtual time.
+Under ``trio.testing.MockClock`` the same code reads trio's clock, and all processes of a robot run in virtual
+time.
 
 A periodic task ticks on a timerfd. trio passes epoll a timeout rounded to milliseconds, which is 0.6 ms late on
 average. A timerfd is 0.05 ms late, like a C loop. Where there is no timerfd (macOS, virtual time), trio's own
@@ -39,14 +40,14 @@ class Clock(Protocol):
     def ticks(self, period_s: float) -> AsyncGenerator[int, None]:
         """Yield ``now_ns`` once per period.
 
-        Missed ticks are skipped and never made up for. A caller that leaves the loop without being cancelled
-        must close the generator (``contextlib.aclosing``).
+        A missed tick is skipped, and does not follow later. A caller that leaves the loop without being
+        cancelled must close the generator (``contextlib.aclosing``).
         """
         ...
 
 
 class VirtualClock:
-    """The clock of trees that run under ``MockClock``: it reads trio's clock."""
+    """The clock of robots that run under ``MockClock`` in tests. It reads trio's clock."""
 
     def now_ns(self) -> int:
         return round(trio.current_time() * NS)

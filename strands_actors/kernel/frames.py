@@ -26,14 +26,15 @@ TELL, ASK, REPLY, WATCH, DOWN, HOSTS = range(6)
 class Frame(msgspec.Struct, frozen=True, array_like=True, gc=False):
     to: str
     kind: int
-    cid: int  # correlation id of an ask and its reply; 0 for a tell
+    # Correlation id of a request (ask) and its reply; 0 for a message that needs no answer (tell).
+    cid: int
     sender: str
     reply_to: str
     body: msgspec.Raw
 
 
 class Down(Message, frozen=True):
-    """A watched actor has ended. This comes after all messages that the actor sent before."""
+    """A watched actor has ended. This message comes after all earlier messages of that actor."""
 
     address: str
     reason: str
@@ -77,20 +78,24 @@ class Protocol:
         if "message" not in hints:
             raise TypeError(f"{name}.receive: annotate its argument 'message' with the types it accepts")
         accepts = _members(hints["message"])
-        for kind in accepts:
-            if not (isinstance(kind, type) and issubclass(kind, Message)):
+        for message_type in accepts:
+            if not (isinstance(message_type, type) and issubclass(message_type, Message)):
                 raise TypeError(
-                    f"{name}.receive: {kind!r} is not a Message. annotate 'message' with subclasses of it"
+                    f"{name}.receive: {message_type!r} is not a Message. annotate 'message' with subclasses of it"
                 )
         replies = [
-            kind
-            for kind in _members(hints.get("return", type(None)))
-            if isinstance(kind, type) and issubclass(kind, Message) and kind is not Refused
+            message_type
+            for message_type in _members(hints.get("return", type(None)))
+            if isinstance(message_type, type) and issubclass(message_type, Message) and message_type is not Refused
         ]
         self.name = name
         self.accepts = frozenset(accepts)
-        self.carriers = frozenset(kind for kind in accepts if "descriptors" in kind.__struct_fields__)
-        self.stamped = frozenset(kind for kind in accepts if "channel" in kind.__struct_fields__)
+        self.carriers = frozenset(
+            message_type for message_type in accepts if "descriptors" in message_type.__struct_fields__
+        )
+        self.stamped = frozenset(
+            message_type for message_type in accepts if "channel" in message_type.__struct_fields__
+        )
         """Messages with a field for the channel over which they came. The router sets it, whatever the sender
         wrote there."""
         self.decode: Callable[[Any], Message] = msgspec.msgpack.Decoder(_union(accepts)).decode
@@ -100,12 +105,12 @@ class Protocol:
         self.is_async = bool(getattr(receive, "__code__", None) and receive.__code__.co_flags & 0x80)
 
     def wrong_type(self, message: object) -> Refused:
-        accepted = ", ".join(sorted(kind.__name__ for kind in self.accepts))
+        accepted = ", ".join(sorted(message_type.__name__ for message_type in self.accepts))
         return Refused(Code.WRONG_TYPE, f"{self.name} does not take {type(message).__name__}", f"send {accepted}")
 
 
 def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | None:
-    """Decode a reply with an actor's ``decode_reply``. A body that it cannot read becomes a refusal."""
+    """Decode a reply with ``decode``. Return a refusal if the body cannot be read."""
     try:
         return decode(body)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:

@@ -30,11 +30,13 @@ meanwhile, so that ``LONGEST_NS`` alone is no limit."""
 
 
 class Worker(Protocol):
-    """The interface of an actor to the dispatcher."""
+    """An actor with waiting messages, as the dispatcher sees it."""
 
     def help(self, until_ns: int) -> bool:
-        """Handle waiting messages until ``until_ns``. Return True if no message is left. Raise no exception of
-        the actor."""
+        """Handle waiting messages until ``until_ns``. Return True if no message is left.
+
+        An exception of the actor is not raised here.
+        """
         ...
 
     def wake(self) -> None:
@@ -56,7 +58,7 @@ class InlineDispatch:
         self._ready: deque[Worker] = deque()
 
     def offer(self, worker: Worker) -> bool:
-        """Queue the actor for the end of this turn. Return False if there is no turn."""
+        """Queue the actor, to run it at the end of the present turn. Return False if no turn is under way."""
         if self._depth:
             self._ready.append(worker)
             return True
@@ -93,10 +95,10 @@ class InlineDispatch:
 
     @types.coroutine
     def of(self, handler: Coroutine[Any, Any, Any]) -> Generator[Any, Any, Any]:
-        """Await ``handler``. Each part that it runs without waiting is a turn.
+        """Await ``handler``. Each part of it that runs without waiting is a turn.
 
-        When the handler waits, actors with messages are woken instead of run here. One of them may end this
-        very wait, and trio does not know of the wait yet.
+        When the handler starts to wait, actors with messages are woken instead of run here. One of them may end
+        this very wait, which trio has not registered yet.
         """
         resume, value = handler.send, None
         while True:

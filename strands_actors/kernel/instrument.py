@@ -1,7 +1,7 @@
-"""The hooks by which a recorder follows the actors of a node. Without a recorder they cost one ``if`` each.
+"""The hooks by which a recorder follows the actors of a node. Without a recorder each hook costs one ``if``.
 
-An instrument is called from within handlers, so it only stores its arguments and returns. It does not wait,
-encode or raise.
+A recorder is called from within handlers, so it only stores its arguments and returns. It does not wait, encode
+or raise.
 """
 
 from __future__ import annotations
@@ -17,38 +17,41 @@ class Instrument(Protocol):
     Addresses are those of actors of the node. Messages are frozen.
     """
 
-    def took(self, address: str, at_ns: int, message: Message, asked: bool = False) -> None:
-        """An actor begins to handle a message. Later calls for the same actor are results of it.
+    def took(self, address: str, at_ns: int, message: Message, expects_answer: bool = False) -> None:
+        """An actor begins to handle a message. Later calls for the same actor report the results of this
+        message.
 
         Args:
             address: The actor.
             at_ns: The time that the handler sees as ``received_ns``.
             message: The message.
-            asked: True if the sender waits for the answer.
+            expects_answer: True if the sender waits for the answer.
         """
         ...
 
     def answered(self, address: str, answer: Message | None) -> None: ...
 
     def deferred(self, address: str, number: int) -> None:
-        """The actor answers later, by ``settled`` with this number."""
+        """The actor answers later. ``settled`` reports the answer, with the same number."""
         ...
 
     def settled(self, address: str, number: int, answer: Message | None) -> None: ...
 
     def sent(self, sender: str, to: str, message: Message) -> None:
-        """An actor sent a message by ``tell``. (An ask is made by a task next to the actor, not by its
-        handler.)"""
+        """An actor has sent a message by ``tell``.
+
+        (A request by ``ask`` is sent by a task next to the actor, not by its handler.)
+        """
         ...
 
     def saw(self, address: str, value: object) -> None:
-        """A handler has read a value from outside of its message, or written one."""
+        """A handler has read or written a value that is not in its message."""
         ...
 
-    def refused(self, to: str, what: str, refusal: Refused) -> None:
-        """The kernel refused a message before the actor could read it. ``what`` is the name of its type."""
+    def refused(self, to: str, message_type: str, refusal: Refused) -> None:
+        """The kernel refused a message before the actor could read it. ``message_type`` is the name of its type."""
         ...
 
     def noted(self, address: str, at_ns: int, message: Message) -> None:
-        """An event without a message."""
+        """An event has happened that no message describes."""
         ...

@@ -25,17 +25,23 @@ class Message(msgspec.Struct, frozen=True, array_like=True, tag=True, gc=False):
     lane: ClassVar[Lane] = "command"
 
 
+def sentence_case(text: str) -> str:
+    """Return the text with an upper-case first letter, unless it begins with a name in code (``resume()``)."""
+    first_word = text.split(maxsplit=1)[0] if text.strip() else ""
+    return text[:1].upper() + text[1:] if first_word.rstrip(",:;").isalpha() else text
+
+
 class Refused(Message, frozen=True):
     """A refusal. Nothing was written.
 
     Attributes:
-        code: For programs; it is stable.
+        code: Identifies the reason, for programs. It never changes.
         reason: What is wrong, for people. No program reads it.
         remedy: What to do, for people.
         offered: The refused value.
         limit: The accepted values.
-        verb: The refused verb. The actor that replies adds it (``about``).
-        because: The ``Reason`` of the stop in which the robot is.
+        verb: The refused verb. ``about`` adds it.
+        because: If the robot is stopped or holds, the ``Reason`` of that.
     """
 
     code: str
@@ -48,11 +54,11 @@ class Refused(Message, frozen=True):
 
     @property
     def text(self) -> str:
-        """The refusal for people, as ``verb: reason. remedy``."""
+        """The refusal for people, as ``verb: reason. Remedy``."""
         verb = f"{self.verb}: " if self.verb else ""
-        remedy = f". {self.remedy}" if self.remedy else ""
+        remedy = f". {sentence_case(self.remedy)}" if self.remedy else ""
         return f"{verb}{self.reason}{remedy}"
 
     def about(self, verb: str) -> Refused:
-        """Return the refusal as a reply to ``verb``."""
+        """Return the refusal with ``verb`` as the refused verb."""
         return msgspec.structs.replace(self, verb=verb)

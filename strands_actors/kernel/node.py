@@ -10,7 +10,7 @@ from .actor import Actor, Cell
 from .asks import Answer, AskTimeout, Unreachable
 from .ref import PROMPT, ActorRef, Ref, Sent
 from .router import PREFIX, DeadLetter, Router
-from .ways import Mesh, Way
+from .ways import Connection, Mesh
 
 __all__ = [
     "PREFIX",
@@ -18,13 +18,13 @@ __all__ = [
     "ActorRef",
     "Answer",
     "AskTimeout",
+    "Connection",
     "DeadLetter",
     "Mesh",
     "Node",
     "Ref",
     "Sent",
     "Unreachable",
-    "Way",
 ]
 
 
@@ -32,12 +32,12 @@ class Node(Router):
     """Enter with ``async with open_nursery() as n: await n.start(node.run)``."""
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let asks expire. Runs as long as the node."""
+        """Let requests (asks) expire. It runs as long as the node."""
         task_status.started()
         await self.deadlines.run()
 
     def cell(self, path: str, factory: Callable[[], Actor], role: str = "") -> Cell:
-        """Return a cell that is not running yet. Pass its ``run`` to a supervisor.
+        """Return the cell of a new actor: its address and its mailbox. Pass the cell's ``run`` to a supervisor.
 
         Args:
             path: ``<robot>/actor/<name>``.

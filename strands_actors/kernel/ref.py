@@ -9,20 +9,20 @@ from typing import Protocol as TypingProtocol
 
 import trio
 
-from .asks import Answer, Deadlines, not_there
+from .asks import Answer, Deadlines, not_running
 from .frames import ASK, TELL, Protocol, frame, protocol_of
 from .inline_dispatch import InlineDispatch
 from .instrument import Instrument
 from .mailbox import Mailbox, ReplyTo
 from .messages import Message
-from .ways import Mesh, Way
+from .ways import Connection, Mesh
 
 PROMPT = 32
 """After so many answers that came without waiting, a sender still lets other tasks run once."""
 
 
 class Hosted(TypingProtocol):
-    """An actor as its node sees it. ``actor.Cell`` implements this."""
+    """An actor of this process, as a reference uses it. ``actor.Cell`` implements this."""
 
     address: str
     role: str
@@ -55,13 +55,13 @@ class Home(TypingProtocol):
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool: ...
 
-    def dead(self, to: str, what: object, why: str) -> None: ...
+    def dead(self, to: str, subject: object, reason: str) -> None: ...
 
     def new_cid(self) -> int: ...
 
-    def route(self, address: str) -> Way | None: ...
+    def route(self, address: str) -> Connection | None: ...
 
-    def way_to(self, address: str) -> Way | None: ...
+    def connection_to(self, address: str) -> Connection | None: ...
 
 
 class ActorRef(TypingProtocol):
@@ -96,7 +96,7 @@ class Ref:
         return cell
 
     def tell(self, message: Message) -> None:
-        """Send without an answer. A message that cannot be delivered becomes a dead letter."""
+        """Send a message that needs no answer. If it cannot be delivered, it is recorded as a dead letter."""
         node = self._node
         if node.instrument is not None:
             node.instrument.sent(self._sender, self.address, message)
@@ -104,13 +104,13 @@ class Ref:
         if cell is None or not cell.hosted:
             cell = self._local()
         if cell is not None:
-            mailbox, kind = cell.mailbox, type(message)
-            # As ``Mailbox.put``, with one call less.
-            if kind in cell.commands and len(mailbox.queue) < mailbox.capacity:
+            mailbox, message_type = cell.mailbox, type(message)
+            # This repeats ``Mailbox.put`` inline, with one call less.
+            if message_type in cell.commands and len(mailbox.queue) < mailbox.capacity:
                 mailbox.queue.append(message)
                 if mailbox.idle:
                     mailbox.rouse()
-            elif kind not in cell.plain or not mailbox.put(message, None, self._sender):
+            elif message_type not in cell.plain or not mailbox.put(message, None, self._sender):
                 node.put_local(cell, message, None, self._sender)
         elif not node.send_frame(self.address, TELL, 0, self._sender, message):
             node.dead(self.address, message, "nobody hosts it")
@@ -139,11 +139,11 @@ class Ref:
                 await trio.lowlevel.checkpoint()
             return await answer.wait()
         cid = node.new_cid()
-        answer.to, answer.way = self.address, node.way_to(self.address)
+        answer.to, answer.connection = self.address, node.connection_to(self.address)
         node.pending[cid] = answer
         try:
             if not node.send_frame(self.address, ASK, cid, self._sender, message):
-                raise not_there(self.address)
+                raise not_running(self.address)
             if not answer.done:
                 node.deadlines.add(answer, deadline_s)
             return await answer.wait()
@@ -151,33 +151,35 @@ class Ref:
             node.pending.pop(cid, None)
 
     def ask_here(self, message: Message, deadline_s: float) -> Message | None:
-        """As ``ask``, from any thread except that of the loop, which would be blocked.
+        """Send and wait for the answer as ``ask`` does, from any thread except that of the loop, which would be
+        blocked.
 
-        The actor must live in another process and be on the mesh. The loop takes no part in it.
+        The actor must live in another process and be on the mesh. The loop of this process does nothing for it.
         """
         mesh, protocol = self._node.mesh, self._protocol
         if mesh is None or protocol is None:
-            raise not_there(self.address)
-        # The thread is part of the sender's name, so that the newest setpoint of each thread waits, not the
-        # newest of all.
+            raise not_running(self.address)
+        # The thread is part of the sender's name. So the newest setpoint of each thread waits, not only the
+        # newest of all threads.
         sender = f"{self._sender}/thread-{threading.get_ident()}"
         return mesh.ask(self.address, sender, message, protocol.decode_reply, deadline_s)
 
     def ask_at_once(self, message: Message) -> Sent | None:
-        """Send over a link, from any thread, without the loop.
+        """Send a request over a link, from any thread, without the loop.
 
         Returns:
-            The sent request. None if no link leads to the actor, or if the link still has other frames to send:
-            then nothing was sent.
+            The sent request. None if no link leads to the actor, or if the link still has other frames to send.
+            In that case nothing was sent.
         """
         node = self._node
         link = node.route(self.address)
         if link is None:
             return None
         cid, answer = node.new_cid(), Answer(self._protocol.decode_reply if self._protocol else None)
-        answer.to, answer.way = self.address, link
+        answer.to, answer.connection = self.address, link
         sent = Sent(node, cid, answer)
-        # Stored before the frame leaves: the loop may read the answer before this thread continues.
+        # Store the answer before the frame leaves, since the loop may read the reply before this thread
+        # continues.
         node.pending[cid] = answer
         if not link.send_at_once(frame(self.address, ASK, cid, self._sender, node.address, message)):
             sent.forget()

@@ -1,7 +1,7 @@
 """The catalogue of refusals: every code of this package, its meaning and its remedy.
 
-A code is for programs and never changes. A wire has codes of its own, of the same type, in its ``refusals``
-module. ``docs/refusals.md`` is generated from these tables.
+A code is for programs and never changes. The drivers of a robot family may add codes of the same type, in their
+``refusals`` module. ``docs/refusals.md`` is generated from these tables.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class RefusalCode(enum.StrEnum):
 
 
 class Code(RefusalCode):
-    """The codes that are not specific to one wire."""
+    """The codes that are not specific to one family of robots."""
 
-    # commands, and the right to give them
+    # Codes about commands, and about the right to give them.
     NO_ANSWER = (
         "no_answer",
         "no answer came in time",
@@ -35,7 +35,7 @@ class Code(RefusalCode):
     UNREACHABLE = (
         "unreachable",
         "the answering process has ended or is silent",
-        "resume() when the robot is back",
+        "call resume() when the robot is back",
     )
     NOT_CONNECTED = (
         "not_connected",
@@ -59,13 +59,13 @@ class Code(RefusalCode):
         "another writer holds the lease, or it has lapsed",
         "wait until it is released, or stop the robot",
     )
-    CHANNEL = "channel", "a process speaks for another one", "speak for yourself"
+    CHANNEL = "channel", "a process sends in the name of another one", "send in your own name"
     STALE_EPOCH = "stale_epoch", "the robot was stopped since the command was made", "send it again"
     EXPIRED = "expired", "the command is past its deadline", "send it sooner: the sender or the computer is late"
     TOO_DISTANT = "too_distant", "the deadline is too far away", "ask for a shorter time"
     CLOCK = "clock", "the sender has not read the robot's clock", "send sync first"
     LATCHED = "latched", "the robot takes no command without an end", "give it a lifetime"
-    SUPERSEDED = "superseded", "a newer command took this one's place", "nothing: the newer one counts"
+    SUPERSEDED = "superseded", "a newer command replaced this one", "nothing: the newer one counts"
     NOT_APPROVED = "not_approved", "there is no approval for it", "pass approve=, or allow it in the environment"
     NO_MOTION = "no_motion", "motion is not allowed to this tool", "allow it where the tool is made"
     GUARD = "guard", "a guarded name guards nothing", "correct guarded="
@@ -84,7 +84,7 @@ class Code(RefusalCode):
     NOTHING_RAN = "nothing_ran", "nothing of the robot ran, so that nothing was stopped", "look at the robot"
     FORKED = "forked", "a forked child does not have the robot", "call it in the parent process"
 
-    # the content of a request
+    # Codes about the content of a request.
     EMPTY = "empty", "an action names nothing", "name a joint"
     NOT_A_MAPPING = "not_a_mapping", "an action is no mapping", "give joints with numbers"
     TOO_MANY_KEYS = "too_many_keys", "an action has too many keys", "give fewer"
@@ -149,7 +149,7 @@ class Code(RefusalCode):
     )
     ELSEWHERE = "elsewhere", "the robot is run by another host", "do it on that host"
 
-    # states of the robot, on several wires
+    # Codes about states that several kinds of robots can be in.
     FAULT = "fault", "the robot reports a fault", "clear it at the robot, then resume()"
     ROBOT_MODE = (
         "robot_mode",
@@ -165,7 +165,7 @@ class Code(RefusalCode):
     MOTORS_OFF = "motors_off", "the motors have no power", "energise them by the service that is named"
     BATTERY = "battery", "the battery is too low, or not heard of", "charge it"
 
-    # between processes and hosts
+    # Codes about messages between processes and hosts.
     MALFORMED = "malformed", "a message cannot be read", "send the fields that the text lists"
     MALFORMED_REPLY = "malformed_reply", "an answer cannot be read", "the two sides have different versions"
     OVERSIZED = "oversized", "a message is too large", "send less"
@@ -184,10 +184,10 @@ class Code(RefusalCode):
     )
     FORMAT = "format", "a recorder has another format", "use the robot's version"
 
-    # over the mesh
+    # Codes about commands that come over the mesh.
     PUT = "put", "the sender of a published command is not known", "send it as a zenoh query"
     TARGET = "target", "the command is for another robot", "ask on that robot's key"
-    TOLD = "told", "a request was sent without waiting for its answer", "send it as a query"
+    NOT_A_REQUEST = "told", "a request was sent without waiting for its answer", "send it as a query"
     DUPLICATE = "duplicate", "the command was already done", "give each command a new turn_id"
     RATE = "rate", "more commands come than are let through", "send fewer"
     UNKNOWN_ACTION = "unknown_action", "there is no such action", "send one that is named"
@@ -202,7 +202,7 @@ class Code(RefusalCode):
     )
     ERROR = "error", "the robot refused it without a code", "read its text"
 
-    # processes
+    # Codes about processes and their resources.
     NO_PROCESS = "no_process", "no process can be started", "try again"
     NO_RESERVE = (
         "no_reserve",

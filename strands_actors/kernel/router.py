@@ -2,11 +2,11 @@
 
 A message to an address of this process goes straight into the mailbox. Otherwise it leaves as a frame: over the
 link (an inherited socket) whose other end announced the address, or else over the mesh. The semantics are the
-same on every way: ``tell`` never waits, ``ask`` has a deadline, and ``watch`` is answered with ``Down``.
+same in each case: ``tell`` never waits, ``ask`` has a deadline, and ``watch`` is answered with ``Down``.
 
 Trust. On a link the kernel guarantees which process is at the other end. On the mesh any process may claim any
-address. So the mesh cannot announce addresses (``HOSTS``), addresses in ``linked`` are never reached over the
-mesh, and an answer counts only on the way over which the request left.
+address. So announcements of addresses (``HOSTS``) are accepted only over links. Addresses in ``linked`` are
+never reached over the mesh. An answer counts only if it comes over the same link or mesh as its request left.
 """
 
 from __future__ import annotations
@@ -29,32 +29,32 @@ from .instrument import Instrument
 from .mailbox import ReplyTo
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
 from .ref import PROMPT, Hosted, Ref
-from .ways import Mesh, Way
+from .ways import Connection, Mesh
 
 PREFIX = "strands"
 
 
 class DeadLetter(msgspec.Struct, frozen=True):
     to: str
-    what: str
-    why: str
+    message_type: str
+    reason: str
 
 
 class _RemoteReply:
     """The receiver of an answer in another process.
 
-    The answer goes back over the way of the request. The requester also names an address for the answer, and
-    could name one of another process.
+    The answer takes the link or mesh over which the request came. The request also names an address for the
+    answer, but it could be the address of another process.
     """
 
-    __slots__ = ("_cid", "_node", "_to", "_way")
+    __slots__ = ("_cid", "_connection", "_node", "_to")
 
-    def __init__(self, node: Router, way: Way, to: str, cid: int) -> None:
-        self._node, self._way, self._to, self._cid = node, way, to, cid
+    def __init__(self, node: Router, connection: Connection, to: str, cid: int) -> None:
+        self._node, self._connection, self._to, self._cid = node, connection, to, cid
 
     def send(self, answer: Message | None) -> None:
         data = frame(self._to, REPLY, self._cid, "", self._node.address, answer)
-        self._way.send(self._to, data, getattr(answer, "descriptors", ()))
+        self._connection.send(self._to, data, getattr(answer, "descriptors", ()))
 
 
 class Router:
@@ -76,13 +76,13 @@ class Router:
         """The recorder of this node's actors, if there is one."""
         self.linked: frozenset[str] = frozenset()
         """Addresses that are reached over a link or not at all. On a mesh any process could claim them."""
-        self._links: set[Way] = set()
-        self._routes: dict[str, Way] = {}
+        self._links: set[Connection] = set()
+        self._routes: dict[str, Connection] = {}
         self._watchers: dict[str, set[str]] = {}
         self._cids = itertools.count(1)
         self._prompt = itertools.count(1)
 
-    # -- actors of this process
+    # -- the actors of this process
 
     def host(self, cell: Hosted) -> None:
         existing = self.cells.get(cell.address)
@@ -91,11 +91,14 @@ class Router:
         if existing is None:
             self.cells[cell.address] = cell
             cell.hosted = True
-            for way in self._ways():
-                way.announce(cell.address, True)
+            for connection in self._connections():
+                connection.announce(cell.address, True)
 
     def unhost(self, cell: Hosted, reason: str) -> None:
-        """End an incarnation. The address stays hosted, and its mailbox waits for the next one."""
+        """Note that an incarnation of an actor has ended.
+
+        The address stays hosted. Its mailbox keeps messages for the next incarnation.
+        """
         self._notify_down(cell.address, reason)
 
     def release(self, cell: Hosted) -> None:
@@ -103,30 +106,37 @@ class Router:
         if self.cells.pop(cell.address, None) is None:
             return
         cell.hosted = False
-        for way in self._ways():
-            way.announce(cell.address, False)
+        for connection in self._connections():
+            connection.announce(cell.address, False)
         while (entry := cell.mailbox.pop()) is not None:
             message, reply = entry
             self.dead(cell.address, message, "the actor ended")
             if reply is not None:
-                reply.send(Refused(Code.GONE, f"{cell.address} ended before it read this"))
+                reply.send(Refused(Code.GONE, f"{cell.address} ended before it read the message"))
 
     def ref(self, address: str, protocol: type[Any] | None = None, sender: str = "") -> Ref:
         return Ref(self, address, protocol, sender or self.address)
 
     def put(self, cell: Hosted, message: Message, reply: ReplyTo | None, sender: str) -> bool:
-        """Put a message into the mailbox of an actor here. Return False if it was refused."""
+        """Put a message into the mailbox of an actor of this process. Return False if it was refused."""
         if type(message) not in cell.protocol.accepts:
             self._refuse(cell.address, message, cell.protocol.wrong_type(message), reply)
             return False
         if not cell.mailbox.put(message, reply, sender):
-            full = Refused(Code.MAILBOX_FULL, f"{cell.address} has {len(cell.mailbox)} messages waiting", "wait")
+            full = Refused(
+                Code.MAILBOX_FULL,
+                f"{cell.address} has {len(cell.mailbox)} messages waiting",
+                "wait, then try again",
+            )
             self._refuse(cell.address, message, full, reply)
             return False
         return True
 
     def put_local(self, cell: Hosted, message: Message, reply: ReplyTo | None, sender: str) -> None:
-        """As ``put``, for a message of this process: its descriptors are duplicated, as on a link."""
+        """Put a message of this process into a mailbox, as ``put`` does.
+
+        The descriptors of the message are duplicated, as on a link.
+        """
         if type(message) in cell.protocol.carriers:
             own = tuple(os.dup(fd) for fd in message.descriptors)  # type: ignore[attr-defined]
             if not self.put(cell, msgspec.structs.replace(message, descriptors=own), reply, sender):
@@ -134,123 +144,131 @@ class Router:
         else:
             self.put(cell, message, reply, sender)
 
-    def dead(self, to: str, what: object, why: str) -> None:
+    def dead(self, to: str, subject: object, reason: str) -> None:
         self.dead_letter_count += 1
-        self.dead_letters.append(DeadLetter(to, type(what).__name__, why))
+        self.dead_letters.append(DeadLetter(to, type(subject).__name__, reason))
 
-    def _refuse(self, to: str, what: object, refusal: Refused, reply: ReplyTo | None) -> None:
+    def _refuse(self, to: str, subject: object, refusal: Refused, reply: ReplyTo | None) -> None:
         self.refused_count += 1
-        self.dead(to, what, refusal.reason)
+        self.dead(to, subject, refusal.reason)
         if self.instrument is not None:
-            self.instrument.refused(to, type(what).__name__, refusal)
+            self.instrument.refused(to, type(subject).__name__, refusal)
         if reply is not None:
             reply.send(refusal)
 
-    # -- ways out
+    # -- outgoing frames
 
     def is_turn(self) -> bool:
-        """Return True for one in ``PROMPT`` answers that came without waiting: then other tasks must run."""
+        """Return True for every ``PROMPT``-th answer that came without waiting.
+
+        The sender must then let other tasks run once.
+        """
         return next(self._prompt) % PROMPT == 0
 
     def new_cid(self) -> int:
         return next(self._cids)
 
-    def route(self, address: str) -> Way | None:
+    def route(self, address: str) -> Connection | None:
         """Return the link that leads to the address, or None."""
         return self._routes.get(address)
 
-    def way_to(self, address: str) -> Way | None:
-        """Return the link that leads to the address, or else the mesh."""
+    def connection_to(self, address: str) -> Connection | None:
+        """Return the link that leads to the address. Without such a link, return the mesh.
+
+        Addresses in ``linked`` are never reached over the mesh. For them the result is then None.
+        """
         link = self._routes.get(address)
         return link if link is not None or address in self.linked else self.mesh
 
-    def attach(self, way: Way) -> None:
+    def attach(self, connection: Connection) -> None:
         """Use a new link, and announce the addresses of this node over it."""
-        self._links.add(way)
-        way.announce(self.address, True)
+        self._links.add(connection)
+        connection.announce(self.address, True)
         for address in self.cells:
-            way.announce(address, True)
+            connection.announce(address, True)
 
-    def learn(self, address: str, way: Way, hosted: bool) -> None:
+    def learn(self, address: str, connection: Connection, hosted: bool) -> None:
         """Note that the other end of a link hosts ``address``, or no longer does."""
         if hosted:
-            self._routes[address] = way
-        elif self._routes.get(address) is way:
+            self._routes[address] = connection
+        elif self._routes.get(address) is connection:
             del self._routes[address]
-            self._lose(address, way)
+            self._lose(address, connection)
 
-    def detach(self, way: Way) -> None:
-        """Forget a link that is down, with all addresses that it led to."""
-        self._links.discard(way)
-        for address in [known for known, route in self._routes.items() if route is way]:
-            self.learn(address, way, False)
+    def detach(self, connection: Connection) -> None:
+        """Forget a link that has ended, with all addresses that were reached over it."""
+        self._links.discard(connection)
+        for address in [routed for routed, route in self._routes.items() if route is connection]:
+            self.learn(address, connection, False)
 
-    def _ways(self) -> set[Way]:
+    def _connections(self) -> set[Connection]:
         return self._links if self.mesh is None else {*self._links, self.mesh}
 
     def send_frame(self, to: str, kind: int, cid: int, sender: str, body: Message | None) -> bool:
-        way = self.way_to(to)
-        if way is None:
+        connection = self.connection_to(to)
+        if connection is None:
             return False
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
         data = frame(to, kind, cid, sender, self.address, body)
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
             self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
             return True
-        return way.send(to, data, descriptors, body is not None and body.lane == "urgent" and kind in (TELL, ASK))
+        return connection.send(
+            to, data, descriptors, body is not None and body.lane == "urgent" and kind in (TELL, ASK)
+        )
 
-    def receive_frame(self, data: bytes, way: Way, descriptors: tuple[int, ...] = ()) -> None:
+    def receive_frame(self, data: bytes, connection: Connection, descriptors: tuple[int, ...] = ()) -> None:
         """Handle a frame from a link or a mesh.
 
         This never raises: a frame that cannot be read is refused and counted.
         """
-        if not self._receive(data, way, descriptors):
+        if not self._receive(data, connection, descriptors):
             _close_all(descriptors)
 
-    def _receive(self, data: bytes, way: Way, descriptors: tuple[int, ...]) -> bool:
-        """Return True if an actor got the message, and the descriptors with it."""
+    def _receive(self, data: bytes, connection: Connection, descriptors: tuple[int, ...]) -> bool:
+        """Handle a frame. Return True if an actor got its message, with the descriptors of the frame."""
         try:
             head = decode_frame(data)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             self.refused_count += 1
             self.dead(self.address, data, f"not a frame: {error}")
             return False
-        kind, channel = head.kind, way.channel
+        kind, channel = head.kind, connection.channel
         if channel is not None and kind != REPLY and not channel.speaks_for(head.sender):
-            self._refuse_sender(head, way)
+            self._refuse_sender(head, connection)
             return False
         if kind in (TELL, ASK):
-            return self._receive_message(head, head.body, way, len(data), descriptors)
+            return self._receive_message(head, head.body, connection, len(data), descriptors)
         if kind == REPLY:
-            self._receive_reply(head, way)
+            self._receive_reply(head, connection)
         # Only a link may announce: on a mesh any process could claim any address.
-        elif kind == HOSTS and way in self._links:
-            self.learn(head.sender, way, head.cid == 1)
+        elif kind == HOSTS and connection in self._links:
+            self.learn(head.sender, connection, head.cid == 1)
         elif kind == WATCH:
             self._watchers.setdefault(head.to, set()).add(head.sender)
             if head.to not in self.cells:
                 self._notify_down(head.to, "not hosted here")
         elif kind == DOWN:
-            self._deliver_down(head, way)
+            self._deliver_down(head, connection)
         else:
             self.refused_count += 1
             self.dead(head.to, head, f"unknown frame kind {kind}")
         return False
 
-    def _refuse_sender(self, head: Frame, way: Way) -> None:
-        reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
+    def _refuse_sender(self, head: Frame, connection: Connection) -> None:
+        reply = _RemoteReply(self, connection, head.reply_to, head.cid) if head.kind == ASK else None
         refusal = Refused(
-            Code.CHANNEL, f"{head.sender} does not speak over this channel", "speak for yourself alone"
+            Code.CHANNEL, f"this channel may not send in the name of {head.sender}", "send in your own name"
         )
         self._refuse(head.to or self.address, head, refusal, reply)
 
     def _receive_message(
-        self, head: Frame, body: msgspec.Raw, way: Way, size: int, descriptors: tuple[int, ...]
+        self, head: Frame, body: msgspec.Raw, connection: Connection, size: int, descriptors: tuple[int, ...]
     ) -> bool:
-        reply = _RemoteReply(self, way, head.reply_to, head.cid) if head.kind == ASK else None
+        reply = _RemoteReply(self, connection, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
-            refusal = Refused(Code.UNKNOWN_ADDRESS, f"nobody hosts {head.to} here")
+            refusal = Refused(Code.UNKNOWN_ADDRESS, f"this process has no actor {head.to}")
             self._refuse(head.to, head, refusal, reply)
             return False
         if size > MAX_MESSAGE_BYTES:
@@ -259,11 +277,13 @@ class Router:
         try:
             message = cell.protocol.decode(body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-            accepted = ", ".join(sorted(kind.__name__ for kind in cell.protocol.accepts))
-            refusal = Refused(Code.MALFORMED, f"{cell.protocol.name} cannot read this: {error}", f"send {accepted}")
+            accepted = ", ".join(sorted(message_type.__name__ for message_type in cell.protocol.accepts))
+            refusal = Refused(
+                Code.MALFORMED, f"{cell.protocol.name} cannot read the message: {error}", f"send {accepted}"
+            )
             self._refuse(head.to, head, refusal, reply)
             return False
-        channel = way.channel
+        channel = connection.channel
         if channel is not None and (refused := channel.refuse(head.to, message)) is not None:
             self._refuse(head.to, message, refused, reply)
             return False
@@ -274,17 +294,17 @@ class Router:
         if type(message) not in cell.protocol.carriers:
             self.put(cell, message, reply, head.sender)
             return False
-        # The numbers in the body are descriptors of the sender. Only those that came with the frame are valid
-        # here.
+        # The descriptor numbers in the body are those of the sender. Only the descriptors that came with the
+        # frame are valid here.
         message = msgspec.structs.replace(message, descriptors=descriptors)
         return self.put(cell, message, reply, head.sender)
 
-    def _receive_reply(self, head: Frame, way: Way) -> None:
+    def _receive_reply(self, head: Frame, connection: Connection) -> None:
         answer = self.pending.get(head.cid)
         if answer is None or answer.done:
             self.dead(head.to, head, "the asker no longer waits")
             return
-        if answer.way is not way:
+        if answer.connection is not connection:
             self.refused_count += 1
             self.dead(head.to, head, "an answer from elsewhere than where it was asked")
             return
@@ -306,13 +326,13 @@ class Router:
 
     def lost(self, address: str) -> None:
         """Note that the node that hosted ``address`` has left the mesh."""
-        if self.mesh is not None and self.way_to(address) is self.mesh:
+        if self.mesh is not None and self.connection_to(address) is self.mesh:
             self._lose(address, self.mesh)
 
-    def _lose(self, address: str, way: Way) -> None:
+    def _lose(self, address: str, connection: Connection) -> None:
         self._notify_down(address, "unreachable")
         for answer in self.pending.values():
-            if answer.to == address and answer.way is way:
+            if answer.to == address and answer.connection is connection:
                 answer.fail(went_away(address))
 
     def _notify_down(self, address: str, reason: str) -> None:
@@ -324,17 +344,19 @@ class Router:
             else:
                 self.send_frame(watcher, DOWN, 0, address, down)
 
-    def _deliver_down(self, head: Frame, way: Way) -> None:
+    def _deliver_down(self, head: Frame, connection: Connection) -> None:
         watchers = self._watchers.get(head.sender)
         if watchers is not None and head.to in watchers:
             watchers.discard(head.to)
             tell = Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body)
-            self._receive_message(tell, head.body, way, len(head.body), ())
+            self._receive_message(tell, head.body, connection, len(head.body), ())
 
 
 def _oversized(size: int) -> Refused:
     limit = MAX_MESSAGE_BYTES
-    return Refused(Code.OVERSIZED, f"{size} bytes", f"send at most {limit}", str(size), str(limit))
+    return Refused(
+        Code.OVERSIZED, f"the message has {size} bytes", f"send at most {limit} bytes", str(size), str(limit)
+    )
 
 
 def _close_all(descriptors: Iterable[int]) -> None:

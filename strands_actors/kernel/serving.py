@@ -1,7 +1,8 @@
 """Serve clients over TCP so that no client can end or block the server.
 
-An exception in a handler ends only the connection of its client. A client that was not admitted yet holds one
-of few places. When all places are taken, the oldest of these clients gives way to the new one.
+An exception in a handler ends only the connection of its client. There are few places for clients that were not
+admitted (authorised) yet. When all places are taken, a new client replaces the oldest of these clients, which
+is disconnected.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Client:
                 await self._stream.send_all(data)
 
     def admit(self) -> None:
-        """Mark the client as authorised. It no longer gives way to new clients."""
+        """Mark the client as authorised. It no longer takes a place, so a new client cannot replace it."""
         self._admitted()
 
 
@@ -51,7 +52,8 @@ async def serve_clients(
         places: The most clients that are connected and not admitted.
         send_s: Seconds that a client may take to read a message.
     """
-    waiting: dict[trio.SocketStream, trio.CancelScope] = {}  # the oldest first
+    # Connected clients that were not admitted yet, the oldest first.
+    waiting: dict[trio.SocketStream, trio.CancelScope] = {}
 
     async def attend(stream: trio.SocketStream) -> None:
         scope = trio.CancelScope()

@@ -10,8 +10,8 @@ decides which children restart with it:
 * ``rest_for_one``: that child and all that were started after it. For children that use earlier ones.
 * ``one_for_all``: all children. For children that depend on each other.
 
-``Budget`` bounds the restarts. A child that still fails has a cause that a restart does not mend, so the
-supervisor stops its children and raises ``BudgetSpent`` to its own supervisor.
+``Budget`` bounds the restarts. If a child still fails, a restart does not repair the cause. So the supervisor
+stops its children and raises ``BudgetSpent`` to its own supervisor.
 """
 
 from __future__ import annotations
@@ -116,19 +116,18 @@ class Supervisor:
                 await self._stop(self._children)
 
     async def _supervise(self, nursery: trio.Nursery, ended: trio.MemoryReceiveChannel[_End]) -> None:
-        # The loop counts the ends that it has handled, because several children may have ended before it
-        # handles the first.
+        # The loop counts the children that run, because several may have ended before it handles the first end.
         while self._running:
             child, scope, error = await ended.receive()
             self._running -= 1
             if scope is not child.scope or scope.cancel_called:
                 # The supervisor stopped this child, or has already restarted it with its siblings.
                 continue
-            kind = child.spec.restart
-            if kind == "temporary" or (kind == "transient" and error is None):
+            restart = child.spec.restart
+            if restart == "temporary" or (restart == "transient" and error is None):
                 continue
-            why = "ended" if error is None else describe(error)
-            pause_s = self._spend(child, why, error)
+            reason = "ended" if error is None else describe(error)
+            pause_s = self._spend(child, reason, error)
             group = self._group(child)
             await self._stop(group)
             if pause_s:
@@ -137,15 +136,15 @@ class Supervisor:
                 if member is child or member.spec.restart != "temporary":
                     await self._start(nursery, member)
             if self._on_restart is not None:
-                self._on_restart(child.spec.name, why)
+                self._on_restart(child.spec.name, reason)
 
-    def _spend(self, child: _Child, why: str, error: BaseException | None) -> float:
+    def _spend(self, child: _Child, reason: str, error: BaseException | None) -> float:
         now = trio.current_time()
         while self._failures and self._failures[0] <= now - self._budget.within_s:
             self._failures.popleft()
         if len(self._failures) >= self._budget.restarts:
             count, within_s = len(self._failures) + 1, self._budget.within_s
-            raise BudgetSpent(f"{child.spec.name} failed {count} times in {within_s:g} s: {why}") from error
+            raise BudgetSpent(f"{child.spec.name} failed {count} times in {within_s:g} s: {reason}") from error
         self._failures.append(now)
         doublings = min(len(self._failures) - 1, _MOST_DOUBLINGS)
         doubled: float = self._budget.backoff_s * 2**doublings
@@ -164,7 +163,8 @@ class Supervisor:
         child.starts += 1
         self._running += 1
         up = _Up()
-        # ``nursery.start`` would wait for ever for a shielded child if it were cancelled meanwhile.
+        # ``nursery.start`` is not used here. If it were cancelled meanwhile, it would wait for ever for a
+        # shielded child.
         nursery.start_soon(self._run_child, child, child.scope, child.done, up)
         await up.event.wait()
 
@@ -196,8 +196,10 @@ _End = tuple[_Child, trio.CancelScope, BaseException | None]
 
 
 class _Up:
-    """The ``task_status`` of a child. It is also set when the child fails before it is up, so that the
-    supervisor continues."""
+    """The ``task_status`` of a child.
+
+    It is also set when the child fails before it is up. Otherwise the supervisor would wait for ever.
+    """
 
     def __init__(self) -> None:
         self.event = trio.Event()

@@ -15,22 +15,25 @@ import msgspec
 
 from strands_actors.kernel.refusals import Code
 
-from .asks import AskTimeout, Unreachable, not_there
+from .asks import AskTimeout, Unreachable, not_running
 from .frames import ASK, REPLY, decode_frame, frame, read_reply
 from .messages import MAX_MESSAGE_BYTES, Message, Refused
 
 
 class _Waiting:
-    """A waiting thread, and its result: the body of a frame, or a failure."""
+    """A thread that waits for an answer, and its result.
 
-    __slots__ = ("body", "failure", "there", "to")
+    The result is the body of a frame, or a failure.
+    """
+
+    __slots__ = ("answered", "body", "failure", "to")
 
     def __init__(self, to: str) -> None:
         self.to = to
         self.body: msgspec.Raw | None = None
         self.failure: Exception | None = None
-        self.there = threading.Lock()
-        self.there.acquire()
+        self.answered = threading.Lock()
+        self.answered.acquire()
 
 
 class ThreadAsks:
@@ -73,18 +76,20 @@ class ThreadAsks:
                 of the one that opened the mesh.
         """
         if self._pid != os.getpid():
-            raise Unreachable("this process was forked from the one that opened the robot. open it here anew")
+            raise Unreachable("this process was forked from the one that opened the robot. Open it here anew")
         cid = next(self._cids)
         data = frame(to, ASK, cid, sender, self.reply_to, message)
         if len(data) > MAX_MESSAGE_BYTES:
-            return Refused(Code.OVERSIZED, f"{len(data)} bytes", f"send at most {MAX_MESSAGE_BYTES}")
+            return Refused(
+                Code.OVERSIZED, f"the message has {len(data)} bytes", f"send at most {MAX_MESSAGE_BYTES} bytes"
+            )
         waiting = self._waiting[cid] = _Waiting(to)
         try:
             if self._closed:
                 raise Unreachable(self._closed)
             if not put(to, data):
-                raise not_there(to)
-            if not waiting.there.acquire(timeout=deadline_s):
+                raise not_running(to)
+            if not waiting.answered.acquire(timeout=deadline_s):
                 raise AskTimeout(f"no answer within {deadline_s:g} s")
         finally:
             self._waiting.pop(cid, None)
@@ -94,7 +99,9 @@ class ThreadAsks:
         return read_reply(decode, waiting.body)
 
     def take(self, data: bytes) -> None:
-        """Handle a frame that came on ``reply_to``. Drop it if it is no answer, or if no thread waits for it."""
+        """Handle a frame that came on ``reply_to``. Drop a frame that is no answer, or for which no thread
+        waits.
+        """
         try:
             head = decode_frame(data)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
@@ -102,17 +109,17 @@ class ThreadAsks:
         waiting = self._waiting.pop(head.cid, None) if head.kind == REPLY else None
         if waiting is not None:
             waiting.body = head.body
-            waiting.there.release()
+            waiting.answered.release()
 
     def fail(self, to: str, failure: Unreachable) -> None:
         """Raise ``failure`` in all threads that wait for the actor at ``to``."""
         for cid, waiting in list(self._waiting.items()):
             if waiting.to == to and self._waiting.pop(cid, None) is not None:
                 waiting.failure = failure
-                waiting.there.release()
+                waiting.answered.release()
 
-    def close(self, why: str) -> None:
-        """Raise ``Unreachable(why)`` in all waiting threads, and in each later ``ask``."""
-        self._closed = why
+    def close(self, reason: str) -> None:
+        """Raise ``Unreachable(reason)`` in all waiting threads, and in each later ``ask``."""
+        self._closed = reason
         for to in {waiting.to for waiting in list(self._waiting.values())}:
-            self.fail(to, Unreachable(why))
+            self.fail(to, Unreachable(reason))

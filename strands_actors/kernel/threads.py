@@ -31,7 +31,8 @@ async def call_in_thread(function: Callable[[*Args], Result], *args: *Args) -> R
         if is_waited_for:
             trio.lowlevel.reschedule(task, result)
 
-    def deliver(result: outcome.Outcome[Result]) -> None:  # in the thread
+    # This runs in the thread of the call.
+    def deliver(result: outcome.Outcome[Result]) -> None:
         with contextlib.suppress(trio.RunFinishedError):
             token.run_sync_soon(done, result)
 

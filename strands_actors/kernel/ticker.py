@@ -1,9 +1,9 @@
 """A ticker that pauses while messages do its work.
 
-For most ticks the wake-up costs a process more than the work. Where messages come as often as a ticker ticks,
-the work can be done together with theirs. The ticker then only has to notice that messages stay away: it waits
-for a deadline that each message moves on, which takes no system call. If no message comes for ``LAPSE``
-periods, the ticker ticks by its timer again.
+For most ticks the wake-up costs a process more than the work. If messages come as often as a ticker ticks, the
+handler of a message can do the work of the tick, too (``brought``). The ticker then only has to notice that no
+message comes. It waits for a deadline that each message moves on, which takes no system call. If no message
+comes for ``LAPSE`` periods, the ticker ticks by its timer again.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ class Ticker:
     def __init__(self, clock: Clock, period_s: float) -> None:
         self._clock = clock
         self._period_s = period_s
-        self._due_s = 0.0  # by trio's clock: no own tick before this time
+        # By trio's clock. The ticker does not tick by itself before this time.
+        self._due_s = 0.0
         self._scope: trio.CancelScope | None = None
 
     def brought(self) -> None:
-        """Note that the work of a tick has just been done."""
+        """Note that the handler of a message has just done the work of a tick."""
         self._due_s = trio.current_time() + LAPSE * self._period_s
         if self._scope is not None:
             self._scope.deadline = self._due_s

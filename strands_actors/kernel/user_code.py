@@ -42,7 +42,9 @@ def describe_failure(error: BaseException) -> str:
     raised = error.__cause__ if isinstance(error, UserCodeEnded) and error.__cause__ else error
     frames = list(traceback.extract_tb(raised.__traceback__))
     calls = [
-        at for at, frame in enumerate(frames) if (frame.filename, frame.name) == (__file__, contained.__name__)
+        index
+        for index, frame in enumerate(frames)
+        if (frame.filename, frame.name) == (__file__, contained.__name__)
     ]
     called = frames[calls[-1] + 1 :] if calls else frames
     theirs = [frame for frame in called if not frame.filename.startswith(_OURS)]

@@ -1,6 +1,7 @@
-"""The ways by which frames travel between nodes: a link to one process, or the mesh to all.
+"""The connections over which frames travel between nodes: a link to one process, or the mesh to all.
 
-A way reports nodes that it can no longer reach by calling ``node.detach`` (a link) or ``node.lost`` (a mesh).
+A connection reports nodes that it can no longer reach by calling ``node.detach`` (a link) or ``node.lost`` (a
+mesh).
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from .channels.permissions import Channel
 from .messages import Message
 
 
-class Way(Protocol):
+class Connection(Protocol):
     """A carrier of frames between nodes: a link or a mesh."""
 
     channel: Channel | None
-    """The messages that are accepted from this way. None accepts all."""
+    """The messages that are accepted from this connection. None accepts all."""
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         """Send a frame without waiting.
@@ -26,8 +27,8 @@ class Way(Protocol):
         Args:
             to: The address of the receiver.
             data: The frame.
-            descriptors: Open files that go with it. The sender keeps its own, and the receiver gets duplicates.
-                Only a link delivers descriptors to another process.
+            descriptors: Open files that are sent with the frame. The sender keeps its own, and the receiver
+                gets duplicates. Only a link delivers descriptors to another process.
             urgent: The frame may overtake frames that are not urgent.
 
         Returns:
@@ -45,7 +46,7 @@ class Way(Protocol):
     def announce(self, address: str, hosted: bool) -> None: ...
 
 
-class Mesh(Way, Protocol):
+class Mesh(Connection, Protocol):
     def ask(
         self,
         to: str,
@@ -57,6 +58,8 @@ class Mesh(Way, Protocol):
         """Send a request and wait for the answer in the calling thread."""
         ...
 
-    def forget(self, to: str, why: str) -> None:
-        """Stop all requests of ``ask`` to this address. Waiting threads get ``why``."""
+    def forget(self, to: str, reason: str) -> None:
+        """End all requests of ``ask`` to this address. The waiting threads get an error with the text
+        ``reason``.
+        """
         ...

@@ -1,4 +1,4 @@
-"""Policies: the base class, and the policies that have a name.
+"""Policies (programs that turn observations into actions): the base class, and the policies that have a name.
 
     from strands_actors.policies import MockPolicy, Policy, create_policy, register_policy
 

@@ -1,7 +1,7 @@
-"""The base class ``Policy``.
+"""The base class ``Policy``, with the members that strands-robots' page on drivers requires.
 
-It is that of strands-robots' drivers page. It is optional: any object with ``get_actions``,
-``get_actions_sync`` or ``step`` is a policy, and so is a callable.
+The base class is optional. Any object with ``get_actions``, ``get_actions_sync`` or ``step`` is a policy, and so is
+a callable.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ Action = dict[str, Any]
 class Policy(ABC):
     """Base class of a policy. A subclass must define ``get_actions`` and ``provider_name``.
 
-    Before each policy run the methods ``set_robot_state_keys``, ``set_control_frequency`` and ``reset``
-    are called. Then ``get_actions_sync`` is called for each chunk of actions.
+    Before each run of the policy, its methods ``set_robot_state_keys``, ``set_control_frequency`` and ``reset`` are
+    called. Then ``get_actions_sync`` is called for each chunk of actions.
 
     Example:
         class Hold(Policy):
@@ -45,12 +45,15 @@ class Policy(ABC):
 
     @property
     def requires_images(self) -> bool:
-        """True if it needs pictures in addition to positions. Only ``lerobot_local`` gets them."""
+        """True if the policy needs pictures in addition to positions.
+
+        Only the policy ``lerobot_local`` gets pictures.
+        """
         return True
 
     @property
     def execution_horizon(self) -> int:
-        """The number of actions of a chunk that are executed, if chunks are blended."""
+        """The number of executed actions of each chunk, if new chunks are blended into the previous ones."""
         return 1
 
     @abstractmethod
@@ -68,13 +71,17 @@ class Policy(ABC):
         """
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """As ``get_actions``, for a thread without an event loop."""
-        import asyncio  # Its import costs 8 ms, and most policies do not need it.
+        """Return the next chunk of actions, for a thread without an event loop.
+
+        The arguments are those of ``get_actions``.
+        """
+        # Imported here, since the import takes 8 ms and most policies do not need it.
+        import asyncio
 
         return asyncio.run(self.get_actions(observation_dict, instruction, **more))
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
-        """Set the joints that the policy controls. It is called before each run.
+        """Set the joints that the policy controls. This method is called before each run.
 
         Args:
             robot_state_keys: Names of the joints, in the robot's order.
@@ -82,14 +89,14 @@ class Policy(ABC):
         self.robot_state_keys = list(robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:  # noqa: B027  # most have no use for it
-        """Set the rate at which the actions are executed. It is called before each run.
+        """Set the rate at which the actions are executed. This method is called before each run.
 
         Args:
             hz: Actions per second.
         """
 
     def reset(self, seed: int | None = None) -> None:  # noqa: B027  # most remember nothing
-        """Forget everything from an earlier run. It is called before each run.
+        """Forget everything from an earlier run. This method is called before each run.
 
         Args:
             seed: Seed of random numbers; None for no seed.
@@ -100,6 +107,6 @@ class Policy(ABC):
         """Check that the policy can control a robot with these observations.
 
         Raises:
-            ValueError: It cannot.
+            ValueError: The policy cannot control this robot.
         """
         return

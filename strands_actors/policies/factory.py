@@ -21,8 +21,8 @@ def create_policy(provider: str, **options: Any) -> Any:
     """Return a policy object for ``run_policy``.
 
     Args:
-        provider: ``mock``, ``remote``, a name of ``register_policy``, or the address of a policy
-            server, ``ws://host:port``.
+        provider: ``mock``, ``remote``, a name that was registered by ``register_policy``, or the address of a
+            policy server, ``ws://host:port``.
         options: Keyword arguments of the policy.
 
     Raises:
@@ -33,33 +33,33 @@ def create_policy(provider: str, **options: Any) -> Any:
         arm.run_policy(create_policy("mock", amplitude=2.0), duration=5.0)
     """
     if not isinstance(provider, str) or not provider:
-        raise ValueError(f"create_policy: the provider is {provider!r}. give a name, or ws://host:port")
+        raise ValueError(f"create_policy: the provider is {provider!r}. Give a name, or ws://host:port")
     if provider.lower().startswith("ws://"):
         provider, options = "remote", {"endpoint": provider, **options}
     factory = registered_class(provider)
     if factory is None:
-        known_provider = find_provider(provider)
+        entry = find_provider(provider)
         if provider not in OF_THIS_PROCESS:
             raise ValueError(
                 f"create_policy: {provider} has to know its robot. "
-                f"use start_task(policy_provider={provider!r}, ...), which tells it" + _at(known_provider.where)
+                f"Use start_task(policy_provider={provider!r}, ...), which tells it" + _object_hint(entry.where)
             )
         factory = load(OF_THIS_PROCESS[provider])
     _check_options(provider, factory, options)
     return factory(**options)
 
 
-def _at(where: str) -> str:
-    return f", or make an object of {where}"
+def _object_hint(object_path: str) -> str:
+    return f", or make an object of {object_path}"
 
 
 def _check_options(name: str, factory: Any, options: dict[str, Any]) -> None:
     parameters = inspect.signature(factory).parameters
-    if any(one.kind is one.VAR_KEYWORD for one in parameters.values()):
+    if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values()):
         return
     for option in options:
         if option not in parameters:
             close = closest(option, parameters)
             hint = f" ({option!r} -> {close[0]!r}?)" if close else ""
-            taken = ", ".join(parameters) or "nothing"
-            raise ValueError(f"create_policy: {name} takes no {option!r}{hint}. it takes {taken}")
+            accepted = ", ".join(parameters) or "nothing"
+            raise ValueError(f"create_policy: {name} takes no {option!r}{hint}. it takes {accepted}")

@@ -1,16 +1,16 @@
 """The policy ``lerobot_local``: a checkpoint of lerobot, run in the policy's process.
 
-A checkpoint is a folder that lerobot >= 0.4 has saved: configuration, weights, and the two processors that
-normalise inputs and outputs. Its inputs are positions, the instruction, and pictures of the robot's
-cameras: ``observation.images.wrist`` is the camera ``wrist``. A checkpoint is refused if it needs a camera
-that the robot does not have, or a state of another size. Nothing is downloaded here.
+A checkpoint is a folder with a trained model that lerobot >= 0.4 has saved: configuration, weights, and the two
+processors that normalise inputs and outputs. Its inputs are positions, the instruction, and pictures of the robot's
+cameras: ``observation.images.wrist`` is the camera ``wrist``. A checkpoint is refused if it needs a camera that the
+robot does not have, or a state of another size. Nothing is downloaded here.
 
-Pictures are read when an inference begins. Once the robot moves, the policy never waits for a picture: a
-stale picture ends the rollout, and the robot holds.
+Pictures are read when an inference begins. Once the robot moves, the policy never waits for a picture: if a picture
+is too old, the policy run ends, and the robot holds its position.
 
 With ``rtc=True`` a flow-matching policy (pi0, pi05, smolvla) blends each chunk into the previous one
-(lerobot's real-time chunking). Its input then has the rest of the previous chunk, and the number of those
-actions that will be executed before the new ones.
+(lerobot's real-time chunking). Its input then has the rest of the previous chunk, and the number of
+actions in it that will be executed before the new chunk.
 
 A checkpoint does not state the units of its numbers. They depend on the recording of its data
 (``use_degrees`` of lerobot's arms; the default differs by arm and version). So ``units`` has no default:
@@ -47,8 +47,8 @@ FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy
 class LerobotLocal:
     """Load a checkpoint and run it as a policy.
 
-    The tree gives ``axes``, ``unit``, ``travel``, ``robot`` and ``cameras``. The user gives the others as
-    options of ``start_task``.
+    The package sets ``axes``, ``unit``, ``travel``, ``robot`` and ``cameras``. The user gives the other arguments
+    as options of ``start_task``.
 
     Args:
         axes: Names of the robot's axes, in order.
@@ -57,10 +57,10 @@ class LerobotLocal:
         device: ``cpu``, ``cuda`` or ``mps``.
         unit: The driver's unit.
         travel: Calibrated range of each axis.
-        robot: Name by which the robot runs.
-        cameras: Names of its cameras.
-        rename_map: As lerobot's, ``{"observation.images.wrist": "observation.images.camera1"}``: the name
-            of a camera in the checkpoint.
+        robot: Name under which the robot was started.
+        cameras: Names of the robot's cameras.
+        rename_map: The name that each camera has in the checkpoint, in lerobot's form:
+            ``{"observation.images.wrist": "observation.images.camera1"}``.
         rtc: Use real-time chunking (see above).
         execution_horizon: Number of actions of each chunk that are executed with ``rtc``.
 
@@ -103,8 +103,9 @@ class LerobotLocal:
         self.execution_horizon = execution_horizon
         if rtc:
             _chunk_in_real_time(config, execution_horizon)
-        self._rest: Any = None  # the model's last chunk: the returned actions, and those after them
-        self._handed_out = self._left = 0
+        # The part of the model's last chunk from the first returned action on.
+        self._rest: Any = None
+        self._handed_out = self._pending = 0
         config.device = self._device = device
         self._prepare = prepare_observation_for_inference
         # Without ``strict`` lerobot only logs missing or unused weights, and runs with arbitrary values in
@@ -113,8 +114,8 @@ class LerobotLocal:
         self._into, self._out_of = make_pre_post_processors(
             config, pretrained_path=folder, preprocessor_overrides={"device_processor": {"device": device}}
         )
-        # A policy that remembers observations must see every one, so its chunk is one action. For any other
-        # policy the chunk is its plan from one observation.
+        # A policy that remembers observations must get every observation, so it returns one action at a time. Any
+        # other policy returns all actions that it has planned from one observation.
         remembers = getattr(config, "n_obs_steps", 1) != 1
         self._steps = 1 if remembers else int(getattr(config, "n_action_steps", 1))
 
@@ -122,23 +123,23 @@ class LerobotLocal:
         """Forget observations and plans, and wait for the first pictures.
 
         Args:
-            seed: No effect.
+            seed: Has no effect.
 
         Raises:
-            StaleFrame: No picture of a camera has come within ``FIRST_PICTURE_S``.
+            StaleFrame: A camera has sent no picture within ``FIRST_PICTURE_S``.
         """
         for part in (self._policy, self._into, self._out_of):
             part.reset()
-        self._rest, self._handed_out, self._left = None, 0, 0
+        self._rest, self._handed_out, self._pending = None, 0, 0
         for eye in self._eyes:
             eye.wait()
 
     def actions_left(self, count: int) -> None:
         """Set the number of returned actions that are not executed yet.
 
-        They will be executed before the next ones.
+        They will be executed before the actions of the next chunk.
         """
-        self._left = count
+        self._pending = count
 
     def get_actions_sync(
         self, observation: Mapping[str, float], instruction: str, **_: Any
@@ -146,35 +147,36 @@ class LerobotLocal:
         """Return the next ``n_action_steps`` actions, or at most ``execution_horizon`` with ``rtc``.
 
         Without ``rtc`` it calls ``select_action``, as lerobot's own control loop does. That runs the model once
-        and then returns its plan step by step. ``predict_action_chunk`` would not do: some policies then read
-        queues that only ``select_action`` fills.
+        and then returns its plan step by step. ``predict_action_chunk`` cannot be used here: some
+        policies read queues that only ``select_action`` fills.
         """
         import numpy as np
 
         state = [observation[axis] for axis in self._axes]
         if self._scale is not None:
             state = self._scale.to_lerobot(state)
-        seen = {STATE: np.array(state, dtype=np.float32)} | {eye.key: eye.look() for eye in self._eyes}
-        batch = self._into(self._prepare(seen, self._device, task=instruction))
+        inputs = {STATE: np.array(state, dtype=np.float32)} | {eye.key: eye.look() for eye in self._eyes}
+        batch = self._into(self._prepare(inputs, self._device, task=instruction))
         if self.supports_rtc:
             return self._blended(batch)
         return [self._named(self._policy.select_action(dict(batch))) for _ in range(self._steps)]
 
     def _blended(self, batch: Any) -> list[dict[str, float]]:
-        """Return the actions after those that are not executed yet.
+        """Return the actions of a new chunk, without those that were returned before and are still to be executed.
 
-        The new chunk begins now, with the pending actions, so these are left out.
+        The new chunk begins at the present time. So its first actions are the pending actions, and they are left
+        out.
         """
-        left = min(self._left, self._handed_out)
-        rest = None if self._rest is None else self._rest[self._handed_out - left :]
-        chunk = self._policy.predict_action_chunk(dict(batch), inference_delay=left, prev_chunk_left_over=rest)
-        self._rest = chunk.squeeze(0)[left:]
-        rows = self._out_of(chunk).squeeze(0)[left:].tolist()
+        pending = min(self._pending, self._handed_out)
+        rest = None if self._rest is None else self._rest[self._handed_out - pending :]
+        chunk = self._policy.predict_action_chunk(dict(batch), inference_delay=pending, prev_chunk_left_over=rest)
+        self._rest = chunk.squeeze(0)[pending:]
+        rows = self._out_of(chunk).squeeze(0)[pending:].tolist()
         self._handed_out = min(len(rows), self.execution_horizon)
         if not rows:
             raise ValueError(
-                f"lerobot_local: {left} actions are left when the next chunk is asked for, and that has no more. "
-                "give a smaller execution_horizon, or a lower control_frequency"
+                f"lerobot_local: {pending} actions are still to be executed, and the new chunk is not longer. "
+                "Give a smaller execution_horizon, or a lower control_frequency"
             )
         return [self._by_axis(row) for row in rows[: self._handed_out]]
 
@@ -183,7 +185,7 @@ class LerobotLocal:
 
     def _by_axis(self, values: list[float]) -> dict[str, float]:
         if len(values) != len(self._axes):
-            raise ValueError(f"lerobot_local: the policy gave {len(values)} numbers for {len(self._axes)} axes")
+            raise ValueError(f"lerobot_local: the policy returned {len(values)} numbers for {len(self._axes)} axes")
         if self._scale is not None:
             values = self._scale.from_lerobot(values)
         return dict(zip(self._axes, values, strict=True))
@@ -193,9 +195,9 @@ class Eye:
     """One camera of a checkpoint.
 
     Args:
-        key: Its name in the checkpoint.
-        reader: The camera.
-        shape: Colours, height and width that the checkpoint expects.
+        key: Name of the camera in the checkpoint.
+        reader: The object that reads the camera's pictures.
+        shape: Number of colours, height and width that the checkpoint expects.
     """
 
     def __init__(self, key: str, reader: CameraReader, shape: Sequence[int]) -> None:
@@ -204,18 +206,18 @@ class Eye:
         self._shape = tuple(shape)
 
     def wait(self) -> None:
-        """Wait for the first picture. Raise ``StaleFrame`` if it does not come."""
+        """Wait for the camera's first picture. Raise ``StaleFrame`` if it does not come in time."""
         until_s = time.monotonic() + FIRST_PICTURE_S
         while self._is_blind() and time.monotonic() < until_s:
             time.sleep(LOOK_S)
         self.look()
 
     def look(self) -> Any:
-        """Return the newest picture: height, width, colours.
+        """Return the newest picture, an array of (height, width, colours).
 
         Raises:
-            StaleFrame: It is too old.
-            ValueError: It has another size than the checkpoint expects.
+            StaleFrame: The newest picture is too old.
+            ValueError: The picture has another size than the checkpoint expects.
         """
         from strands_actors.surfaces.cameras import Stale, StaleFrame
 
@@ -226,7 +228,7 @@ class Eye:
         if (colours, height, width) != self._shape:
             raise ValueError(
                 f"lerobot_local: camera {self._reader.camera!r} gives {width} x {height}, and {self.key} of the "
-                f"checkpoint is {self._shape[-1]} x {self._shape[-2]}. give the camera that width and height"
+                f"checkpoint is {self._shape[-1]} x {self._shape[-2]}. Set the camera to the size of the checkpoint"
             )
         return newest.image
 
@@ -240,7 +242,7 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
     """Return a camera for each picture that the checkpoint needs.
 
     Raises:
-        ValueError: The robot has no such camera.
+        ValueError: The robot lacks a camera that the checkpoint needs.
     """
     features = dict(config.image_features or {})
     if not features:
@@ -248,25 +250,26 @@ def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[s
     from strands_actors.surfaces.cameras import attach_camera
     from strands_actors.surfaces.cameras.picture_files import cameras_of
 
-    cameras = cameras or cameras_of(robot)  # A caller on another host does not know the cameras.
+    # A caller on another computer does not know the robot's cameras.
+    cameras = cameras or cameras_of(robot)
     named = {rename_map.get(f"{IMAGES}{camera}", f"{IMAGES}{camera}"): camera for camera in cameras}
     if missing := sorted(set(features) - set(named)):
         has = f"cameras {', '.join(cameras)}" if cameras else "no cameras"
         raise ValueError(
-            f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. give Robot "
+            f"lerobot_local: {folder} needs images ({', '.join(missing)}), and the robot has {has}. Give Robot "
             f"cameras={{{missing[0].removeprefix(IMAGES)!r}: {{...}}}}, or rename_map"
         )
     return [Eye(key, attach_camera(robot, named[key]), feature.shape) for key, feature in features.items()]
 
 
 def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:
-    """Switch on real-time chunking. Raise ``ValueError`` for a policy without it."""
+    """Switch on real-time chunking. Raise ``ValueError`` if this type of policy does not have it."""
     if not hasattr(config, "rtc_config"):
         raise ValueError(
-            f"lerobot_local: rtc=True, and a policy of type {config.type!r} has no real-time chunking. leave it out"
+            f"lerobot_local: rtc=True, and a policy of type {config.type!r} has no real-time chunking. omit rtc"
         )
     if isinstance(execution_horizon, bool) or not isinstance(execution_horizon, int) or execution_horizon < 1:
-        raise ValueError(f"lerobot_local: execution_horizon is {execution_horizon!r}. give a whole number above 0")
+        raise ValueError(f"lerobot_local: execution_horizon is {execution_horizon!r}. Give a whole number above 0")
     from lerobot.policies.rtc.configuration_rtc import RTCConfig
 
     config.rtc_config = RTCConfig(enabled=True, execution_horizon=execution_horizon)
@@ -283,33 +286,33 @@ def _leave_a_processor() -> None:
     torch.set_num_threads(min(torch.get_num_threads(), max(1, (os.cpu_count() or 1) - 1)))
 
 
-def _folder(given: str) -> str:
-    if not given:
-        raise ValueError("lerobot_local: no checkpoint. give pretrained_name_or_path, a folder that lerobot saved")
-    folder = Path(given).expanduser()
+def _folder(path: str) -> str:
+    if not path:
+        raise ValueError("lerobot_local: no checkpoint is given. Set pretrained_name_or_path to its folder")
+    folder = Path(path).expanduser()
     if not folder.is_dir():
         raise ValueError(
-            f"lerobot_local: there is no folder {folder}. give one that lerobot saved; a checkpoint of the Hub is "
+            f"lerobot_local: there is no folder {folder}. Give one that lerobot saved; a checkpoint of the Hub is "
             "fetched beforehand: hf download NAME --local-dir FOLDER"
         )
     if missing := [name for name in FILES if not (folder / name).is_file()]:
         raise ValueError(
-            f"lerobot_local: {folder} has no {', '.join(missing)}. give a checkpoint as lerobot >= 0.4 saves one, "
+            f"lerobot_local: {folder} has no {', '.join(missing)}. Give a checkpoint as lerobot >= 0.4 saves one, "
             f"with {', '.join(FILES)}; lerobot.processor.migrate_policy_normalization converts an older one"
         )
     return str(folder)
 
 
 def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequence[float]]) -> Scale | None:
-    """Return the conversion of units; None if the checkpoint has the driver's units."""
+    """Return the conversion between the driver's units and the checkpoint's; None if they are the same."""
     own = unit_word(unit)
     if units and units == own:
         return None
     if units != NORMALIZED:
-        known = f"{own!r} or 'normalized'" if own else "'normalized'"
+        choices = f"{own!r} or 'normalized'" if own else "'normalized'"
         raise ValueError(
-            f"lerobot_local: units is {units!r}. give {known}: what the data of the checkpoint were recorded in "
-            "(use_degrees of lerobot's arms), which the checkpoint does not say"
+            f"lerobot_local: units is {units!r}. Give {choices}, the units of the checkpoint's training data (see "
+            "use_degrees of lerobot's arms). the checkpoint does not state them"
         )
     try:
         return Scale(axes, travel)
@@ -326,18 +329,18 @@ def _check(config: Any, axes: Sequence[str], folder: str) -> None:
         folder: The checkpoint's folder, for the text of an exception.
 
     Raises:
-        ValueError: They do not.
+        ValueError: The checkpoint does not fit.
     """
     inputs = config.input_features or {}
     if others := sorted(set(inputs) - {STATE} - set(config.image_features or {})):
         raise ValueError(
-            f"lerobot_local: {folder} needs {', '.join(others)}. a policy is given positions and pictures: use a "
-            f"checkpoint whose inputs are {STATE} and images"
+            f"lerobot_local: {folder} needs {', '.join(others)}, but a policy gets only positions and pictures. "
+            f"Use a checkpoint with the inputs {STATE} and images"
         )
     for name, feature in ((STATE, config.robot_state_feature), ("action", config.action_feature)):
         shape = list(feature.shape) if feature is not None else []
         if shape != [len(axes)]:
             raise ValueError(
-                f"lerobot_local: {folder} has {name} of shape {shape}, the robot {len(axes)} axes. use a "
+                f"lerobot_local: {folder} has {name} of shape {shape}, the robot has {len(axes)} axes. Use a "
                 f"checkpoint of a robot with {', '.join(axes)}, in this order"
             )

@@ -17,15 +17,16 @@ AMPLITUDE = 0.5
 class MockPolicy(Policy):
     """The mock policy of strands-robots' drivers page: a sine on each axis.
 
-    It returns chunks of 8 actions. Axis j swings around its first position with amplitude 0.5 in the
-    driver's units, frequency 0.3 + 0.15 j Hz, and phase j pi/3.
+    It returns chunks of 8 actions. In this description axes are numbered from 0 as ``j``. Axis j swings around its
+    first position with amplitude 0.5 in the driver's units, frequency 0.3 + 0.15 j Hz, and phase j pi/3.
 
-    A rollout sets the robot's axes and control rate. Then the wave is eased in, and its amplitude is
-    smaller if an axis is too slow or has too little room. Without these settings the actions are 0.02 s
-    apart, and the wave begins at once.
+    When a robot runs the policy, it sets its axes and control rate. The wave then begins slowly, and its amplitude
+    is smaller if an axis is too slow or has too little room. If the policy is called without a robot, the actions
+    are 0.02 s apart, and the wave has its full amplitude from the beginning.
 
     Args:
-        amplitude: Amplitude in the robot's units. It is then never reduced, and the gate may refuse it.
+        amplitude: Amplitude in the robot's units. If it is given, it is never reduced, and the robot may refuse the
+            actions.
         seed: No effect, since the policy is not random.
     """
 
@@ -35,10 +36,10 @@ class MockPolicy(Policy):
     reads_instruction = False
 
     def __init__(self, amplitude: float | None = None, seed: int | None = None) -> None:
-        self._is_asked = amplitude is not None
+        self._is_requested = amplitude is not None
         amplitude = AMPLITUDE if amplitude is None else amplitude
         if isinstance(amplitude, bool) or not isinstance(amplitude, int | float) or not 0 <= amplitude < math.inf:
-            raise ValueError(f"mock: amplitude is {amplitude!r}. give a number, at least 0, in the robot's units")
+            raise ValueError(f"mock: amplitude is {amplitude!r}. Give a number, at least 0, in the robot's units")
         self._amplitude = float(amplitude)
         self._step = 0
         self._center: dict[str, float] = {}
@@ -53,7 +54,7 @@ class MockPolicy(Policy):
 
     @property
     def requires_images(self) -> bool:
-        """False, since it uses positions only."""
+        """False, since the policy uses only positions."""
         return False
 
     @property
@@ -62,7 +63,7 @@ class MockPolicy(Policy):
         return self.CHUNK
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin again, around the next observed positions."""
+        """Start the wave again, around the next observed positions."""
         self._step = 0
         self._center, self._swings = {}, {}
 
@@ -71,11 +72,11 @@ class MockPolicy(Policy):
         self._dt_s = 1.0 / hz
 
     def set_robot_axes(self, axes: Sequence[Axis]) -> None:
-        """Set range and speed of the robot's axes."""
+        """Set range and speed of the robot's axes, which limit the amplitude."""
         self._table = axes
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """Return the next ``CHUNK`` actions, as ``get_actions_sync``."""
+        """Return the next ``CHUNK`` actions. The arguments are those of ``get_actions_sync``."""
         return self.get_actions_sync(observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
@@ -87,30 +88,32 @@ class MockPolicy(Policy):
         if not self._center:
             self._center = {axis: observation_dict[axis] for axis in self.robot_state_keys or observation_dict}
             hz = [_hz(j) for j in range(len(self._table))]
-            self._swings = waves.swings(self._table, self._center, self._amplitude, hz, self._is_asked)
+            self._swings = waves.swings(self._table, self._center, self._amplitude, hz, self._is_requested)
         actions = []
         for _ in range(self.CHUNK):
             t_s = self._step * self._dt_s
             self._step += 1
             moving = self._swings or self._center
-            actions.append({axis: self._at(j, axis, t_s) for j, axis in enumerate(self._center) if axis in moving})
+            actions.append(
+                {axis: self._target(j, axis, t_s) for j, axis in enumerate(self._center) if axis in moving}
+            )
         return actions
 
-    def _at(self, j: int, axis: str, t_s: float) -> float:
+    def _target(self, j: int, axis: str, t_s: float) -> float:
         phase = j * math.pi / 3
         wave = math.sin(math.tau * _hz(j) * t_s + phase)
         if axis in self._swings:
-            return self._swings[axis].at(t_s, wave)
+            return self._swings[axis].target(t_s, wave)
         return self._center[axis] + self._amplitude * (wave - math.sin(phase))
 
 
 def _hz(j: int) -> float:
-    """Return the frequency of axis j."""
+    """Return the frequency of axis number j, in Hz."""
     return 0.3 + 0.15 * j
 
 
 class Mock(MockPolicy):
-    """``MockPolicy`` for ``start_task``, which gives the axes as an argument."""
+    """``MockPolicy`` in the form that ``start_task`` needs: it gets the axes as an argument."""
 
     def __init__(self, axes: Sequence[str], amplitude: float | None = None, seed: int | None = None) -> None:
         super().__init__(amplitude, seed)

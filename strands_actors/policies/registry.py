@@ -1,6 +1,6 @@
-"""The list of policies by name. A policy process builds one from ``module:factory`` and plain options.
+"""The list of policies by name. The process of a policy makes the policy from ``module:factory`` and plain options.
 
-Another package adds a policy by the entry point group ``strands_actors.policies``, a script by
+Another package adds a policy by an entry point of the group ``strands_actors.policies``. A script adds one by
 ``register_policy``.
 """
 
@@ -22,14 +22,14 @@ from . import waves
 
 
 class Provider(NamedTuple):
-    """How a policy is built: ``where(axes=..., **options)`` in a separate process."""
+    """The description of a policy that has a name. Its process makes it by ``where(axes=..., **options)``."""
 
-    where: str  # module:factory
-    needs: str = ""  # a package that must be installed; the extra for it has the same name
-    takes_address: bool = True  # it has options host and port, from policy_host and policy_port
-    takes_units: bool = False  # it has options unit and travel, from the driver
-    takes_cameras: bool = False  # it has options robot (its name) and cameras (names)
-    takes_axes: bool = True  # it has an option axes; otherwise only set_robot_state_keys sets them
+    where: str  # the policy's class or factory, as module:factory
+    needs: str = ""  # package that must be installed; the extra of this package that installs it has the same name
+    takes_address: bool = True  # True if it has options host and port, which policy_host and policy_port set
+    takes_units: bool = False  # True if it has options unit and travel, which the driver sets
+    takes_cameras: bool = False  # True if it has options robot (its name) and cameras (their names)
+    takes_axes: bool = True  # True if it has an option axes; otherwise it gets them by set_robot_state_keys
 
 
 PROVIDERS = {
@@ -74,20 +74,24 @@ def register_policy(name: str, loader: Loader, aliases: Iterable[str] = (), *, o
 
     Raises:
         ValueError: A name is in use, and ``overwrite`` is false.
-        TypeError: A name is not such a text, or ``loader`` is not a function.
+        TypeError: A name is empty or contains ``:`` or ``/``, or ``loader`` is not a function.
 
     Example:
         register_policy("hold", lambda: Hold)
         arm.start_task(policy_provider="hold")
     """
     names = (name, *aliases)
-    if wrong := [one for one in names if not isinstance(one, str) or not one.strip() or ":" in one or "/" in one]:
-        raise TypeError(f"register_policy: the name is {wrong[0]!r}. give text without : and /")
+    if wrong := [
+        each for each in names if not isinstance(each, str) or not each.strip() or ":" in each or "/" in each
+    ]:
+        raise TypeError(f"register_policy: the name is {wrong[0]!r}. Give text without : and /")
     if isinstance(loader, type) or not callable(loader):
-        raise TypeError(f"register_policy: the loader is {loader!r}. give a function that returns the class")
-    taken = [one for one in names if one in list_providers() or one in _aliases]
-    if taken and not overwrite:
-        raise ValueError(f"register_policy: {', '.join(taken)} is known already. pass overwrite=True to replace it")
+        raise TypeError(f"register_policy: the loader is {loader!r}. Give a function that returns the class")
+    in_use = [each for each in names if each in list_providers() or each in _aliases]
+    if in_use and not overwrite:
+        raise ValueError(
+            f"register_policy: {', '.join(in_use)} is known already. Pass overwrite=True to replace it"
+        )
     _aliases.pop(name, None)
     _registered[name] = loader
     _aliases.update(dict.fromkeys(aliases, name))
@@ -97,7 +101,7 @@ def registered_class(name: str) -> type[Any] | None:
     """Return the class that was registered under this name; None for any other name.
 
     Raises:
-        ValueError: Its loader does not return a class.
+        ValueError: The registered loader does not return a class.
     """
     loader = _registered.get(_aliases.get(name, name))
     if loader is None:
@@ -110,7 +114,8 @@ def registered_class(name: str) -> type[Any] | None:
 
 def list_providers() -> dict[str, Provider]:
     """Return all policies by name: built-in, of other packages, and registered by this script."""
-    from importlib.metadata import entry_points  # Its import costs 9 ms, and only named policies need it.
+    # Imported here, since the import takes 9 ms and only policies with a name need it.
+    from importlib.metadata import entry_points
 
     points = entry_points(group="strands_actors.policies")
     providers = {point.name: Provider(point.value) for point in points} | PROVIDERS
@@ -118,7 +123,7 @@ def list_providers() -> dict[str, Provider]:
 
 
 def find_provider(name: str) -> Provider:
-    """Return a policy by its name, or for ``module:factory``.
+    """Return the description of a policy, by its name or by ``module:factory``.
 
     Raises:
         ValueError: The name is unknown, or a package that it needs is missing. The text has the known names.
@@ -131,12 +136,12 @@ def find_provider(name: str) -> Provider:
         return providers[chosen]._replace(where=place_of(registered))
     provider = Provider(name) if ":" in str(name) else providers.get(name)
     if provider is None:
-        raise ValueError(f"policy_provider is {name!r}. use one of {', '.join(sorted({*providers, *_aliases}))}")
+        raise ValueError(f"policy_provider is {name!r}. Use one of {', '.join(sorted({*providers, *_aliases}))}")
     if provider.needs and importlib.util.find_spec(provider.needs) is None:
-        others = ", ".join(sorted(name for name, other in providers.items() if not other.needs))
+        others = ", ".join(sorted(name for name, entry in providers.items() if not entry.needs))
         raise ValueError(
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
-            f"without it there are {others}"
+            f"policies that need no package are {others}"
         )
     return provider
 
@@ -144,7 +149,7 @@ def find_provider(name: str) -> Provider:
 def choose_provider(
     name: str, host: str, port: int | None, options: dict[str, Any]
 ) -> tuple[Provider, dict[str, Any]]:
-    """Return a policy that another process can build, and its options.
+    """Return the description of a policy that another process can make, and the options for it.
 
     Args:
         name: Name of the policy, ``module:factory``, or ``ws://host:port/path`` for a server.
@@ -157,44 +162,44 @@ def choose_provider(
             the accepted values.
     """
     if isinstance(name, str) and name.lower().startswith("ws://"):
-        host, at, path = parse_endpoint(name)
-        return PROVIDERS["remote"], {**options, "host": host, "port": at, "path": path}
+        host, server_port, path = parse_endpoint(name)
+        return PROVIDERS["remote"], {**options, "host": host, "port": server_port, "path": path}
     provider = find_provider(name)
     module, _, place = provider.where.partition(":")
     if module == "__main__" or "<locals>" in place:
         raise ValueError(
-            f"policy_provider {name!r} is {place}, which stands in the script itself, and start_task runs a policy "
-            "in a process of its own. move it to a module, or use run_policy(create_policy(...))"
+            f"policy_provider {name!r} is {place}, which is defined in the script. start_task runs a policy in a "
+            "separate process, which cannot import it. Move it to a module, or use run_policy(create_policy(...))"
         )
     if port is None:
         return provider, options
     if isinstance(port, bool) or not isinstance(port, int) or not 0 < port < 65536:
-        raise ValueError(f"policy_port is {port!r}. give a whole number from 1 to 65535")
+        raise ValueError(f"policy_port is {port!r}. Give a whole number from 1 to 65535")
     if not provider.takes_address:
-        raise ValueError(f"policy_provider {name!r} takes no policy_port. policy_provider='remote' does")
+        raise ValueError(f"policy_provider {name!r} takes no policy_port. Leave policy_port out")
     return provider, {**options, "host": host, "port": port}
 
 
 def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
-    """Return host, port and path of ``ws://host:port/path``. Raise ``ValueError``."""
+    """Return host, port and path of ``ws://host:port/path``. Raise ``ValueError`` for a text of another form."""
     try:
         parts = urlsplit(endpoint)
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port = None, None
     if host is None or parts.scheme != "ws":
-        raise ValueError(f"remote: the endpoint is {endpoint!r}. give ws://host:port")
+        raise ValueError(f"remote: the endpoint is {endpoint!r}. Give ws://host:port")
     return host, port or ENDPOINT_PORT, parts.path or "/"
 
 
 def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the facts of a robot as options of a policy.
+    """Return what a policy has to know of its robot (axes, units, cameras), as options of the policy.
 
     Args:
-        provider: The policy, which declares the facts that it takes.
+        provider: The policy's description, which declares the options that it takes.
         driver: The robot's driver.
-        robot: The name by which the robot runs.
-        cameras: Names of its cameras.
+        robot: Name under which the robot was started.
+        cameras: Names of the robot's cameras.
     """
     facts: dict[str, Any] = {"axes": list(driver.axes)} if provider.takes_axes else {}
     if provider.takes_units:
@@ -205,18 +210,19 @@ def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Se
 
 
 class Sine:
-    """The policy ``sine``: a slow sine on each axis, eased in from the first observed position.
+    """The policy ``sine``: a slow sine on each axis, which begins slowly at the first observed position.
 
     As with ``mock``, the amplitude is smaller if an axis is too slow or has too little room.
 
     Args:
         axes: Names of the robot's axes.
-        amplitude: Amplitude in the driver's units. It is then never reduced. None: 15, or less.
-        hz: Frequency.
+        amplitude: Amplitude in the driver's units. If it is given, it is never reduced. None: 15, or less if the
+            axis needs it.
+        hz: Frequency in Hz.
         only: Names of the axes that move; empty for all axes.
-        spread: Phase from one axis to the next, in turns.
+        spread: Difference of phase from one axis to the next, as a share of a full turn.
         center: Center by axis, in the driver's units. Other axes swing around their first position.
-        ease_s: Time in which the sine is eased in, in seconds.
+        ease_s: Time until the sine has its full amplitude, in seconds.
     """
 
     def __init__(
@@ -230,7 +236,7 @@ class Sine:
         ease_s: float = waves.EASE_S,
     ) -> None:
         self._axes = list(only) or list(axes)
-        self._is_asked = amplitude is not None
+        self._is_requested = amplitude is not None
         self._amplitude = SINE_AMPLITUDE if amplitude is None else amplitude
         self._hz = hz
         self._spread = spread
@@ -247,7 +253,7 @@ class Sine:
         self._dt_s, self._chunk = 1.0 / hz, math.ceil(hz / SINE_CALLS_HZ)
 
     def set_robot_axes(self, axes: Sequence[Axis]) -> None:
-        """Set range and speed of the robot's axes."""
+        """Set range and speed of the robot's axes, which limit the amplitude."""
         self._table = {axis.key: axis for axis in axes}
 
     def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
@@ -262,11 +268,11 @@ class Sine:
         self._steps += 1
         wave = [math.sin(math.tau * (self._hz * t_s + j * self._spread)) for j in range(len(self._swings))]
         rows = zip(self._swings.items(), wave, strict=True)
-        return {axis: swing.at(t_s, one, self._ease_s) for (axis, swing), one in rows}
+        return {axis: swing.target(t_s, value, self._ease_s) for (axis, swing), value in rows}
 
     def _fit(self, axis: str, observation: Mapping[str, float]) -> waves.Swing:
-        here, given = observation[axis], self._center.get(axis)
+        position, center = observation[axis], self._center.get(axis)
         if axis not in self._table:
-            return waves.Swing(here, here if given is None else given, self._amplitude, self._hz)
-        swing = waves.fit(self._table[axis], here, self._amplitude, self._hz, self._is_asked, self._ease_s)
-        return swing if given is None else structs.replace(swing, center=given)
+            return waves.Swing(position, position if center is None else center, self._amplitude, self._hz)
+        swing = waves.fit(self._table[axis], position, self._amplitude, self._hz, self._is_requested, self._ease_s)
+        return swing if center is None else structs.replace(swing, center=center)

@@ -1,8 +1,8 @@
 """The policy ``remote``: a policy server over WebSocket, with one of two protocols. The client detects which.
 
-Our protocol has one request for each chunk, and one response for each request. Each is one WebSocket
-message: msgpack in a binary message, or JSON in a text message (``encoding="json"``). The server answers
-in the same encoding.
+The protocol of this package has one request for each chunk of actions, and one response for each request. Each is
+one WebSocket message: msgpack in a binary message, or JSON in a text message (``encoding="json"``). The server
+answers in the same encoding.
 
     request   {"observation": {joint: number}, "instruction": text, "axes": [joint], "hz": control rate}
     response  {"actions": [{joint: number}, ...]}      a chunk, in the driver's units, executed at the control rate
@@ -15,9 +15,8 @@ In the protocol of strands-robots (``PolicyServer``, JSON, version 1) the server
 If the server sends nothing for ``GREETING_S``, the client uses our protocol. A later greeting still
 switches the protocol, since it comes before any response.
 
-Every wait is bounded: ``timeout_s`` for the connection and for each response. A slow server ends the
-rollout before that: when the actions of the last chunk are used up, the last setpoint expires and the
-robot holds.
+Every wait is bounded: ``timeout_s`` for the connection and for each response. A slow server ends the rollout before
+that: when all actions of the last chunk are executed and no new ones have come, the robot holds its position.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ greeting follows within the delay of a network [assumed]."""
 
 
 class Remote(Policy):
-    """The client of a policy server, for ``start_task``. It connects when it is made.
+    """The client of a policy server, for ``start_task``. It connects in its constructor.
 
     Args:
         axes: Names of the robot's axes.
@@ -70,25 +69,25 @@ class Remote(Policy):
         timeout_s: float = 5.0,
     ) -> None:
         if encoding not in CODECS:
-            raise ValueError(f"remote: encoding is {encoding!r}. use one of {', '.join(CODECS)}")
+            raise ValueError(f"remote: encoding is {encoding!r}. Use one of {', '.join(CODECS)}")
         self.robot_state_keys = list(axes)
         self._encoding = encoding
         self._hz = 0.0
         self._timeout_s = timeout_s
-        self._where = f"ws://{host}:{port}/{path.removeprefix('/')}"
+        self._url = f"ws://{host}:{port}/{path.removeprefix('/')}"
         self._opened = contextlib.ExitStack()
         try:
-            # The server is usually near the robot. A proxy of the environment is meant for browsers, so it
-            # is not used.
-            opening = connect(self._where, open_timeout=timeout_s, compression=None, max_size=MAX_BYTES, proxy=None)
+            # The connection is direct, since the server is usually near the robot. A proxy that the environment
+            # variables name is meant for browsers.
+            opening = connect(self._url, open_timeout=timeout_s, compression=None, max_size=MAX_BYTES, proxy=None)
             self._socket = self._opened.enter_context(opening)
         except TimeoutError as error:
-            raise TimeoutError(f"{self._where} did not answer within {timeout_s:g} s") from error
+            raise TimeoutError(f"{self._url} did not answer within {timeout_s:g} s") from error
         except (OSError, WebSocketException) as error:
-            raise ConnectionError(f"{self._where}: {error}") from error
+            raise ConnectionError(f"{self._url}: {error}") from error
         self._talk: Talk = self._greeted() or Chunks(encoding)
         self._may_greet = not isinstance(self._talk, JsonV1)
-        self._tell("keys", self.robot_state_keys)
+        self._apply_setting("keys", self.robot_state_keys)
 
     def close(self) -> None:
         """Close the connection."""
@@ -101,17 +100,23 @@ class Remote(Policy):
 
     @property
     def requires_images(self) -> bool:
-        """True if the policy of the server needs pictures. False with our protocol."""
+        """True if the server's policy needs pictures. Always False in this package's own protocol."""
         return self._facts.requires_images
 
     @property
     def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
-        """True if the policy of the server blends its chunks. False with our protocol."""
+        """True if the server's policy blends each chunk into the previous one.
+
+        Always False in this package's own protocol.
+        """
         return self._facts.supports_rtc
 
     @property
     def execution_horizon(self) -> int:
-        """The number of actions of a chunk that are executed, as the server reports it. 1 with our protocol."""
+        """The number of actions of each chunk that are executed, as the server reports it.
+
+        1 in this package's own protocol.
+        """
         return self._facts.execution_horizon
 
     @property
@@ -119,27 +124,37 @@ class Remote(Policy):
         return self._talk.facts if isinstance(self._talk, JsonV1) else Facts()
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
-        """Set the joints that the policy controls. They are sent now, or with each request of our protocol."""
+        """Set the joints that the policy controls.
+
+        They are sent at once, or in this package's own protocol with each request.
+        """
         super().set_robot_state_keys(robot_state_keys)
-        self._tell("keys", self.robot_state_keys)
+        self._apply_setting("keys", self.robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:
-        """Set the rate at which the actions are executed (Hz). It is sent as the joints are."""
+        """Set the rate at which the actions are executed (Hz).
+
+        It is sent at once, or in this package's own protocol with each request.
+        """
         self._hz = hz
-        self._tell("hz", hz)
+        self._apply_setting("hz", hz)
 
     def reset(self, seed: int | None = None) -> None:
-        """Let the server forget everything from an earlier run. Our protocol has no message for that."""
-        self._tell("reset", seed)
+        """Request that the server forgets everything from an earlier run.
+
+        In this package's own protocol nothing is sent.
+        """
+        self._apply_setting("reset", seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """As ``get_actions_sync``. It blocks the event loop until the response is here."""
+        """Return the next chunk. The event loop is blocked until the response has arrived."""
         return self.get_actions_sync(observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
         """Request the next chunk from the server, and return it.
 
-        If a greeting comes in place of the first response, the request is sent again in the other protocol.
+        If the server sends its greeting in place of the first response, it uses the protocol of strands-robots.
+        Then the request is sent again in that protocol.
 
         Raises:
             ConnectionError: The connection is lost, or the response is wrong or an error.
@@ -149,35 +164,39 @@ class Remote(Policy):
         if self._may_greet:
             self._may_greet = False
             if (late := self._understand(greeting, answer)) is not None:
-                self._receive()  # Drop the response to the request in the wrong protocol.
+                # Receive and drop the response to the request in the wrong protocol.
+                self._receive()
                 self._change_to(late)
                 return self.get_actions_sync(observation_dict, instruction)
         return self._understand(self._talk.chunk, answer)
 
-    # -- one message each way
+    # -- one message, or one request with its response
 
     def _greeted(self) -> JsonV1 | None:
-        """Return the protocol of a server that sends a greeting; None if it sends no greeting in time."""
+        """Wait for a greeting, and return the protocol of strands-robots if one comes.
+
+        Return None if it does not come in time.
+        """
         try:
             message = self._socket.recv(timeout=GREETING_S)
         except TimeoutError:
             return None
         except (OSError, WebSocketException) as error:
-            raise ConnectionError(f"{self._where}: {error}") from error
+            raise ConnectionError(f"{self._url}: {error}") from error
         protocol = self._understand(greeting, message)
         if protocol is None:
-            raise ConnectionError(f"{self._where} began with what is no greeting: {message[:80]!r}")
+            raise ConnectionError(f"{self._url} sent a wrong first message: {message[:80]!r}")
         return protocol
 
     def _change_to(self, talk: JsonV1) -> None:
         self._talk = talk
-        self._tell("keys", self.robot_state_keys)
+        self._apply_setting("keys", self.robot_state_keys)
         if self._hz:
-            self._tell("hz", self._hz)
-        self._tell("reset", None)
+            self._apply_setting("hz", self._hz)
+        self._apply_setting("reset", None)
 
-    def _tell(self, what: str, value: Any) -> None:
-        message = self._talk.tell(what, value)
+    def _apply_setting(self, setting: str, value: Any) -> None:
+        message = self._talk.apply_setting(setting, value)
         if message is not None and isinstance(self._talk, JsonV1):
             self._understand(self._talk.done, self._ask(message))
 
@@ -185,32 +204,32 @@ class Remote(Policy):
         try:
             self._socket.send(message, text=self._talk.is_text)
         except (OSError, WebSocketException) as error:
-            raise ConnectionError(f"{self._where}: {error}") from error
+            raise ConnectionError(f"{self._url}: {error}") from error
         return self._receive()
 
     def _receive(self) -> bytes | str:
         try:
             return self._socket.recv(timeout=self._timeout_s)
         except TimeoutError as error:
-            raise TimeoutError(f"{self._where} did not answer within {self._timeout_s:g} s") from error
+            raise TimeoutError(f"{self._url} did not answer within {self._timeout_s:g} s") from error
         except (OSError, WebSocketException) as error:
-            raise ConnectionError(f"{self._where}: {error}") from error
+            raise ConnectionError(f"{self._url}: {error}") from error
 
     def _understand(self, read: Callable[[bytes | str], Read], answer: bytes | str) -> Read:
         try:
             return read(answer)
         except Misunderstood as problem:
-            raise ConnectionError(f"{self._where} {problem}") from problem
+            raise ConnectionError(f"{self._url} {problem}") from problem
 
 
 class RemotePolicy(Policy):
-    """The client of a policy server, for ``run_policy``. It connects at its first use.
+    """The client of a policy server, for ``run_policy``. It connects when it is first used.
 
     Args:
         endpoint: ``ws://host:port/path``, in place of host, port and path.
         host: Host of the server.
-        port: Its port.
-        path: Its path.
+        port: Port of the server.
+        path: Path of the server's address.
         encoding: ``msgpack`` or ``json``.
         timeout_s: Longest time for the connection and for each response, in seconds.
     """
@@ -253,41 +272,41 @@ class RemotePolicy(Policy):
 
     @property
     def requires_images(self) -> bool:
-        """As ``Remote.requires_images``. It connects first."""
+        """True if the server's policy needs pictures. Connects first, if necessary."""
         return self._remote.requires_images
 
     @property
     def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
-        """As ``Remote.supports_rtc``. It connects first."""
+        """True if the server's policy blends its chunks. Connects first, if necessary."""
         return self._remote.supports_rtc
 
     @property
     def execution_horizon(self) -> int:
-        """As ``Remote.execution_horizon``. It connects first."""
+        """The number of actions of each chunk that are executed. Connects first, if necessary."""
         return self._remote.execution_horizon
 
     def set_robot_state_keys(self, robot_state_keys: Sequence[str]) -> None:
-        """Set the joints that the policy controls. They are sent now, or when it connects."""
+        """Set the joints that the policy controls. They are sent at once, or when the client connects."""
         super().set_robot_state_keys(robot_state_keys)
         if self._connected is not None:
             self._connected.set_robot_state_keys(robot_state_keys)
 
     def set_control_frequency(self, hz: float) -> None:
-        """Set the rate at which the actions are executed (Hz). It is sent now, or when it connects."""
+        """Set the rate at which the actions are executed (Hz). It is sent at once, or when the client connects."""
         self._hz = hz
         if self._connected is not None:
             self._connected.set_control_frequency(hz)
 
     def reset(self, seed: int | None = None) -> None:
-        """As ``Remote.reset``. It connects first."""
+        """Request that the server forgets everything from an earlier run. Connects first, if necessary."""
         self._remote.reset(seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """As ``get_actions_sync``, in a worker thread, so that the event loop goes on."""
+        """Return the next chunk. A worker thread waits for it, so that the event loop is not blocked."""
         import asyncio
 
         return await asyncio.to_thread(self.get_actions_sync, observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """As ``Remote.get_actions_sync``. It connects first."""
+        """Request the next chunk from the server, and return it. Connects first, if necessary."""
         return self._remote.get_actions_sync(observation_dict, instruction)

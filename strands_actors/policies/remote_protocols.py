@@ -1,7 +1,8 @@
 """The two protocols of policy servers. Pure: each request has one response.
 
-``Chunks``    ours: one request per chunk, msgpack or JSON. The client sends first.
-``JsonV1``    that of strands-robots (version 1): JSON. The server sends first, ``ready``.
+``Chunks``    the protocol of this package: one request per chunk of actions, msgpack or JSON. The client sends
+              the first message.
+``JsonV1``    the protocol of strands-robots (version 1): JSON. The server sends the first message, ``ready``.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ CODECS: dict[str, Any] = {"msgpack": msgspec.msgpack, "json": msgspec.json}
 
 
 class Misunderstood(Exception):
-    """A response that does not follow the protocol. The text has the reason."""
+    """A response does not follow the protocol. The text of the exception gives the reason."""
 
 
 class Chunk(msgspec.Struct):
-    """A response of our protocol."""
+    """The response in the protocol of this package: a chunk of actions, or an error."""
 
     actions: list[dict[str, float]] = []
     error: str = ""
 
 
 class Facts(msgspec.Struct):
-    """The properties of a policy, as a server of ``JsonV1`` reports them."""
+    """The properties of a policy, as a server with the protocol ``JsonV1`` reports them."""
 
     provider_name: str = "remote"
     requires_images: bool = False
@@ -36,26 +37,29 @@ class Facts(msgspec.Struct):
 
 
 class Ready(msgspec.Struct, tag="ready", tag_field="type"):
-    """The greeting of ``JsonV1``."""
+    """The greeting in the protocol ``JsonV1``."""
 
     protocol_version: int
     metadata: Facts = msgspec.field(default_factory=Facts)
 
 
 class Ok(msgspec.Struct, tag="ok", tag_field="type"):
-    """The response of ``JsonV1`` to an accepted setting, with the properties of the policy if they are sent."""
+    """The response in the protocol ``JsonV1`` to a setting that the server accepts.
+
+    It may have the policy's properties.
+    """
 
     metadata: Facts | None = None
 
 
 class Actions(msgspec.Struct, tag="actions", tag_field="type"):
-    """The response of ``JsonV1`` to a request for a chunk."""
+    """The response in the protocol ``JsonV1`` to a request for a chunk."""
 
     actions: list[dict[str, Any]]
 
 
 class Failure(msgspec.Struct, tag="error", tag_field="type"):
-    """The response of ``JsonV1`` to any request that failed, with the reason."""
+    """The response in the protocol ``JsonV1`` to any request that failed, with the reason."""
 
     error: str
 
@@ -64,19 +68,19 @@ _ANSWER = msgspec.json.Decoder(Ready | Ok | Actions | Failure)
 
 
 class Talk(Protocol):
-    """One of the two protocols, with its state."""
+    """Encodes requests and decodes responses in one of the two protocols."""
 
     is_text: bool
 
-    def tell(self, what: str, value: Any) -> bytes | None:
-        """Return the message for a setting, which the server will answer.
+    def apply_setting(self, setting: str, value: Any) -> bytes | None:
+        """Return the message that sends a setting to the server. The server will answer it.
 
         Args:
-            what: ``keys``, ``hz`` or ``reset``.
+            setting: ``keys``, ``hz`` or ``reset``.
             value: The names of the joints, the actions per second, or the seed.
 
         Returns:
-            The encoded message; None if the next request carries the setting.
+            The encoded message; None if the setting is part of the next request instead.
         """
         ...
 
@@ -85,12 +89,12 @@ class Talk(Protocol):
         ...
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
-        """Return the actions of a response to it. Raise ``Misunderstood``."""
+        """Return the actions in the response to a request. Raise ``Misunderstood`` if there are no actions."""
         ...
 
 
 class Chunks:
-    """Our protocol, which has no messages for settings: each request carries them.
+    """The protocol of this package. It has no messages for settings: each request contains all settings.
 
     Args:
         encoding: ``msgpack`` or ``json``.
@@ -102,11 +106,14 @@ class Chunks:
         self._keys: list[str] = []
         self._hz = 0.0
 
-    def tell(self, what: str, value: Any) -> None:
-        """Keep a setting for the next requests. ``reset`` has no effect, since no request carries it."""
-        if what == "keys":
+    def apply_setting(self, setting: str, value: Any) -> None:
+        """Store a setting, which the next requests contain.
+
+        ``reset`` has no effect, since requests do not contain it.
+        """
+        if setting == "keys":
             self._keys = list(value)
-        elif what == "hz":
+        elif setting == "hz":
             self._hz = value
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
@@ -120,14 +127,14 @@ class Chunks:
         """Return the actions of a response.
 
         Raises:
-            Misunderstood: It is no chunk, or the server reports an error.
+            Misunderstood: The response is not a chunk, or the server reports an error.
         """
         try:
             chunk: Chunk = self._codec.decode(answer, type=Chunk)
         except msgspec.DecodeError as error:
-            raise Misunderstood(f"answered what is no chunk: {error}") from error
+            raise Misunderstood(f"sent a response that is not a chunk of actions: {error}") from error
         if chunk.error:
-            raise Misunderstood(f"says: {chunk.error}")
+            raise Misunderstood(f"reports an error: {chunk.error}")
         return list(chunk.actions)
 
 
@@ -143,25 +150,27 @@ class JsonV1:
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
 
-    def tell(self, what: str, value: Any) -> bytes:
-        """Return the message for a setting. ``done`` reads the response to it."""
+    def apply_setting(self, setting: str, value: Any) -> bytes:
+        """Return the message for a setting. Pass the server's response to ``done``."""
         named = {
             "keys": {"type": "set_state_keys", "keys": value},
             "hz": {"type": "set_control_frequency", "hz": value},
             "reset": {"type": "reset", "seed": value},
         }
-        return msgspec.json.encode(named[what])
+        return msgspec.json.encode(named[setting])
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
         """Return the request for a chunk, ``get_actions``."""
-        asked = {"observation": dict(observation), "instruction": instruction}
-        return msgspec.json.encode({"type": "get_actions", **asked, "rtc_observed_delay_steps": None, "kwargs": {}})
+        fields = {"observation": dict(observation), "instruction": instruction}
+        return msgspec.json.encode(
+            {"type": "get_actions", **fields, "rtc_observed_delay_steps": None, "kwargs": {}}
+        )
 
     def done(self, answer: bytes | str) -> None:
         """Read the response to a setting. Raise ``Misunderstood`` if the server did not accept it."""
         response = _understood(answer)
         if not isinstance(response, Ok):
-            raise Misunderstood(f"answered {type(response).__name__.lower()} where ok was due")
+            raise Misunderstood(f"answered {type(response).__name__.lower()} instead of ok")
         if response.metadata is not None:
             self.facts = checked(response.metadata)
 
@@ -169,12 +178,12 @@ class JsonV1:
         """Return the actions of a response.
 
         Raises:
-            Misunderstood: It has no actions, or the server reports an error.
+            Misunderstood: The response has no actions, or the server reports an error.
         """
-        found = _understood(answer)
-        if not isinstance(found, Actions):
-            raise Misunderstood(f"answered {type(found).__name__.lower()} where actions were due")
-        return found.actions
+        response = _understood(answer)
+        if not isinstance(response, Actions):
+            raise Misunderstood(f"answered {type(response).__name__.lower()} instead of actions")
+        return response.actions
 
 
 def greeting(message: bytes | str) -> JsonV1 | None:
@@ -190,14 +199,14 @@ def greeting(message: bytes | str) -> JsonV1 | None:
     if not isinstance(response, Ready):
         return None
     if response.protocol_version != VERSION:
-        raise Misunderstood(f"speaks version {response.protocol_version} of its protocol, not {VERSION}")
+        raise Misunderstood(f"uses version {response.protocol_version} of its protocol, not {VERSION}")
     return JsonV1(checked(response.metadata))
 
 
 def checked(facts: Facts) -> Facts:
     """Return the server's description of its policy. Raise ``Misunderstood`` for a horizon below 1."""
     if facts.execution_horizon < 1:
-        raise Misunderstood(f"advertises execution_horizon {facts.execution_horizon}. it is at least 1")
+        raise Misunderstood(f"reports execution_horizon {facts.execution_horizon}, which must be at least 1")
     return facts
 
 
@@ -205,7 +214,7 @@ def _understood(answer: bytes | str) -> Ready | Ok | Actions | Failure:
     try:
         response: Ready | Ok | Actions | Failure = _ANSWER.decode(answer)
     except msgspec.DecodeError as error:
-        raise Misunderstood(f"answered what its protocol does not have: {error}") from error
+        raise Misunderstood(f"sent a response that its protocol does not have: {error}") from error
     if isinstance(response, Failure):
-        raise Misunderstood(f"says: {response.error}")
+        raise Misunderstood(f"reports an error: {response.error}")
     return response

@@ -1,7 +1,7 @@
 """Convert between a driver's units and the scale of LeRobot's arms. Pure.
 
-LeRobot's datasets and checkpoints do not state their units. Its arms record degrees, or by default a
-share of each joint's calibrated range.
+LeRobot's datasets and checkpoints do not state their units. LeRobot's arms record degrees, or by default
+a share of each joint's calibrated range.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ GRIPPER = "gripper"
 class Scale:
     """Convert between the driver's units and LeRobot's scale, -100..100 (the gripper 0..100).
 
-    Values outside the range are limited to it.
+    A value outside the range is replaced by the nearer end of the range.
 
     Args:
         axes: Names of the axes.
@@ -30,8 +30,8 @@ class Scale:
     def __init__(self, axes: Sequence[str], travel: Mapping[str, Sequence[float]]) -> None:
         if missing := [axis for axis in axes if axis not in travel]:
             raise ValueError(
-                f"units={NORMALIZED!r} is a share of each joint's calibrated range, and there is none of "
-                f"{', '.join(missing)}. give the robot calibration=, the file of the arm that recorded"
+                f"units={NORMALIZED!r} is a share of each joint's calibrated range, which is unknown for "
+                f"{', '.join(missing)}. Give the robot calibration=, the file of the arm that recorded the data"
             )
         self._ranges = [(0.0 if axis == GRIPPER else -100.0, *travel[axis]) for axis in axes]
 
@@ -47,13 +47,13 @@ class Scale:
 
 
 def _onto(value: float, low: float, high: float, new_low: float, new_high: float) -> float:
-    """Map a value from one range to another. A value outside goes to the nearer end; NaN stays NaN."""
+    """Map a value from one range to another. A value outside becomes the nearer end of the range; NaN stays NaN."""
     moved = new_low + (value - low) / (high - low) * (new_high - new_low)
     return new_low if moved < new_low else new_high if moved > new_high else moved
 
 
 def unit_word(unit: str) -> str:
-    """Return a driver's unit in one word, as ``units`` names it."""
+    """Return the word for a driver's unit that the option ``units`` accepts."""
     return unit.partition(" ")[0].strip(",")
 
 

@@ -1,8 +1,8 @@
 """Waves for the built-in policies. They begin at the robot's position, and its axes can follow them. Pure.
 
-A wave is eased in: it begins at the observed position of the axis, and after ``EASE_S`` it is a plain wave.
-Its amplitude is at most the requested one, and small enough for speed and range of the axis. Near an end of
-the range, the center of the wave is moved inwards.
+A wave begins slowly at the observed position of the axis, and has its full amplitude after ``EASE_S``. The
+amplitude is at most the requested one, and small enough for speed and range of the axis. Near an end of the range,
+the center of the wave is moved inwards.
 """
 
 from __future__ import annotations
@@ -31,37 +31,40 @@ class Swing(msgspec.Struct, frozen=True):
     amplitude: float
     hz: float
 
-    def at(self, t_s: float, wave: float, ease_s: float = EASE_S) -> float:
+    def target(self, t_s: float, wave: float, ease_s: float = EASE_S) -> float:
         """Return the target of the axis.
 
         Args:
-            t_s: Time since the begin, in seconds.
+            t_s: Time since the wave began, in seconds.
             wave: Value of the wave, -1 to 1.
-            ease_s: Time in which the wave is eased in.
+            ease_s: Time until the wave has its full amplitude, in seconds.
         """
         return self.start + eased(t_s / ease_s) * (self.center + self.amplitude * wave - self.start)
 
 
 def eased(share: float) -> float:
-    """Return 0 for a share below 0, 1 above 1, and a smooth transition between."""
+    """Return a smooth step: 0 for a share below 0, 1 for a share above 1, and a smooth transition between them."""
     share = min(1.0, max(0.0, share))
     return share * share * (3 - 2 * share)
 
 
-def fit(axis: Axis, seen: float, amplitude: float, hz: float, is_asked: bool, ease_s: float = EASE_S) -> Swing:
+def fit(
+    axis: Axis, position: float, amplitude: float, hz: float, is_requested: bool, ease_s: float = EASE_S
+) -> Swing:
     """Return a wave that this axis can follow from its observed position.
 
     Args:
         axis: Range and speed of the axis.
-        seen: Its observed position.
+        position: The observed position of the axis.
         amplitude: Requested amplitude, in the axis's unit.
         hz: Frequency of the wave.
-        is_asked: True if the user gave this amplitude. It is then not reduced, and the gate may refuse it.
-        ease_s: Time in which the wave is eased in.
+        is_requested: True if the user gave this amplitude. It is then not reduced, and the robot may refuse the
+            targets.
+        ease_s: Time until the wave has its full amplitude, in seconds.
     """
     low, high = axis.low, axis.high
-    start = axis.rest if axis.mode is AxisMode.VELOCITY else seen
-    if not is_asked:
+    start = axis.rest if axis.mode is AxisMode.VELOCITY else position
+    if not is_requested:
         steepest = math.tau * hz + 2 * STEEPEST / ease_s
         amplitude = min(amplitude, OF_TRAVEL * (high - low), OF_SPEED * axis.speed / steepest)
     center = min(max(start, low + amplitude), high - amplitude) if high - low >= 2 * amplitude else start
@@ -69,12 +72,15 @@ def fit(axis: Axis, seen: float, amplitude: float, hz: float, is_asked: bool, ea
 
 
 def swings(
-    table: Sequence[Axis], seen: Mapping[str, float], amplitude: float, hz: Sequence[float], is_asked: bool
+    table: Sequence[Axis], positions: Mapping[str, float], amplitude: float, hz: Sequence[float], is_requested: bool
 ) -> dict[str, Swing]:
-    """Return a wave for each axis of ``table``, by its key. A position axis without a reading is left out."""
+    """Return a wave for each axis of ``table``, by the axis' key.
+
+    A position axis that was not read gets no wave.
+    """
     waves: dict[str, Swing] = {}
     for axis, frequency in zip(table, hz, strict=True):
-        here = seen.get(axis.key, math.nan)
-        if math.isfinite(here) or axis.mode is AxisMode.VELOCITY:
-            waves[axis.key] = fit(axis, here, amplitude, frequency, is_asked)
+        position = positions.get(axis.key, math.nan)
+        if math.isfinite(position) or axis.mode is AxisMode.VELOCITY:
+            waves[axis.key] = fit(axis, position, amplitude, frequency, is_requested)
     return waves

@@ -14,7 +14,7 @@ Success = Callable[[Mapping[str, float]], object]
 
 
 class Failed(Exception):
-    """An episode cannot continue. The text has the reason."""
+    """An episode cannot continue. The exception's text is the reason."""
 
 
 class Simulated(Protocol):
@@ -46,13 +46,15 @@ def evaluate_checked(
     """
     for name, count in (("n_episodes", n_episodes), ("max_steps", max_steps)):
         if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-            raise ValueError(f"{name} is {count!r}. give a whole number above 0")
+            raise ValueError(f"{name} is {count!r}. Give a whole number above 0")
     if isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1 / STEP_S:
-        raise ValueError(f"control_frequency is {hz!r}. give hertz, above 0 and at most {1 / STEP_S:g}")
+        raise ValueError(f"control_frequency is {hz!r}. Give hertz, above 0 and at most {1 / STEP_S:g}")
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
-        raise ValueError(f"seed is {seed!r}. give a whole number, 0 or more")
+        raise ValueError(f"seed is {seed!r}. Give a whole number, 0 or more")
     if success is not None and not callable(success):
-        raise TypeError(f"success_fn is {success!r}. give a function of an observation")
+        raise TypeError(
+            f"success_fn is {success!r}. Give a function that takes an observation and returns True or False"
+        )
     if policy is None:
         from strands_actors.policies import create_policy
 
@@ -75,10 +77,11 @@ def evaluate(
     """Run the episodes.
 
     Returns:
-        Keys: ``n_episodes``, ``success_rate`` (null without ``success``), ``episodes``.
+        A dict with ``n_episodes``, ``episodes``, and ``success_rate`` (None if ``success`` is None).
 
     Raises:
-        Failed: An action was refused, or the policy gave no action. Exceptions of the policy are not caught.
+        Failed: An action was refused, or the policy gave no action.
+        Exception: The policy's exceptions are passed on.
     """
     infer = as_infer(policy)
     steps = max(1, round(1 / (hz * STEP_S)))
@@ -101,22 +104,22 @@ def evaluate(
 def _episode(
     sim: Simulated, infer: Any, instruction: str, max_steps: int, steps: int, success: Success | None
 ) -> dict[str, Any]:
-    taken = 0
+    steps_done = 0
     observation = sim.get_observation()
-    while taken < max_steps:
-        chunk = infer(observation, instruction)[: max_steps - taken]
+    while steps_done < max_steps:
+        chunk = infer(observation, instruction)[: max_steps - steps_done]
         if not chunk:
-            raise Failed(f"the policy gave no action after {taken} steps")
+            raise Failed(f"the policy gave no action after {steps_done} steps")
         for action in chunk:
             observation = dict(_checked(sim.step(steps, action))["position"])
-            taken += 1
+            steps_done += 1
             if success is not None and success(observation):
-                return {"steps": taken, "success": True}
-    return {"steps": taken, "success": None if success is None else False}
+                return {"steps": steps_done, "success": True}
+    return {"steps": steps_done, "success": None if success is None else False}
 
 
 def _checked(answer: Any) -> dict[str, Any]:
-    """Return the JSON of an envelope. Raise ``Failed`` for an error."""
+    """Return the JSON content of a simulation's answer. Raise ``Failed`` if the answer is an error."""
     if answer["status"] == "error":
         raise Failed(answer["content"][0]["text"])
     result: dict[str, Any] = answer["content"][0]["json"]

@@ -1,11 +1,12 @@
-"""The world of a simulation, which a robot's verbs do not cover: pictures, a window, objects, a reset.
+"""Control the scene of a simulation: render pictures, open a window, add objects, reset.
 
     world = World(robot.twin_process)
     picture = await world.render(640, 480, None)
 
-The simulation runs in the process of the robot's twin. The simulated robot uses its simulation control,
-without gates. A real driver uses its wire (``transport="twin", sim=``). Both move the same joints: joints
-that are energised on the wire follow the wire, the others follow the simulation control.
+One process has the physics and imitates the robot's firmware. Its joints can be moved in two ways: by a
+``Robot`` in simulation mode, which controls them directly and without checks, and by a real driver with the
+robot's protocol (``transport="twin", sim=``). A joint that the real driver has energised follows the real
+driver. The other joints follow the direct control.
 """
 
 from __future__ import annotations
@@ -35,11 +36,14 @@ WINDOW_S = 20.0
 
 
 class SimulationError(RuntimeError):
-    """The simulation cannot do it. The text has the reason."""
+    """The simulation cannot carry out a request. The exception's text is the reason."""
 
 
 class World:
-    """One simulation. It starts its process at the first use. Every method may raise ``SimulationError``."""
+    """The scene of one simulation. Its process starts at the first use.
+
+    Every method may raise ``SimulationError``.
+    """
 
     def __init__(self, twin_process: TwinProcess) -> None:
         self._twin_process = twin_process
@@ -63,7 +67,7 @@ class World:
         return numpy.frombuffer(picture.rgb, numpy.uint8).reshape(height, width, 3).copy()
 
     async def reset(self) -> None:
-        """Put every joint back to its start, and hold it there."""
+        """Move every joint back to its start position, and hold it there."""
         await self._ask(_RESET)
 
     async def change(self, verb: str, *args: Any) -> None:
@@ -71,18 +75,18 @@ class World:
 
         Args:
             verb: ``add_object``, ``remove_object``, ``add_camera``, ``save_state`` or ``load_state``.
-            args: Its arguments, checked by ``scene``.
+            args: The arguments of ``verb``, already checked by the module ``scene``.
         """
         await self._ask(f"{_WORLD}:{verb}", *args)
 
     async def view(self) -> None:
-        """Open MuJoCo's viewer in a separate process, and return when its window is open."""
+        """Open MuJoCo's viewer in a separate process, and return when the viewer's window is open."""
         if sys.platform.startswith("linux") and not (
             os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         ):
-            raise SimulationError("there is no display (DISPLAY is not set). use render()")
-        if why := missing("pictures", "a window"):
-            raise SimulationError(why)
+            raise SimulationError("there is no display (DISPLAY is not set). Use render()")
+        if reason := missing("pictures", "a window"):
+            raise SimulationError(reason)
         await self._start()
         window = start(_VIEWER, {"control": self._twin_process.control})
         self._windows.append(window)
@@ -91,7 +95,7 @@ class World:
             if window.socket.recv(1):
                 return
         await window.drop()
-        raise SimulationError("the viewer did not open; what it says is above")
+        raise SimulationError("the viewer did not open. Read its output above")
 
     async def close(self) -> None:
         """End the simulation, and close its windows."""
@@ -100,10 +104,10 @@ class World:
         self._windows.clear()
         await self._twin_process.close()
 
-    async def _ask(self, where: str, *args: Any) -> Any:
+    async def _ask(self, function: str, *args: Any) -> Any:
         await self._start()
         try:
-            return await load(where)(self._twin_process.control, *args)
+            return await load(function)(self._twin_process.control, *args)
         except RuntimeError as failure:
             raise SimulationError(str(failure)) from None
 

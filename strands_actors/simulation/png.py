@@ -17,11 +17,12 @@ _EIGHT_BITS_RGB = (8, 2, 0, 0, 0)
 def encode_png(picture: NDArray[numpy.uint8]) -> bytes:
     """Return the PNG file of a picture of shape (height, width, 3)."""
     height, width, _ = picture.shape
-    rows = b"".join(b"\0" + row.tobytes() for row in picture)  # filter 0 for each row: unfiltered
+    # Each row begins with its PNG filter type: 0, unfiltered.
+    rows = b"".join(b"\0" + row.tobytes() for row in picture)
     size = struct.pack(">II5B", width, height, *_EIGHT_BITS_RGB)
     return _HEAD + _chunk(b"IHDR", size) + _chunk(b"IDAT", zlib.compress(rows, 6)) + _chunk(b"IEND", b"")
 
 
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    body = kind + data
+def _chunk(chunk_type: bytes, data: bytes) -> bytes:
+    body = chunk_type + data
     return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))

@@ -1,5 +1,5 @@
-"""Check the objects, cameras and robot placement that a caller puts into a simulation. The keywords are those
-of strands-robots."""
+"""Check the objects, cameras and robot placement that a caller puts into a simulation. The argument names are
+the same as in strands-robots."""
 
 from __future__ import annotations
 
@@ -33,25 +33,25 @@ def object_fields(
     is_static: object,
     mesh_path: object,
 ) -> dict[str, Any]:
-    """Return an object's fields for the simulation. Raise ``ValueError``. The arguments are those of
-    ``SimRobot.add_object``."""
+    """Check the arguments of ``SimRobot.add_object``, and return the object's fields for the simulation. Raise
+    ``ValueError`` for a wrong argument."""
     if mesh_path is not None and shape == "box":
         shape = "mesh"
     if shape not in SIZES:
-        raise ValueError(f"shape is {shape!r}. use one of {', '.join(SIZES)}")
+        raise ValueError(f"shape is {shape!r}. Use one of {', '.join(SIZES)}")
     if (shape == "mesh") != (mesh_path is not None):
-        raise ValueError("mesh_path= is the file of shape='mesh', which needs it")
+        raise ValueError("shape='mesh' and mesh_path= belong together. Give both, or neither")
     if is_static not in (None, True, False):
-        raise ValueError(f"is_static is {is_static!r}. give True or False")
+        raise ValueError(f"is_static is {is_static!r}. Give True or False")
     mass_kg = _number("mass", mass)
     if mass_kg <= 0:
-        raise ValueError(f"mass is {mass!r}. give kilograms, above 0")
+        raise ValueError(f"mass is {mass!r}. Give kilograms, above 0")
     sizes = _row("size", size, SIZES[str(shape)])
     if min(sizes) <= 0:
-        raise ValueError(f"size is {size!r}. give metres, above 0")
+        raise ValueError(f"size is {size!r}. Give metres, above 0")
     colors = _row("color", color, GREY, counts=(3, 4))
     if not all(0 <= part <= 1 for part in colors):
-        raise ValueError(f"color is {color!r}. give r, g, b and a, 0 to 1")
+        raise ValueError(f"color is {color!r}. Give red, green, blue and, if wanted, alpha, each from 0 to 1")
     return {
         "name": _name(name),
         "shape": shape,
@@ -68,11 +68,11 @@ def object_fields(
 def camera_fields(
     name: object, position: object, target: object, fov: object, parent_body: object
 ) -> dict[str, Any]:
-    """Return a camera's fields for the simulation. Raise ``ValueError``. The arguments are those of
-    ``SimRobot.add_camera``."""
+    """Check the arguments of ``SimRobot.add_camera``, and return the camera's fields for the simulation. Raise
+    ``ValueError`` for a wrong argument."""
     fov_deg = _number("fov", fov)
     if not 0 < fov_deg < 180:
-        raise ValueError(f"fov is {fov!r}. give degrees, above 0 and below 180")
+        raise ValueError(f"fov is {fov!r}. Give degrees, above 0 and below 180")
     return {
         "name": _name(name),
         "position": _row("position", position, (0.5, 0.5, 0.5)),
@@ -83,14 +83,16 @@ def camera_fields(
 
 
 def check_size(width: object, height: object) -> None:
-    """Raise ``ValueError`` unless both are whole numbers above 0."""
+    """Raise ``ValueError`` unless width and height are whole numbers above 0."""
     if not all(isinstance(size, int) and size > 0 for size in (width, height)):
-        raise ValueError(f"a picture of {width!r} x {height!r}. give whole numbers above 0")
+        raise ValueError(
+            f"the picture's size is {width!r} x {height!r}. Give width and height as whole numbers above 0"
+        )
 
 
 def placement(position: object, orientation: object) -> dict[str, Any] | None:
-    """Return position and orientation of the robot's base; None for those of the model. Raise
-    ``ValueError``."""
+    """Return position and orientation of the robot's base. None means that the base stays where the model puts
+    it. Raise ``ValueError`` for a wrong argument."""
     if position is None and orientation is None:
         return None
     return {
@@ -100,10 +102,11 @@ def placement(position: object, orientation: object) -> dict[str, Any] | None:
 
 
 def turned(orientation: object) -> tuple[float, ...]:
-    """Return an orientation as a quaternion w, x, y, z; None means upright. Raise ``ValueError``."""
+    """Return an orientation as a quaternion w, x, y, z; None means upright. Raise ``ValueError`` for a wrong
+    argument."""
     quat = _row("orientation", orientation, UPRIGHT)
     if not math.hypot(*quat) > 1e-6:
-        raise ValueError(f"orientation is {orientation!r}. give a quaternion w, x, y, z that is not zero")
+        raise ValueError(f"orientation is {orientation!r}. Give a quaternion w, x, y, z that is not zero")
     return quat
 
 
@@ -113,27 +116,27 @@ def state_name(name: object) -> str:
 
 def _name(name: object) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > 64:
-        raise ValueError(f"the name is {name!r}. give text of at most 64 letters")
+        raise ValueError(f"the name is {name!r}. Give a text of 1 to 64 characters")
     return name
 
 
-def _row(what: str, given: object, default: tuple[float, ...], counts: Sequence[int] = ()) -> tuple[float, ...]:
+def _row(name: str, given: object, default: tuple[float, ...], counts: Sequence[int] = ()) -> tuple[float, ...]:
     if given is None:
         return default
     allowed = counts or (len(default),)
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else _listed(given)
     if len(values) not in allowed:
-        raise ValueError(f"{what} is {given!r}. give {' or '.join(map(str, allowed))} numbers")
-    return tuple(_number(what, value) for value in values)
+        raise ValueError(f"{name} is {given!r}. Give {' or '.join(map(str, allowed))} numbers")
+    return tuple(_number(name, value) for value in values)
 
 
-def _listed(given: object) -> tuple[object, ...]:
+def _listed(value: object) -> tuple[object, ...]:
     """Return the numbers of a one-dimensional array; empty for any other object."""
-    values = getattr(given, "tolist", lambda: None)()
+    values = getattr(value, "tolist", lambda: None)()
     return tuple(values) if isinstance(values, list) else ()
 
 
-def _number(what: str, given: object) -> float:
-    if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
-        raise ValueError(f"{what} is {given!r}. give finite numbers")
-    return float(given)
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise ValueError(f"{name} is {value!r}. Give finite numbers")
+    return float(value)

@@ -1,10 +1,11 @@
-"""The actor of a teleoperation: read a leader, and send setpoints for the robot to its gate.
+"""The actor of a teleoperation: read a leader (the arm or device that a person moves), and send setpoints to the
+robot.
 
-It runs in place of a policy, in a separate process, under the caller's lease. ``machine.py`` decides
-which setpoints are sent.
+The actor runs in place of a policy, in a separate process, with the caller's right to command. ``machine.py``
+decides which setpoints are sent.
 
-Each setpoint lives 100 ms, from the time at which the leader was measured. If this process dies or
-freezes, or the leader is lost, no setpoint is sent and the robot holds.
+Each setpoint expires 100 ms after the leader was measured. If this process dies or freezes, or the leader is lost,
+no setpoint is sent and the robot holds.
 """
 
 from __future__ import annotations
@@ -58,12 +59,12 @@ from strands_actors.supervisors.root.tasks import Tasks
 
 from .machine import SILENT_NS, Frame, Kind, Machine, Squeezes, State, Step
 from .page.server import Page, write_address
-from .sources import Arm, Asked, Operator, Reading, Source, made_of
+from .sources import Arm, LeaderObject, Operator, Reading, Source, made_of
 
 ASK_S = 0.1
 LIFETIME_NS = 100_000_000
 """Lifetime of a setpoint, from the time at which the leader was measured."""
-GONE = (WireDown, OSError, termios.error)
+LEADER_LOST = (WireDown, OSError, termios.error)
 """Exceptions of an unplugged leader. lerobot's objects raise ConnectionError, or an exception that pyserial
 does not catch."""
 LOOK_S = 0.02
@@ -90,15 +91,15 @@ FRAME_REFUSED = (Code.TOO_FAST, Code.PAST_TRAVEL)
 
 
 class Teleoperation(Actor):
-    """Read a leader, and send setpoints for the robot to its gate.
+    """Read a leader, and send setpoints to the robot.
 
     Args:
         rollout: Robot, lease, control period and duration.
-        report: Takes each status.
+        report: Function that is called with each status.
         source: The leader as plain data (``Teleoperator.source``).
         axes: The robot's axes, as plain data.
         kind: The meaning of the leader's numbers (``Kind``).
-        deadman: ``KEY`` or ``GRIPPER``.
+        deadman: What a person holds while the robot may move: ``KEY`` or ``GRIPPER``.
         max_speed: Highest speed in degrees per second.
         map_fn: ``module:function`` that converts the leader's values to the robot's; empty for no
             conversion.
@@ -117,7 +118,7 @@ class Teleoperation(Actor):
     ) -> None:
         self._rollout = rollout
         self._report = report
-        self._source_told = source
+        self._source_settings = source
         self._axes = tuple(msgspec.convert(axis, Axis) for axis in axes)
         self._machine = Machine(self._axes, Kind(kind), max_speed)
         self._deadman = deadman
@@ -125,7 +126,7 @@ class Teleoperation(Actor):
         self._squeezes: Squeezes | None = None
         self._lease: Lease | None = None
         self._turn = trio.Lock()
-        self._fresh: Frame | None = None  # the newest frame, if it is not processed yet
+        self._fresh: Frame | None = None  # the newest frame, until it is processed
         self._idle_writer = trio.lowlevel.ParkingLot()
         self._newest = Frame(0, False, {})
         self._read_last: Mapping[str, float] = {}
@@ -135,20 +136,20 @@ class Teleoperation(Actor):
         self._ended: TaskStatus | None = None
         self._episode = EpisodeState()
         self._episode_ns = 0
-        self._stopping = False  # The page has requested a stop, and must show its result before the end.
+        self._stopping = False  # True from the page's stop request until its result was shown long enough
 
     async def started(self) -> None:
         context = self.context
-        at = addresses.of(self._rollout.robot)
-        self._gate = context.ref(at.gate, Gate)
-        self._tasks = context.ref(at.tasks, Tasks)
+        robot_addresses = addresses.of(self._rollout.robot)
+        self._gate = context.ref(robot_addresses.gate, Gate)
+        self._tasks = context.ref(robot_addresses.tasks, Tasks)
         self._operator = Operator(tuple(axis.key for axis in self._axes), context.clock)
         self._began_ns = context.clock.now_ns()
         context.start_soon(self._lead)
         context.start_soon(self._write)
         context.start_soon(self._look)
         context.start_soon(self._ask_robot)
-        self._tell()
+        self._publish_status()
 
     async def receive(self, message: Operate | EpisodeState | StopTask | GetTask) -> TaskStatus | None:
         match message:
@@ -166,25 +167,25 @@ class Teleoperation(Actor):
     # -- reading
 
     def _source(self) -> Source:
-        told, clock = self._source_told, self.context.clock
-        match told["type"]:
+        settings, clock = self._source_settings, self.context.clock
+        match settings["type"]:
             case "arm":
-                return Arm(told["description"], clock)
+                return Arm(settings["description"], clock)
             case "object":
-                return Asked(made_of(told), clock)
+                return LeaderObject(made_of(settings), clock)
             case "operator":
                 return self._operator
             case "page":
-                self.context.start_soon(self._serve, told)
+                self.context.start_soon(self._serve, settings)
                 return self._operator
-        raise ValueError(f"teleoperation: no source {told['type']!r}")
+        raise ValueError(f"teleoperation: there is no source of the type {settings['type']!r}")
 
     async def _lead(self) -> None:
-        """Read the leader for ever.
+        """Read the leader until the teleoperation ends.
 
-        A lost leader is opened again; the robot then moves only after a new press of the dead-man. An object
-        that could not be connected at all ends the teleoperation, since its message may have the remedy
-        (calibrate it).
+        If the leader is lost, it is opened again. The robot then moves only after a new press of the dead-man. If
+        the leader is an object whose first connection fails, the teleoperation ends with the object's message. That
+        message may contain the remedy (calibrate it).
         """
         opened = False
         try:
@@ -194,35 +195,39 @@ class Teleoperation(Actor):
                     await source.open()
                     opened, self._leader = True, CONNECTED
                     await self._read(source)
-                except GONE as gone:
-                    if not opened and not isinstance(gone, WireDown):
+                except LEADER_LOST as lost:
+                    if not opened and not isinstance(lost, WireDown):
                         raise
-                    with contextlib.suppress(Exception):  # foreign code that has lost its device
+                    # the object's code may raise anything after its device is lost
+                    with contextlib.suppress(Exception):
                         source.close()
-                    self._leader = why = str(gone) if isinstance(gone, WireDown) else describe(gone)
-                    await self._leave(f"the leader is gone: {why}")
+                    self._leader = reason = str(lost) if isinstance(lost, WireDown) else describe(lost)
+                    await self._leave(f"the leader is lost: {reason}")
                     await trio.sleep(AGAIN_S)
-        except Exception as error:  # foreign code: a leader's object, a map_fn
+        except Exception as error:  # the code of the leader's object or of map_fn may raise anything
             await self._end("policy", describe(error))
 
-    async def _serve(self, told: Mapping[str, Any]) -> None:
+    async def _serve(self, settings: Mapping[str, Any]) -> None:
         axes = [axis.key for axis in self._axes]
         title = self._rollout.instruction
         page = Page(self.context.clock, self._operator.take, self._press, self._stop, self._shown, axes, title)
         try:
-            await page.serve(told["host"], told["port"], partial(write_address, Path(told["address_file"])))
+            await page.serve(
+                settings["host"], settings["port"], partial(write_address, Path(settings["address_file"]))
+            )
         except OSError as failure:
-            await self._end("policy", f"no page at {told['host']}:{told['port']}: {failure}")
+            await self._end("policy", f"no page at {settings['host']}:{settings['port']}: {failure}")
 
     def _press(self, t_ns: int, word: str) -> None:
-        """Pass on a key press for the recorder. A recorder listens, if it runs."""
+        """Pass a key press on to the recorder, if a recorder runs."""
         self._tasks.tell(EpisodeKey(t_ns, word))
 
     async def _stop(self) -> str:
         """Stop the robot for the page's stop button, and return the result as a line of text.
 
-        The gate gets a stop at once. Then the robot is stopped by its name, for a confirmed result; if the
-        gate does not answer, the root does it. The teleoperation ends, as after any stop.
+        A stop message is sent to the robot's gate at once. Then the robot is stopped a second time, by its name,
+        for a confirmed result. If the gate does not answer, the root process stops the robot. The teleoperation
+        ends, as after any stop.
         """
         self._stopping = True
         by = f"the page of {self._rollout.robot}"
@@ -237,14 +242,16 @@ class Teleoperation(Actor):
         await self._end("stop", f"stopped by its page: {result}")
 
     def _shown(self) -> dict[str, Any]:
-        """Return the data for the page: state, last target of the robot, and state of the recorder."""
-        shown = {"state": str(self._machine.state), "why": self._machine.why, "position": self._position}
+        """Return the data that the operator's page shows: the state, the robot's last target, and the recorder's
+        state.
+        """
+        shown = {"state": str(self._machine.state), "why": self._machine.reason, "position": self._position}
         if self._episode_ns and self.context.clock.now_ns() - self._episode_ns < RECORDER_S * NS:
             shown["episode"] = msgspec.structs.asdict(self._episode)
         return shown
 
     async def _read(self, source: Source) -> None:
-        """Pass on one reading per period, and at once each reading between that shows a move."""
+        """Pass on one reading per control period, and also any reading in between that shows a motion."""
         period_s = self._rollout.period_s
         next_s = due_s = trio.current_time()
         while self._ended is None:
@@ -273,17 +280,21 @@ class Teleoperation(Actor):
         return Frame(reading.t_ns, held, values, operator.let_go)
 
     def _squeezed(self, reading: Reading) -> bool:
-        """Return True if the dead-man is held, by the leader's gripper (before ``map_fn``)."""
+        """Return True if the dead-man is held by squeezes of the leader's gripper. The leader's values are not
+        mapped yet.
+        """
         if self._squeezes is None:
-            low, high = self._source_told["gripper"][1:]
+            low, high = self._source_settings["gripper"][1:]
             self._squeezes = Squeezes(low, high)
-        return self._squeezes.take(reading.values[self._source_told["gripper"][0]], reading.t_ns)
+        return self._squeezes.take(reading.values[self._source_settings["gripper"][0]], reading.t_ns)
 
     # -- writing
 
     async def _write(self) -> None:
-        """Process the newest frame, repeatedly. Reading goes on meanwhile, since an answer of the gate takes
-        as long as a reading."""
+        """Process the newest frame, again and again.
+
+        Reading continues at the same time, because an answer of the robot takes as long as a reading.
+        """
         while self._ended is None:
             frame, self._fresh = self._fresh, None
             if frame is None:
@@ -321,24 +332,25 @@ class Teleoperation(Actor):
             await self._refused(lease)
             return Step()
         self._lease = lease
-        seen = await self._ask(GetObservation())
-        if seen is None:
+        observed = await self._ask(GetObservation())
+        if observed is None:
             return self._asks_again(Step(let_go=True))
-        if not isinstance(seen, Observation):
-            return self._not_engaged(_text(seen))
-        self._position = dict(zip(self._rollout.axes, seen.position, strict=True))
+        if not isinstance(observed, Observation):
+            return self._not_engaged(_text(observed))
+        self._position = dict(zip(self._rollout.axes, observed.position, strict=True))
         now_ns = self.context.clock.now_ns()
         step = self._machine.engage(frame, self._position, now_ns)
-        return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.why)
+        return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.reason)
 
     def _asks_again(self, step: Step) -> Step:
-        """Note that the gate did not answer in time, as on a busy computer. The next frame asks again, if the
-        dead-man is still held."""
-        self._machine.why = _text(None)
+        """Note that the robot did not answer in time, as on a busy computer. If the dead-man is still held, the
+        next frame leads to a new request.
+        """
+        self._machine.reason = _text(None)
         return step
 
-    def _not_engaged(self, why: str) -> Step:
-        self._machine.not_engaged(why)
+    def _not_engaged(self, reason: str) -> Step:
+        self._machine.not_engaged(reason)
         return Step(let_go=True)
 
     async def _send(self, target: Mapping[str, float], frame: Frame) -> None:
@@ -350,7 +362,7 @@ class Teleoperation(Actor):
             return
         if isinstance(answer, Refused) and answer.code in FRAME_REFUSED:
             self._machine.refuse()
-            self._machine.why = answer.text
+            self._machine.reason = answer.text
         elif answer is None or isinstance(answer, Refused):
             self._machine.idle(_text(answer))
             await self._let_go()
@@ -364,21 +376,24 @@ class Teleoperation(Actor):
         if isinstance(answer, Refused) and answer.code in OVER and not self._stopping:
             await self._finish("stop", answer.text, answer.code)
 
-    async def _leave(self, why: str) -> None:
+    async def _leave(self, reason: str) -> None:
         async with self._turn:
             self._fresh = None
-            await self._do(self._machine.idle(why), self._newest)
-            self._machine.not_engaged(why)
+            await self._do(self._machine.idle(reason), self._newest)
+            self._machine.not_engaged(reason)
 
     async def _let_go(self) -> None:
-        """Release the lease. The gate holds the robot before it answers. If it does not answer, the setpoint
-        expires by itself."""
+        """Give up the right to command (the lease).
+
+        The robot holds its position before its gate answers. If the gate does not answer, the last setpoint expires
+        and the robot holds, too.
+        """
         lease, self._lease = self._lease, None
         if lease is not None:
             await self._ask(Release(lease.id))
 
     async def _ask(self, message: Message) -> Message | None:
-        """Ask the gate. None: no answer in time."""
+        """Send a request to the robot's gate, and return its answer. None if there was no answer in time."""
         try:
             return await self._gate.ask(message, ASK_S)
         except (AskTimeout, Unreachable):
@@ -387,9 +402,10 @@ class Teleoperation(Actor):
     # -- time
 
     async def _look(self) -> None:
-        """Check the age of the newest frame, the duration, and the time of the next report.
+        """Check regularly whether the newest frame is too old, the duration has passed, or a report is due.
 
-        A leader that blocks sends no further frame. So the last frame is processed again when it is too old.
+        A leader that hangs sends no more frames. So the last frame is processed again when it is too old, which
+        ends the motion.
         """
         report_s = 0.0
         while self._ended is None:
@@ -405,10 +421,13 @@ class Teleoperation(Actor):
                 await self._end("duration", f"{self._rollout.duration_s:g} s are over")
             elif trio.current_time() >= report_s:
                 report_s = trio.current_time() + REPORT_S
-                self._tell()
+                self._publish_status()
 
     async def _ask_robot(self) -> None:
-        """End an idle teleoperation after a stop of the robot. An active one is ended by a refusal."""
+        """End the teleoperation after the robot was stopped, while the dead-man is not held.
+
+        While the dead-man is held, a refused setpoint ends the teleoperation instead.
+        """
         while self._ended is None:
             await trio.sleep(ROBOT_S)
             if self._machine.state is State.IDLE and not self._stopping:
@@ -423,7 +442,7 @@ class Teleoperation(Actor):
             await self._finish(reason, detail)
 
     async def _finish(self, reason: str, detail: str, refusal: str = "") -> None:
-        """End the teleoperation. The caller holds ``_turn``."""
+        """End the teleoperation. The caller must hold the lock ``_turn``."""
         if self._ended is not None:
             return
         self._machine.idle(f"it has ended: {reason}")
@@ -434,7 +453,7 @@ class Teleoperation(Actor):
         self._ended = ended
         self._report(ended)
 
-    def _tell(self) -> None:
+    def _publish_status(self) -> None:
         if self._ended is None:
             self._report(self._status())
 
@@ -444,26 +463,26 @@ class Teleoperation(Actor):
         elapsed_s = (self.context.clock.now_ns() - self._began_ns) / NS
         hz = self._steps / elapsed_s if elapsed_s > 0 else 0.0
         return TaskStatus(
-            True, self._steps, elapsed_s, instruction=self._rollout.instruction, hz=hz, teleop=self._told()
+            True, self._steps, elapsed_s, instruction=self._rollout.instruction, hz=hz, teleop=self._teleop_status()
         )
 
-    def _told(self) -> dict[str, Any]:
+    def _teleop_status(self) -> dict[str, Any]:
         machine, newest = self._machine, self._newest
         age_ms = (self.context.clock.now_ns() - newest.t_ns) / 1e6 if newest.t_ns else None
         return {
             "state": str(machine.state),
-            "why": machine.why,
+            "why": machine.reason,
             "leader": self._leader,
             "leader_age_ms": None if age_ms is None else round(age_ms, 1),
             "held": newest.held,
             "values": {key: round(value, 2) for key, value in newest.values.items()},
             "refused": machine.refused,
             "differs": {key: round(value, 1) for key, value in machine.differs.items()},
-            "at_end": list(machine.at_end),
+            "at_end": list(machine.limited_axes),
         }
 
 
 def _text(answer: Message | None) -> str:
     if isinstance(answer, Refused):
         return answer.text
-    return "the robot's gate does not answer" if answer is None else "the robot's gate answers something else"
+    return "the robot's gate does not answer" if answer is None else "the robot's gate sent a wrong answer"

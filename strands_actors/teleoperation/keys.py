@@ -1,7 +1,7 @@
 """Turn key presses of a terminal into a dead-man and rates. Pure.
 
-A terminal reports a key that goes down and its repeats while it is held, but never its release. So a key
-counts as held until its next repeat is overdue.
+A terminal reports that a key is pressed, and repeats this while the key is held. It never reports a release. So a
+key counts as held until its next repeat is overdue.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ DELAY_S = 0.7
 
 
 class Hold(NamedTuple):
-    """The keys that are held.
+    """The keys that an operator holds.
 
     Attributes:
         held: True if any key is held.
-        rates: Rate by axis, -1 to 1.
+        rates: Speed by axis, as a share of its jog speed (-1 to 1).
     """
 
     held: bool
@@ -37,8 +37,8 @@ class Keys:
     """The keyboard of an operator.
 
     Args:
-        axes: The axes to move. Each gets a key for up and one for down, as long as there are keys. Empty
-            for a leader; its dead-man is the space bar.
+        axes: The axes to move. Each axis gets a key for each direction, as long as there are keys. Empty if a
+            leader moves the robot; then the space bar is the dead-man.
     """
 
     def __init__(self, axes: Sequence[str]) -> None:
@@ -72,5 +72,5 @@ class Keys:
         return Hold(bool(down), rates)
 
     def release(self) -> None:
-        """Count all keys as released."""
+        """Treat all keys as released."""
         self._until_s.clear()

@@ -2,9 +2,9 @@
 
 Only the process of the teleoperation imports LeRobot, since it takes gigabytes.
 
-Two things differ from LeRobot. A teleoperator that is not calibrated is refused, since no person could
-answer LeRobot's question in this process. And the joints of some leaders (koch, omx), which LeRobot can only
-count as shares of their calibrated range, are in degrees here, as those of all other leaders.
+Two things differ from LeRobot. A teleoperator that is not calibrated is refused, since no user could answer
+LeRobot's question in this process. And the joints of some leaders (koch, omx) are in degrees here, as those of all
+other leaders. LeRobot reports them only as shares of their calibrated range.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FACTORY = "strands_actors.teleoperation.lerobot:make"
 TELEOPERATORS = "lerobot.teleoperators"
 
 
-def is_there() -> bool:
+def is_installed() -> bool:
     """Return True if LeRobot is installed, without importing it."""
     return importlib.util.find_spec("lerobot") is not None
 
@@ -29,8 +29,8 @@ def make(type: str, **options: Any) -> Any:
     """Return a teleoperator of LeRobot, or of a package that LeRobot's discovery finds.
 
     Args:
-        type: Name of its type.
-        options: Fields of its config. A nested config is a mapping.
+        type: Name of the teleoperator's type.
+        options: Fields of the teleoperator's config. A nested config is a mapping.
 
     Raises:
         ValueError: The type or a field is unknown.
@@ -48,11 +48,11 @@ def make(type: str, **options: Any) -> Any:
             _import_if_it_can(f"{TELEOPERATORS}.{module.name}")
             types = config_class.get_known_choices()
     if type not in types:
-        raise ValueError(f"lerobot has no teleoperator {type!r}. it has {', '.join(sorted(types))}")
+        raise ValueError(f"lerobot has no teleoperator {type!r}. Use one of {', '.join(sorted(types))}")
     own = list(inspect.signature(types[type]).parameters)
     if unknown := [name for name in options if name not in own]:
-        raise ValueError(f"lerobot's {type} has no {', '.join(unknown)}. it has {', '.join(own)}")
-    import draccus  # LeRobot brings it, and reads its own command line with it.
+        raise ValueError(f"lerobot's {type} has no option {', '.join(unknown)}. Use {', '.join(own)}")
+    import draccus  # installed with LeRobot, which also reads its command line with it
 
     made = utils.make_teleoperator_from_config(draccus.decode(types[type], options))
     if "use_degrees" not in own:
@@ -61,7 +61,9 @@ def make(type: str, **options: Any) -> Any:
 
 
 class Unattended:
-    """A teleoperator of LeRobot in a process without a user. It raises where LeRobot would ask a question."""
+    """A teleoperator of LeRobot in a process without a user. Where LeRobot would ask the user a question, it
+    raises.
+    """
 
     def __init__(self, made: Any, type: str, id: str | None) -> None:
         self._made = made
@@ -69,14 +71,14 @@ class Unattended:
         self._id = id
 
     def connect(self) -> None:
-        """Connect. Raise ``ConnectionError`` if it is not calibrated."""
+        """Connect. Raise ``ConnectionError`` if the teleoperator is not calibrated."""
         connect = self._made.connect
         connect(**({"calibrate": False} if "calibrate" in inspect.signature(connect).parameters else {}))
-        if self._made.is_calibrated is not False:  # Some that need no calibration return None.
+        if self._made.is_calibrated is not False:  # None for some that need no calibration
             return
         self._made.disconnect()
         raise ConnectionError(
-            f"lerobot's {self._type} {self._id!r} is not calibrated as its motors are. run lerobot-calibrate "
+            f"lerobot's {self._type} {self._id!r} is not calibrated as its motors are. Run lerobot-calibrate "
             f"--teleop.type={self._type} --teleop.id={self._id}"
         )
 
@@ -97,7 +99,9 @@ def _in_degrees(made: Any) -> None:
 
 
 def _import_if_it_can(module: str) -> None:
-    """Import a module, unless a package that it needs is missing. Its types are then unknown."""
+    """Import a module. If a package that the module needs is missing, ignore this; the module's types are then
+    unknown.
+    """
     try:
         importlib.import_module(module)
     except ImportError:

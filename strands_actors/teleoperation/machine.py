@@ -4,9 +4,9 @@
 ``aligning``  the dead-man is held, and the robot moves slowly to the leader's position
 ``engaged``   the dead-man is held, and the robot follows the leader
 
-An aligned robot becomes ``engaged``. Everything else that ends a state leads to ``idle``: a release of the
-dead-man, a silent leader, a refusal of the gate. Only a new press of the dead-man leads out of ``idle``, so
-the dead-man must be released first. One that was held before the robot could be engaged does not count.
+An aligned robot becomes ``engaged``. These events lead to ``idle``: a release of the dead-man, a silent leader, a
+command that the robot refuses. Only a new press of the dead-man leads out of ``idle``. So the dead-man must be
+released first. A dead-man that was held before the robot could be engaged does not count.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ GRIPPER_UNIT = "percent"
 operator engages the robot by squeezing the leader's gripper, and so cannot align it."""
 
 NOT_HELD = "the dead-man is not held"
-NOT_ANEW = "the dead-man is held, but was not let go of first. let go and press anew"
+NOT_ANEW = "the dead-man is held, but was not let go of first. Let go and press anew"
 
 
 class State(enum.StrEnum):
@@ -52,11 +52,11 @@ class State(enum.StrEnum):
 
 
 class Kind(enum.StrEnum):
-    """The meaning of the numbers of a frame."""
+    """The meaning of the numbers in a leader's frame."""
 
-    ABSOLUTE = "absolute"  # target of the robot
-    RELATIVE = "relative"  # target of the robot, without the difference at the time of engaging
-    JOG = "jog"  # rate of each axis, -1..1
+    ABSOLUTE = "absolute"  # the robot's target
+    RELATIVE = "relative"  # a position; the robot repeats its changes since the robot was engaged
+    JOG = "jog"  # the speed of each axis, as a share of its jog speed (-1 to 1)
 
 
 class Frame(NamedTuple):
@@ -66,8 +66,9 @@ class Frame(NamedTuple):
         t_ns: Time of the measurement.
         held: True if the dead-man is held.
         values: Values by axis.
-        let_go: True if the operator has reported the release of the dead-man, and was not merely silent.
-            None: a dead-man that is not held counts as released.
+        let_go: True if the operator has reported the release of the dead-man. False if the operator was only
+            silent. None if the source cannot distinguish the two; then a dead-man that is not held counts as
+            released.
     """
 
     t_ns: int
@@ -85,8 +86,8 @@ class Step(NamedTuple):
 
     Attributes:
         target: The setpoint to send; None to send nothing.
-        engage: Acquire the lease, then call ``Machine.engage``.
-        let_go: Release the lease. The robot then holds.
+        engage: True: acquire the lease (the right to command), then call ``Machine.engage``.
+        let_go: True: release the lease. The robot then holds its position.
     """
 
     target: dict[str, float] | None = None
@@ -98,7 +99,7 @@ _NOTHING = Step()
 
 
 class Machine:
-    """The state machine of one teleoperation (see above).
+    """The state machine of one teleoperation. The module's docstring describes its states.
 
     Args:
         axes: The axes of the robot.
@@ -110,19 +111,19 @@ class Machine:
         self._axes = {axis.key: axis for axis in axes}
         self._kind = kind
         self._max_speed = max_speed
-        self._armed = False  # the dead-man was released, so a press engages
+        self._may_engage = False  # True after the dead-man was released, so that a press engages the robot
         self._target: dict[str, float] = {}
         self._offset: dict[str, float] = {}
         self._sent_ns = 0
-        self._before: tuple[dict[str, float], int] = {}, 0  # target and time of the previous frame
+        self._before: tuple[dict[str, float], int] = {}, 0  # the previous target, and the time it was sent
         self.state = State.IDLE
-        self.why = NOT_HELD
+        self.reason = NOT_HELD
         """Why nothing is sent, or why the robot is not engaged."""
         self.differs: dict[str, float] = {}
         """Difference by joint, of joints that differ too much to be engaged, in their unit."""
         self.refused = 0
         """Number of refused frames, such as those that were too fast."""
-        self.at_end: tuple[str, ...] = ()
+        self.limited_axes: tuple[str, ...] = ()
         """Axes with a target beyond their range. They stay at its end."""
 
     def step(self, frame: Frame, now_ns: int) -> Step:
@@ -131,16 +132,16 @@ class Machine:
             if now_ns - frame.t_ns > SILENT_NS:
                 return self.idle(f"the leader is silent for {(now_ns - frame.t_ns) / 1e6:.0f} ms")
             if not frame.held:
-                self._armed = frame.is_let_go
+                self._may_engage = frame.is_let_go
                 return self.idle(NOT_HELD)
             return self._follow(frame, now_ns)
         if not frame.held:
-            self._armed = self._armed or frame.is_let_go
-            self.why, self.differs = NOT_HELD, {}
+            self._may_engage = self._may_engage or frame.is_let_go
+            self.reason, self.differs = NOT_HELD, {}
             return _NOTHING
-        if not self._armed and self.why == NOT_HELD:
-            self.why = NOT_ANEW
-        if not self._armed or now_ns - frame.t_ns > SILENT_NS:
+        if not self._may_engage and self.reason == NOT_HELD:
+            self.reason = NOT_ANEW
+        if not self._may_engage or now_ns - frame.t_ns > SILENT_NS:
             return _NOTHING
         return Step(engage=True)
 
@@ -153,9 +154,9 @@ class Machine:
             now_ns: The time.
 
         Returns:
-            The actions that follow. ``state`` is idle if the robot was not engaged; ``why`` has the reason.
+            The actions that follow. If the robot could not be engaged, ``state`` is idle and ``reason`` is set.
         """
-        self._armed = False
+        self._may_engage = False
         unknown = [str(key) for key in frame.values if key not in self._axes]
         if unknown or not frame.values:
             names = ", ".join(self._axes)
@@ -169,26 +170,26 @@ class Machine:
             self.differs = self._far(frame)
             if self.differs:
                 return self.idle(self._too_far())
-            self.state, self.why = State.ALIGNING, ""
+            self.state, self.reason = State.ALIGNING, ""
         else:
             if self._kind is Kind.RELATIVE:
                 self._offset = {key: follower[key] - value for key, value in frame.values.items()}
-            self.state, self.why, self.differs = State.ENGAGED, "", {}
+            self.state, self.reason, self.differs = State.ENGAGED, "", {}
         return _NOTHING
 
-    def not_engaged(self, why: str) -> None:
-        """Note why the robot could not be engaged. A new press of the dead-man is needed."""
-        self._armed = False
-        self.why = why
+    def not_engaged(self, reason: str) -> None:
+        """Store the reason why the robot could not be engaged. Then the dead-man must be pressed anew."""
+        self._may_engage = False
+        self.reason = reason
 
-    def idle(self, why: str) -> Step:
+    def idle(self, reason: str) -> Step:
         """Go to ``idle``. The robot holds until the dead-man is pressed again."""
         before = self.state
-        self.state, self.why, self.at_end = State.IDLE, why, ()
+        self.state, self.reason, self.limited_axes = State.IDLE, reason, ()
         return Step(let_go=before is not State.IDLE)
 
     def refuse(self) -> None:
-        """Undo the last target, after the robot's gate has refused it."""
+        """Return to the previous target, because the robot has refused the last one."""
         self.refused += 1
         self._target, self._sent_ns = self._before
 
@@ -197,12 +198,12 @@ class Machine:
     def _follow(self, frame: Frame, now_ns: int) -> Step:
         if wrong := self._wrong(frame):
             self.refused += 1
-            self.why = wrong
+            self.reason = wrong
             return _NOTHING
         passed_s = max(0.0, (now_ns - self._sent_ns) / NS)
         if self._kind is Kind.JOG:
             return self._send(self._jogged(frame, min(passed_s, LONGEST_STEP_S)), now_ns)
-        goal, self.at_end = self._within(
+        goal, self.limited_axes = self._within(
             {key: value + self._offset.get(key, 0.0) for key, value in frame.values.items()}
         )
         if self.state is State.ALIGNING:
@@ -212,13 +213,13 @@ class Machine:
             speed = min(axis.speed, self._max_speed / DEGREES.get(axis.unit, 1.0))
             if abs(value - self._target[key]) > speed * passed_s * TOLERANCE:
                 self.refused += 1
-                self.why = f"{key} is led faster than {speed:.0f} {axis.unit}/s"
+                self.reason = f"{key} is led faster than {speed:.0f} {axis.unit}/s"
                 return _NOTHING
-        self.why = ""
+        self.reason = ""
         return self._send(goal, now_ns)
 
     def _wrong(self, frame: Frame) -> str:
-        """Return why a frame is wrong; empty if it is right."""
+        """Return why a frame cannot be used; empty if it can."""
         if frame.values.keys() != self._target.keys():
             return f"the leader tells of {', '.join(frame.values)}, it told of {', '.join(self._target)}"
         return next(
@@ -248,7 +249,7 @@ class Machine:
                 targets[key] = axis.rest + rate * (axis.high if rate > 0 else -axis.low)
             else:
                 targets[key] = self._target[key] + rate * self._jog_speed(axis) * passed_s
-        within, self.at_end = self._within(targets)
+        within, self.limited_axes = self._within(targets)
         return within
 
     def _jog_speed(self, axis: Axis) -> float:
@@ -258,20 +259,22 @@ class Machine:
             speed = APPROACH_DEG_S / DEGREES[axis.unit]
         return min(speed, axis.speed, self._max_speed / DEGREES.get(axis.unit, 1.0))
 
-    def _within(self, wanted: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:
-        """Limit each axis to its range, since a leader may have a wider range than the robot."""
-        kept, at_end = {}, []
-        for key, value in wanted.items():
+    def _within(self, targets: Mapping[str, float]) -> tuple[dict[str, float], tuple[str, ...]]:
+        """Limit each value to the range of its axis, because a leader may have a wider range than the robot."""
+        kept, limited = {}, []
+        for key, value in targets.items():
             axis = self._axes[key]
-            # An axis that is beyond the end of its range may stay there.
+            # An axis that is already out of its range may stay at its position.
             low, high = min(axis.low, self._target[key]), max(axis.high, self._target[key])
             kept[key] = max(low, min(high, value))
             if kept[key] != value:
-                at_end.append(key)
-        return kept, tuple(at_end)
+                limited.append(key)
+        return kept, tuple(limited)
 
     def _far(self, frame: Frame) -> dict[str, float]:
-        """Return the difference of each leader joint that is too far from the robot's last target."""
+        """Return the difference by joint, for each joint of the leader that is too far from the robot's last
+        target.
+        """
         goal, _ = self._within(frame.values)
         away = {key: value - self._target[key] for key, value in goal.items()}
         return {
@@ -283,7 +286,7 @@ class Machine:
 
     def _too_far(self) -> str:
         joints = ", ".join(f"{key} by {away:+.0f}" for key, away in self.differs.items())
-        return f"the leader is elsewhere: {joints}. move it to within {ALIGN_DEG:g} degrees, then press again"
+        return f"the leader is too far away: {joints}. Move it to within {ALIGN_DEG:g} degrees, then press again"
 
     def _send(self, target: dict[str, float], now_ns: int) -> Step:
         self._before = self._target, self._sent_ns
@@ -292,12 +295,14 @@ class Machine:
 
 
 class Squeezes:
-    """A dead-man for an operator with both hands on the leader. Two squeezes of the leader's gripper within
-    ``WITHIN_NS`` hold the dead-man, and two more release it.
+    """A dead-man for an operator with both hands on the leader.
+
+    Two squeezes of the leader's gripper within ``WITHIN_NS`` count as pressing the dead-man. Two more squeezes
+    release it.
 
     Args:
-        low: The gripper's closed end.
-        high: Its open end.
+        low: The gripper's value when it is closed.
+        high: The gripper's value when it is open.
     """
 
     WITHIN_NS = 1_200_000_000
@@ -312,7 +317,7 @@ class Squeezes:
         self.held = False
 
     def take(self, value: float, now_ns: int) -> bool:
-        """Process one reading of the gripper. Return True if the dead-man is held."""
+        """Process one reading of the gripper. Return True if the dead-man counts as held."""
         if value >= self._open:
             self._was_open = True
         elif value <= self._closed and self._was_open:

@@ -1,5 +1,7 @@
-"""The sources of a leader's frames. They run in the process of the teleoperation, which may be killed
-together with them."""
+"""The sources of a leader's readings: a leader arm, an object of another library, or an operator's input.
+
+They run in the process of the teleoperation. If a source hangs, this process can be killed together with it.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ class Reading(NamedTuple):
     Attributes:
         t_ns: Time of the measurement; 0 if there is no complete reading.
         values: Values by axis.
-        held: True if the leader's own dead-man is held; None if the leader has no dead-man.
+        held: True if a dead-man that is part of the leader is held; None if the leader has no dead-man.
     """
 
     t_ns: int
@@ -35,13 +37,13 @@ class Reading(NamedTuple):
 
 
 class Source(Protocol):
-    """A source of readings. Calls never overlap."""
+    """A source of a leader's readings. Its methods are never called at the same time."""
 
     READINGS: int
     """Number of readings per control period."""
 
     async def open(self) -> None:
-        """Connect to the leader. Raise ``WireDown``."""
+        """Connect to the leader. Raise ``WireDown`` if it cannot be reached."""
 
     async def read(self) -> Reading:
         """Return the newest reading. Raise ``WireDown`` if the leader is lost."""
@@ -50,10 +52,11 @@ class Source(Protocol):
 
 
 class Arm:
-    """A leader arm on its bus. It is opened, made limp, and read, and its wire energises nothing.
+    """A leader arm on its servo bus. It is opened, its torque is switched off, and it is read. Its motors never get
+    torque.
 
-    It is read three times per period (1 to 3 ms of its bus each). At 100 Hz a change then waits for at most
-    4 ms instead of 10 ms.
+    The arm is read three times per control period. Each reading occupies the bus for 1 to 3 ms. At 100 Hz a change
+    then waits for at most 4 ms instead of 10 ms.
     """
 
     READINGS = 3
@@ -68,7 +71,7 @@ class Arm:
         wire = self._driver.open_wire(self._clock)
         await wire.open()
         self._wire = wire
-        # An earlier program may have left torque on the motors, and the arm could not be moved by hand.
+        # An earlier program may have left torque on the motors. Then a person could not move the arm.
         reports = await wire.make_safe(SafeState.LIMP)
         if stiff := [report.axis for report in reports if not report.safe]:
             self.close()
@@ -77,11 +80,11 @@ class Arm:
     async def read(self) -> Reading:
         if self._wire is None:
             raise WireDown(f"{self._driver.robot}: not open")
-        seen = await self._wire.read()
-        oldest_ns = min(seen.stamp_ns)
+        observed = await self._wire.read()
+        oldest_ns = min(observed.stamp_ns)
         if not oldest_ns:
             return Reading(0, {})
-        return Reading(oldest_ns, self._driver.as_json(seen.position))
+        return Reading(oldest_ns, self._driver.as_json(observed.position))
 
     def close(self) -> None:
         wire, self._wire = self._wire, None
@@ -89,11 +92,11 @@ class Arm:
             wire.close()
 
 
-class Asked:
+class LeaderObject:
     """An object with ``get_action()``, such as a teleoperator of lerobot.
 
-    ``get_action()`` returns positions by joint, under ``x`` or ``x.pos``. The object may block, so it is made
-    and read in threads.
+    ``get_action()`` returns positions by joint, with keys ``x`` or ``x.pos``. A call of the object may block, so
+    its methods run in worker threads.
     """
 
     READINGS = 1
@@ -109,21 +112,21 @@ class Asked:
     def _connected(self) -> Any:
         made = self._make()
         if not callable(getattr(made, "get_action", None)):
-            raise TypeError(f"{type(made).__name__} is no teleoperator: it has no get_action")
+            raise TypeError(f"{type(made).__name__} has no get_action. Give a teleoperator")
         if callable(connect := getattr(made, "connect", None)):
             connect()
         return made
 
     async def read(self) -> Reading:
-        asked_ns = self._clock.now_ns()
+        requested_ns = self._clock.now_ns()
         action = await trio.to_thread.run_sync(self._object.get_action, abandon_on_cancel=True)
         if not isinstance(action, Mapping):
-            raise TypeError(f"its get_action returned {type(action).__name__}, not an action")
+            raise TypeError(f"the leader's get_action returned {type(action).__name__}, not a mapping of joints")
         values = {str(key).removesuffix(".pos"): value for key, value in action.items()}
         numbers = {key: number for key, value in values.items() if (number := finite(_plain(value))) is not None}
         if len(numbers) != len(values):
-            return Reading(0, {})  # This is not a frame. A leader without frames soon counts as silent.
-        return Reading(asked_ns, numbers)
+            return Reading(0, {})  # a value is missing, so send no frame; the leader soon counts as silent
+        return Reading(requested_ns, numbers)
 
     def close(self) -> None:
         made, self._object = self._object, None
@@ -136,33 +139,36 @@ def _plain(value: Any) -> Any:
 
 
 class Operator:
-    """The input of an operator at a keyboard or a page: rates by axis, and a dead-man."""
+    """The input of an operator at a keyboard or a web page: a speed for each axis, and a dead-man."""
 
     READINGS = 1
 
     def __init__(self, axes: tuple[str, ...], clock: Clock) -> None:
         self._rest = dict.fromkeys(axes, 0.0)
         self._clock = clock
-        self._told = Operate(0, False)
+        self._input = Operate(0, False)
 
-    def take(self, told: Operate) -> None:
-        """Take new input. Its lifetime counts from its own time, so late input expires earlier."""
-        if told.t_ns >= self._told.t_ns:
-            self._told = told
+    def take(self, new_input: Operate) -> None:
+        """Store new input.
+
+        It expires a fixed time after it was made, so input that arrives late expires earlier.
+        """
+        if new_input.t_ns >= self._input.t_ns:
+            self._input = new_input
 
     @property
     def held(self) -> bool:
         """Return True if the dead-man is held now."""
-        return self._told.held and 0 <= self._clock.now_ns() - self._told.t_ns <= OPERATOR_NS
+        return self._input.held and 0 <= self._clock.now_ns() - self._input.t_ns <= OPERATOR_NS
 
     @property
     def let_go(self) -> bool:
         """Return True if the operator has reported the release of the dead-man.
 
-        Silence is no release: a silent operator may still hold it, for example while this process stood
-        still. When input comes again, it must not count as a new press.
+        Silence is not a release: the operator may still hold the dead-man, for example if this process was frozen
+        for a moment. The next input must then not count as a new press.
         """
-        return self._told.t_ns > 0 and not self._told.held
+        return self._input.t_ns > 0 and not self._input.held
 
     async def open(self) -> None:
         return None
@@ -171,7 +177,7 @@ class Operator:
         now_ns = self._clock.now_ns()
         if not self.held:
             return Reading(now_ns, self._rest, held=False)
-        rates = {key: rate for key, rate in self._told.rates.items() if key in self._rest}
+        rates = {key: rate for key, rate in self._input.rates.items() if key in self._rest}
         return Reading(now_ns, {**self._rest, **rates}, held=True)
 
     def close(self) -> None:
@@ -179,5 +185,5 @@ class Operator:
 
 
 def made_of(source: Mapping[str, Any]) -> Callable[[], Any]:
-    """Return a function that makes the object of a source, by its ``module:factory``."""
+    """Return a function that makes the leader object described by ``source``, from its ``module:factory``."""
     return lambda: load(source["factory"])(**source.get("options", {}))

@@ -1,6 +1,6 @@
 """``Teleoperator(...)`` describes a leader for a robot.
 
-Nothing here touches hardware. The process of the teleoperation does.
+This module does not open any hardware. The process of the teleoperation does.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ class Teleoperator:
 
     The name selects the kind:
 
-        ``so101_leader``         a leader arm, at ``port`` or as its twin
-        ``keyboard``             keys, which ``arm.operate()`` reports
-        ``page``, ``gamepad``, ``phone``  a page for touch or a gamepad, served at ``address``
+        ``so101_leader``         a leader arm, at ``port`` or simulated
+        ``keyboard``             keys, which a program reports by ``arm.operate()``
+        ``page``, ``gamepad``, ``phone``  a web page for touch or a gamepad, at the URL ``address``
         ``module:Class``         any object with ``get_action()``, with ``options`` as keyword arguments
         ``lerobot:TYPE``         LeRobot's teleoperator of this type, with the fields of its config
 
     Args:
         name: Name of the leader (see above).
         port: Serial device of a leader arm.
-        transport: ``"twin"`` for the twin of a leader arm, in place of a port.
+        transport: ``"twin"`` for a simulated leader arm, in place of a port.
         id: Name under which LeRobot keeps the arm's calibration.
-        relative: True: the robot follows the changes of the leader from the poses at engaging. False: the
+        relative: True: the robot repeats the leader's changes since the dead-man was pressed. False: the
             robot goes to the leader's pose.
-        options: Options of the leader. A page has ``listen``, its address.
+        options: Options of the leader. A page has the option ``listen``, the address at which it is served.
 
     Raises:
         ValueError: The name or an option is unknown. The text has the accepted ones.
@@ -75,12 +75,13 @@ class Teleoperator:
         *,
         port: str | None = None,
         transport: str | None = None,
-        id: str | None = None,  # the word of LeRobot
+        id: str | None = None,  # the name of this parameter in LeRobot
         relative: bool = False,
         **options: Any,
     ) -> None:
-        if not isinstance(relative, bool):  # The text "no" would count as true.
-            raise TypeError(f"Teleoperator: relative is {shown(relative)}. give True or False")
+        # The text "no" would count as true, so only a bool is accepted.
+        if not isinstance(relative, bool):
+            raise TypeError(f"Teleoperator: relative is {shown(relative)}. Give True or False")
         self._twin: TwinProcess | None = None
         self._hand: dict[str, float] = {}
         self._address_file: Path | None = None
@@ -95,16 +96,16 @@ class Teleoperator:
         if leader is not None:
             self._lead(leader, transport, id)
         elif name in OPERATED or (isinstance(name, str) and ":" in name):
-            given = {
+            arguments = {
                 "port": None if ":" in name else port,
                 "transport": transport,
                 "id": None if ":" in name else id,
             }
-            if wrong := [key for key, value in given.items() if value is not None]:
-                raise TypeError(f"Teleoperator: {name} has no {', '.join(wrong)}. leave that out")
-            if name.startswith(lerobot.PREFIX) and not lerobot.is_there():
+            if wrong := [key for key, value in arguments.items() if value is not None]:
+                raise TypeError(f"Teleoperator: {name} has no {', '.join(wrong)}. Leave it out")
+            if name.startswith(lerobot.PREFIX) and not lerobot.is_installed():
                 raise ValueError(
-                    f"{name} needs lerobot, in this environment. pip install 'strands-actors[lerobot]'"
+                    f"{name} needs lerobot, which is not installed. Run pip install 'strands-actors[lerobot]'"
                 )
             if ":" in name:
                 own = {"port": port, "id": id}
@@ -112,10 +113,10 @@ class Teleoperator:
             else:
                 self.kind = Kind.JOG
                 if name in PAGES:
-                    self._listen = where_to_listen(options.pop("listen", ""))
+                    self._listen = parse_listen_address(options.pop("listen", ""))
                 if options or relative:
                     raise TypeError(
-                        f"Teleoperator: {name} takes no {', '.join(options) or 'relative'}. leave that out"
+                        f"Teleoperator: {name} takes no {', '.join(options) or 'relative'}. Leave that out"
                     )
         else:
             raise ValueError(_unknown(name))
@@ -125,9 +126,9 @@ class Teleoperator:
         driver_class = list_leaders()[leader]
         if transport not in (None, "twin"):
             raise ValueError(f"Teleoperator: {leader} has no transport {transport!r}. it offers twin")
-        for what, given, example in (("port", self._port, "'/dev/ttyACM1'"), ("id", robot_id, "'left'")):
-            if given is not None and not (isinstance(given, str) and given.strip()):
-                raise TypeError(f"Teleoperator: {what} is {shown(given)}. give it as text: {example}")
+        for argument, value, example in (("port", self._port, "'/dev/ttyACM1'"), ("id", robot_id, "'left'")):
+            if value is not None and not (isinstance(value, str) and value.strip()):
+                raise TypeError(f"Teleoperator: {argument} is {shown(value)}. Give it as text: {example}")
         if (self._port is None) == (transport is None):
             raise ValueError(
                 f"Teleoperator: give {leader} one of port= and transport='twin': "
@@ -154,27 +155,31 @@ class Teleoperator:
 
     @property
     def driver(self) -> Driver:
-        """Return the driver of a leader arm, with axes and units. Raise ``TypeError`` for any other leader."""
+        """Return the driver of a leader arm. It describes axes and units. Raise ``TypeError`` if the leader is not
+        an arm.
+        """
         if self._driver is None:
-            raise TypeError(f"{self.name} is no arm: it has no axes of its own")
+            raise TypeError(f"{self.name} is not a leader arm, so it has no axes")
         return self._driver
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """Return warnings of a leader arm, such as a missing calibration. A twin has no warnings."""
+        """Return warnings about a leader arm, such as a missing calibration. A simulated arm has no warnings."""
         return () if self._driver is None or self._twin is not None else self._driver.caveats
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """Return the process of its twin; None if it has no twin."""
+        """Return the process of the simulated leader arm; None for any other leader."""
         return self._twin
 
     def __repr__(self) -> str:
         return f"<Teleoperator {self.name} ({'twin' if self._twin else self._port})>"
 
     async def source(self) -> dict[str, Any]:
-        """Return the description of the leader for the process of the teleoperation, as plain data. Start its
-        twin, if it has one. Raise ``TwinProcessDown``."""
+        """Return the description of the leader as plain data, for the process of the teleoperation.
+
+        If the leader is a simulated arm, start it. Raise ``TwinProcessDown`` if it does not start.
+        """
         if self._driver is None or self._driver_class is None:
             if ":" in self.name:
                 if self.name.startswith(lerobot.PREFIX):
@@ -199,30 +204,30 @@ class Teleoperator:
         return description
 
     def move_by_hand(self, positions: Mapping[str, float]) -> None:
-        """Move joints of a leader's twin, as a hand would.
+        """Move joints of a simulated leader arm, as a person's hand would.
 
         Args:
             positions: Position by joint, in the leader's units.
 
         Raises:
-            RuntimeError: The twin does not run.
-            TypeError: The leader is not a twin, or ``positions`` is wrong.
+            RuntimeError: The simulated arm does not run.
+            TypeError: The leader is not a simulated arm, or ``positions`` is wrong.
         """
         twin, driver = self._twin, self.driver
         if twin is None:
-            raise TypeError(f"{self.name} is no twin. move it by your own hand")
+            raise TypeError(f"{self.name} is not simulated. Move the arm by hand")
         units = dict(zip(driver.axes, driver.model_units(), strict=True))
-        given: object = positions  # The program may not be type-checked.
-        if not isinstance(given, Mapping):
+        offered: object = positions  # a caller's code may not be type-checked
+        if not isinstance(offered, Mapping):
             axis = next(iter(units))
-            raise TypeError(f"move_by_hand: it is {shown(given)}. give positions by joint: {{{axis!r}: 10.0}}")
+            raise TypeError(f"move_by_hand: positions is {shown(offered)}. Give joints: {{{axis!r}: 10.0}}")
         if unknown := [str(key) for key in positions if key not in units]:
             raise TypeError(f"{self.name} has no {', '.join(unknown)}. it has {', '.join(units)}")
         angles = {}
         for key, value in positions.items():
             number, (zero, scale) = finite(as_python(value)), units[key]
             if number is None:
-                raise TypeError(f"move_by_hand: {key} is {shown(value)}. give a finite number, in {driver.unit}")
+                raise TypeError(f"move_by_hand: {key} is {shown(value)}. Give a finite number, in {driver.unit}")
             angles[key] = (number - zero) / scale
 
         async def move() -> dict[str, float]:
@@ -237,15 +242,17 @@ class Teleoperator:
 
     @property
     def address(self) -> str:
-        """Return the address of the page; empty if it is not served (yet). It contains the token that opens the
-        page, so give it to the operator only."""
+        """Return the address of the operator's page; empty while it is not served.
+
+        It contains the token that opens the page, so give it to the operator only.
+        """
         try:
             return "" if self._address_file is None else self._address_file.read_text()
         except FileNotFoundError:
             return ""
 
     def cleanup(self) -> None:
-        """End its twin, if it has one."""
+        """End the process of a simulated leader arm, if there is one."""
         if self._address_file is not None:
             self._address_file.unlink(missing_ok=True)
         if self._twin is not None:
@@ -255,58 +262,61 @@ class Teleoperator:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.cleanup()
 
 
-def where_to_listen(listen: object) -> tuple[str, int]:
-    """Return host and port of a page.
+def parse_listen_address(listen: object) -> tuple[str, int]:
+    """Return the host and port at which the operator's page is served.
 
     Args:
         listen: ``host`` or ``host:port``; empty for 127.0.0.1 and a free port.
 
     Raises:
-        ValueError: It is not such a text, or means every address of this host.
+        ValueError: ``listen`` is not such a text, or means all addresses of this computer.
     """
     host, _, number = str(listen).partition(":")
     if not isinstance(listen, str) or (number and not (number.isdigit() and int(number) < 65536)):
-        raise ValueError(f"a page cannot listen on {listen!r}. give an address of this host, or address:port")
-    # The page refuses host names other than its own. With every address it could not know the name that
-    # the browser uses.
+        raise ValueError(f"a page cannot listen on {listen!r}. Give an address of this host, or address:port")
+    # The page refuses host names other than its own. If it listened on all addresses, it would not know the name
+    # that the browser uses.
     if _is_every_address(host):
         raise ValueError(
-            f"a page cannot listen on {listen!r}, which is every address of this host. give the one that its "
-            f"browser opens, as 192.0.2.5{f':{number}' if number else ''}"
+            f"a page cannot listen on {listen!r}, which means all addresses of this computer. Give the address "
+            f"that the browser opens, such as 192.0.2.5{f':{number}' if number else ''}"
         )
     return host or "127.0.0.1", int(number or 0)
 
 
 def _is_every_address(host: str) -> bool:
     try:
-        return not any(socket.inet_aton(host))  # ``0`` is another form of ``0.0.0.0``.
+        return not any(socket.inet_aton(host))  # ``0`` means the same address as ``0.0.0.0``
     except OSError:
         return False
 
 
 def _unknown(name: object) -> str:
-    known = [*list_leaders(), *OPERATED]
-    close = difflib.get_close_matches(str(name), known, n=2)
+    names = [*list_leaders(), *OPERATED]
+    close = difflib.get_close_matches(str(name), names, n=2)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
-    return f"Teleoperator: {name!r} is not known.{hint} there are {', '.join(known)}, and 'module:Class'"
+    return f"Teleoperator: {name!r} is not known.{hint} leaders are {', '.join(names)}, and 'module:Class'"
 
 
 def place_of_map(map_fn: Callable[..., Any] | None) -> str:
-    """Return ``module:name`` of a function, for the process of a teleoperation. Raise ``ValueError`` if that
-    process cannot import it."""
+    """Return ``module:name`` of a function, from which the process of a teleoperation can import it.
+
+    Raises:
+        ValueError: Another process cannot import this function.
+    """
     if map_fn is None:
         return ""
     if not inspect.isfunction(map_fn):
-        raise ValueError(f"map_fn is {map_fn!r}. give a function from the leader's positions to the robot's")
+        raise ValueError(f"map_fn is {map_fn!r}. Give a function from the leader's positions to the robot's")
     place = f"{map_fn.__module__}:{map_fn.__qualname__}"
     if place.startswith("__main__:") or "<" in place:
         raise ValueError(
-            f"map_fn is {place}, which no other process can import, and a teleoperation is a process of its own. "
-            "move it to a module"
+            f"map_fn is {place}, which another process cannot import. a teleoperation runs in a separate process, "
+            "so move the function to a module"
         )
     return place

@@ -1,4 +1,4 @@
-"""The verbs of teleoperation, as functions of a robot's tree."""
+"""Make the verbs of teleoperation. A verb is a function that is called with the robot's tree (its processes)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ MOST_RATE = 1.01
 NOT_THE_DEADMAN = Refused(
     Code.GRIPPER_DEADMAN,
     "the dead-man of this teleoperation is the leader's gripper",
-    'squeeze it twice, or begin again: attach_teleop(leader, deadman="key")',
+    'squeeze the gripper twice, or start again with attach_teleop(leader, deadman="key")',
     verb="operate",
 )
 
@@ -51,29 +51,31 @@ def attach(
     max_speed: float | None,
     duration: float | None,
 ) -> Verb | Answer:
-    """Return the verb, or a refusal. The arguments are those of ``RealRobot.attach_teleop``."""
+    """Return the verb that starts a teleoperation, or a refusal. ``RealRobot.attach_teleop`` describes the
+    arguments.
+    """
     hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
     try:
         if not isinstance(leader, Teleoperator):
-            raise ValueError(f"the leader is {leader!r}. give a Teleoperator")
+            raise ValueError(f"the leader is {leader!r}. Give a Teleoperator")
         chosen = _deadman(leader, deadman)
         _check(hz, "hz", 500.0)
         _check(max_speed, "max_speed", math.inf)
         _check(duration, "duration", math.inf)
         place = place_of_map(map_fn)
-        if why := driver.ROLLOUTS or driver.TASKS:
-            raise ValueError(f"{driver.robot}: {why}")
+        if problem := driver.ROLLOUTS or driver.TASKS:
+            raise ValueError(f"{driver.robot}: {problem}")
         if not driver.table:
-            raise ValueError(f"{driver.robot} has no axes of its own to lead")
+            raise ValueError(f"{driver.robot} has no axes that a leader could move")
     except ValueError as failure:
         return answers.error(f"teleoperate: {failure}")
     speed = {} if max_speed is None else {"max_speed": float(max_speed)}
 
     async def run(tree: RobotTree) -> Answer:
-        if tree.plan.at:
-            why = f"{tree.robot} is run by another host"
+        if tree.plan.host_address:
+            problem = f"{tree.robot} is run by another host"
             return answers.refused(
-                Refused(Code.ELSEWHERE, why, "run the teleoperation on that host", verb="teleoperate")
+                Refused(Code.ELSEWHERE, problem, "run the teleoperation on that host", verb="teleoperate")
             )
         try:
             source = await leader.source()
@@ -95,20 +97,22 @@ def attach(
         tree.rollouts.no_operator = NOT_THE_DEADMAN if chosen == GRIPPER else None
         for caveat in leader.caveats:
             _log.warning("%s leads %s: %s", leader.name, tree.robot, caveat)
-        told = answers.task(begun)
-        return answers.success({**told, "caveats": list(leader.caveats)} if leader.caveats else told)
+        status = answers.task(begun)
+        return answers.success({**status, "caveats": list(leader.caveats)} if leader.caveats else status)
 
     return run
 
 
-def _deadman(leader: Teleoperator, given: str | None) -> str:
+def _deadman(leader: Teleoperator, requested: str | None) -> str:
     if leader.kind is Kind.JOG:
-        if given not in (None, KEY):
-            raise ValueError(f"deadman is {given!r}, and {leader.name} has one of its own. leave it out")
+        if requested not in (None, KEY):
+            raise ValueError(f"deadman is {requested!r}, but {leader.name} has its own dead-man. Leave deadman out")
         return KEY
-    chosen = given or (GRIPPER if leader.is_arm else KEY)
+    chosen = requested or (GRIPPER if leader.is_arm else KEY)
     if chosen not in DEADMEN or (chosen == GRIPPER and not leader.is_arm):
-        raise ValueError(f"deadman is {given!r}. use {', '.join(map(repr, DEADMEN if leader.is_arm else (KEY,)))}")
+        raise ValueError(
+            f"deadman is {requested!r}. Use {', '.join(map(repr, DEADMEN if leader.is_arm else (KEY,)))}"
+        )
     return chosen
 
 
@@ -117,43 +121,46 @@ def _check(value: object, name: str, most: float) -> None:
         return
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= most or value == math.inf:
         limit = "" if most == math.inf else f" and at most {most:g}"
-        raise ValueError(f"{name} is {value!r}. give a number above 0{limit}")
+        raise ValueError(f"{name} is {value!r}. Give a number above 0{limit}")
 
 
 def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb | Answer:
-    """Return the verb that sends an operator's input, or a refusal. A wrong rate moves nothing, and does not
-    prevent a release of the dead-man."""
+    """Return the verb that sends an operator's input, or a refusal.
+
+    A wrong rate is refused and moves nothing. But a release of the dead-man is sent even if a rate is wrong.
+    """
     is_held = as_python(held)
-    if not isinstance(is_held, bool):  # The text "False" would hold the dead-man.
+    # The text "False" would count as true and hold the dead-man, so only a bool is accepted.
+    if not isinstance(is_held, bool):
         return answers.refused(_wrong(Code.BAD_ARGUMENT, f"held is {shown(held)}", "True or False", held))
-    told = _rates(driver, rates)
-    if isinstance(told, Refused) and is_held:
-        return answers.refused(told)
+    checked = _rates(driver, rates)
+    if isinstance(checked, Refused) and is_held:
+        return answers.refused(checked)
 
     async def run(tree: RobotTree) -> Answer:
-        known = {} if isinstance(told, Refused) else told
-        refused = tree.rollouts.operate(Operate(tree.clock.now_ns(), is_held, known))
-        if refused is None and isinstance(told, Refused):
-            refused = told
+        accepted = {} if isinstance(checked, Refused) else checked
+        refused = tree.rollouts.operate(Operate(tree.clock.now_ns(), is_held, accepted))
+        if refused is None and isinstance(checked, Refused):
+            refused = checked
         return answers.success({"held": is_held}) if refused is None else answers.refused(refused)
 
     return run
 
 
-def _rates(driver: Driver, given: Mapping[str, object]) -> dict[str, float] | Refused:
+def _rates(driver: Driver, rates: Mapping[str, object]) -> dict[str, float] | Refused:
     checked: dict[str, float] = {}
-    for key, rate in given.items():
+    for key, rate in rates.items():
         if key not in driver.axes:
             close = closest(key, driver.axes)
             hint = f" ({close[0]!r}?)" if close else ""
-            why, known = f"{shown(key)} is no axis of {driver.robot}{hint}", ", ".join(driver.axes)
-            return _wrong(Code.UNKNOWN_JOINT, why, f"one of {known or 'none'}", key)
+            problem, axes = f"{shown(key)} is no axis of {driver.robot}{hint}", ", ".join(driver.axes)
+            return _wrong(Code.UNKNOWN_JOINT, problem, f"one of {axes or 'none'}", key)
         number = finite(as_python(rate))
         if number is None or abs(number) > MOST_RATE:
-            return _wrong(Code.BAD_RATE, f"{key} is {shown(rate)}", f"how fast it is to go, {RATES}", rate)
+            return _wrong(Code.BAD_RATE, f"{key} is {shown(rate)}", f"a rate in {RATES}", rate)
         checked[key] = number
     return checked
 
 
-def _wrong(code: str, why: str, accepted: str, offered: object) -> Refused:
-    return Refused(code, why, f"give {accepted}", shown(offered), accepted, verb="operate")
+def _wrong(code: str, problem: str, accepted: str, offered: object) -> Refused:
+    return Refused(code, problem, f"give {accepted}", shown(offered), accepted, verb="operate")

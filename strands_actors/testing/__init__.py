@@ -1,10 +1,10 @@
 """Test robots, drivers and policies. docs/testing.md shows each of these with an example.
 
 ``conformance``, ``check_driver``       the checks that every driver must pass
-``Faults``, ``Victims``, ``run_cell``   break one process of a moving robot, and read the wire
-``Twin``, ``WireLog``                   a simulated robot, and the log of its wire
-``run_virtual``, ``open_inline_tree``   a whole tree in one process, in virtual time
-``FakeDriver``, ``FakeHardware``        a robot in memory
+``Faults``, ``Victims``, ``run_cell``   break one process of a moving robot, and check what the robot receives
+``Twin``, ``WireLog``                   a simulated robot, and the log of all frames that it exchanges
+``run_virtual``, ``open_inline_tree``   all actors of a robot in one process, in virtual time
+``FakeDriver``, ``FakeHardware``        a driver of a robot that exists only in memory
 
 The pytest plugin (``strands_actors.pytest_plugin``) has the fixtures ``strands_twin`` and ``strands_robot``.
 """
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from .twin import Twin
     from .wirelog import Entry, WireLog
 
-# Imported at first use: processes of a bench import this package too, and need only parts of it.
-_WHERE = {
+# These modules are imported at their first use, because the processes of a bench import this package and need only
+# parts of it.
+_MODULES = {
     "bench": ("Bench", "NotMoving"),
     "cells": ("Outcome", "run_cell"),
     "checks": ("Check", "Result", "check_driver", "conformance"),
@@ -62,7 +63,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _WHERE.items():
+    for module, names in _MODULES.items():
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

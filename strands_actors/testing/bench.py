@@ -1,6 +1,7 @@
-"""A bench: a twin, and a caller that moves it, as separate processes, for tests that break one of them.
+"""A bench for tests that break one process of a moving robot.
 
-The twin is kept from cell to cell. So is the caller, unless it was broken itself. Then a new one is forked.
+A bench has a simulated robot (twin), and a caller: a script that moves it, in another process. The robot is kept
+from test to test. The caller is kept, too, unless the test broke it; then a new caller is forked.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from strands_actors.supervisors.introspection import ALLOW_FAULTS
 from .faults import Victims
 from .queueing import Queue
 from .recorder_process import RecorderProcess
-from .registering import class_of, column, where_is
+from .registering import class_of, class_path_of, column
 from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
@@ -45,20 +46,22 @@ SILENT_NS = 200_000_000
 
 
 class NotMoving(Exception):
-    """The caller ended before its robot moved, or the robot cannot be brought to move."""
+    """The caller ended before its robot moved, or the robot cannot be made to move."""
 
 
 class Caller:
-    """The script ``testing.caller`` as a process."""
+    """A caller: the script ``testing.caller`` as a process."""
 
-    def __init__(self, directory: Path, template: Template, wanted: dict[str, Any], extras: frozenset[str]) -> None:
+    def __init__(
+        self, directory: Path, template: Template, settings: dict[str, Any], extras: frozenset[str]
+    ) -> None:
         """Fork a caller.
 
         Args:
-            directory: For its files.
-            template: The process that forks it.
-            wanted: Its settings (``testing.caller``).
-            extras: The roles from ``EXTRAS`` that its robot has.
+            directory: Directory for the files of the caller.
+            template: The process that forks the caller.
+            settings: The settings of the caller (``testing.caller``).
+            extras: The extra processes that the caller's robot has, by role (``EXTRAS``).
         """
         self.extras = extras
         self._recorder: RecorderProcess | None = None
@@ -69,32 +72,32 @@ class Caller:
         self._errors = directory / "caller.err"
         its_input, self._input = os.pipe()
         self._output, its_output = os.pipe()
-        self._said = b""
+        self._received = b""
         with self._errors.open("w") as errors:
             try:
-                request = {**wanted, "trigger": str(self.trigger)}
+                request = {**settings, "trigger": str(self.trigger)}
                 self.process = template.fork(request, its_input, its_output, errors.fileno())
             finally:
                 os.close(its_input)
                 os.close(its_output)
 
     def pid(self, role: str) -> int:
-        """Return the process id of a role. Raise ``NotMoving`` if the tree has no such process."""
+        """Return the process id of the process with this role. Raise ``NotMoving`` if there is no such process."""
         process_id = self.pids().get(role)
         if process_id is None:
             raise NotMoving(f"there is no {role} process")
         return process_id
 
     def pids(self) -> dict[str, int]:
-        """Return the process id of each role, as of the moment when the robot began to move."""
+        """Return the process id for each role, as the caller reported them when the robot began to move."""
         return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
 
     def _living(self) -> set[str]:
-        """Return the roles of processes that still run."""
+        """Return the roles of the robot's processes that still run."""
         return {role for role, pid in self.pids().items() if Path(f"/proc/{pid}").exists()}
 
     def complete(self) -> None:
-        """Wait until the tree has its extras, and every process that it ever had.
+        """Wait until the extra processes run, and every process that the robot has had before.
 
         Raises:
             NotMoving: A process is still missing after ``COMPLETE_S``.
@@ -108,7 +111,7 @@ class Caller:
             if time.monotonic() > deadline_s:
                 raise NotMoving(f"there is no {', '.join(missing)} process")
             time.sleep(0.05)
-            self.tell("tree")
+            self.send_order("tree")
             self.tree = self.line()
         self._roles = frozenset(self.pids())
 
@@ -120,40 +123,40 @@ class Caller:
         """
         deadline_s = time.monotonic() + START_S
         while not (text := self._next_line(deadline_s)).startswith(b"{"):
-            pass  # vendor libraries print there, too
+            pass  # skip lines that vendors' libraries print
         message: dict[str, Any] = json.loads(text)
         return message
 
     def _next_line(self, deadline_s: float) -> bytes:
-        while b"\n" not in self._said:
+        while b"\n" not in self._received:
             left_s = max(0.0, deadline_s - time.monotonic())
             if not select.select([self._output], [], [], left_s)[0]:
                 raise NotMoving(f"the caller said nothing for {START_S:g} s")
             data = os.read(self._output, 65536)
             if not data:
                 raise NotMoving(self._errors.read_text().strip() or "the caller ended before its robot moved")
-            self._said += data
-        text, _, self._said = self._said.partition(b"\n")
+            self._received += data
+        text, _, self._received = self._received.partition(b"\n")
         return text
 
-    def tell(self, line: str) -> None:
-        """Send an order to the caller (``testing.caller``), as one line. Ignore that the caller has ended."""
-        # The next read notices that the caller has ended.
+    def send_order(self, line: str) -> None:
+        """Send an order to the caller (``testing.caller``), as one line. If the caller has ended, do nothing."""
+        # If the caller has ended, the next read notices it.
         with contextlib.suppress(BrokenPipeError):
             os.write(self._input, line.encode() + b"\n")
 
     def policy_broke_ns(self) -> int:
-        """Return when the policy broke (CLOCK_MONOTONIC, ns); 0 if it has not broken."""
+        """Return the time at which the policy broke (CLOCK_MONOTONIC, ns); 0 if it has not broken."""
         note = Path(f"{self.trigger}.t")
         return int(note.read_text() or 0) if note.exists() else 0
 
     def forget_trigger(self) -> None:
-        """Remove the files of the last fault of a policy, so that the next policy runs."""
+        """Remove the files that made a policy fail, so that the next policy runs."""
         for path in (self.trigger, Path(f"{self.trigger}.t")):
             path.unlink(missing_ok=True)
 
     def end(self) -> None:
-        """Kill the caller, its recorder, and every process of its tree."""
+        """Kill the caller, its recorder, and every process of its robot."""
         self._end_recorder()
         self.process.end()
         for pid in self.pids().values():
@@ -169,18 +172,18 @@ class Caller:
 
 
 class Bench:
-    """A twin and a caller of one robot. Use it as a context manager.
+    """A simulated robot, and a caller that moves it. Use it as a context manager.
 
     Args:
-        robot: Its name, or ``robot:level`` for one that can be commanded in two ways.
+        robot: The robot's name. ``robot:level`` if the robot can be commanded in two ways.
         driver_class: The driver of a robot that is no part of this package.
-        far: How far the first joint moves, in the driver's units. By default 10 degrees, or 0.1 of another
-            unit.
+        far: How far the first joint moves, in the driver's units. By default 10 degrees, or 0.1 in any
+            other unit.
     """
 
     def __init__(self, robot: str, driver_class: type[Driver] | None = None, far: float | None = None) -> None:
-        self.robot, where = column(robot)
-        self._driver_class = driver_class or class_of(where)
+        self.robot, class_path = column(robot)
+        self._driver_class = driver_class or class_of(class_path)
         self.driver = driver_of(self.robot, self._driver_class)
         self.far = far if far is not None else 10.0 if "degrees" in self.driver.unit else 0.1
         self._caller: Caller | None = None
@@ -196,18 +199,18 @@ class Bench:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.drop()
         self._stack.close()
 
     @property
     def log(self) -> WireLog:
-        """The twin's log of the wire."""
+        """The log of all frames that the simulated robot has exchanged."""
         return self.twin.log
 
     def drop(self) -> None:
-        """End the caller and its tree."""
+        """End the caller and the other processes of its robot."""
         if self._caller is not None:
             self._caller.end()
             self._caller = None
@@ -217,10 +220,10 @@ class Bench:
 
         Args:
             motion: ``loop``, ``task`` or ``rollout`` (``testing.caller``).
-            extras: The roles from ``EXTRAS`` that its tree must have.
+            extras: The extra processes that must run, by role (``EXTRAS``).
 
         Raises:
-            NotMoving: The robot cannot be brought to move.
+            NotMoving: The robot cannot be made to move.
         """
         self.twin.go_on()
         self.twin.fault("ok")
@@ -228,9 +231,9 @@ class Bench:
         caller = self._caller
         if caller is not None and caller.process.alive and caller.extras == extras:
             caller.forget_trigger()
-            # The log is read again and again, so it is kept short.
+            # The whole log is read many times, so it is kept short.
             os.truncate(self.log.path, 0)
-            caller.tell(f"again {motion}")
+            caller.send_order(f"again {motion}")
             try:
                 caller.tree = caller.line()
                 caller.complete()
@@ -240,26 +243,27 @@ class Bench:
         self.drop()
         self._wait_for_silence()
         os.truncate(self.log.path, 0)
-        caller = self._caller = Caller(self._directory, self.template, self._wanted(motion, extras), extras)
+        caller = self._caller = Caller(self._directory, self.template, self._settings(motion, extras), extras)
         caller.forget_trigger()
         try:
             caller.tree = caller.line()
             caller.complete()
         except NotMoving:
             self.drop()
-            # A hold with wrong readings may have left a joint at a position in which it cannot be armed.
+            # If a hold had wrong readings, it may have moved a joint to a position in which the robot cannot be
+            # armed.
             self._begin_twin()
             raise
         return caller
 
     def _begin_twin(self) -> None:
-        """Start a twin in place of the previous one."""
+        """Start a simulated robot in place of the previous one."""
         self._twins.close()
         self.twin = self._twins.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
 
     @property
-    def _where(self) -> str:
-        return "" if self._driver_class is None else where_is(self._driver_class)
+    def _class_path(self) -> str:
+        return "" if self._driver_class is None else class_path_of(self._driver_class)
 
     def _make_template(self) -> Template:
         theirs = environment(
@@ -267,37 +271,40 @@ class Bench:
             STRANDS_ACTORS_DATA=str(self._directory / "data"),
             **{ALLOW_FAULTS: "1"},
         )
-        return Template(theirs, self.robot, self._where, self._directory / "template.err")
+        return Template(theirs, self.robot, self._class_path, self._directory / "template.err")
 
-    def _wanted(self, motion: str, extras: frozenset[str]) -> dict[str, Any]:
+    def _settings(self, motion: str, extras: frozenset[str]) -> dict[str, Any]:
         return {
             "robot": self.robot,
             "port": self.twin.port,
-            "driver": self._where,
+            "driver": self._class_path,
             "motion": motion,
             "far": str(self.far),
             "cameras": {"eye": SETTINGS} if CAMERA in extras else {},
         }
 
     def processes(self) -> Iterator[int]:
-        """Yield the ids of all running processes with the environment of this bench's callers.
+        """Yield the ids of all running processes that have the environment variables of this bench's callers.
 
-        The callers are among them. Linux only.
+        The callers themselves are among them. Linux only.
         """
         mark = f"STRANDS_ACTORS_RUN={self._directory / 'run'}".encode()
         for entry in os.listdir("/proc"):
             if not entry.isdigit() or int(entry) == self.template.pid:
                 continue
-            with contextlib.suppress(OSError):  # it has just ended, or belongs to another user
+            with contextlib.suppress(OSError):  # the process has just ended, or belongs to another user
                 if mark in Path("/proc", entry, "environ").read_bytes().split(b"\0"):
                     yield int(entry)
 
     def queue(self, caller: Caller, victim: int = 0) -> Queue:
-        """Measure from now on how long the tree, its caller, the robot and this process wait for a processor."""
+        """Return a measurement of how long processes wait for a processor, which begins now.
+
+        It includes the processes of the robot, the caller, the simulated robot, and this process.
+        """
         return Queue([*caller.pids().values(), self.twin.process.pid, os.getpid()], victim)
 
     def _wait_for_silence(self) -> None:
-        """Wait until no process of the previous tree writes any more.
+        """Wait until no process of the previous caller's robot writes any more.
 
         Its processes were killed one after the other.
         """
@@ -310,14 +317,14 @@ class Bench:
 
 
 def usual_motion(driver: Driver) -> str:
-    """Return the motion for which a robot runs most processes: one with a policy, where it can run one."""
+    """Return the motion in which most processes of a robot run: with a policy, if the robot can run one."""
     return "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
 
 
 def roles_of(bench: Bench) -> tuple[str, ...]:
     """Return the roles of all processes that a robot's tree can have, extras included.
 
-    The robot itself is no process of this package. Raise ``NotMoving``.
+    The simulated robot is not among them. Raise ``NotMoving`` if the robot cannot be made to move.
     """
     roles = bench.moving(usual_motion(bench.driver), EXTRAS).pids()
     bench.drop()
@@ -325,22 +332,25 @@ def roles_of(bench: Bench) -> tuple[str, ...]:
 
 
 def extras_for(members: Iterable[str]) -> frozenset[str]:
-    """Return those of the given roles that are extras."""
+    """Return the roles among these that are extras: processes that run only on request."""
     return EXTRAS & frozenset(members)
 
 
 @contextlib.contextmanager
 def moving_robot(robot: str, motion: str = "loop") -> Iterator[tuple[Bench, Caller]]:
-    """Open a bench with a moving robot."""
+    """Open a bench, make its robot move, and yield the bench and the caller."""
     with Bench(robot) as bench:
         yield bench, bench.moving(motion)
 
 
 def driver_of(robot: str, driver_class: type[Driver] | None = None) -> Driver:
-    """Return the driver of a robot, for its twin. ``robot`` is the name of a column (``registering.column``)."""
-    robot, where = column(robot)
-    driver_class = driver_class or class_of(where)
+    """Return the driver of a robot, for commanding its simulated version.
+
+    ``robot`` is the name of a column of the kill matrix (``registering.column``).
+    """
+    robot, class_path = column(robot)
+    driver_class = driver_class or class_of(class_path)
     if driver_class is not None:
         return driver_class(robot, "", driver_class.resolve(robot, {}))
-    wanted = plan(robot, "real", transport="twin")
-    return wanted.driver_class(wanted.robot, "", wanted.options)
+    planned = plan(robot, "real", transport="twin")
+    return planned.driver_class(planned.robot, "", planned.options)

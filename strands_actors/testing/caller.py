@@ -1,4 +1,4 @@
-"""A script that moves a robot, and takes orders on standard input.
+"""A script that moves a robot, and obeys orders from standard input.
 
 The settings of ``main`` are:
 
@@ -7,11 +7,15 @@ The settings of ``main`` are:
 * ``motion``: ``loop`` (the script moves the first joint at 50 Hz), ``task`` (a policy process moves it) or
   ``rollout`` (a policy in this process).
 * ``far``: how far the joint moves, in the driver's units.
-* ``trigger``: see ``testing.policies``.
+* ``trigger``: a file that makes the policy fail (``testing.policies``).
 
-When the robot moves, the script prints its tree as one JSON line. Then it takes these orders: ``exception``,
-``exit`` and ``spin`` break it; ``stop`` prints the report; ``again MOTION`` resumes, moves and prints the tree;
-``tree`` prints the tree.
+When the robot moves, the script prints the robot's processes (its tree) as one JSON line. Then it obeys these
+orders:
+
+* ``exception``, ``exit`` and ``spin`` make the script itself fail.
+* ``stop`` stops the robot and prints the report.
+* ``again MOTION`` resumes and moves the robot, and prints the tree.
+* ``tree`` prints the tree.
 """
 
 from __future__ import annotations
@@ -34,22 +38,23 @@ MOVED_S = 0.2
 
 
 class Caller:
-    """The robot of the script, its motion, and the orders that it obeys.
+    """The robot that the script moves. The methods carry out the orders from standard input.
 
     The constructor connects the robot. It raises ``SystemExit`` if that fails three times, or if the robot
     cannot be prepared for commands.
     """
 
-    def __init__(self, wanted: dict[str, Any]) -> None:
-        if wanted["driver"]:
-            register(wanted["driver"], wanted["robot"])
-        self._far = float(wanted["far"])
-        self._trigger: str = wanted["trigger"]
+    def __init__(self, settings: dict[str, Any]) -> None:
+        if settings["driver"]:
+            register(settings["driver"], settings["robot"])
+        self._far = float(settings["far"])
+        self._trigger: str = settings["trigger"]
         self.robot: Any = Robot(
-            wanted["robot"], mode="real", port=wanted["port"], cameras=wanted["cameras"] or None
+            settings["robot"], mode="real", port=settings["port"], cameras=settings["cameras"] or None
         )
         problem: str | None = "never tried"
-        # A robot that waits for a busy machine looks silent.
+        # If the simulated robot waits for a processor of a busy computer, it looks silent. So connecting is tried
+        # again.
         for _ in range(3):
             problem = self.robot.connect_eagerly()
             if problem is None:
@@ -59,35 +64,35 @@ class Caller:
         self._prepare()
 
     def _prepare(self) -> None:
-        """Prepare the robot for commands, if it needs that: a drone takes off."""
+        """Prepare the robot for commands, if this is necessary: a drone takes off."""
         name = self.robot.driver.BEFORE_MOTION
         if name and (answer := self.robot.service(name))["status"] != "success":
             raise SystemExit(f"{name}: {answer}")
 
     def begin(self, motion: str) -> None:
-        """Move the robot, and print the tree once it moves."""
+        """Move the robot, and print its processes (the tree) when it moves."""
         self._loops = motion == "loop"
-        why = "the robot has no joint"
-        seen = self.robot.get_observation()
-        self._others = dict(seen) if self.robot.driver.WHOLE_ACTIONS else {}
-        for joint, here in seen.items():
-            self._joint, self._here = joint, here
-            why = self._move(motion)
-            if not why:
+        problem = "the robot has no joint"
+        observation = self.robot.get_observation()
+        self._others = dict(observation) if self.robot.driver.WHOLE_ACTIONS else {}
+        for joint, position in observation.items():
+            self._joint, self._start = joint, position
+            problem = self._move(motion)
+            if not problem:
                 print(json.dumps(self.robot.tree()), flush=True)
                 return
-            # A robot that has fallen may lie on the end stops of some joints, but not of all.
+            # A robot that has fallen may have some joints at their end stops. At least one joint can still move.
             self.resume()
-        raise SystemExit(why)
+        raise SystemExit(problem)
 
     def _move(self, motion: str) -> str:
-        """Return why the robot does not move, or an empty text."""
+        """Return why the robot does not move, or an empty text if it moves."""
         self._began_s = time.monotonic()
-        if motion == "task" and (why := self._start_task()):
-            return why
+        if motion == "task" and (problem := self._start_task()):
+            return problem
         if motion == "rollout":
-            # Each call returns 25 steps (a twentieth of a second for a robot with legs), since the machine may
-            # be busy.
+            # Each call returns 25 steps at once, because the computer may be busy. This is a twentieth of a second
+            # for a robot with legs.
             self.robot.run_policy(lambda _: [self._swing()] * 25, duration=60.0)
         while time.monotonic() < self._began_s + MOVED_S:
             self.step()
@@ -98,7 +103,7 @@ class Caller:
         return ""
 
     def _start_task(self) -> str:
-        """Return why the task has not begun, or an empty text."""
+        """Return why the policy run has not begun, or an empty text if it has."""
         started = self.robot.start_task(
             "wave",
             policy_provider="strands_actors.testing.policies:Faulty",
@@ -123,15 +128,15 @@ class Caller:
 
     def _swing(self) -> dict[str, float]:
         swing = (1.0 - math.cos(time.monotonic() - self._began_s)) / 2
-        return {**self._others, self._joint: self._here + self._far * swing}
+        return {**self._others, self._joint: self._start + self._far * swing}
 
     def again(self, motion: str) -> None:
-        """Resume, move the robot in this motion, and print the tree once it moves."""
+        """Resume the robot, move it in this way, and print its processes (the tree) when it moves."""
         self.resume()
         self.begin(motion)
 
     def resume(self) -> None:
-        """Resume the robot, with repeated attempts for 10 s, and prepare it for commands."""
+        """Resume the robot and prepare it for commands. Try again for 10 s if this fails."""
         deadline_s = time.monotonic() + 10.0
         while (answer := self.robot.resume())["status"] != "success":
             if time.monotonic() > deadline_s:
@@ -155,14 +160,14 @@ class Caller:
                 fall(how)
 
 
-def main(wanted: dict[str, Any]) -> None:
+def main(settings: dict[str, Any]) -> None:
     """Move the robot, and obey orders until standard input ends.
 
     Args:
-        wanted: The settings, as the head of this module lists them.
+        settings: The settings, as the head of this module lists them.
     """
-    caller = Caller(wanted)
-    caller.begin(wanted["motion"])
+    caller = Caller(settings)
+    caller.begin(settings["motion"])
     while True:
         caller.step()
         if select.select([sys.stdin], [], [], 0.02)[0]:

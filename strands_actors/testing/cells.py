@@ -1,4 +1,7 @@
-"""Run one cell of the kill matrix: break one process of a moving robot in one way, and read the wire."""
+"""Run one cell of the kill matrix. A cell is one process (or the robot) and one way to break it.
+
+The cell is run with a moving robot, and the log of the frames that the robot receives has the result.
+"""
 
 from __future__ import annotations
 
@@ -64,10 +67,10 @@ given up yet."""
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of a trial, from the wire.
+    """The result of a trial, from the log of the frames that the robot received.
 
-    Times are milliseconds from the fault, from the end of the process that it led to, from the end of the
-    fault, or from the stop.
+    Times are in milliseconds. They begin at the fault; at the end of a caller that ended by itself; at the end of
+    the fault, if the robot was away; or at a stop that follows the fault.
     """
 
     victim: str
@@ -76,15 +79,15 @@ class Outcome:
     safe_ms: float
     bound_ms: float
     setpoints_after: int
-    # A safe frame reached the whole robot, and was confirmed where it must be.
+    # True if a safe frame reached the whole robot, and if it was confirmed in the cases that require this.
     all_motors: bool
-    # Of a caller that ends by itself: the time from its last statement to its end.
+    # For a caller that ends by itself: the time from its last statement until its process has ended (ms).
     gone_ms: float = 0.0
-    # The time for which the processes of the tree, the twin and the bench waited for a processor.
+    # Time for which the robot's processes, the simulated robot and this process waited for a processor (ms).
     stood_ms: float = 0.0
-    # The safe state that the robot reached before the fault could show, because a process lacked a processor.
+    # Another safe state that the robot reached before the fault had an effect, because a process had no processor.
     instead: str = ""
-    # For a result that is not safe or late: the events on the wire, in milliseconds from the fault.
+    # For a result that is unsafe or late: the frames, with their times in milliseconds from the fault.
     story: str = ""
 
     @property
@@ -94,43 +97,46 @@ class Outcome:
 
     @property
     def late(self) -> bool:
-        """True if the safe frame came after the published bound."""
+        """True if the safe frame came later than the published bound."""
         return self.safe_ms > self.bound_ms
 
     @property
     def on_time(self) -> bool:
-        """True if the safe frame came within the bound plus the wait of the processes for a processor.
+        """True if the safe frame came within the bound, without the time of waiting for a processor.
 
-        So a test that runs next to others is held by the same bound as a measurement.
+        So a test that shares the computer with other tests is judged by the same bound as a measurement.
         """
         return self.safe_ms - self.stood_ms <= self.bound_ms
 
     @property
     def disturbed(self) -> bool:
-        """True if the result is safe, but shows the machine and not the robot.
+        """True if the robot was stopped safely, but a busy computer has spoiled the measurement.
 
-        One case is late: its processes waited for a processor for longer than ``DISTURBED_MS``, and without
-        that it would have kept its bound. The other case is another safe state: a process that got no processor
-        looked frozen before the fault showed. A trial that is not safe is never excused.
+        There are two cases.
+
+        The stop was late, because processes waited for a processor for longer than ``DISTURBED_MS``. Without that
+        wait it would have been in time. Or the robot reached another safe state, because a process without a
+        processor looked frozen before the fault had an effect. An unsafe trial always counts.
         """
         explained = self.stood_ms > DISTURBED_MS and self.on_time
         return self.safe and (bool(self.instead) or (self.late and explained))
 
 
 def _motion(cell: Cell, driver: Driver) -> str:
-    # A rollout continues next to a thread that computes.
+    # If a thread of the caller computes for ever, a policy in the caller still runs. Only a loop in the script is
+    # stopped by it.
     if driver.TASKS:
         return "loop" if (cell.victim, cell.fault) == (Victims.CALLER, Faults.SPIN) else "rollout"
     return "loop" if cell.victim in (Victims.CALLER, Victims.TWIN) or driver.ROLLOUTS else "task"
 
 
 def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Move the robot, break the victim, and read the log.
+    """Move the robot, break the victim, and read the result from the log.
 
     Args:
         cell: The victim and the fault.
-        bench: The robot.
-        settle_s: Seconds that the wire is watched after the safe frame.
+        bench: The bench with the robot.
+        settle_s: Time for which the log is watched after the safe frame (the stop command), in seconds.
 
     Raises:
         NotMoving: The robot cannot be made to move.
@@ -152,14 +158,14 @@ def persevere(
     drop: bool,
     extras: frozenset[str] = frozenset(),
 ) -> Outcome:
-    """Make a trial with a caller and a moving robot, with several attempts to make it move.
+    """Make the robot move, with several attempts, and run a trial with it.
 
     Args:
-        bench: The robot.
+        bench: The bench with the robot.
         motion: The motion (``testing.caller``).
-        trial: Breaks the robot and returns the result.
-        drop: True if the caller cannot be used again.
-        extras: Further processes of its tree.
+        trial: Function that breaks something and returns the result.
+        drop: True if the caller cannot be used again after the trial.
+        extras: Extra processes that must run, by role.
 
     Raises:
         NotMoving: The robot cannot be made to move.
@@ -182,9 +188,10 @@ def _once(
     except NotMoving:
         drop = True
         raise
-    except BaseExceptionGroup as group:  # raised by the nursery that watches the victim
-        not_moving, other = group.split(NotMoving)
-        if not_moving is None or other is not None:
+    # The nursery that watches the victim has raised these exceptions.
+    except BaseExceptionGroup as group:
+        not_moving, others = group.split(NotMoving)
+        if not_moving is None or others is not None:
             raise
         drop = True
         raise NotMoving(str(first_of(not_moving))) from group
@@ -194,13 +201,13 @@ def _once(
 
 
 def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]) -> Iterator[Outcome]:
-    """Yield trials until enough of them are undisturbed, or ``MOST`` times as many were made.
+    """Run trials and yield their results, until enough trials are undisturbed or ``MOST`` times as many were made.
 
     Args:
         cell: The cell or pair.
-        bench: The robot.
+        bench: The bench with the robot.
         trials: Number of undisturbed trials.
-        run: Makes one trial: ``run_cell`` or ``run_pair``.
+        run: Function that runs one trial: ``run_cell`` or ``run_pair``.
 
     Raises:
         NotMoving: The robot cannot be made to move. The text names robot and cell.
@@ -209,15 +216,15 @@ def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]
     for _ in range(MOST * trials):
         try:
             outcome = run(cell, bench)
-        except NotMoving as why:
-            raise NotMoving(f"{bench.robot}, {cell}: {why}") from why
+        except NotMoving as error:
+            raise NotMoving(f"{bench.robot}, {cell}: {error}") from error
         yield outcome
         undisturbed += not outcome.disturbed
         if undisturbed == trials:
             return
 
 
-# -- a process of the tree
+# -- the victim is a process
 
 
 async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
@@ -234,20 +241,21 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
         queue = bench.queue(caller, pid)
         began_ns = await _inflict(caller, cell, pid)
         await until_safe(bench.log, began_ns, queue)
-        stood_ms = queue.stood_ms()
+        waited_ms = queue.waited_ms()
         await trio.sleep(settle_s)
         if cell.fault is Faults.FREEZE and cell.victim is not Victims.CALLER:
-            # A frozen process that continues must not write. It was fenced, or has no access to the wire.
+            # Let the frozen process continue. It must not write: it was killed, or it has no connection to the
+            # robot.
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
             await trio.sleep(settle_s)
         nursery.cancel_scope.cancel()
     ended_by_itself = cell.victim is Victims.CALLER and cell.fault not in LIVING and died_ns
     since_ns = died_ns[0] if ended_by_itself else began_ns
-    gone_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
+    exit_ms = (died_ns[0] - began_ns) / 1e6 if ended_by_itself else 0.0
     require_motion(bench.log, began_ns)
     expected = expected_of(bench.driver, cell)
-    return told(read(bench.log, expected, began_ns, since_ns, gone_ms, stood_ms), bench.log, began_ns)
+    return with_story(read(bench.log, expected, began_ns, since_ns, exit_ms, waited_ms), bench.log, began_ns)
 
 
 async def _break_bystander(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
@@ -266,30 +274,30 @@ async def _break_bystander(bench: Bench, caller: Caller, cell: Cell, settle_s: f
 async def stop_after(
     bench: Bench, caller: Caller, expected: Expected, broken_ns: int, queue: Queue, settle_s: float
 ) -> Outcome:
-    """Check that the robot goes on after a fault of bystanders alone, then stop it.
+    """Check that the robot still moves after a fault of bystanders only, then stop it, and return the result.
 
-    A robot that was stopped or held by the fault does not count as safe, since these processes do not move it.
-    ``queue`` measures since the fault.
+    Bystanders are processes that do not move the robot. So the result is not safe if their fault has stopped or
+    held the robot. ``queue`` is a measurement since the fault.
     """
     await trio.sleep(GOES_ON_S)
     require_motion(bench.log, broken_ns)
     ended_by_fault = bench.log.host("safe", broken_ns)
-    if ended_by_fault and queue.stood_ms() > DISTURBED_MS:
+    if ended_by_fault and queue.waited_ms() > DISTURBED_MS:
         raise NotMoving("this computer is busy: the robot was held before it was stopped")
     queue = bench.queue(caller)
-    caller.tell("stop")
+    caller.send_order("stop")
     answer = await trio.to_thread.run_sync(caller.line)
     since_ns: int = answer["at_ns"]
     await until_safe(bench.log, since_ns, queue)
-    stood_ms = queue.stood_ms()
+    waited_ms = queue.waited_ms()
     await trio.sleep(settle_s)
-    outcome = read(bench.log, expected, since_ns, since_ns, 0.0, stood_ms)
+    outcome = read(bench.log, expected, since_ns, since_ns, 0.0, waited_ms)
     confirmed = answer["confirmed"] and not ended_by_fault
-    return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, broken_ns)
+    return with_story(outcome if confirmed else replace(outcome, all_motors=False), bench.log, broken_ns)
 
 
 async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
-    """Break the victim, and return the time at which it broke."""
+    """Break the victim, and return the time of the fault (ns)."""
     if cell.fault in SIGNALS:
         began_ns = monotonic_ns()
         try:
@@ -298,7 +306,7 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
             raise NotMoving(f"the {cell.victim} process had ended before it was to break") from None
         return began_ns
     if cell.victim is Victims.CALLER:
-        caller.tell(cell.fault)
+        caller.send_order(cell.fault)
         began: int = (await trio.to_thread.run_sync(caller.line))["at_ns"]
         return began
     if cell.victim is Victims.POLICY:
@@ -311,7 +319,7 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
 
 
 async def ask_to_break(caller: Caller, process: str, how: str) -> int:
-    """Order the root or the wire to break itself, and return the time of the order."""
+    """Send a message to the root or wire process that makes it fail. Return the time at which it was sent (ns)."""
     robot = caller.tree["robot"]
     node = Node(f"kill.{os.getpid()}", MonotonicClock())
     mesh = await ZenohMesh.open(connect=[unix_endpoint(str(caller.run_dir / f"{robot}.{process}.sock"))])
@@ -322,20 +330,20 @@ async def ask_to_break(caller: Caller, process: str, how: str) -> int:
             await nursery.start(mesh.run)
             address = f"{PREFIX}/{addresses.of(robot).introspection(process)}"
 
-            def tell() -> int | None:
-                # The time is taken before the order. Its effect may be on the wire before this process runs
+            def send_break() -> int | None:
+                # Take the time before the message is sent. The fault may have an effect before this process runs
                 # again.
                 began_ns = monotonic_ns()
                 return began_ns if node.send_frame(address, TELL, 0, node.address, Break(how)) else None
 
-            began_ns = await _until(tell)
+            began_ns = await _until(send_break)
             nursery.cancel_scope.cancel()
     finally:
         await trio.to_thread.run_sync(mesh.close)
     return began_ns
 
 
-# -- the robot's end of the wire
+# -- the victim is the robot or its cable
 
 
 async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
@@ -346,30 +354,30 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     else:
         await trio.to_thread.run_sync(_fall_ill, bench, cell.fault)
         queue = bench.queue(caller)
-        caller.tell("stop")
+        caller.send_order("stop")
         answer = await trio.to_thread.run_sync(caller.line)
         since_ns, confirmed = answer["at_ns"], answer["confirmed"] or cell.fault not in CONFIRMED
     await until_safe(bench.log, since_ns, queue)
-    stood_ms = queue.stood_ms()
+    waited_ms = queue.waited_ms()
     await trio.sleep(settle_s)
     bench.twin.fault("ok")
     require_motion(bench.log, broken_ns)
-    outcome = read_robot(bench.log, cell, expected_of(bench.driver, cell), broken_ns, since_ns, stood_ms)
-    return told(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
+    outcome = read_robot(bench.log, cell, expected_of(bench.driver, cell), broken_ns, since_ns, waited_ms)
+    return with_story(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
 def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
     """Freeze the robot, or pull its cable, for a while.
 
-    Return the measurement of waiting processes since its return, and the time of the return.
+    Return a measurement of waiting processes that begins when the robot returns, and the time of the return.
     """
-    leave, come_back = (
+    remove, bring_back = (
         (bench.twin.pause, bench.twin.go_on) if fault is Faults.FREEZE else (bench.twin.unplug, bench.twin.plug)
     )
-    leave()
+    remove()
     time.sleep(AWAY_S)
     queue, since_ns = bench.queue(caller), monotonic_ns()
-    come_back()
+    bring_back()
     return queue, since_ns
 
 
@@ -385,7 +393,10 @@ def _fall_ill(bench: Bench, fault: Faults) -> None:
 
 
 def require_motion(log: WireLog, broken_ns: int) -> None:
-    """Raise ``NotMoving`` if the robot was at rest when it was broken. It may have been held on a busy machine."""
+    """Raise ``NotMoving`` if the robot did not move when the fault began.
+
+    On a busy computer it may have been held.
+    """
     last = ""
     for entry in log.entries():
         if entry.t_ns >= broken_ns:
@@ -397,32 +408,32 @@ def require_motion(log: WireLog, broken_ns: int) -> None:
 
 
 def read_robot(
-    log: WireLog, cell: Cell, expected: Expected, broken_ns: int, since_ns: int, stood_ms: float
+    log: WireLog, cell: Cell, expected: Expected, broken_ns: int, since_ns: int, waited_ms: float
 ) -> Outcome:
-    """Read the result of a fault of the robot itself, as ``read`` does.
+    """Read the result of a fault of the robot itself, as ``read`` does for a process.
 
-    The robot may have got the safe state before ``since_ns``: because of the fault, or while it was away, so
-    that it read the frame on its return. The stop then confirms the state and does not write it again.
+    The robot may have received the safe state before ``since_ns``: because of the fault, or while it was away. Then
+    the stop only confirms the state, and does not write it again.
 
     Args:
-        log: The log of the wire.
+        log: The log of the robot's frames.
         cell: The victim and the fault.
-        expected: What the wire must show.
-        broken_ns: When the robot was broken.
-        since_ns: When it returned, or when the stop was ordered.
-        stood_ms: The time for which processes waited for a processor.
+        expected: The expected safe states and the bound.
+        broken_ns: Time of the fault.
+        since_ns: Time at which the robot returned, or at which the stop was ordered.
+        waited_ms: Time for which processes waited for a processor.
     """
-    outcome = read(log, expected, since_ns, since_ns, 0.0, stood_ms)
+    outcome = read(log, expected, since_ns, since_ns, 0.0, waited_ms)
     before_ns = safe_before(log, expected, broken_ns, since_ns)
     if before_ns is not None and (cell.stops or not outcome.all_motors):
-        return read(log, expected, before_ns, since_ns, 0.0, stood_ms)
+        return read(log, expected, before_ns, since_ns, 0.0, waited_ms)
     return outcome
 
 
 def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: int) -> int | None:
     """Return the time of the first expected safe frame after a fault and before ``stopped_ns``.
 
-    None if there was no such frame, or if a setpoint came after it.
+    Return None if there was no such frame, or if a setpoint came after it.
     """
     since_ns: int | None = None
     for entry in log.entries(broken_ns):
@@ -440,16 +451,16 @@ def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: in
 
 
 class Expected(NamedTuple):
-    """The expected result of a cell on the wire."""
+    """The expected safe states of a cell, and the bound for the time."""
 
     victim: str
     fault: str
-    safe_states: tuple[str, ...]  # any of these
+    safe_states: tuple[str, ...]  # each of these is accepted
     bound_ms: float
 
 
 def expected_of(driver: Driver, cell: Cell) -> Expected:
-    """Return the safe states that the wire may show after the fault of a cell, and the bound."""
+    """Return the safe states that the log may show after the fault of a cell, and the bound for the time."""
     safe_states = expected_safe_states(driver, cell.victim, cell.fault)
     return Expected(cell.victim, cell.fault, safe_states, bound_s(driver, cell.victim, cell.fault) * 1e3)
 
@@ -459,48 +470,48 @@ def read(
     expected: Expected,
     began_ns: int,
     since_ns: int,
-    gone_ms: float = 0.0,
-    stood_ms: float = 0.0,
+    exit_ms: float = 0.0,
+    waited_ms: float = 0.0,
 ) -> Outcome:
     """Read the result of a trial.
 
     Args:
-        log: The log of the wire.
-        expected: What the wire must show.
-        began_ns: Frames count from this time on.
-        since_ns: The time of the safe frame is measured from here.
-        gone_ms: Of a caller that ended by itself.
-        stood_ms: The time for which processes waited for a processor.
+        log: The log of the robot's frames.
+        expected: The expected safe states and the bound.
+        began_ns: Time of the fault. Earlier frames are ignored.
+        since_ns: Time from which the safe frame is measured.
+        exit_ms: Time until the caller had ended, if it ended by itself.
+        waited_ms: Time for which processes waited for a processor.
     """
     victim, fault, safe_states, bound_ms = expected
     frames = log.host("safe", began_ns)
     safe = next((entry for entry in frames if any(is_safe_state(entry, state) for state in safe_states)), None)
     instead = ""
-    if safe is None and stood_ms > DISTURBED_MS:
-        # The log has "" for a frame to only some motors. The rest of the robot goes on then, so it does not
-        # count.
+    if safe is None and waited_ms > DISTURBED_MS:
+        # The log has "" for a frame to only some motors. Such a frame does not count, because the other motors
+        # continue.
         safe = next((entry for entry in frames if entry.safe_state), None)
         instead = (safe and safe.safe_state) or ""
     if safe is None:
-        return Outcome(victim, fault, safe_states[0], math.inf, bound_ms, -1, False, gone_ms, stood_ms)
+        return Outcome(victim, fault, safe_states[0], math.inf, bound_ms, -1, False, exit_ms, waited_ms)
     shown = next((state for state in safe_states if is_safe_state(safe, state)), safe_states[0])
     safe_ms = max(0.0, (safe.t_ns - since_ns) / 1e6)
     after = log.setpoints_after_safe(began_ns)
-    return Outcome(victim, fault, shown, safe_ms, bound_ms, after, True, gone_ms, stood_ms, instead)
+    return Outcome(victim, fault, shown, safe_ms, bound_ms, after, True, exit_ms, waited_ms, instead)
 
 
-def told(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
-    """Add the story of the wire to a result that is unsafe or late. The next trial overwrites the log."""
+def with_story(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
+    """If a result is unsafe or late, add a description of the frames to it. The next trial overwrites the log."""
     return outcome if outcome.safe and not outcome.late else replace(outcome, story=log.story(since_ns))
 
 
 async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
-    """Wait until the host writes a safe frame, at most ``PATIENCE_S``.
+    """Wait until a safe frame (a stop command) is sent to the robot, for at most ``PATIENCE_S``.
 
     Args:
-        log: The log of the wire.
-        since_ns: Frames count from this time on.
-        queue: Its ``look`` is called at each poll, since a process may end before the measurement does.
+        log: The log of the robot's frames.
+        since_ns: Frames before this time are ignored.
+        queue: Measurement whose ``look`` is called repeatedly, because a measured process may end early.
     """
     tail = log.tail()
 
@@ -515,16 +526,16 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
 
 
 async def _until(look: Callable[[], T | None]) -> T:
-    """Poll until ``look`` returns a result. Raise ``TooSlowError`` after ``PATIENCE_S``."""
+    """Call ``look`` repeatedly until it returns a result. Raise ``TooSlowError`` after ``PATIENCE_S``."""
     with trio.fail_after(PATIENCE_S):
-        while not (seen := look()):  # noqa: ASYNC110  # another process causes it, so there is no event
+        while not (result := look()):  # noqa: ASYNC110  # another process causes it, so there is no event
             await trio.sleep(0.002)
-    return seen
+    return result
 
 
 def is_safe_state(entry: Entry, safe_state: str) -> bool:
     """Return True if a frame brings the whole robot to ``safe_state``.
 
-    On a wire without this information every safe frame does.
+    If the log does not contain the state, every safe frame counts.
     """
     return entry.safe_state is None or entry.safe_state == safe_state

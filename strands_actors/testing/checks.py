@@ -10,7 +10,8 @@ A package with its own driver tests it in ten lines:
     def test_my_driver(check):
         check()
 
-The pure checks take no time. Those with a twin start processes and take a second or two each.
+The pure checks take no time. The checks with a simulated robot (twin) start processes, and take a second or two
+each.
 """
 
 from __future__ import annotations
@@ -43,13 +44,13 @@ from .bench import Bench, driver_of, usual_motion
 from .cells import run_cell
 from .faults import Cell, Faults, Victims, cells_of
 from .pairs import pairs_of
-from .registering import where_is
+from .registering import class_path_of
 from .twin import Twin
 
 CELLS = (
     (Victims.CALLER, Faults.KILL),
     (Victims.POLICY, Faults.KILL),
-    (Victims.WIRE, Faults.KILL),  # then the stop channel acts
+    (Victims.WIRE, Faults.KILL),  # the stop channel must stop the robot
     (Victims.WIRE, Faults.FREEZE),
     (Victims.ROOT, Faults.KILL),
     (Victims.ROOT, Faults.FREEZE),
@@ -73,12 +74,12 @@ class Result:
 
 @dataclass(frozen=True)
 class Check:
-    """One check. Calling it raises ``AssertionError`` with the defect.
+    """One check. If it is called and finds a defect, it raises ``AssertionError``.
 
     Attributes:
-        name: What the check verifies.
-        run: The check.
-        proves: Ids of requirements (docs/safety.md).
+        name: What the check verifies, in a few words.
+        run: The function that checks. Its result is a detail to show.
+        proves: Ids of the requirements in docs/safety.md that the check proves.
     """
 
     name: str
@@ -93,13 +94,13 @@ class Check:
         return self.name
 
     def result(self) -> Result:
-        """Run the check, and return its result. An exception of foreign code is a failure, too."""
+        """Run the check, and return its result. If the driver's code raises any exception, the check has failed."""
         try:
             detail = self.run() or ""
-        # Foreign code may raise anything.
+        # The driver's code may raise anything.
         except Exception as error:
-            kind = "" if isinstance(error, AssertionError) else f"{type(error).__name__}: "
-            return Result(self.name, False, f"{kind}{error}", self.proves)
+            type_name = "" if isinstance(error, AssertionError) else f"{type(error).__name__}: "
+            return Result(self.name, False, f"{type_name}{error}", self.proves)
         return Result(self.name, True, detail, self.proves)
 
 
@@ -128,10 +129,10 @@ def conformance(
     Args:
         cls: The driver class.
         robot: One of its robots. By default the first one.
-        good: An action that it accepts in a good state. By default the first axis at 0, or all axes at 0 for a
-            driver of whole actions.
+        good: An action that the driver accepts when nothing is wrong. By default the first axis at 0, or all axes
+            at 0 for a driver of whole actions.
         twin: False leaves out the checks that start processes.
-        far: How far the first axis may be moved on the twin, in its units.
+        far: How far the first axis of the simulated robot may be moved, in the axis' units.
     """
     subject = _Subject(cls, robot or cls.SUPPORTED_ROBOTS[0], good, twin)
     checks = [
@@ -162,10 +163,10 @@ def conformance(
 
 
 class _SharedBench:
-    """One bench for all kill cells of a driver.
+    """The bench that all kill cells of a driver share.
 
-    The first cell opens it. It is closed by the last cell, by the first cell of another driver, by
-    ``close_bench``, or with the process.
+    The first cell opens the bench. The last cell closes it. It is also closed by the first cell of another driver,
+    by ``close_bench``, and at the end of the process.
     """
 
     opened: _SharedBench | None = None
@@ -192,9 +193,9 @@ class _SharedBench:
                 self.close()
 
     def victims(self) -> str:
-        """Check that the tree, and so the matrix, shows every process that was started for the robot.
+        """Check that ``Robot.tree()`` lists every process of the robot, so that the matrix can break each.
 
-        Processes are found by their environment here, whichever process has started them.
+        The processes are found by their environment variables, independent of the process that started them.
         """
         with self._used() as bench:
             caller = bench.moving(usual_motion(bench.driver))
@@ -226,16 +227,16 @@ class _SharedBench:
 
 
 def close_bench() -> None:
-    """Close the bench of a driver's kill cells when not all of them are run.
+    """Close the bench of a driver's kill cells, if some of the cells are not run here.
 
-    This is so with ``-k``, or when another worker runs the rest.
+    This is the case with pytest's ``-k``, or if another worker runs the other cells.
     """
     if _SharedBench.opened is not None:
         _SharedBench.opened.close()
 
 
 class _Subject:
-    """One robot of the class under test, with the checks."""
+    """One robot of the driver class that is checked. The methods are the checks."""
 
     def __init__(self, cls: type[Driver], robot: str, good: Mapping[str, float] | None, has_twin: bool) -> None:
         self.cls = cls
@@ -272,15 +273,18 @@ class _Subject:
     def names(self) -> None:
         """Check that the classes that a driver names exist, and that its config is frozen.
 
-        A wire with access to its driver would need everything that the driver needs.
+        The connection to the robot gets only the config, and not the driver. So its process need not load what the
+        driver needs.
         """
         cls = self.cls
-        for member, kind in (("WIRE", Wire), ("STOP_CHANNEL", StopChannel)):
+        for member, base_class in (("WIRE", Wire), ("STOP_CHANNEL", StopChannel)):
             name = getattr(cls, member)
             if not name:
-                continue  # the driver makes it itself
+                continue  # the driver overrides the method that makes this object
             named = load(name)
-            assert isinstance(named, type) and issubclass(named, kind), f"{member} is {name!r}, no {kind.__name__}"
+            assert isinstance(named, type) and issubclass(named, base_class), (
+                f"{member} is {name!r}, no {base_class.__name__}"
+            )
             config = getattr(self.driver, "config", None)
             assert _is_frozen(config), f"config is {config!r}, no frozen struct"
 
@@ -311,13 +315,17 @@ class _Subject:
         except (TypeError, ValueError) as refusal:
             assert "no_such_option" in str(refusal), f"the refusal does not name it: {refusal}"
             return
-        # Robot() refuses options that are not in OPTIONS, so they never reach resolve().
+        # ``Robot()`` refuses every option that is not in ``OPTIONS``. So such an option never reaches
+        # ``resolve()``.
         assert "no_such_option" not in self.cls.OPTIONS
 
-    # -- parse and gates
+    # -- checks of ``parse`` and of the gates
 
     def answer(self, action: Mapping[str, Any], state: GateState | None = None) -> Candidate | Refused:
-        """Answer as the gate would: all conditions, parse, then all gates, until one refuses."""
+        """Answer an action as the robot's gate would: check the conditions, parse the action, and check the gates.
+
+        Return the first refusal, or the accepted candidate.
+        """
         state = state or self.state()
         for condition in self.driver.conditions:
             refusal = condition.check(state.observation, state.now_ns)
@@ -381,18 +389,19 @@ class _Subject:
         age_s = 10 * self.driver.timing.state_ttl_s
         self.refuses(self.good, self.state(round(age_s * 1e9)))
 
-    # -- with the twin
+    # -- checks with the simulated robot
 
     def lives(self) -> str:
-        # The robot of the previous driver still moves if not all of its cells were run.
+        # Close the previous driver's bench. If some of its cells were not run, it is open and its robot still
+        # moves.
         close_bench()
         with (
             tempfile.TemporaryDirectory(prefix="sa-") as directory,
             Twin(self.robot, Path(directory), driver=self.cls) as twin,
         ):
-            wanted = {"robot": self.robot, "port": twin.port, "driver": where_is(self.cls)}
+            settings = {"robot": self.robot, "port": twin.port, "driver": class_path_of(self.cls)}
             done = subprocess.run(
-                [*PYTHON, "-m", "strands_actors.testing.life", json.dumps(wanted)],
+                [*PYTHON, "-m", "strands_actors.testing.life", json.dumps(settings)],
                 capture_output=True,
                 text=True,
                 timeout=60.0,

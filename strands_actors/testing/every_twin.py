@@ -1,7 +1,7 @@
-"""Import everything that the drivers and twins of this package import.
+"""Import everything that the drivers and the simulated robots of this package import, but no connections to robots.
 
-A process that is forked from one with these imports does not load every driver to find its own, which takes a
-quarter of a second of computing. Wires are left out.
+A simulated robot that is forked from a process with these imports need not search all drivers for its own, which
+takes a quarter of a second of computing.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import LEADERS, WIRES
 
-for _where in (*WIRES.values(), *LEADERS.values()):
-    _class: type[Driver] = load(_where)
-    # The extra of this twin is not installed. Starting the twin reports it.
+for _class_path in (*WIRES.values(), *LEADERS.values()):
+    _class: type[Driver] = load(_class_path)
+    # The extra package for this simulated robot is not installed. Starting the robot reports this.
     with contextlib.suppress(ImportError):
         import_module(_class.TWIN.partition(":")[0])

@@ -1,6 +1,6 @@
 """A robot in memory: two axes, a wire that can be slow, silent or disconnected, and a record of all frames.
 
-It stands for any driver in tests of the tree itself, also in virtual time.
+It replaces a driver in tests of the robot's processes, also in virtual time.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ LIMIT = 100.0
 
 
 class Written(NamedTuple):
-    """One frame on the fake wire.
+    """One frame that was sent to the robot in memory.
 
     Attributes:
-        t_ns: When it was written.
+        t_ns: Time at which the frame was written.
         kind: ``setpoint``, ``safe``, ``enable``, or ``read`` (of a handshake).
-        safe_state: Of a safe frame.
-        values: Of a setpoint, or the positions at a safe frame.
-        path: ``wire`` or ``stop_channel``.
+        safe_state: The safe state, for a frame of the kind ``safe``.
+        values: The values of a setpoint, or the positions when a safe frame came.
+        path: The sender: ``wire`` or ``stop_channel``.
     """
 
     t_ns: int
@@ -43,20 +43,21 @@ class Written(NamedTuple):
 
 @dataclass
 class FakeHardware:
-    """The robot behind the wire, with settings that a test changes."""
+    """The fake robot behind the connection. A test changes its settings."""
 
     position: list[float] = field(default_factory=lambda: [0.0] * len(AXES))
     energised: list[bool] = field(default_factory=lambda: [False] * len(AXES))
     written: list[Written] = field(default_factory=list)
     plugged: bool = True
-    answers: bool = True  # False: it receives frames and sends no reply
-    confirm_s: float = 0.002  # time to read the motors back
-    # False: after ``confirm_s`` its wire sees that it does not hold, and lets it go limp.
+    answers: bool = True  # False: the robot receives frames and sends no replies
+    confirm_s: float = 0.002  # time for reading the motors after a stop
+    # False: the wire sees after ``confirm_s`` that the robot does not hold its position, and switches the torque
+    # off.
     holds: bool = True
-    open_s: float = 0.001  # time of a handshake
-    silent: set[str] = field(default_factory=set)  # axes that do not answer
+    open_s: float = 0.001  # duration of the handshake when the robot is connected
+    silent: set[str] = field(default_factory=set)  # names of the axes that do not answer
     read_s: float = 0.001
-    write_s: float = 0.0  # time that a write waits before its bytes leave
+    write_s: float = 0.0  # time from a call of write until the bytes are sent
     read_hangs: bool = False
     opens: int = 0
     stamp_ns: list[int] = field(default_factory=lambda: [0] * len(AXES))
@@ -70,42 +71,44 @@ class FakeHardware:
             clock: The clock of the tree.
             kind: As in ``Written``.
             path: ``wire`` or ``stop_channel``.
-            safe_state: Of a safe frame.
-            values: Of a setpoint, or the positions at a safe frame.
+            safe_state: The safe state, for a frame of the kind ``safe``.
+            values: The values of a setpoint, or the positions when a safe frame came.
         """
         self.written.append(Written(clock.now_ns(), kind, safe_state, tuple(values), path))
 
     def of(self, kind: str, since_ns: int = 0) -> list[Written]:
-        """Return the frames of one kind from a time (ns) on."""
+        """Return the frames of one kind since a time (ns)."""
         return [entry for entry in self.written if entry.kind == kind and entry.t_ns >= since_ns]
 
     def after(self, kind: str, earlier: Written) -> list[Written]:
-        """Return the later frames of one kind, in the order of the wire, also those of the same instant."""
-        at = self.written.index(earlier)
-        return [entry for entry in self.written[at + 1 :] if entry.kind == kind]
+        """Return the frames of one kind that were written after the given frame, also those with the same time."""
+        index = self.written.index(earlier)
+        return [entry for entry in self.written[index + 1 :] if entry.kind == kind]
 
     def make_safe(self, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
-        """Bring each axis that answers to the safe state, and report every axis.
+        """Bring each axis that answers to the safe state, and return a report for every axis.
 
         Args:
             clock: The clock of the tree.
-            safe_state: ``hold`` keeps an axis energised at its position. Any other de-energises it.
+            safe_state: ``hold`` keeps an axis energised at its position. Any other state removes its torque.
             path: ``wire`` or ``stop_channel``.
 
         Returns:
             A report for each axis. An unplugged cable, or an axis without a reply, is not confirmed.
         """
         if not self.plugged:
-            return tuple(MotorReport(axis, at, False, False, False, "no link") for at, axis in enumerate(AXES))
+            return tuple(
+                MotorReport(axis, index, False, False, False, "no link") for index, axis in enumerate(AXES)
+            )
         self.record(clock, "safe", path, safe_state, self.position)
         reports = []
-        for at, axis in enumerate(AXES):
-            heard = axis not in self.silent
-            if heard:
-                self.energised[at] = safe_state == SafeState.HOLD
-            target = self.position[at] if heard and safe_state == SafeState.HOLD else None
-            heard = heard and self.answers
-            reports.append(MotorReport(axis, at, True, heard, heard, "" if heard else "silent", target))
+        for index, axis in enumerate(AXES):
+            answered = axis not in self.silent
+            if answered:
+                self.energised[index] = safe_state == SafeState.HOLD
+            target = self.position[index] if answered and safe_state == SafeState.HOLD else None
+            answered = answered and self.answers
+            reports.append(MotorReport(axis, index, True, answered, answered, "" if answered else "silent", target))
         return tuple(reports)
 
 
@@ -114,7 +117,10 @@ HARDWARE: dict[str, FakeHardware] = {}
 
 
 class FakeDriver(Driver):
-    """A position robot with the fallbacks of an arm: hold when a writer is late, limp otherwise."""
+    """A fake driver for a robot with two position axes.
+
+    If a writer is late, the robot holds; otherwise it goes limp.
+    """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake",)
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "address"
@@ -134,11 +140,11 @@ class FakeDriver(Driver):
         self.hardware = HARDWARE[port]
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Parse targets by axis. An unknown axis, or a target that is no number within ``LIMIT``, is refused."""
+        """Parse targets by axis. Refuse an unknown axis, and a target that is not a number within ``LIMIT``."""
         values, named = list(state.target), []
         for key, value in action.items():
             if key not in AXES:
-                return Refused("unknown_joint", f"{key} is no axis", f"use {', '.join(AXES)}")
+                return Refused("unknown_joint", f"{key} is not an axis", f"use {', '.join(AXES)}")
             if not isinstance(value, int | float) or not math.isfinite(value) or abs(value) > LIMIT:
                 return Refused("range", f"{key} is {value}", f"stay within {LIMIT}", str(value))
             values[AXES.index(key)] = float(value)
@@ -155,7 +161,7 @@ class FakeDriver(Driver):
 
 
 class FakeWire(Wire):
-    """The wire to a ``FakeHardware``. Its waits and failures are the settings of the hardware."""
+    """The connection to a ``FakeHardware``. The settings of the hardware determine its waits and failures."""
 
     interruptible: ClassVar[bool] = True
 
@@ -165,7 +171,7 @@ class FakeWire(Wire):
 
     def _check(self) -> None:
         if not self._hardware.plugged:
-            raise WireDown("the cable is out")
+            raise WireDown("the cable of the fake robot is unplugged")
 
     def _check_answer(self) -> None:
         self._check()
@@ -173,7 +179,10 @@ class FakeWire(Wire):
             raise WireDown("an axis does not answer")
 
     async def open(self) -> dict[str, Any]:
-        """Record the frame of a handshake, and wait ``open_s``. A missing cable or reply raises ``WireDown``."""
+        """Record the frame of a handshake, and wait ``open_s``.
+
+        If the cable is out or no reply comes, raise ``WireDown``.
+        """
         self._check()
         self._hardware.record(self._clock, "read", "wire")
         await trio.sleep(self._hardware.open_s)
@@ -184,20 +193,20 @@ class FakeWire(Wire):
     async def arm(self, permit: Permit) -> Observation:
         """Energise one axis after the other, with a check of the permit before each.
 
-        A silent axis raises ``WireDown``. The axes before it stay energised.
+        If an axis does not answer, raise ``WireDown``. The axes that were energised before stay energised.
         """
-        for at, axis in enumerate(AXES):
+        for index, axis in enumerate(AXES):
             await trio.sleep(0.001)
             self._check()
             permit.check()
             if axis in self._hardware.silent:
                 raise WireDown(f"{axis} did not confirm")
-            self._hardware.energised[at] = True
+            self._hardware.energised[index] = True
             self._hardware.record(self._clock, "enable", "wire")
         return self._observe()
 
     async def read(self) -> Observation:
-        """Return positions after ``read_s``. With ``read_hangs`` it waits until that is false again."""
+        """Return the positions after ``read_s``. If ``read_hangs`` is true, wait until it is false."""
         while self._hardware.read_hangs:  # noqa: ASYNC110  # a hang is intended
             await trio.sleep(1.0)
         await trio.sleep(self._hardware.read_s)
@@ -205,20 +214,20 @@ class FakeWire(Wire):
         return self._observe()
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Record the setpoint after ``write_s``. Each energised axis is at its target at once."""
+        """Record the setpoint after ``write_s``. Each energised axis reaches its target at once."""
         if self._hardware.write_s:
             await trio.sleep(self._hardware.write_s)
         self._check()
         permit.check()
         self._hardware.record(self._clock, "setpoint", "wire", values=values)
-        for at, value in enumerate(values):
-            if self._hardware.energised[at]:
-                self._hardware.position[at] = value
+        for index, value in enumerate(values):
+            if self._hardware.energised[index]:
+                self._hardware.position[index] = value
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Write the safe state, and return the reports after ``confirm_s``.
 
-        With ``holds`` false a hold fails: ``hold_failed`` is set, and the axes are limp.
+        If ``holds`` is false, a hold fails: ``hold_failed`` is set, and the axes lose their torque.
         """
         reports = self._hardware.make_safe(self._clock, safe_state, "wire")
         await trio.sleep(self._hardware.confirm_s)
@@ -230,19 +239,19 @@ class FakeWire(Wire):
         return await self.make_safe(safe_state)
 
     def close(self) -> None:
-        """Do nothing: nothing is open."""
+        """Do nothing, since nothing is open."""
 
     def _observe(self) -> Observation:
         now_ns = self._clock.now_ns()
         stamp_ns = self._hardware.stamp_ns
-        for at, axis in enumerate(AXES):
+        for index, axis in enumerate(AXES):
             if axis not in self._hardware.silent:
-                stamp_ns[at] = now_ns
+                stamp_ns[index] = now_ns
         return Observation(now_ns, tuple(self._hardware.position), tuple(stamp_ns))
 
 
 class FakeStopChannel(StopChannel):
-    """The stop channel to a ``FakeHardware``."""
+    """The stop channel (second connection for a stop) to a ``FakeHardware``."""
 
     def __init__(self, hardware: FakeHardware, clock: Clock) -> None:
         self._hardware = hardware
@@ -255,4 +264,4 @@ class FakeStopChannel(StopChannel):
         return reports
 
     def close(self) -> None:
-        """Do nothing: nothing is open."""
+        """Do nothing, since nothing is open."""

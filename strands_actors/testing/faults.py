@@ -2,14 +2,14 @@
 
 Tables only.
 
-A *cell* is one victim with one fault. Victims are the roles of the processes in a running tree, and the robot
+A *cell* is one victim with one fault. Victims are the processes of a running robot, named by role, and the robot
 itself (``Victims.TWIN``).
 
-* Caller, policy, wire, root and robot are in control: a fault of one of them leads to a safe state on the wire.
-* Every other process is a *bystander*. A fault of a bystander alone changes nothing on the wire. So its trial
-  ends with a stop, which must be as quick as ever. A process with a new role is a bystander, too.
+* Caller, policy, wire, root and robot are in control: if one of them fails, the robot must receive a safe state.
+* Every other process is a *bystander*. If only a bystander fails, the commands to the robot do not change. So its
+  trial ends with a stop, which must be as quick as without the fault. A process with any other role is a bystander.
 
-Every combination of victim and fault exists. One that makes no sense has a text with the reason.
+Every combination of victim and fault exists. A combination that makes no sense has a text with the reason.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from strands_actors.supervisors.wire.transport import BACKOFF_S
 
 
 class Victims(enum.StrEnum):
-    """The victims whose faults show on the wire. Other victims are named by their role in the tree."""
+    """The victims whose fault leads to a safe state of the robot. Other victims are named by their role."""
 
     CALLER = "caller"  # the user's script
     POLICY = "policy"
@@ -38,23 +38,23 @@ class Victims(enum.StrEnum):
 class Faults(enum.StrEnum):
     """The ways in which a process, the robot or its cable fails."""
 
-    KILL = "kill"  # SIGKILL
-    FREEZE = "freeze"  # SIGSTOP; later SIGCONT
-    SPIN = "spin"  # computes for ever
+    KILL = "kill"  # the process gets SIGKILL
+    FREEZE = "freeze"  # the process gets SIGSTOP, and later SIGCONT
+    SPIN = "spin"  # the process computes for ever
     EXCEPTION = "exception"
-    EXIT = "exit"  # sys.exit
-    SIGNAL = "signal"  # SIGTERM
-    INTERRUPT = "interrupt"  # SIGINT
+    EXIT = "exit"  # the process calls sys.exit
+    SIGNAL = "signal"  # the process gets SIGTERM
+    INTERRUPT = "interrupt"  # the process gets SIGINT
     LINK_LOSS = "link loss"  # the cable is pulled, and put back
-    GARBAGE = "garbage"  # damaged replies
-    SLOW = "slow"  # later replies, within timeouts
-    STUCK = "stuck"  # old readings, no motion
-    # readings that do not match the robot
+    GARBAGE = "garbage"  # the robot's replies are damaged
+    SLOW = "slow"  # replies come later, but within their timeouts
+    STUCK = "stuck"  # the robot repeats old readings and does not move
+    # The readings do not match the robot's motion.
     WRONG = "wrong"
-    DELAYED = "delayed"  # every reply after its timeout
+    DELAYED = "delayed"  # every reply comes after its timeout
     INTERMITTENT = "intermittent"  # every third reply is missing
-    LATE_REPLY = "late reply"  # some replies after their timeout, then all is well
-    HALF_OPEN = "half-open"  # receives and obeys, and its replies do not arrive
+    LATE_REPLY = "late reply"  # some replies come after their timeout, and then the fault ends
+    HALF_OPEN = "half-open"  # the robot receives and obeys, but its replies do not arrive
 
 
 SIGNALS = {
@@ -105,7 +105,7 @@ class Cell:
     Attributes:
         victim: The role of a process, or ``Victims.TWIN``.
         fault: The fault.
-        why_not: Why the combination makes no sense. Empty if it does.
+        why_not: Why the combination makes no sense; empty if it makes sense.
         proves: Ids of requirements (docs/safety.md).
     """
 
@@ -119,34 +119,34 @@ class Cell:
 
     @property
     def members(self) -> tuple[str, ...]:
-        """The roles of the victims: one. A pair has two."""
+        """The roles of the victims. A cell has one, a pair has two."""
         return (self.victim,)
 
     @property
     def returns(self) -> bool:
-        """True if the time is measured from the end of the fault."""
+        """True if the time is measured from the end of the fault, when the robot has returned."""
         return self.victim is Victims.TWIN and self.fault in RETURNING
 
     @property
     def stops(self) -> bool:
-        """True if the time is measured from a stop during the fault, or just after it."""
+        """True if the time is measured from a stop, which is ordered during the fault or just after it."""
         return self.victim is Victims.TWIN and self.fault not in RETURNING
 
 
 def is_bystander(role: str) -> bool:
-    """Return True if a fault of this process alone does not show on the wire."""
+    """Return True if the robot's commands do not change when only this process fails."""
     return role not in list(Victims)
 
 
 def spoils(victim: str, fault: str) -> bool:
-    """Return True if the tree cannot be used for another trial after this fault."""
+    """Return True if the processes of the robot cannot be used for another trial after this fault."""
     if is_bystander(victim):
         return fault == Faults.KILL and victim not in STARTED_AGAIN
     return victim == Victims.CALLER
 
 
 def victim_named(role: str) -> str:
-    """Return the member of ``Victims`` with this name, or else the role."""
+    """Return the member of ``Victims`` with this name. If there is no such member, return the name as a role."""
     return role if is_bystander(role) else Victims(role)
 
 
@@ -155,7 +155,8 @@ def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
 
     Args:
         driver: The driver of the robot.
-        roles: The roles in its running tree (``bench.roles_of``). Those in ``Victims`` are always included.
+        roles: The roles of the robot's processes (``bench.roles_of``). The roles in ``Victims`` are always
+            included.
     """
     bystanders = [role for role in dict.fromkeys(roles) if is_bystander(role)]
     for victim in (*Victims, *bystanders):
@@ -166,20 +167,20 @@ def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
 
 def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
     if is_bystander(victim):
-        return "" if fault in BYSTANDER_FAULTS else "this process offers no way to cause the fault"
+        return "" if fault in BYSTANDER_FAULTS else "a test has no means to cause such a fault in this process"
     if victim is Victims.TWIN:
         if fault is Faults.KILL:
-            return "no robot is left to read a safe frame"
-        return "" if fault in ROBOT_FAULTS else "the robot runs outside the tree (see freeze)"
+            return "afterwards there is no robot that could get a safe frame"
+        return "" if fault in ROBOT_FAULTS else "a real robot is not a process and cannot have such a fault"
     if fault not in PROCESS_FAULTS:
-        return "only the robot can have this fault"
+        return "only the robot itself can have such a fault"
     if victim is Victims.POLICY and (driver.ROLLOUTS or driver.TASKS):
         return driver.ROLLOUTS or driver.TASKS
     return ""
 
 
 def proves(victim: str, fault: Faults) -> tuple[str, ...]:
-    """Return the requirements (docs/safety-evidence.md) that a safe outcome of this cell proves."""
+    """Return the requirements (docs/safety-evidence.md) that a safe result of this cell proves."""
     if victim is Victims.TWIN:
         if fault in RETURNING:
             return ("SAF-002", "SAF-008", "SAF-012")
@@ -199,19 +200,19 @@ def proves(victim: str, fault: Faults) -> tuple[str, ...]:
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
     """Return the published bound of a cell, in seconds.
 
-    After the end of a process or a stop it is the driver's bound. After a freeze or a spin, the time until the
-    fault counts is added.
+    After the end of a process, or after a stop, it is the driver's bound. A freeze or an endless loop is detected
+    only after some time, which is added.
     """
     if is_bystander(victim):
         return driver.bound_s
     if victim == Victims.TWIN:
         return RETURN_S if fault in RETURNING else driver.bound_s
     if fault not in LIVING:
-        # An exception in a policy is caught. The rollout ends, and its process too.
+        # An exception in a policy is caught. Then the policy run ends, and the policy's process ends, too.
         return driver.bound_s
     timing = driver.timing
     heartbeat_ttl_s = timing.heartbeat_ttl_s
-    # A latched command is valid as long as the lease.
+    # A command without an end is valid as long as its lease.
     caller_s = timing.oneshot_ttl_s or LEASE_TTL_S
     lapses_s = {"caller": caller_s, "policy": timing.stream_ttl_s, "wire": heartbeat_ttl_s, "root": heartbeat_ttl_s}
     lapse_s = lapses_s[victim]
@@ -221,9 +222,9 @@ def bound_s(driver: Driver, victim: str, fault: str) -> float:
 
 
 def expected_safe_states(driver: Driver, victim: str, fault: str) -> tuple[str, ...]:
-    """Return the safe states of which the wire must show one.
+    """Return the safe states of which the robot must receive one.
 
-    They are the driver's for the reason that the fault leads to, or for a stop if the victim is a bystander.
+    The driver declares them: for the reason that the fault leads to, or for a stop if the victim is a bystander.
     """
     living = fault in LIVING
     reasons = {

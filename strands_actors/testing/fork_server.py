@@ -1,10 +1,10 @@
-"""Fork the processes of tests from one with all imports.
+"""Fork the processes of tests from one process that has imported everything, which saves time.
 
-A twin that is executed computes for a second before it serves.
+A simulated robot that is started from a file computes for a second before it answers.
 
 The server has one thread and only forks. It imports the given modules before it begins, and nothing later. So a
-request for a child, perhaps next to a running robot, takes only the time of a fork. A child imports any further
-modules itself.
+request for a child takes only the time of a fork. This matters if a robot runs at the same time. A child imports
+any further modules itself.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LOOK_S = 0.1
 _MAX_MESSAGE = 1 << 17
 _MAX_DESCRIPTORS = 16
 _OF_TWINS = (
-    "strands_actors.drivers.common.physics.jointed",  # with numpy and MuJoCo
+    "strands_actors.drivers.common.physics.jointed",  # imports numpy and MuJoCo
     "strands_actors.drivers.common.twin.process",
     "strands_actors.surfaces.cli.robots",
     "strands_actors.testing.every_twin",
@@ -49,7 +49,7 @@ _PROGRAM = "import sys; from strands_actors.testing.fork_server import main; mai
 class Forked:
     """A child of the server, with the interface of ``subprocess.Popen``.
 
-    ``stdin`` and ``stderr`` are this end of its pipes.
+    ``stdin`` and ``stderr`` are our ends of the child's pipes.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Forked:
 
 
 class ForkServer:
-    """The server. It ends with this process, or with ``close``. Its children do not.
+    """The server. It ends when this process ends, or with ``close``. Its children continue.
 
     Args:
         imports: The modules that its children inherit.
@@ -119,13 +119,13 @@ class ForkServer:
 
     def __init__(self, imports: Sequence[str] = ()) -> None:
         self._lock = threading.Lock()
-        self._gone = False
+        self._has_ended = False
         self._codes: dict[int, int] = {}
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             self._process = subprocess.Popen(
                 [*PYTHON, "-c", _PROGRAM, str(theirs.fileno()), *imports],
-                # OpenBLAS must start no threads, since a process with threads must not fork.
+                # OpenBLAS must not start threads, because a process with threads must not fork.
                 env=environment(OPENBLAS_NUM_THREADS="1"),
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
@@ -152,7 +152,7 @@ class ForkServer:
             call: ``module:function``.
             arguments: Keyword arguments.
             descriptors: The child's stdin and stderr.
-            parent: A descriptor that the function gets as ``parent_fd``.
+            parent: A descriptor that the function gets as its argument ``parent_fd``.
             keep: Further descriptors that stay open in the child.
 
         Raises:
@@ -168,21 +168,21 @@ class ForkServer:
         }
         sent = json.dumps(request).encode()
         assert len(sent) < _MAX_MESSAGE
-        given = [*descriptors, *(() if parent is None else (parent,)), *keep]
+        passed = [*descriptors, *(() if parent is None else (parent,)), *keep]
         with self._lock:
             try:
-                socket.send_fds(self._socket, [sent], given)
+                socket.send_fds(self._socket, [sent], passed)
                 while (report := self._hear(START_S)) is not None:
                     if "pid" in report:
                         return report["pid"]
             except OSError:
-                pass  # reported below
-        raise RuntimeError("the process that forks twins has ended, or does not answer")
+                pass  # the RuntimeError below reports it
+        raise RuntimeError("the process that forks simulated robots has ended, or does not answer")
 
     def code_of(self, pid: int, within_s: float | None) -> int | None:
         """Return the exit code of a child, or the negative number of the signal that ended it.
 
-        If the server has ended, the code is lost, and a child that has ended counts as killed.
+        If the server has ended, the code is not known. Then a child that has ended counts as killed.
 
         Args:
             pid: The child.
@@ -198,14 +198,14 @@ class ForkServer:
                     pass
                 if pid in self._codes:
                     return self._codes.pop(pid)
-                if self._gone and not exists(pid):
+                if self._has_ended and not exists(pid):
                     return -signal.SIGKILL
             left_s = None if until_s is None else until_s - time.monotonic()
             if left_s is not None and left_s <= 0.0:
                 return None
-            # The wait is short, since another thread may have received the code.
+            # Wait only briefly, because another thread may have received the code.
             step_s = _LOOK_S if left_s is None else min(_LOOK_S, left_s)
-            if self._gone:
+            if self._has_ended:
                 time.sleep(step_s)
             else:
                 select.select([self._socket], [], [], step_s)
@@ -213,24 +213,24 @@ class ForkServer:
     def close(self) -> None:
         """Kill the server, and wait for its end. Its children continue."""
         with self._lock:
-            self._gone = True
+            self._has_ended = True
             self._socket.close()
         self._process.kill()
         self._process.wait()
 
     def _hear(self, within_s: float) -> dict[str, int] | None:
-        """Return the next message of the server, and note reported ends.
+        """Receive the next message of the server. Store the exit codes of children that it reports.
 
-        It is None if nothing came within ``within_s``, or if the server has ended.
+        Return None if no message came within ``within_s``, or if the server has ended.
         """
-        if self._gone or not select.select([self._socket], [], [], within_s)[0]:
+        if self._has_ended or not select.select([self._socket], [], [], within_s)[0]:
             return None
         try:
             data = self._socket.recv(_MAX_MESSAGE)
         except ConnectionError:
             data = b""
         if not data:
-            self._gone = True
+            self._has_ended = True
             return None
         message: dict[str, int] = json.loads(data)
         if "ended" in message:
@@ -239,17 +239,17 @@ class ForkServer:
 
 
 _servers: dict[str, tuple[int, ForkServer]] = {}
-_one_at_a_time = threading.Lock()
+_servers_lock = threading.Lock()
 
 
 def server(of: str, imports: Sequence[str]) -> ForkServer:
-    """Return the server of this process, or a new one if there is no running server.
+    """Return the server of this process. If no server runs, start one.
 
     Args:
-        of: The name of the group that shares a server.
+        of: The name of the group of callers that shares a server.
         imports: The modules that a new server imports.
     """
-    with _one_at_a_time:
+    with _servers_lock:
         made_by, running = _servers.get(of, (0, None))
         if running is None or made_by != os.getpid() or not running.alive:
             running = ForkServer(imports)
@@ -259,11 +259,11 @@ def server(of: str, imports: Sequence[str]) -> ForkServer:
 
 
 def twin_server() -> ForkServer:
-    """Return the server that forks twins, with their modules imported."""
+    """Return the server that forks simulated robots. It has imported their modules."""
     return server("twins", _OF_TWINS)
 
 
-# -- in the server
+# -- code that runs in the server
 
 
 def main(fd: int, imports: Sequence[str]) -> None:
@@ -278,15 +278,17 @@ def main(fd: int, imports: Sequence[str]) -> None:
     sock = socket.socket(fileno=fd)
     for name in imports:
         importlib.import_module(name)
-    # Otherwise each root does it, which takes 6 ms.
+    # If this were not done here, each root process would do it, which takes 6 ms.
     read_protocols()
     gc.collect()
-    gc.freeze()  # a collection in a child would copy every page
+    # Otherwise a garbage collection in a child would copy every page of memory.
+    gc.freeze()
     woken, wake = os.pipe()
     os.set_blocking(woken, False)
     os.set_blocking(wake, False)
     signal.signal(signal.SIGCHLD, lambda number, frame: None)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the tests, which end the server
+    # Ctrl-C is meant for the test process, which then ends this server.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
     while True:
         ready, _, _ = select.select([sock.fileno(), woken], [], [])
@@ -320,7 +322,7 @@ def _report_ends(sock: socket.socket) -> None:
 
 
 def _run(request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:
-    """Run a request in the child."""
+    """Call the requested function in the child."""
     code = 1
     try:
         signal.set_wakeup_fd(-1)
@@ -350,10 +352,10 @@ def _run(request: Mapping[str, Any], descriptors: list[int]) -> NoReturn:
 
 
 def be_child(parent_fd: int) -> None:
-    """Continue as a child process of ``kernel.processes.process.execute``, in a new process group.
+    """Run as a child process that was started by ``kernel.processes.process.execute``, in a new process group.
 
     Args:
-        parent_fd: Descriptor over which the child gets its specification.
+        parent_fd: Descriptor over which the child receives the function to run and its arguments.
     """
     os.setpgid(0, 0)
     child.main(parent_fd)

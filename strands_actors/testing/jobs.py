@@ -1,7 +1,7 @@
 """Run several benches next to each other, each in a ``worker`` process, until every cell has its trials.
 
-An order is a few trials of one cell. A worker keeps its robot as long as there are orders for it. A robot with
-a bound below ``SHORT_S`` has only one bench, and is measured first.
+An order is a few trials of one cell. A worker keeps its robot as long as there are orders for this robot. A robot
+with a bound below ``SHORT_S`` (for the time to a stop) has only one bench, and is measured first.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 from .bench import driver_of
 from .faults import Cell
 from .pairs import Pair
-from .registering import where_is
+from .registering import class_path_of
 from .trials import Done, Trial, Trials, decode
 from .worker import Order
 
@@ -41,14 +41,14 @@ Cells = Callable[[str, Driver], Iterable[Cell | Pair]]
 
 
 class Plan:
-    """The remaining orders.
+    """The orders that are still to be carried out.
 
     Args:
         drivers: The robots.
-        repeats: Undisturbed trials for each cell.
+        repeats: Number of undisturbed trials that each cell needs.
         trials: The trials that were made already.
-        cells: The cells of a robot.
-        victims: Only cells with one of these victims. Empty for all.
+        cells: Function that returns the cells of a robot.
+        victims: Measure only cells with one of these victims. Empty for all.
     """
 
     def __init__(
@@ -59,70 +59,72 @@ class Plan:
         cells: Cells,
         victims: frozenset[str] = frozenset(),
     ) -> None:
-        self._left: dict[str, deque[Order]] = {}
+        self._pending: dict[str, deque[Order]] = {}
         self._benches = dict.fromkeys(drivers, 0)
         self._alone = set[str]()
         for robot, driver_class in drivers.items():
             driver = driver_of(robot, driver_class)
-            where = "" if driver_class is None else where_is(driver_class)
+            class_path = "" if driver_class is None else class_path_of(driver_class)
             if driver.bound_s < SHORT_S:
                 self._alone.add(robot)
-            wanted = [
+            chosen = [
                 cell
                 for cell in cells(robot, driver)
                 if not cell.why_not and (not victims or victims & frozenset(cell.members))
             ]
-            self._left[robot] = deque(
+            self._pending[robot] = deque(
                 order
-                for cell in wanted
-                for order in _orders(robot, where, cell, _missing(trials, robot, cell, repeats))
+                for cell in chosen
+                for order in _orders(robot, class_path, cell, _missing(trials, robot, cell, repeats))
             )
 
-        for number, orders in enumerate(self._left.values()):
-            # Each robot begins at another place in the table, so that not all callers spin at the same time.
-            orders.rotate(-number * len(orders) // len(self._left))
+        for number, orders in enumerate(self._pending.values()):
+            # Each robot begins at another cell, so that not all callers run endless loops at the same time.
+            orders.rotate(-number * len(orders) // len(self._pending))
 
     def next_for(self, robot: str) -> Order | None:
-        """Return the next order for a worker with a bench of ``robot``, or without a bench (empty)."""
-        if robot and self._left[robot]:
-            return self._left[robot].popleft()
+        """Return the next order for a worker. ``robot`` is the robot of its bench; empty if it has no bench yet."""
+        if robot and self._pending[robot]:
+            return self._pending[robot].popleft()
         if robot:
             self._benches[robot] -= 1
         free = [
-            name for name in self._left if self._left[name] and not (name in self._alone and self._benches[name])
+            name
+            for name in self._pending
+            if self._pending[name] and not (name in self._alone and self._benches[name])
         ]
         if not free:
             return None
         chosen = max(
-            free, key=lambda name: (name in self._alone, len(self._left[name]) / (1 + self._benches[name]))
+            free, key=lambda name: (name in self._alone, len(self._pending[name]) / (1 + self._benches[name]))
         )
         self._benches[chosen] += 1
-        return self._left[chosen].popleft()
+        return self._pending[chosen].popleft()
 
 
 def _missing(trials: Trials, robot: str, cell: Cell | Pair, repeats: int) -> int:
-    """Return the number of missing trials, or 0 if twice as many as requested were made already."""
+    """Return the number of trials that a cell still needs; 0 if twice as many as requested were made already."""
     outcomes = trials.of(robot, cell)
     good = sum(not outcome.disturbed for outcome in outcomes)
     return max(0, repeats - good) if len(outcomes) < 2 * repeats else 0
 
 
-def _orders(robot: str, where: str, cell: Cell | Pair, trials: int) -> Iterator[Order]:
+def _orders(robot: str, class_path: str, cell: Cell | Pair, trials: int) -> Iterator[Order]:
     for done in range(0, trials, AT_ONCE):
-        yield Order(robot, where, cell.victim, cell.fault, min(AT_ONCE, trials - done))
+        yield Order(robot, class_path, cell.victim, cell.fault, min(AT_ONCE, trials - done))
 
 
-async def measure_all(plan: Plan, jobs: int, heard: Callable[[Trial], None]) -> list[str]:
-    """Pass every trial to ``heard`` as it comes. Return the problems, for people."""
+async def measure_all(plan: Plan, jobs: int, on_trial: Callable[[Trial], None]) -> list[str]:
+    """Carry out all orders. Call ``on_trial`` with each trial when it is made. Return the problems as text."""
     problems: list[str] = []
     async with trio.open_nursery() as nursery:
         for _ in range(jobs):
-            nursery.start_soon(_work, plan, heard, problems)
+            nursery.start_soon(_work, plan, on_trial, problems)
     return problems
 
 
-async def _work(plan: Plan, heard: Callable[[Trial], None], problems: list[str]) -> None:
-    worker = _Worker(heard)
+async def _work(plan: Plan, on_trial: Callable[[Trial], None], problems: list[str]) -> None:
+    worker = _Worker(on_trial)
     try:
         order = plan.next_for("")
         while order is not None:
@@ -135,7 +137,7 @@ async def _work(plan: Plan, heard: Callable[[Trial], None], problems: list[str])
 
 
 async def _persevere(worker: _Worker, order: Order) -> str:
-    """Carry out an order. Return why it has fewer trials than ordered, or an empty text."""
+    """Carry out an order, with several attempts. Return why trials are missing, or an empty text."""
     problem = ""
     for _ in range(ATTEMPTS):
         problem = await worker.carry_out(order)
@@ -146,17 +148,17 @@ async def _persevere(worker: _Worker, order: Order) -> str:
 
 
 class _Worker:
-    """A process with a bench. It is replaced when it has ended."""
+    """A worker process with a bench. If the process ends, a new one is started for the next order."""
 
-    def __init__(self, heard: Callable[[Trial], None]) -> None:
-        self._heard = heard
+    def __init__(self, on_trial: Callable[[Trial], None]) -> None:
+        self._on_trial = on_trial
         self._process: trio.Process | None = None
-        self._said = b""
+        self._received = b""
         self.undisturbed = 0
         """Undisturbed trials of the last order."""
 
     async def carry_out(self, order: Order) -> str:
-        """Carry out an order. Return the problem, or an empty text."""
+        """Carry out an order. Return the problem, or an empty text if there is no problem."""
         self.undisturbed = 0
         process = self._process or await self._begin()
         assert process.stdin is not None
@@ -168,7 +170,7 @@ class _Worker:
                         return problem
                     case Trial() as trial:
                         self.undisturbed += not trial.outcome.disturbed
-                        self._heard(trial)
+                        self._on_trial(trial)
         except trio.BrokenResourceError:
             pass
         self._process = None
@@ -187,7 +189,7 @@ class _Worker:
         await process.wait()
 
     async def _begin(self) -> trio.Process:
-        self._said = b""
+        self._received = b""
         self._process = await trio.lowlevel.open_process(
             [*PYTHON, "-m", "strands_actors.testing.worker"],
             stdin=subprocess.PIPE,
@@ -197,12 +199,12 @@ class _Worker:
         return self._process
 
     async def _line(self, process: trio.Process) -> bytes:
-        """Return the next line, or nothing if the process has ended."""
+        """Return the next line of the worker, or empty bytes if its process has ended."""
         assert process.stdout is not None
-        while b"\n" not in self._said:
+        while b"\n" not in self._received:
             data = await process.stdout.receive_some()
             if not data:
                 return b""
-            self._said += data
-        line, _, self._said = self._said.partition(b"\n")
+            self._received += data
+        line, _, self._received = self._received.partition(b"\n")
         return line

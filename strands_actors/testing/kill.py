@@ -1,7 +1,7 @@
-"""The kill cells of one robot, from the command line.
+"""Measure the kill cells of one robot from the command line. A kill cell breaks one process of the moving robot.
 
-``python -m strands_actors.testing.kill --robot so101 --repeats 20`` runs every cell, prints median
-and worst, and ends with code 1 when one was unsafe or later than its published bound.
+``python -m strands_actors.testing.kill --robot so101 --repeats 20`` runs every cell, prints median and worst, and
+ends with code 1 if a cell was unsafe, or later than its published bound.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ def main() -> int:
     parser.add_argument("--victim", action="append", help=f"{', '.join(Victims)}, or another role of its tree")
     parser.add_argument("--fault", choices=list(Faults), action="append")
     options = parser.parse_args()
-    # A background job of a shell ignores this signal, and its children would inherit that.
+    # A shell makes background jobs ignore this signal. The children would inherit this, so restore the default.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def wanted(cell: Cell) -> bool:
+    def is_chosen(cell: Cell) -> bool:
         return (
             not cell.why_not
             and (not options.victim or cell.victim in options.victim)
@@ -36,7 +36,7 @@ def main() -> int:
         )
 
     every_safe = True
-    for row in measure(options.robot, options.repeats, only=wanted):
+    for row in measure(options.robot, options.repeats, only=is_chosen):
         every_safe = every_safe and row.safe
         print(json.dumps({**msgspec.structs.asdict(row), "safe": row.safe}), flush=True)
     return 0 if every_safe else 1

@@ -1,7 +1,8 @@
 """Let one robot move, stop and resume, for ``check_driver``.
 
-Run ``python -m strands_actors.testing.life JSON`` with ``robot``, ``port`` and ``driver``. It ends with code 0
-and one line on the robot, or with the problem.
+The command is ``python -m strands_actors.testing.life JSON``. The JSON object has ``robot``, ``port`` and
+``driver``. On success the program prints one line about the robot and ends with code 0. Otherwise it prints the
+problem.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ def main(text: str) -> None:
         text: The settings as JSON.
 
     Raises:
-        SystemExit: A step failed. The text is the problem.
+        SystemExit: A step has failed. The text describes the problem.
     """
-    wanted = json.loads(text)
-    register(wanted["driver"], wanted["robot"])
-    robot: Any = Robot(wanted["robot"], mode="real", port=wanted["port"])
+    settings = json.loads(text)
+    register(settings["driver"], settings["robot"])
+    robot: Any = Robot(settings["robot"], mode="real", port=settings["port"])
     problem = robot.connect_eagerly()
     _must(problem is None, f"connect: {problem}")
     try:
@@ -53,15 +54,15 @@ def main(text: str) -> None:
 def _stand_still(robot: Any) -> dict[str, float]:
     """Command the first axis to its present position, and return that action.
 
-    A robot that has just fallen may be at another position by then, so the command is repeated.
+    A robot that has just fallen may have moved before the command arrives, so the command is repeated.
     """
     until_s = time.monotonic() + STILL_S
     while True:
-        seen = robot.get_observation()
-        _must(bool(seen), "an armed robot shows no observation")
-        axis, here = next(iter(seen.items()))
-        _must(math.isfinite(here), f"{axis} was not measured")
-        still = dict(seen) if robot.driver.WHOLE_ACTIONS else {axis: here}
+        observation = robot.get_observation()
+        _must(bool(observation), "an armed robot shows no observation")
+        axis, position = next(iter(observation.items()))
+        _must(math.isfinite(position), f"{axis} was not measured")
+        still = dict(observation) if robot.driver.WHOLE_ACTIONS else {axis: position}
         answer = robot.send_action(still)
         if answer["status"] == "success":
             return still
@@ -78,8 +79,8 @@ def _must(fact: bool, otherwise: str) -> None:
         raise SystemExit(otherwise)
 
 
-def _must_do(answer: dict[str, Any], what: str) -> None:
-    _must(answer["status"] == "success", f"{what}: {answer['content'][0].get('text')}")
+def _must_do(answer: dict[str, Any], step: str) -> None:
+    _must(answer["status"] == "success", f"{step}: {answer['content'][0].get('text')}")
 
 
 if __name__ == "__main__":

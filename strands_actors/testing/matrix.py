@@ -1,17 +1,18 @@
 """The kill matrix: measure every victim with every fault on every robot that has a twin.
 
-A *bench* is a twin, a template and a caller. Callers are forked from the template, which has imported
-everything and has one thread. Each caller ends like a script. *Jobs* are worker processes with a bench each,
-which get ten trials of one cell at a time. A robot with legs has one bench.
+A *bench* is a twin, a template and a caller. The twin is a simulated robot. The caller is a script that moves it.
+The template is a process that has imported everything and forks callers. Each caller ends like a script. *Jobs* are
+worker processes with a bench each, which get ten trials of one cell at a time. A robot with legs has one bench.
 
-Theory. Benches disturb each other. That must not be hidden, and must not count against the robot.
+Theory. Benches on the same computer disturb each other. This must not be hidden, and must not count against the
+robot.
 
 * A trial that is safe but past its bound is *disturbed* under two conditions. Between fault and safe frame the
   processes of tree, robot and bench together waited for a processor for more than 10 ms. And without this wait
-  the trial would have kept the bound. It is repeated, and counted on the page.
+  the trial would have kept the bound. The trial is repeated, and the page shows the number of such trials.
 * A trial that is not safe, or that has setpoints after the safe frame, always counts.
-* A cell with more disturbed trials than others is not called safe.
-* A trial begins only when the last frame on the wire before the fault is a setpoint.
+* A cell with more disturbed than undisturbed trials is not called safe.
+* A trial counts only if the last frame before the fault is a setpoint, so that the robot was moving.
 """
 
 from __future__ import annotations
@@ -33,28 +34,31 @@ from .trials import Trials
 
 
 class Row(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One cell of one robot. Times are in milliseconds; None if no safe frame came."""
+    """The results of one cell of one robot. Times are in milliseconds; None if no safe frame came."""
 
     robot: str
     victim: str
     fault: str
-    why_not: str = ""  # why the cell is not applicable; then the other fields have no meaning
+    why_not: str = ""  # why the cell is not applicable; if it is set, the following fields have no meaning
     safe_state: str = ""
-    trials: int = 0  # without the disturbed ones
+    trials: int = 0  # number of undisturbed trials
     median_ms: float | None = 0.0
     worst_ms: float | None = 0.0
     bound_ms: float = 0.0
     setpoints_after: int = 0
     gone_worst_ms: float = 0.0
-    late: int = 0  # trials past the bound
-    unsafe: int = 0  # trials without a safe frame for the whole robot, or with a setpoint after it
-    disturbed: int = 0  # trials that were late because their processes waited for a processor
+    late: int = 0  # number of undisturbed trials in which the safe frame came after the bound
+    unsafe: int = 0  # number of trials without a safe frame for the whole robot, or with a setpoint after it
+    disturbed: int = 0  # number of trials that a busy computer has spoiled (see the module's docstring)
     proves: tuple[str, ...] = ()
-    stories: tuple[str, ...] = ()  # of trials that are unsafe or late
+    stories: tuple[str, ...] = ()  # the frames of each trial that is unsafe or late, as text
 
     @property
     def excused(self) -> bool:
-        """True if more trials were disturbed than not. Then the machine is no excuse."""
+        """True if more trials were disturbed than not.
+
+        A busy computer then no longer excuses the missing trials.
+        """
         return self.disturbed > self.trials
 
     @property
@@ -83,8 +87,8 @@ def measure(
         robot: A column of the matrix (``registering.column``).
         repeats: Undisturbed trials for each cell.
         driver_class: The driver of a robot that is no part of this package.
-        only: Returns True for cells to measure.
-        progress: Called after each trial.
+        only: Function that returns True for each cell to be measured.
+        progress: Function that is called after each trial.
     """
     with Bench(robot, driver_class) as bench:
         for cell in cells_of(bench.driver, roles_of(bench)):
@@ -108,7 +112,7 @@ def rows_of(drivers: Drivers, trials: Trials, cells: Cells) -> Iterator[Row]:
 
 
 def summary(robot: str, cell: Cell | Pair, outcomes: Sequence[Outcome]) -> Row:
-    """Return the row of a cell. Its figures are of undisturbed trials. Unsafe trials always count."""
+    """Return the row of a cell. Its times are those of undisturbed trials. Unsafe trials always count."""
     counted = [outcome for outcome in outcomes if not outcome.disturbed]
     if not counted:
         return Row(robot, cell.victim, cell.fault, cell.why_not, disturbed=len(outcomes), proves=cell.proves)
@@ -138,12 +142,12 @@ def _rounded(time_ms: float) -> float | None:
 
 
 def shown(time_ms: float | None) -> str:
-    """Return a time with tenths of a millisecond, or ``never`` if no safe frame came."""
+    """Return a time in milliseconds as text, with one decimal. It is ``never`` if no safe frame came."""
     return "never" if time_ms is None else f"{time_ms:.1f}"
 
 
 def verdict(row: Row) -> str:
-    """Return the word for a row on the page: safe, not safe, late, mostly disturbed or not measured."""
+    """Return the verdict on a cell for the page: safe, not safe, late, mostly disturbed or not measured."""
     if row.safe:
         return "safe"
     if row.unsafe:

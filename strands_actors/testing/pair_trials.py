@@ -1,6 +1,6 @@
-"""Run one trial of a pair.
+"""Run one trial of a pair: two processes of a moving robot break, one shortly after the other.
 
-Two processes of a moving robot break, one shortly after the other. The log of the wire has the result.
+The log of the frames that the robot receives has the result.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from .cells import (
     read,
     require_motion,
     stop_after,
-    told,
     until_safe,
+    with_story,
 )
 from .faults import SIGNALS, Faults, Victims, spoils
 from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
 def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Run a pair, as ``cells.run_cell`` does for a cell.
+    """Run one trial of a pair, as ``cells.run_cell`` does for a cell.
 
     The order of the two faults and the time between them are random.
     """
@@ -47,7 +47,7 @@ def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
 
 
 def _motion(pair: Pair, driver: Driver) -> str:
-    """Choose the motion in which one of the two victims writes, if one can."""
+    """Choose a motion in which one of the two victims sends the setpoints, if one of them can do that."""
     if driver.TASKS:
         return "rollout"
     if driver.ROLLOUTS:
@@ -68,7 +68,7 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
         except ProcessLookupError:
             if not number:
                 raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
-            # ^ The first fault has ended this process. The trial counts all the same.
+            # If only the second process is missing, the first fault has ended it. The trial counts nevertheless.
     bound_ms = pair_bound_s(bench.driver, pair) * 1e3
     expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     if pair.stops:
@@ -76,16 +76,19 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
         _let_go(pair, caller)
         return outcome
     await until_safe(bench.log, began_ns, queue)
-    stood_ms = queue.stood_ms()
+    waited_ms = queue.waited_ms()
     await trio.sleep(settle_s + pair_bound_s(bench.driver, pair))
     _let_go(pair, caller)
     await trio.sleep(settle_s)
     require_motion(bench.log, began_ns)
-    return told(read(bench.log, expected, began_ns, broken_ns, 0.0, stood_ms), bench.log, began_ns)
+    return with_story(read(bench.log, expected, began_ns, broken_ns, 0.0, waited_ms), bench.log, began_ns)
 
 
 def _let_go(pair: Pair, caller: Caller) -> None:
-    """Let frozen processes continue. They must not write: they were fenced, or have no access to the wire."""
+    """Let frozen processes continue.
+
+    They must not write: they were killed, or they have no connection to the robot.
+    """
     for member, fault in pair.faults:
         if fault is Faults.FREEZE and member != Victims.CALLER:
             with contextlib.suppress(ProcessLookupError):
@@ -93,7 +96,7 @@ def _let_go(pair: Pair, caller: Caller) -> None:
 
 
 def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
-    """Return the process ids and signals, in random order."""
+    """Return the process ids and the signals for them, in random order."""
     if not pair.members:
         own = [pid for role, pid in caller.pids().items() if role != Victims.TWIN]
         return [(pid, signal.SIGTERM) for pid in own if "python" in Path(f"/proc/{pid}/comm").read_text()]

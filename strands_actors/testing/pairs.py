@@ -1,4 +1,4 @@
-"""Pairs of processes that break shortly after each other, and the expected safe states and bounds. Tables only."""
+"""Pairs of processes that break shortly after each other, with the expected safe states and bounds. Tables only."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ APART_S = 0.05
 """Longest time between the two faults, in seconds."""
 
 
-class Ways(enum.StrEnum):
-    """The combinations of two faults, and the row of ``pkill``."""
+class Combination(enum.StrEnum):
+    """The combinations of two faults, and the case that ``pkill`` kills all processes."""
 
     KILLS = "kill + kill"
     FREEZE_AND_KILL = (
@@ -28,9 +28,9 @@ class Ways(enum.StrEnum):
 
 
 FAULTS = {
-    Ways.KILLS: (Faults.KILL, Faults.KILL),
-    Ways.FREEZE_AND_KILL: (Faults.FREEZE, Faults.KILL),
-    Ways.FREEZES: (Faults.FREEZE, Faults.FREEZE),
+    Combination.KILLS: (Faults.KILL, Faults.KILL),
+    Combination.FREEZE_AND_KILL: (Faults.FREEZE, Faults.KILL),
+    Combination.FREEZES: (Faults.FREEZE, Faults.FREEZE),
 }
 ALL = "all"
 _LAST_TWO = {Victims.ROOT, Victims.WIRE}
@@ -38,31 +38,34 @@ _LAST_TWO = {Victims.ROOT, Victims.WIRE}
 
 @dataclass(frozen=True)
 class Pair:
-    """Two victims, as ``faults.Cell`` is one. ``members`` is empty for the row of ``PKILL``."""
+    """Two victims with a combination of faults, with the same interface as ``faults.Cell``.
+
+    ``members`` is empty in the case ``PKILL``, in which all processes are killed.
+    """
 
     members: tuple[str, ...]
-    way: Ways
+    combination: Combination
     why_not: str = ""
     proves: tuple[str, ...] = ()
 
     @property
     def victim(self) -> str:
-        """The roles of both victims as one text; ``all`` for the row of ``PKILL``."""
+        """The roles of both victims as one text; ``all`` in the case ``PKILL``."""
         return " + ".join(self.members) or ALL
 
     @property
     def fault(self) -> str:
-        """The combination of faults, under the name of this attribute in ``Cell``."""
-        return self.way
+        """The combination of faults. ``Cell`` has the same attribute."""
+        return self.combination
 
     @property
     def faults(self) -> tuple[tuple[str, Faults], ...]:
         """The two victims, each with its fault."""
-        return tuple(zip(self.members, FAULTS[self.way], strict=True)) if self.members else ()
+        return tuple(zip(self.members, FAULTS[self.combination], strict=True)) if self.members else ()
 
     @property
     def stops(self) -> bool:
-        """True if neither fault shows on the wire. Then the trial ends with a stop."""
+        """True if neither fault changes the commands to the robot. Then the trial ends with a stop."""
         return bool(self.members) and all(map(is_bystander, self.members))
 
     def __str__(self) -> str:
@@ -70,25 +73,28 @@ class Pair:
 
 
 def pairs_of(driver: Driver, roles: Iterable[str]) -> Iterator[Pair]:
-    """Yield every two processes of a tree with every combination of faults, and the row of ``PKILL``.
+    """Yield every two processes of a robot with every combination of faults, and the case ``PKILL``.
 
     Args:
         driver: The driver of the robot.
         roles: The roles in its running tree (``bench.roles_of``).
     """
     victims = [victim_named(role) for role in dict.fromkeys(roles) if role != Victims.TWIN]
-    for way in FAULTS:
-        twos = permutations(victims, 2) if way is Ways.FREEZE_AND_KILL else combinations(victims, 2)
+    for combination in FAULTS:
+        twos = permutations(victims, 2) if combination is Combination.FREEZE_AND_KILL else combinations(victims, 2)
         for members in twos:
             why_not = (driver.ROLLOUTS or driver.TASKS) if Victims.POLICY in members else ""
-            yield Pair(members, way, why_not, () if why_not else ("SAF-002", "SAF-016"))
-    yield Pair((), Ways.PKILL, "", ("SAF-002", "SAF-016"))
+            yield Pair(members, combination, why_not, () if why_not else ("SAF-002", "SAF-016"))
+    yield Pair((), Combination.PKILL, "", ("SAF-002", "SAF-016"))
 
 
 def pair_named(victim: str, fault: str) -> Pair:
-    """Return the pair with this ``victim`` and ``fault``. Raise ``ValueError``."""
+    """Return the pair with these texts in ``victim`` and ``fault``.
+
+    Raise ``ValueError`` if there is no such pair.
+    """
     members = () if victim == ALL else tuple(map(victim_named, victim.split(" + ")))
-    return Pair(members, Ways(fault))
+    return Pair(members, Combination(fault))
 
 
 _LIVING = {
@@ -101,7 +107,7 @@ _ENDED = _LIVING | {Victims.CALLER: Reason.CALLER, Victims.POLICY: Reason.POLICY
 
 
 def _decisive(pair: Pair) -> dict[str, tuple[Faults, Reason]]:
-    """Return the faults that show on the wire: those that stop the robot, or else those that hold it."""
+    """Return the faults that decide the safe state: those that stop the robot, or else those that make it hold."""
     effective: dict[str, tuple[Faults, Reason]] = {
         member: (fault, (_LIVING if fault is Faults.FREEZE else _ENDED)[Victims(member)])
         for member, fault in pair.faults
@@ -112,7 +118,7 @@ def _decisive(pair: Pair) -> dict[str, tuple[Faults, Reason]]:
 
 
 def expected_safe_states(driver: Driver, pair: Pair) -> tuple[str, ...]:
-    """Return the safe states of which the wire must show one."""
+    """Return the safe states of which the robot must receive one."""
     usual = Reason.STOP if pair.stops else Reason.CALLER
     reasons = [reason for _, reason in _decisive(pair).values()] or [usual]
     return tuple(dict.fromkeys(driver.fallbacks[reason] for reason in reasons))
@@ -121,12 +127,13 @@ def expected_safe_states(driver: Driver, pair: Pair) -> tuple[str, ...]:
 def pair_bound_s(driver: Driver, pair: Pair) -> float:
     """Return the published bound, in seconds from the later fault.
 
-    For root and wire it is that of the standby. For all others it is the longer bound of the two alone, since
-    another process is left that acts.
+    If root and wire process fail, the standby process stops the robot, and the bound is the standby's. For all
+    other pairs a process remains that stops the robot. Then it is the longer one of the bounds for each fault
+    alone.
     """
     timing = driver.timing
     if set(pair.members) == _LAST_TWO:
-        frozen = pair.way is not Ways.KILLS
+        frozen = pair.combination is not Combination.KILLS
         return driver.bound_s + (silent_s(timing) + look_s(timing) if frozen else 0.0)
     alone = (bound_s(driver, member, fault) for member, (fault, _) in _decisive(pair).items())
     return max(alone, default=driver.bound_s)

@@ -1,4 +1,4 @@
-"""A policy that breaks on command."""
+"""A policy that fails on command."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class Faulty(Sine):
     Args:
         axes: The axes of the robot.
         trigger: The path of the file.
-        amplitude: In the driver's units.
+        amplitude: The amplitude of the motion, in the driver's units.
         hz: The frequency of the motion.
-        joint: The joint that moves. Empty for all.
-        others: The positions of the other joints, for a robot that needs whole actions.
+        joint: The joint that moves. Empty if all joints move.
+        others: The positions of the other joints, for a robot that needs all joints in each action.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Faulty(Sine):
         self._others = dict(others or {})
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:
-        """Return the next action of ``Sine``, with the other joints; fail once the trigger exists."""
+        """Return the next action of ``Sine``, with the other joints. Fail if the file ``trigger`` exists."""
         if self._trigger.exists():
             how = self._trigger.read_text()
             Path(f"{self._trigger}.t").write_text(str(time.monotonic_ns()))

@@ -1,7 +1,9 @@
-"""Measure how long processes waited for a processor, to tell a slow tree from a busy machine.
+"""Measure how long processes waited for a processor.
 
-Linux reports this (``/proc/<pid>/task/<tid>/schedstat``). Elsewhere the time counts as zero, so a late trial is
-late.
+So a late stop of a busy computer can be distinguished from a slow program.
+
+Linux reports this time (``/proc/<pid>/task/<tid>/schedstat``). On other systems it counts as zero, so a late trial
+always counts as late.
 """
 
 from __future__ import annotations
@@ -9,50 +11,50 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 
-from strands_actors.kernel.health.processor import Standing, standing
+from strands_actors.kernel.health.processor import ProcessorUse, processor_use
 
 DISTURBED_MS = 10.0
 """Less than this is no disturbance. A process waits a little for its turn on an idle machine, too."""
 
 
 class Queue:
-    """Measures the waits of some processes from now on.
+    """A measurement of how long some processes wait for a processor. It begins when this object is made.
 
     Args:
         pids: The processes.
-        mortal: One of them that may end before the measurement does. ``look`` reads its time meanwhile. Any
-            other process that ends, or begins, counts as not having waited.
+        mortal: One of the processes, which may end before the measurement does. ``look`` reads its time before
+            that. Any other process that ends or begins during the measurement counts with no wait.
     """
 
     def __init__(self, pids: Iterable[int], mortal: int = 0) -> None:
         self._before = {pid: dict(_threads(pid)) for pid in pids}
         self._mortal = mortal
-        self._seen = self._before.get(mortal, {}).get(mortal)
+        self._last_use = self._before.get(mortal, {}).get(mortal)
 
     def look(self) -> None:
-        """Read the time of the process that may end, while it still can be read."""
-        self._seen = standing(self._mortal) or self._seen
+        """Read the time of the process that may end, while it can still be read."""
+        self._last_use = processor_use(self._mortal) or self._last_use
 
-    def stood_ms(self) -> float:
+    def waited_ms(self) -> float:
         """Return the waits of all processes together, in milliseconds.
 
-        Of each process only the thread with the longest wait counts.
+        For each process, only the thread with the longest wait counts.
         """
         return sum(self._longest_ns(pid, before) for pid, before in self._before.items()) / 1e6
 
-    def _longest_ns(self, pid: int, before: dict[int, Standing]) -> int:
+    def _longest_ns(self, pid: int, before: dict[int, ProcessorUse]) -> int:
         after = dict(_threads(pid))
-        if pid == self._mortal and not after and self._seen is not None:
-            after = {pid: self._seen}
+        if pid == self._mortal and not after and self._last_use is not None:
+            after = {pid: self._last_use}
         threads = before.keys() & after
         return max((after[thread].waited_ns - before[thread].waited_ns for thread in threads), default=0)
 
 
-def _threads(pid: int) -> Iterator[tuple[int, Standing]]:
+def _threads(pid: int) -> Iterator[tuple[int, ProcessorUse]]:
     try:
         threads = os.listdir(f"/proc/{pid}/task")
     except OSError:
         return
     for thread in map(int, threads):
-        if (stands := standing(pid, thread)) is not None:
-            yield thread, stands
+        if (use := processor_use(pid, thread)) is not None:
+            yield thread, use

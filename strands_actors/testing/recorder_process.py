@@ -1,4 +1,4 @@
-"""A recorder of a moving robot, for the kill matrix."""
+"""A recorder that records a moving robot, so that the kill matrix can break it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
 
 class RecorderProcess:
-    """A recorder as ``strands_actors.record`` starts one. Its file is not read."""
+    """A recorder, started as ``strands_actors.record`` does. The file that it writes is not read."""
 
     def __init__(self, robot: str, run_dir: Path) -> None:
         self._directory = tempfile.TemporaryDirectory(prefix="sa-")
@@ -27,11 +27,11 @@ class RecorderProcess:
 
     @property
     def alive(self) -> bool:
-        """True while the recorder's process runs. A frozen one runs, too."""
+        """True while the recorder's process exists, also if it is frozen."""
         return self._process.poll() is None
 
     def end(self) -> None:
-        """Kill the recorder, also if it is frozen."""
+        """Kill the recorder, even if it is frozen."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self._process.pid, signal.SIGKILL)
         self._process.wait()

@@ -1,6 +1,6 @@
-"""A camera without a device, for the kill matrix: its process is a victim like any other.
+"""A camera without a device, so that the kill matrix can break a camera's process like any other process.
 
-A camera's settings name it as ``strands_actors.testing.still_camera:open_camera``.
+The settings of the camera name it as ``strands_actors.testing.still_camera:open_camera``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SETTINGS = {"type": f"{__name__}:open_camera", "fps": 5, "width": WIDTH, "height
 
 
 class StillCamera:
-    """Gives the same picture again and again."""
+    """A camera that returns the same picture again and again."""
 
     paced = False
 
@@ -25,11 +25,11 @@ class StillCamera:
         self._image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 
     async def read(self) -> Picture:
-        """Return the picture, with the present time."""
+        """Return the picture, with the present time as the time of its capture."""
         return Picture(self._image, time.monotonic_ns())
 
     async def aclose(self) -> None:
-        """Do nothing: nothing is open."""
+        """Do nothing, since there is no device to close."""
 
 
 async def open_camera(settings: CameraSettings) -> StillCamera:

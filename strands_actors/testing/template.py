@@ -1,8 +1,8 @@
 """Fork callers from a process with all imports, which saves a third of a second for each.
 
-The template has one thread, no session and no robot. It only forks. A caller is a separate session, like one
-that is started from a shell. It runs from the top of the interpreter, so it ends as a script does, whatever
-ends it.
+The template has one thread, no network session and no robot. It only forks. A caller is in a separate process
+session, like a program that is started from a shell. Nothing else runs below it in the interpreter, so it ends as a
+script does.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ _MAX_REQUEST = 65536
 class Forked:
     """A child of the template.
 
-    The template does not wait for its children, so the id of a child is free when the child ends.
+    Nothing waits for the end of the children. So the process id of a child may be used again when the child has
+    ended.
     """
 
     def __init__(self, pid: int) -> None:
@@ -59,17 +60,17 @@ class Template:
 
     Args:
         environment: The environment of the callers.
-        robot: The robot, or column, with the driver to import.
-        where: ``module:Class`` of its driver. Empty for one of this package.
-        errors: The file for its stderr.
+        robot: The robot with the driver to import, or a column of the kill matrix.
+        where: ``module:Class`` of the driver. Empty for a driver of this package.
+        errors: The file for the stderr of the template.
     """
 
-    def __init__(self, environment: Mapping[str, str], robot: str, where: str, errors: Path) -> None:
+    def __init__(self, environment: Mapping[str, str], robot: str, class_path: str, errors: Path) -> None:
         self._errors = errors
         self._socket, theirs = socket.socketpair()
         with theirs, errors.open("w") as stderr:
             self._process = subprocess.Popen(
-                [*PYTHON, "-m", "strands_actors.testing.template", str(theirs.fileno()), robot, where],
+                [*PYTHON, "-m", "strands_actors.testing.template", str(theirs.fileno()), robot, class_path],
                 env=environment,
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
@@ -83,19 +84,19 @@ class Template:
         """The process id of the template."""
         return self._process.pid
 
-    def fork(self, wanted: Mapping[str, Any], stdin: int, stdout: int, stderr: int) -> Forked:
+    def fork(self, settings: Mapping[str, Any], stdin: int, stdout: int, stderr: int) -> Forked:
         """Fork a caller with these settings and descriptors.
 
         Args:
-            wanted: The settings (``testing.caller``).
-            stdin: Descriptor of its orders.
-            stdout: Descriptor of its lines.
-            stderr: Descriptor of its errors.
+            settings: The settings (``testing.caller``).
+            stdin: Descriptor from which the caller reads orders.
+            stdout: Descriptor to which the caller writes its lines.
+            stderr: Descriptor to which the caller writes errors.
 
         Raises:
-            RuntimeError: The template has ended. The text is its stderr.
+            RuntimeError: The template has ended. The text is the stderr of the template.
         """
-        request = json.dumps(wanted).encode()
+        request = json.dumps(settings).encode()
         assert len(request) < _MAX_REQUEST
         with contextlib.suppress(BrokenPipeError):
             socket.send_fds(self._socket, [request], [stdin, stdout, stderr])
@@ -119,10 +120,11 @@ class Template:
 def serve(sock: socket.socket) -> dict[str, Any]:
     """Fork for each request. Return in the child, with its settings.
 
-    The template ends when its parent has closed the socket. It kills the last child then, because a spinning
-    child would never notice that.
+    When the parent has closed the socket, the template kills the last child and ends. A child in an endless loop
+    would not notice the end of the parent.
     """
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the kernel reaps the children
+    # The system then removes ended children, so that nothing has to wait for them.
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     sock.sendall(b"ready")
     last = -1
     while True:
@@ -139,8 +141,8 @@ def serve(sock: socket.socket) -> dict[str, Any]:
             for target, descriptor in enumerate(descriptors):
                 os.dup2(descriptor, target)
                 os.close(descriptor)
-            wanted: dict[str, Any] = json.loads(request)
-            return wanted
+            settings: dict[str, Any] = json.loads(request)
+            return settings
         for descriptor in descriptors:
             os.close(descriptor)
         last = _descriptor_of(pid)
@@ -148,7 +150,7 @@ def serve(sock: socket.socket) -> dict[str, Any]:
 
 
 def _descriptor_of(pid: int) -> int:
-    """Return a pidfd, by which only this very child can be killed.
+    """Return a pidfd, a descriptor for this child. A signal to it cannot reach another process with the same id.
 
     It is -1 if the child has ended, or where the system has no pidfd (macOS).
     """
@@ -165,20 +167,22 @@ def _end(last: int) -> NoReturn:
     os._exit(0)
 
 
-def main(fd: int, robot: str, where: str) -> None:
-    """Import everything that a caller needs, then fork callers. A child runs ``caller.main``.
+def main(fd: int, robot: str, class_path: str) -> None:
+    """Import everything that a caller needs, then fork callers. Each child runs ``caller.main``.
 
     Args:
         fd: Descriptor of the socket to the parent.
-        robot: As in ``Template``.
-        where: As in ``Template``.
+        robot: The robot with the driver to import, or a column of the kill matrix.
+        class_path: ``module:Class`` of the driver. Empty for a driver of this package.
     """
-    from . import caller  # the slow import
+    # This import is the slow one.
+    from . import caller
     from .registering import prepare
 
-    prepare(robot, where)
+    prepare(robot, class_path)
     gc.collect()
-    gc.freeze()  # a collection in a child would copy every page
+    # Otherwise a garbage collection in a child would copy every page of memory.
+    gc.freeze()
     caller.main(serve(socket.socket(fileno=fd)))
 
 

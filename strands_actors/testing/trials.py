@@ -1,7 +1,7 @@
 """Store trials as JSON lines in a file that a later run continues, so that an interrupted run loses nothing.
 
-A run begins with a line on its subject: code, machine, Python. Only a run with the same subject may continue
-the file.
+A run begins with a line that describes its subject: code, computer and Python. Only a run with the same subject may
+continue the file.
 """
 
 from __future__ import annotations
@@ -34,34 +34,40 @@ class Problem(Exception):
 
 
 class Trial(msgspec.Struct, frozen=True, tag="trial"):
-    """One outcome of one robot. ``at`` is in UTC, ``load`` is the average of the last minute."""
+    """The result of one trial of a robot.
+
+    ``time_utc`` is the time of the trial, ``load`` the load average of the last minute.
+    """
 
     robot: str
     outcome: Outcome
-    at: str
+    time_utc: str = msgspec.field(name="at")
     load: float
 
     @property
     def cell(self) -> tuple[str, str, str]:
-        """The key of its cell: robot, victim and fault."""
+        """The key of the trial's cell: robot, victim and fault."""
         return self.robot, self.outcome.victim, self.outcome.fault
 
 
 class Run(msgspec.Struct, frozen=True, tag="run"):
-    """The subject of a run, and the number of its benches."""
+    """The first line of a run: its subject (code, machine, Python), and its number of benches."""
 
     subject: dict[str, str]
     jobs: int
-    at: str
+    time_utc: str = msgspec.field(name="at")
 
 
 def cell_named(victim: str, fault: str) -> Cell | Pair:
-    """Return the cell or pair with these names. Raise ``ValueError``."""
+    """Return the cell or pair with these names. Raise ``ValueError`` if there is no such cell."""
     return Cell(victim_named(victim), Faults(fault)) if fault in list(Faults) else pair_named(victim, fault)
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
-    """The end of an order. ``problem`` is the reason for missing trials, or empty."""
+    """The last line of a worker for an order.
+
+    ``problem`` is the reason if trials are missing, and empty otherwise.
+    """
 
     problem: str = ""
 
@@ -75,12 +81,15 @@ def now() -> str:
 
 
 def trial(robot: str, outcome: Outcome) -> Trial:
-    """Return an outcome as a trial with the present time and load."""
+    """Return a trial with this outcome, the present time, and the present load of the computer."""
     return Trial(robot, outcome, now(), round(os.getloadavg()[0], 2))
 
 
 def subject() -> dict[str, str]:
-    """Return the conditions on which figures depend, except the load."""
+    """Return the conditions on which the figures depend: the code, the computer and Python.
+
+    The load is not included.
+    """
     return {
         "strands-actors": f"{__version__}, code {_digest_of_code()}",
         "machine": f"{_processor()}, {os.cpu_count()} cores, {platform.system()} {platform.release()}",
@@ -89,10 +98,7 @@ def subject() -> dict[str, str]:
 
 
 def _digest_of_code() -> str:
-    """Return twelve hexadecimal digits that identify the code of kernel, supervisors and drivers.
-
-    Their tables count, too.
-    """
+    """Return twelve hexadecimal digits that identify the code and the tables of kernel, supervisors and drivers."""
     digest = hashlib.sha256()
     for module in (runtime, supervisors, drivers):
         folder = Path(str(module.__file__)).parent
@@ -114,27 +120,37 @@ def _processor() -> str:
 
 
 def encode(line: Trial | Run | Done) -> bytes:
-    """Encode a line. JSON has no infinity, so a missing safe frame is encoded by -1 setpoints."""
+    """Encode a line.
+
+    JSON has no infinity. So if no safe frame came, the time is 0 and ``setpoints_after`` is -1.
+    """
     if isinstance(line, Trial) and math.isinf(line.outcome.safe_ms):
-        line = _at(line, 0.0)
+        line = _with_safe_ms(line, 0.0)
     return msgspec.json.encode(line) + b"\n"
 
 
 def decode(line: bytes) -> Trial | Run | Done:
-    """Decode a line. Raise ``msgspec.DecodeError``."""
+    """Decode a line of the file or of a worker. Raise ``msgspec.DecodeError`` if it has another form."""
     decoded = _DECODER.decode(line)
-    return _at(decoded, math.inf) if isinstance(decoded, Trial) and decoded.outcome.setpoints_after < 0 else decoded
+    return (
+        _with_safe_ms(decoded, math.inf)
+        if isinstance(decoded, Trial) and decoded.outcome.setpoints_after < 0
+        else decoded
+    )
 
 
-def _at(found: Trial, safe_ms: float) -> Trial:
-    return msgspec.structs.replace(found, outcome=replace(found.outcome, safe_ms=safe_ms))
+def _with_safe_ms(result: Trial, safe_ms: float) -> Trial:
+    return msgspec.structs.replace(result, outcome=replace(result.outcome, safe_ms=safe_ms))
 
 
 class Trials:
-    """All trials of a matrix, stored in a file if a path is given."""
+    """All trials of a matrix. They are stored in a file if a path is given."""
 
     def __init__(self, path: Path | None, jobs: int) -> None:
-        """Read the file, and add a line for the new run. Raise ``Problem``."""
+        """Read the file, and add a line for the new run.
+
+        Raise ``Problem`` if the new run cannot continue the file.
+        """
         self.runs: list[Run] = []
         self.all: list[Trial] = []
         self._path = path
@@ -155,8 +171,8 @@ class Trials:
 
     def of(self, robot: str, cell: Cell | Pair) -> list[Outcome]:
         """Return the outcomes of one cell or pair of a robot, in the order in which they were added."""
-        wanted = (robot, cell.victim, cell.fault)
-        return [trial.outcome for trial in self.all if trial.cell == wanted]
+        key = (robot, cell.victim, cell.fault)
+        return [trial.outcome for trial in self.all if trial.cell == key]
 
     def _read(self, path: Path) -> None:
         for number, line in enumerate(_whole_lines(path), 1):
@@ -176,7 +192,10 @@ class Trials:
 
 
 def _whole_lines(path: Path) -> Iterator[bytes]:
-    """Return the whole lines of the file. Remove half a line that an interrupted run has left."""
+    """Return the complete lines of the file.
+
+    If an interrupted run has left an incomplete line, remove it from the file.
+    """
     data = path.read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
     if len(whole) < len(data):

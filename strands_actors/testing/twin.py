@@ -1,10 +1,10 @@
-"""Run a robot's twin as a process that a test controls: its port, its wire log, its faults.
+"""Run a simulated robot (twin) as a process that a test controls: its port, the log of its frames, its faults.
 
     with Twin("so101", tmp_path) as twin:
         arm = Robot("so101", mode="real", port=twin.port)
         twin.fault("off:3")
 
-Control lines take effect when the twin has read them, so a test must wait for their effect.
+An order takes effect when the twin has read it. So a test must wait until it sees the effect.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 
 from .fork_server import Forked, twin_server
-from .registering import register, where_is
+from .registering import class_path_of, register
 from .wirelog import WireLog
 
 PATIENCE_S = 20.0
@@ -39,19 +39,19 @@ _BY_HAND = "strands_actors.drivers.sim.world:move_by_hand"
 
 
 class Twin:
-    """A twin that runs as long as the ``with`` block.
+    """A simulated robot that runs as long as the ``with`` block.
 
     Args:
         robot: The robot's name.
-        directory: For its port, log and errors.
-        fault: A fault from the start, in the words of ``strands-actors twin --fault``.
+        directory: Directory for the files with the twin's port, log and errors.
+        fault: A fault that the robot has from the start, written as for ``strands-actors twin --fault``.
         driver: The class of a driver that is no part of this package.
         options: Options of the twin.
         by_hand: True if the test moves joints by hand (``move_by_hand``).
 
     Attributes:
         port: The port to connect to.
-        log: The log of the wire.
+        log: The log of the frames that the robot exchanges.
     """
 
     def __init__(
@@ -82,13 +82,14 @@ class Twin:
             "fault": self._fault,
             "control": None if self._control is None else str(self._control),
             "options": [f"{name}={value}" for name, value in self._options.items()],
-            "driver": "" if self._driver is None else where_is(self._driver),
+            "driver": "" if self._driver is None else class_path_of(self._driver),
         }
-        self._port_file.unlink(missing_ok=True)  # of an earlier twin in the same directory
-        # This pipe is closed at the end of this process, whatever ends it, and the twin ends with it.
+        # The directory may contain the file of an earlier twin.
+        self._port_file.unlink(missing_ok=True)
+        # This pipe is closed when this process ends for any reason. Then the twin ends, too.
         theirs, self._ours = os.pipe()
         stdin, lines = os.pipe()
-        self._lines = open(lines, "w")  # closed by _end
+        self._lines = open(lines, "w")  # _end closes it
         with self._errors.open("w") as errors, open(theirs, "rb") as parent, open(stdin, "rb") as reads:
             forks = twin_server()
             descriptors = reads.fileno(), errors.fileno()
@@ -103,15 +104,15 @@ class Twin:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end(signal.SIGTERM)
 
     def fault(self, text: str) -> None:
-        """Set a fault. ``ok`` ends it.
+        """Give the robot a fault. The text ``ok`` ends it.
 
         Args:
-            text: ``WORD`` or ``WORD:unit``, in the words of ``strands-actors twin --fault``.
+            text: ``WORD``, or ``WORD:unit`` for a fault of one motor, as for ``strands-actors twin --fault``.
         """
         self._command(f"fault {text}")
 
@@ -120,17 +121,17 @@ class Twin:
         self._command("power-cycle")
 
     def unplug(self) -> None:
-        """Pull the cable, and wait until it is out."""
+        """Pull the robot's cable, and wait until the port has disappeared."""
         self._command("unplug")
-        self._wait(lambda: not _is_there(self.port))
+        self._wait(lambda: not _is_reachable(self.port))
 
     def plug(self) -> None:
-        """Put the cable back, and wait until the port exists."""
+        """Put the robot's cable back, and wait until the port exists."""
         self._command("plug")
-        self._wait(lambda: _is_there(self.port))
+        self._wait(lambda: _is_reachable(self.port))
 
     def pause(self) -> None:
-        """Freeze the whole robot until ``go_on``."""
+        """Freeze the whole robot (SIGSTOP) until ``go_on``."""
         self.process.send_signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
@@ -138,14 +139,15 @@ class Twin:
         self.process.send_signal(signal.SIGCONT)
 
     def move_by_hand(self, **radians: float) -> None:
-        """Move joints that the wire does not hold to these angles of the model (radians), as a hand would.
+        """Move joints as a person's hand would. Joints that the motors hold do not follow.
 
-        Joints from earlier calls keep their angles. This returns when the joints have begun to move.
+        The positions are angles of the model (radians). Joints from earlier calls keep their angles. This function
+        returns when the joints have begun to move.
         """
         self._hand = trio.run(load(_BY_HAND), str(self._control), {**self._hand, **radians})
 
     def order(self, line: str) -> None:
-        """Send a control line that is specific to this robot."""
+        """Send an order that only this robot's twin has, as a line of text."""
         self._command(line)
 
     def _command(self, line: str) -> None:
@@ -169,7 +171,7 @@ class Twin:
         return RuntimeError(f"the twin ended with code {self.process.returncode}: {self._errors.read_text()}")
 
     def _end(self, how: signal.Signals) -> None:
-        self.go_on()  # a frozen process handles no SIGTERM
+        self.go_on()  # a frozen process does not handle SIGTERM
         self.process.send_signal(how)
         try:
             self.process.wait(PATIENCE_S)
@@ -178,30 +180,37 @@ class Twin:
             self.process.wait()
             raise
         finally:
-            with contextlib.suppress(BrokenPipeError):  # part of a line that the twin did not read
+            with contextlib.suppress(BrokenPipeError):  # closing writes what the twin has not read
                 self._lines.close()
             os.close(self._ours)
 
 
-def serve(driver: str, robot: str, **given: Any) -> None:
-    """Run ``strands-actors twin`` in its process. ``driver`` is ``module:Class``, or empty."""
+def serve(driver: str, robot: str, **options: Any) -> None:
+    """Run ``strands-actors twin`` in the process of the simulated robot.
+
+    ``driver`` is ``module:Class``, or empty.
+    """
     if driver:
         register(driver, robot)
     try:
-        load(_SERVE)(robot, **given)
+        load(_SERVE)(robot, **options)
     except load(_PROBLEM) as problem:
         print(problem, file=sys.stderr)
         sys.exit(2)
 
 
-def _is_there(port: str) -> bool:
-    """Return True if a client could connect to a path, or to host:port (with options after a ?), by TCP or UDP."""
+def _is_reachable(port: str) -> bool:
+    """Return True if a client could connect to this address.
+
+    The address is a path, or host:port (with options after a ?) for TCP or UDP.
+    """
     host, colon, number = port.partition("?")[0].rpartition(":")
     if not colon:
         return os.path.exists(port)
     try:
         socket.create_connection((host, int(number)), PATIENCE_S).close()
-    except ConnectionError:  # a listener that is closing resets the connection
+    except ConnectionError:
+        # A listener that is just closing resets the connection.
         return _hears_datagrams(host, int(number))
     return True
 

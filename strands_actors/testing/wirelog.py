@@ -1,4 +1,7 @@
-"""Read the twin's log of the wire. Safety tests check this log, not the statements of the program."""
+"""Read the log of all frames that a simulated robot exchanges.
+
+Safety tests check this log, and not the statements of the program that commands the robot.
+"""
 
 from __future__ import annotations
 
@@ -14,49 +17,53 @@ RUNS = 12
 
 
 class Entry(NamedTuple):
-    """One frame of the log."""
+    """One frame of the log, with its time and sender."""
 
-    t_ns: int  # CLOCK_MONOTONIC, when the bytes were read off the wire
-    sender: str  # "host" or "robot"
-    kind: str  # setpoint, safe, enable, read, config or other
+    t_ns: int  # time at which the robot read the bytes (CLOCK_MONOTONIC, ns)
+    sender: str  # "host" (the computer that commands) or "robot"
+    kind: str  # kind of the frame: setpoint, safe, enable, read, config or other
     data: bytes
-    # Of a safe frame: the safe state of the whole robot. "" if it is only for some motors, None if unknown.
+    # For a safe frame: the safe state of the whole robot. "" if the frame is only for some motors, None if the
+    # state is not known.
     safe_state: str | None = None
 
 
 class Tail:
-    """Reads a growing log. It yields each entry once."""
+    """Read a log that still grows. Each entry is yielded once."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._offset = 0
-        # The first line. A log that was emptied and has grown since has another one.
+        # The first line of the log. It changes if the log was emptied and written again.
         self._first = b""
         self.emptied = False
         """True if the log was emptied after the first read."""
 
     def new(self) -> Iterator[Entry]:
-        """Yield the entries since the last call. A log that was emptied is read from its start."""
+        """Yield the entries that were written since the last call.
+
+        If the log was emptied, start again at its beginning.
+        """
         if not self._path.exists():
             return
         with self._path.open("rb") as log:
-            self._look_at_the_first_line(log)
+            self._check_first_line(log)
             log.seek(self._offset)
             for line in log:
                 if not line.endswith(b"\n"):
-                    return  # the line is not complete yet
+                    return  # the last line is not complete yet, so it is read later
                 self._first = self._first or line
                 self._offset += len(line)
                 yield _entry(line)
 
-    def _look_at_the_first_line(self, log: BinaryIO) -> None:
+    def _check_first_line(self, log: BinaryIO) -> None:
         if log.read(len(self._first)) != self._first:
             self._offset, self._first = 0, b""
             self.emptied = True
 
 
 class _Row(msgspec.Struct):
-    """A line of the log."""
+    """A line of the log, as it is stored."""
 
     t_ns: int
     sender: str = msgspec.field(name="from")
@@ -74,9 +81,9 @@ def _entry(line: bytes) -> Entry:
 
 
 class WireLog:
-    """Reads the NDJSON log of a twin that may still be writing it.
+    """Read the log of a simulated robot (NDJSON), which may still be growing.
 
-    Entries are kept, since a test that waits for a frame reads often.
+    Entries are kept in memory, since a test that waits for a frame reads often.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -86,12 +93,12 @@ class WireLog:
         self._lock = threading.Lock()
 
     def entries(self, since_ns: int = 0) -> Iterator[Entry]:
-        """Read the log, and return its entries from a time (CLOCK_MONOTONIC, ns) on."""
+        """Read the log, and return the entries since a time (CLOCK_MONOTONIC, ns)."""
         with self._lock:
             new = list(self._tail.new())
             if self._tail.emptied:
                 self._tail = self.tail()
-                # Make a new list, so that running iterators keep the old one.
+                # Make a new list. Iterators that still run keep the old one.
                 self._read = []
                 new = list(self._tail.new())
             self._read += new
@@ -99,14 +106,14 @@ class WireLog:
         return (entry for entry in read if entry.t_ns >= since_ns)
 
     def tail(self) -> Tail:
-        """Return a reader from the beginning of the log on."""
+        """Return a reader that starts at the beginning of the log."""
         return Tail(self.path)
 
     def story(self, since_ns: int) -> str:
-        """Describe the wire from a time on, for people.
+        """Describe the frames since a time as text, for people.
 
-        Frames of the same kind in a row are one run, with the time of the first one in ms. The last ``RUNS``
-        runs are returned. Readings and answers of the robot are left out.
+        Successive frames of the same kind are one group, with the time of the first frame in ms. The last ``RUNS``
+        groups are returned. Readings, and answers of the robot, are left out.
         """
         runs: list[tuple[str, float, int]] = []
         for entry in self.entries(since_ns):
@@ -120,18 +127,18 @@ class WireLog:
         return ", ".join(f"{at_ms:.1f} {label} x {count}" for label, at_ms, count in runs[-RUNS:]) or "nothing"
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
-        """Return the frames of one kind that the host wrote."""
+        """Return the frames of one kind that were sent to the robot."""
         return [entry for entry in self.entries(since_ns) if entry.sender == "host" and entry.kind == kind]
 
     def first_safe(self, since_ns: int) -> Entry | None:
-        """Return the host's first safe frame from this time (ns) on; None if there is no safe frame."""
+        """Return the first safe frame that was sent to the robot since this time (ns), or None."""
         return next(iter(self.host("safe", since_ns)), None)
 
     def safe_within(self, since_ns: int, bound_s: float) -> float:
         """Return the seconds from ``since_ns`` to the first safe frame.
 
         Raises:
-            AssertionError: The frame came after the bound, or there is no safe frame.
+            AssertionError: The safe frame came later than the bound, or there is no safe frame.
         """
         safe = self.first_safe(since_ns)
         assert safe is not None, "no safe frame on the wire"
@@ -142,15 +149,15 @@ class WireLog:
     def setpoints_after_safe(self, since_ns: int, until_ns: int | None = None) -> int:
         """Count the setpoints after the first safe frame after ``since_ns``.
 
-        The order of the wire counts, since frames that were read together have the same time.
+        The order in the log decides, because frames that were read together have the same time.
         """
-        seen_safe, count = False, 0
+        had_safe, count = False, 0
         for entry in self.entries(since_ns):
             if entry.sender != "host" or (until_ns is not None and entry.t_ns >= until_ns):
                 continue
-            seen_safe = seen_safe or entry.kind == "safe"
-            count += seen_safe and entry.kind == "setpoint"
-        assert seen_safe, "no safe frame on the wire"
+            had_safe = had_safe or entry.kind == "safe"
+            count += had_safe and entry.kind == "setpoint"
+        assert had_safe, "no safe frame on the wire"
         return count
 
     def no_setpoint_after_safe(self, since_ns: int, until_ns: int | None = None) -> None:
@@ -159,11 +166,11 @@ class WireLog:
         assert count == 0, f"{count} setpoints after the safe frame"
 
     def silent_after(self, t_ns: int, *kinds: str) -> None:
-        """Raise ``AssertionError`` if the host wrote a frame from this time on.
+        """Raise ``AssertionError`` if a frame was sent to the robot since this time.
 
         Args:
             t_ns: The time (CLOCK_MONOTONIC, ns).
-            kinds: The kinds of frames that count. Without any, all count.
+            kinds: The kinds of frames that must not occur. If no kind is given, no frame may occur.
         """
         for entry in self.entries(t_ns):
             if entry.sender == "host" and (not kinds or entry.kind in kinds):

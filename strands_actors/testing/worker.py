@@ -1,7 +1,8 @@
 """Run one bench of a matrix as a process: ``python -m strands_actors.testing.worker``.
 
-It reads orders on standard input, one JSON line each (``Order``). It writes one line for each trial, then
-``Done``. It keeps the bench while orders are for the same robot, and ends with its input.
+The worker reads orders from standard input, one JSON line each (``Order``). For each order it writes one line per
+trial, and then ``Done``. It keeps the bench (a simulated robot and the script that moves it) while orders are for
+the same robot. It ends when standard input ends.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from .trials import Done, Trial, cell_named, encode, trial
 class Order(msgspec.Struct, frozen=True):
     """An order for some trials of one cell.
 
-    ``driver`` is ``module:Class`` of a robot that is no part of this package, or empty.
+    ``driver`` is the ``module:Class`` of a driver of another package, or empty.
     """
 
     robot: str
@@ -35,14 +36,14 @@ class Order(msgspec.Struct, frozen=True):
 
 
 class Worker:
-    """A bench that is kept while orders are for the same robot."""
+    """Carry out orders, and keep the bench while orders are for the same robot."""
 
     def __init__(self) -> None:
         self._bench: Bench | None = None
-        self._whose = ("", "")
+        self._bench_key = ("", "")
 
     def obey(self, order: Order) -> Iterator[Trial]:
-        """Yield the trials of an order. A bench of another robot is closed first.
+        """Yield the trials of an order. If the bench is of another robot, close it first.
 
         Raises:
             NotMoving: The robot cannot be made to move.
@@ -64,17 +65,17 @@ class Worker:
             bench.__exit__(None, None, None)
 
     def _bench_for(self, order: Order) -> Bench:
-        whose = order.robot, order.driver
-        if self._bench is None or whose != self._whose:
+        key = order.robot, order.driver
+        if self._bench is None or key != self._bench_key:
             self.close()
             prepare(order.robot, order.driver)
-            self._bench, self._whose = Bench(order.robot, class_of(order.driver)).__enter__(), whose
+            self._bench, self._bench_key = Bench(order.robot, class_of(order.driver)).__enter__(), key
         return self._bench
 
 
 def main() -> None:
     """Carry out the orders on standard input until it ends. Write each trial, then ``Done``."""
-    # A background job of a shell ignores this signal, and its children would inherit that.
+    # A shell makes background jobs ignore this signal. The children would inherit this, so restore the default.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     worker = Worker()
     with contextlib.closing(worker), contextlib.suppress(KeyboardInterrupt, BrokenPipeError):
@@ -86,7 +87,7 @@ def main() -> None:
                     sys.stdout.buffer.flush()
             except (NotMoving, RuntimeError, TimeoutError) as failure:
                 problem = str(failure)
-                worker.close()  # the next order gets a new robot
+                worker.close()  # the next order starts with a new bench
             sys.stdout.buffer.write(encode(Done(problem)))
             sys.stdout.buffer.flush()
 

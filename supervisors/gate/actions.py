@@ -17,43 +17,43 @@ from strands_actors.kernel.refusals import Code
 MAX_KEYS = 256
 """Most keys of an action, or of one of its values."""
 SHOWN = 100
-"""Longest text of a key or value that is sent on; the refusal shows it."""
+"""Longest text of a key or value that is sent to the gate. A refusal shows this text."""
 
 
 def plain(action: Mapping[str, Any]) -> dict[str, Any]:
-    """Return an action that can be sent.
+    """Return an action that can be sent to another process.
 
     Args:
         action: For each key a number, or a mapping of names to numbers.
 
     Returns:
-        The same with numbers of Python. A value of another type becomes its text, which the gate
-        refuses by its key.
+        The action with Python's own numbers. Any other value becomes text, so that the gate can refuse it and name
+        its key.
     """
     return {_text(key): _plain_value(value) for key, value in action.items()}
 
 
 def refuse_shape(action: object) -> Refused | None:
-    """Return a refusal for an action that is no mapping, or has too many keys."""
+    """Return a refusal if an action is no mapping or has too many keys; otherwise None."""
     if isinstance(action, Mapping):
         if len(action) <= MAX_KEYS:
             return None
-        what = f"the action has {len(action)} keys"
-        return Refused(Code.TOO_MANY_KEYS, what, f"give at most {MAX_KEYS}", str(len(action)), str(MAX_KEYS))
-    kind = type(action).__name__
-    return Refused(Code.NOT_A_MAPPING, f"the action is a {kind}", "it must be a mapping of joints to numbers")
+        text = f"the action has {len(action)} keys"
+        return Refused(Code.TOO_MANY_KEYS, text, f"give at most {MAX_KEYS}", str(len(action)), str(MAX_KEYS))
+    type_name = type(action).__name__
+    return Refused(Code.NOT_A_MAPPING, f"the action is a {type_name}", "give a mapping of joints to numbers")
 
 
 def _plain_value(value: Any) -> Any:
     if isinstance(value, Mapping):
-        parts = itertools.islice(value.items(), MAX_KEYS)  # No robot has so many: the rest cannot be valid.
+        # No robot has so many axes, so further values cannot be valid.
+        parts = itertools.islice(value.items(), MAX_KEYS)
         return {_text(name): _number_or_text(part) for name, part in parts}
     return _number_or_text(value)
 
 
 def _number_or_text(value: Any) -> float | bool | str | None:
-    """Return a number of any library as one of Python. A bool stays a bool, since drivers refuse it as a
-    number."""
+    """Return a number of any library as a Python number. A bool stays a bool, so that the driver can refuse it."""
     if value is None or isinstance(value, str):
         return value and harmless(value[:SHOWN])
     item = getattr(value, "item", None)
@@ -67,6 +67,5 @@ def _number_or_text(value: Any) -> float | bool | str | None:
 
 
 def _text(key: object) -> str:
-    """Return a key as text. A key that cannot be sent, or has characters that cannot be seen, is
-    written out."""
+    """Return a key as text. Characters that cannot be sent or shown are written as escapes."""
     return harmless(key[:SHOWN]) if isinstance(key, str) else shown(key, SHOWN)

@@ -1,14 +1,14 @@
-"""Decide whether the gate accepts a setpoint or a service, and why not.
+"""Decide whether the gate accepts a setpoint or a service of the driver, and give the reason if not.
 
-Pure: the gate passes in its state (``Known``) and the time. The checks of a setpoint run in the order
-in which a person would want to read them, since the first that fails is the answer:
+Pure: the gate passes in its state (``GateSnapshot``) and the time. The first check that fails gives the refusal. So
+the checks of a setpoint are in the order that helps a person most:
 
     mode          an e-stop, a tree that ends, no link, a robot that is not armed
-    lease, epoch  another writer, or a command from before the last stop
-    deadline      a command that is too late, or lies too far ahead
-    conditions    of the robot: battery, a fault, a mode of its controller
-    axes          names and values that the driver can read
-    gates         limits of the driver: range, speed, step
+    lease, epoch  another writer has the lease, or the command was made before the last stop
+    deadline      the deadline has passed, or is too far ahead
+    conditions    a condition of the robot is broken: battery, a fault, a mode of its controller
+    axes          the driver does not know a name, or cannot read a value
+    gates         a limit of the driver: range, speed, step
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from . import failsafe
 from .failsafe import Mode
 from .lease import Leases, refuse_by_deadline
 
-_BUSY = Refused(Code.BUSY, "another service is under way", "wait until it is done")
+_BUSY = Refused(Code.BUSY, "another service is running", "wait until it is done")
 
 
-class Known(NamedTuple):
-    """The state of the gate on which a decision depends."""
+class GateSnapshot(NamedTuple):
+    """The part of the gate's state that a decision depends on."""
 
     state: failsafe.State
     leases: Leases
-    cause: str  # why the robot is in this state
-    reason: Reason | None  # the reason of that cause
+    cause: str  # why the robot is in this mode, for people
+    reason: Reason | None  # the same as ``Reason``; None if there is no cause
     connect_error: str
     observation: Observation | None
     target: tuple[float, ...]
-    target_ns: int  # when the target was accepted
+    target_ns: int  # time at which the gate accepted the target
     live: Live | None
     in_service: bool  # a service of the driver is running
 
@@ -61,37 +61,38 @@ class Admission:
     def __init__(self, driver: Driver) -> None:
         self._driver = driver
 
-    def setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
+    def setpoint(self, message: Setpoint, snapshot: GateSnapshot, now_ns: int) -> Admitted | Refused:
         """Return the setpoint for the wire, or a refusal."""
-        answer = self._setpoint(message, known, now_ns)
+        answer = self._setpoint(message, snapshot, now_ns)
         return answer.about(MOVE) if isinstance(answer, Refused) else answer
 
-    def _setpoint(self, message: Setpoint, known: Known, now_ns: int) -> Admitted | Refused:
-        """As ``setpoint``, without the verb in a refusal. The order of the checks is at the top."""
+    def _setpoint(self, message: Setpoint, snapshot: GateSnapshot, now_ns: int) -> Admitted | Refused:
+        """Return the setpoint for the wire, or a refusal that does not yet name the verb. The module explains the
+        order of checks."""
         refusal = (
-            self._refuse_by_mode(known)
-            or _refuse_by_lease(message, known)
+            self._refuse_by_mode(snapshot)
+            or _refuse_by_lease(message, snapshot)
             or refuse_by_deadline(message.deadline_ns, now_ns)
             or self._refuse_latched(message)
         )
         if refusal is not None:
             return refusal
-        observation = known.observation
+        observation = snapshot.observation
         if observation is None:
-            return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
-        if known.in_service:
-            return Refused(Code.BUSY, "one of the robot's own services is under way", "wait until it is done")
+            return Refused(Code.NO_OBSERVATION, "the robot has not been read yet", "wait for the first observation")
+        if snapshot.in_service:
+            return Refused(Code.BUSY, "a service of the robot is running", "wait until it is done")
         broken = self.broken_condition(observation, now_ns)
         if broken is not None:
             return broken[1]
         state = GateState(
             now_ns,
             observation,
-            known.target,
-            known.target_ns,
+            snapshot.target,
+            snapshot.target_ns,
             message.period_s > 0,
             message.period_s,
-            known.live,
+            snapshot.live,
         )
         candidate = self._driver.parse(message.action, state)
         if isinstance(candidate, Refused):
@@ -105,66 +106,68 @@ class Admission:
             until_ns = min(until_ns or candidate.until_ns, candidate.until_ns)
         return Admitted(candidate.values, until_ns, min(message.deadline_ns, until_ns or message.deadline_ns))
 
-    def service(self, message: Perform, known: Known, now_ns: int) -> Refused | None:
-        """Return a refusal of a service of the driver, or None. A service that moves the robot is
+    def service(self, message: Perform, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
+        """Return a refusal for a service of the driver; None if it may run. A service that moves the robot is
         refused whenever a setpoint would be refused."""
-        refusal = self._refuse_service(message, known, now_ns)
+        refusal = self._refuse_service(message, snapshot, now_ns)
         return None if refusal is None else refusal.about(message.service)
 
-    def _refuse_service(self, message: Perform, known: Known, now_ns: int) -> Refused | None:
-        service, state = message.service, known.state
+    def _refuse_service(self, message: Perform, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
+        service, state = message.service, snapshot.state
         refusal = self._driver.check_service(service, message.arguments)
         if refusal is not None:
             return refusal
         if self._driver.SERVICES[service].acts:
-            return Refused(Code.A_COMMAND, "it is a command", "send its arguments as an action")
+            return Refused(
+                Code.A_COMMAND, "this service is a motion command", "send its arguments with send_action()"
+            )
         if state.locked_by:
             return Refused(Code.LOCKED_OUT, f"e-stopped by {state.locked_by}", "resume() lifts the lockout")
         if state.mode in failsafe.OVER:
-            return refuse_at_the_end(known.cause)
+            return refuse_at_the_end(snapshot.cause)
         if state.mode not in failsafe.LINKED:
-            return Refused(Code.NOT_CONNECTED, f"not connected: {known.connect_error}")
+            return Refused(Code.NOT_CONNECTED, f"not connected: {snapshot.connect_error}")
         if state.mode in (Mode.ARMING, Mode.STOPPING):
-            return Refused(Code.BUSY, f"the robot is {state.mode}", "try again when that is over")
-        refusal = _refuse_by_lease(message, known)
+            return Refused(Code.BUSY, f"the robot is {state.mode}", "try again when it is armed or stopped")
+        refusal = _refuse_by_lease(message, snapshot)
         if refusal is not None:
             return refusal
-        refusal = self._refuse_by_mode(known) if self._driver.SERVICES[service].needs_armed else None
+        refusal = self._refuse_by_mode(snapshot) if self._driver.SERVICES[service].needs_armed else None
         if refusal is not None:
             return refusal
-        what = self._driver.SERVICES[service]
-        moves = known.live is not None or message.first is not None
-        if moves and not (what.in_motion or what.ends_motion):
-            return Refused(Code.LIVE, "the robot is being moved", "wait until that is over, or call stop()")
-        if what.ends_motion and known.in_service:
+        declared = self._driver.SERVICES[service]
+        moves = snapshot.live is not None or message.first is not None
+        if moves and not (declared.in_motion or declared.ends_motion):
+            return Refused(Code.LIVE, "the robot is moving", "wait until the motion has ended, or call stop()")
+        if declared.ends_motion and snapshot.in_service:
             return _BUSY
-        return self._refuse_to_move(known, now_ns) if what.moves else None
+        return self._refuse_to_move(snapshot, now_ns) if declared.moves else None
 
-    def _refuse_to_move(self, known: Known, now_ns: int) -> Refused | None:
-        if known.in_service:
+    def _refuse_to_move(self, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
+        if snapshot.in_service:
             return _BUSY
-        if known.observation is None:
-            return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
-        return self.refuse_motion(known, now_ns)
+        if snapshot.observation is None:
+            return Refused(Code.NO_OBSERVATION, "the robot has not been read yet", "wait for the first observation")
+        return self.refuse_motion(snapshot, now_ns)
 
-    def refuse_motion(self, known: Known, now_ns: int) -> Refused | None:
-        """Return the refusal that any setpoint would get now, by the mode or by a condition of the robot;
-        None if there is none."""
-        refusal = self._refuse_by_mode(known)
-        if refusal is not None or known.observation is None:
+    def refuse_motion(self, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
+        """Return the refusal that every setpoint would get now, because of the mode or a broken condition of the
+        robot. Return None if setpoints are possible."""
+        refusal = self._refuse_by_mode(snapshot)
+        if refusal is not None or snapshot.observation is None:
             return refusal
-        broken = self.broken_condition(known.observation, now_ns)
+        broken = self.broken_condition(snapshot.observation, now_ns)
         return None if broken is None else broken[1]
 
     def broken_condition(
         self, observation: Observation, now_ns: int, only_always: bool = False
     ) -> tuple[Condition, Refused] | None:
-        """Return the first condition of the robot that is broken, and its refusal.
+        """Return the first condition of the robot that is broken, with its refusal.
 
         Args:
             observation: The newest observation.
             now_ns: The time.
-            only_always: Check only the conditions that hold while no target is live.
+            only_always: True to check only the conditions that must also hold while no setpoint is in force.
         """
         for condition in self._driver.conditions:
             if condition.always or not only_always:
@@ -174,9 +177,10 @@ class Admission:
         return None
 
     def broken_for_resume(self, observation: Observation, now_ns: int) -> tuple[Condition, Refused] | None:
-        """Return the condition that keeps an armed robot from continuing, and its refusal.
+        """Return the broken condition that keeps an armed robot from continuing, with its refusal; None if there is
+        none.
 
-        A condition that a person has to mend comes first, then the first one that arming mends.
+        A condition that only a person can repair comes before one that arming again repairs.
         """
         broken = [
             (condition, refusal)
@@ -187,50 +191,54 @@ class Admission:
         by_hand = (each for each in broken if each[0].on_resume is OnResume.REFUSE)
         return next(by_hand, broken[0] if broken else None)
 
-    def _refuse_by_mode(self, known: Known) -> Refused | None:
-        mode = known.state.mode
-        if known.state.locked_by:
-            why = f"e-stopped by {known.state.locked_by}"
-            return Refused(Code.LOCKED_OUT, why, "resume() lifts the lockout")
+    def _refuse_by_mode(self, snapshot: GateSnapshot) -> Refused | None:
+        mode = snapshot.state.mode
+        if snapshot.state.locked_by:
+            reason = f"e-stopped by {snapshot.state.locked_by}"
+            return Refused(Code.LOCKED_OUT, reason, "resume() lifts the lockout")
         if mode in failsafe.WRITABLE:
             return None
         if mode in failsafe.OVER:
-            return refuse_at_the_end(known.cause)
+            return refuse_at_the_end(snapshot.cause)
         if mode not in failsafe.LINKED:
-            why = "the restart budget is spent" if mode is Mode.FAILED else known.connect_error
-            return Refused(Code.NOT_CONNECTED, f"not connected: {why}", "call connect_eagerly() first")
+            reason = "the restart budget is spent" if mode is Mode.FAILED else snapshot.connect_error
+            return Refused(Code.NOT_CONNECTED, f"not connected: {reason}", "call connect_eagerly() first")
         if mode is Mode.ARMING:
             return Refused(Code.ARMING, "the robot is being energised", "try again when it is armed")
-        cause = f" ({known.cause})" if known.cause else ""
-        # FAULTED tells a program that the robot ended its motion, and not a person's stop.
-        code = Code.FAULTED if known.reason == Reason.FAULT else Code.DISARMED
-        why = f"the robot is {mode}{cause}"
-        return Refused(code, why, "call resume() first", because=str(known.reason or ""))
+        cause = f" ({snapshot.cause})" if snapshot.cause else ""
+        # With FAULTED, a program can see that the robot itself ended its motion. After a person's stop the code is
+        # DISARMED.
+        code = Code.FAULTED if snapshot.reason == Reason.FAULT else Code.DISARMED
+        reason = f"the robot is {mode}{cause}"
+        return Refused(code, reason, "call resume() first", because=str(snapshot.reason or ""))
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
-        """Refuse a latched command to a robot that would move on by it: a base, a drone, legs."""
+        """Refuse a latched command (without an end) to a robot that would not stop by itself: a base, a drone,
+        legs."""
         longest_s = self._driver.timing.oneshot_ttl_s
         if not message.latched or longest_s is None:
             return None
-        why = f"{self._driver.robot} takes no command without an end"
-        return Refused(Code.LATCHED, why, f"give it a lifetime, {longest_s:g} s", "latched", f"{longest_s:g} s")
+        reason = f"{self._driver.robot} accepts no command without an end"
+        return Refused(
+            Code.LATCHED, reason, f"give a lifetime of at most {longest_s:g} s", "latched", f"{longest_s:g} s"
+        )
 
 
 def refuse_at_the_end(cause: str) -> Refused:
-    """Return the refusal of every command to a tree that ends."""
-    return Refused(Code.ENDING, f"the tree of this robot ends ({cause})", "start it again")
+    """Return the refusal that every command gets while the robot's processes are being ended."""
+    return Refused(Code.ENDING, f"the robot's processes are being ended ({cause})", "start the robot again")
 
 
-def _refuse_by_lease(message: Setpoint | Perform, known: Known) -> Refused | None:
-    refusal = known.leases.refuse(message.lease, message.channel)
-    if refusal is None and message.epoch != known.state.epoch:
-        cause = f" ({known.cause})" if known.cause else ""
+def _refuse_by_lease(message: Setpoint | Perform, snapshot: GateSnapshot) -> Refused | None:
+    refusal = snapshot.leases.refuse(message.lease, message.channel)
+    if refusal is None and message.epoch != snapshot.state.epoch:
+        cause = f" ({snapshot.cause})" if snapshot.cause else ""
         return Refused(
             Code.STALE_EPOCH,
-            f"prepared in epoch {message.epoch}, now it is {known.state.epoch}{cause}",
+            f"the robot has stopped or held since this command was made{cause}",
             "send it again",
             str(message.epoch),
-            str(known.state.epoch),
-            because=str(known.reason or ""),
+            str(snapshot.state.epoch),
+            because=str(snapshot.reason or ""),
         )
     return refusal

@@ -1,19 +1,19 @@
-"""Decide which cause of a stop is kept: the most specific one that is known soon after it. Pure.
+"""Decide which cause of a stop is kept: the most specific one that is known shortly after the stop. Pure.
 
-A fault has several symptoms, and the first one is seldom the cause. An arm that collides first
-reports that it stands, then why. So a cause has a rank, and for ``SOON_NS`` after a stop a cause of
-a lower rank replaces it.
+A fault has several symptoms, and the first symptom is seldom the cause. An arm that collides first reports that it
+does not move, and only then why. So each cause has a rank. Within ``SOON_NS`` after a stop, a cause with a lower
+rank replaces the present one.
 
     rank             cause
-    ORDER            an order: a stop, a cleanup
-    1, 2, 3, ...     a condition of the robot is broken, in the driver's order
+    ORDER            a person or a program ordered a stop or a cleanup
+    1, 2, 3, ...     a condition of the robot is broken (the conditions in the driver's order)
     REPORTED         the robot reports a fault, and its driver has no conditions
     FAULT            the robot did not obey: it could not be held or armed
     LINK             the robot no longer answers
-    LATE             no setpoint came in time, or its writer ended: a hold
+    LATE             no setpoint came in time, or its writer ended, so the robot holds
 
-Only conditions that our own stop cannot break are checked (``OnResume.REFUSE``). Otherwise a stopped
-arm would be the cause of its stop.
+Only conditions that our own stop cannot break are checked (``OnResume.REFUSE``). Otherwise the stop itself would
+appear as the cause, since a stopped arm breaks other conditions.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SOON_NS = round(0.2 * NS)
 
 
 class Rank(enum.IntEnum):
-    """How specific a cause is; a lower rank is more specific. The conditions lie between ``ORDER`` and
+    """How specific a cause is. A lower rank is more specific. The ranks of the conditions are between ``ORDER`` and
     ``REPORTED``."""
 
     ORDER = 0
@@ -41,25 +41,25 @@ class Rank(enum.IntEnum):
 
 
 class Lapse(enum.StrEnum):
-    """How a command ended by itself. It decides which writer may move the robot next without a
-    resume."""
+    """How a command ended, if no stop or fault ended it. This decides which writer may move the robot next without
+    a resume."""
 
-    NONE = ""  # it did not end by itself
-    EXPIRED = "expired"  # no setpoint followed in time
-    GIVEN_BACK = "given_back"  # its writer gave the lease back
-    ROLLOUT_ENDED = "rollout_ended"  # a rollout gave back the lease that it wrote under
+    NONE = ""  # a stop or a fault ended the command, or there was no command
+    EXPIRED = "expired"  # the lifetime of the last setpoint ended
+    LEASE_RELEASED = "given_back"  # the writer released its lease
+    ROLLOUT_ENDED = "rollout_ended"  # a rollout released the lease under which it wrote
 
 
 class Cause(msgspec.Struct, frozen=True):
     """Why the robot is in its safe state.
 
     Attributes:
-        text: For people. No program reads it.
+        text: The cause for people. No program reads it.
         reason: The reason of the stop.
         rank: How specific the cause is.
-        until_ns: Until then a more specific cause replaces this one.
-        faults: The faults that the robot reported at the time of the stop.
-        lapse: How the last command ended, if it ended by itself.
+        until_ns: Before this time a more specific cause replaces this one.
+        faults: The faults that the robot reported when it was stopped.
+        lapse: How the last command ended, if no stop or fault ended it.
     """
 
     text: str = ""
@@ -69,19 +69,19 @@ class Cause(msgspec.Struct, frozen=True):
     faults: dict[str, str] = {}
     lapse: Lapse = Lapse.NONE
 
-    def or_more_specific(self, other: Cause, now_ns: int) -> Cause:
-        """Return ``other``, or this cause while it is the more specific one and may be replaced."""
-        return self if now_ns < self.until_ns and self.rank < other.rank else other
+    def or_more_specific(self, newer: Cause, now_ns: int) -> Cause:
+        """Return the cause to keep. It is ``newer``, unless this cause is more specific and recent."""
+        return self if now_ns < self.until_ns and self.rank < newer.rank else newer
 
     def reported(self, now_ns: int) -> Cause:
-        """Return this cause with ``SOON_NS`` from now. The wire reads the robot only after it has reported
-        the stop."""
+        """Return this cause with a new deadline for its replacement, ``SOON_NS`` from now. The wire reads the
+        robot's faults only after it has reported the stop."""
         if self.rank == Rank.ORDER:
             return self
         return msgspec.structs.replace(self, until_ns=max(self.until_ns, now_ns + SOON_NS))
 
     def refined(self, driver: Driver, observation: Observation, now_ns: int) -> Cause:
-        """Return the more specific cause that this observation shows, or this one."""
+        """Return a more specific cause if this observation shows one; otherwise this cause."""
         if now_ns >= self.until_ns:
             return self
         for rank, condition in enumerate(driver.conditions, Rank.ORDER + 1):
@@ -100,17 +100,18 @@ class Cause(msgspec.Struct, frozen=True):
         return self
 
     def _replaced(self, text: str, reason: Reason, rank: int) -> Cause:
-        """Return a more specific cause. The command did not end by itself then: the fault ended it."""
+        """Return this cause with a more specific text and reason. ``lapse`` is cleared, since a fault ended the
+        command."""
         return msgspec.structs.replace(self, text=text, reason=reason, rank=rank, lapse=Lapse.NONE)
 
 
 def rank_of_condition(driver: Driver, condition: Condition) -> int:
-    """Return the rank of a condition as a cause."""
+    """Return the rank of a broken condition as a cause."""
     return Rank.LINK if condition.is_silence else Rank.ORDER + 1 + driver.conditions.index(condition)
 
 
 def rank_of(reason: Reason) -> Rank:
-    """Return the rank of a cause when only its reason is known."""
+    """Return the rank of a cause of which only the reason is known."""
     if reason in HOLDING_REASONS:
         return Rank.LATE
     if reason in (Reason.FAULT, Reason.WIRE):

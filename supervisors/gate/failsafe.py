@@ -1,21 +1,21 @@
 """The failsafe machine: states, events, epoch and actions as data. No I/O, no clock.
 
-The gate steps this table, the property tests drive it, and the docs show it.
+The gate looks up each event in this table, the property tests try all events, and the docs show the table.
 
-Theory. The machine has one question to answer: may a setpoint move the robot now?
+Theory. The machine answers one question: may a setpoint move the robot now?
 
-* A setpoint is accepted only in ``WRITABLE`` modes. Every way into them starts with an ``ARM``, and an arming
-  needs a ``RESUME``.
-* An event without a row in a mode changes nothing there.
-* ``raises`` means that the epoch rises. The wire refuses setpoints that were prepared in an older epoch. So
-  every stop, hold, loss of the link and arming raises it.
-* A late or lost writer (``HOLDING_REASONS``) is a HOLD if the driver's safe state for it keeps the motors
+* A setpoint is accepted only in the ``WRITABLE`` modes, armed and holding. The only way into them is an ``ARM``,
+  and only a ``RESUME`` leads to an ``ARM``.
+* An event without a row for the present mode changes nothing.
+* ``raises`` means that the epoch, a counter, is raised. The wire refuses setpoints that were made in an older
+  epoch. So every stop, hold, lost link and arming raises it.
+* A late or lost writer (``HOLDING_REASONS``) is a HOLD, if the driver's safe state for it keeps the motors
   energised. The next setpoint ends a hold.
-* Everything else is a STOP, with any safe state. A gripper that keeps its grip is disarmed all the same, and
-  only a resume lets it move again. An e-stop is a stop that also locks.
-* A link that is lost while something may be energised leads to LOST. When the link is back, the safe state
-  comes first.
-* A tree that ends (``ENDING_REASONS``) stops for good: ENDING and ENDED have no row for a resume.
+* All other reasons are a STOP, with any safe state. Even a gripper that keeps its grip is disarmed, and moves again
+  only after a resume. An e-stop is a stop that also locks the robot.
+* If the link is lost while something may be energised, the mode is LOST. When the link is back, the safe state is
+  written before anything else.
+* When the robot's processes end (``ENDING_REASONS``), the stop is final: ENDING and ENDED have no row for a resume.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ ENDING_REASONS = frozenset({Reason.CALLER, Reason.CLEANUP, Reason.ROOT})
 
 
 class Mode(enum.StrEnum):
-    DOWN = "down"  # no link; nothing is energised by this tree
-    LOST = "lost"  # no link; it was lost while energised, or before the safe state was confirmed
-    DISARMED = "disarmed"  # link up, on the safe state of a stop, waiting for a resume
-    ARMING = "arming"  # being energised at the measured position
+    DOWN = "down"  # not connected; these processes have energised nothing
+    LOST = "lost"  # not connected; the link was lost while energised, or before the safe state was confirmed
+    DISARMED = "disarmed"  # connected and stopped, with a confirmed safe state; waits for a resume
+    ARMING = "arming"  # the motors are being energised at the measured position
     ARMED = "armed"  # energised, setpoints are accepted
-    HOLDING = "holding"  # energised at the measured position; the last writer is gone or late
-    STOPPING = "stopping"  # safe frames are out, not yet confirmed
+    HOLDING = "holding"  # energised at the measured position, because the last writer ended or is late
+    STOPPING = "stopping"  # the safe state was written and is not yet confirmed
     UNCONFIRMED = "unconfirmed"  # a motor did not confirm the safe state
-    FAILED = "failed"  # the restart budget is spent; only a new tree helps
-    ENDING = "ending"  # the tree ends: safe frames are out, not yet confirmed; only a stop is accepted
-    ENDED = "ended"  # the tree ends: the safe state is confirmed, or this tree had energised nothing
+    FAILED = "failed"  # the wire process has failed too often; only a new start of the robot helps
+    ENDING = "ending"  # the processes end; the safe state is not yet confirmed; only a stop is accepted
+    ENDED = "ended"  # the processes end; the safe state is confirmed, or nothing had been energised
 
 
 class Event(enum.StrEnum):
@@ -53,11 +53,10 @@ class Event(enum.StrEnum):
     ARM_FAILED = "arm failed"
     SETPOINT = "setpoint accepted"
     HOLD = "hold"  # a late or lost writer, on a safe state that keeps the motors energised
-    STOP = "stop"  # any other reason, and any safe state that does not
-    END = "end"  # the caller or the root has ended, or the tree is cleaned up
+    STOP = "stop"  # any other reason, or a safe state that switches motors off
+    END = "end"  # the script or the root process has ended, or the robot is cleaned up
     SAFE_CONFIRMED = "safe confirmed"
     SAFE_UNCONFIRMED = "safe unconfirmed"
-    GIVE_UP = "give up"
 
 
 class Action(enum.StrEnum):
@@ -82,57 +81,48 @@ TRANSITIONS: dict[tuple[Mode, Event], Row] = {
     (Mode.DOWN, Event.LINK_UP): Row(Mode.DISARMED),
     (Mode.DOWN, Event.STOP): Row(Mode.DOWN, True, Action.MAKE_SAFE),
     (Mode.DOWN, Event.END): _ENDED,
-    (Mode.DOWN, Event.GIVE_UP): _FAILED,
-    # A motor that was energised when the link was lost is still energised when it is back. So the safe state
-    # comes first.
+    # A motor that was energised when the link was lost may still be energised when the link is back. So the safe
+    # state is written first.
     (Mode.LOST, Event.LINK_UP): _STOP,
     (Mode.LOST, Event.STOP): Row(Mode.LOST, True, Action.MAKE_SAFE),
-    # The state of the robot is unknown. A hold is tried, too, on every connection that can still be written.
+    # The state of the robot is unknown. The hold is tried on every connection on which bytes can still be sent.
     (Mode.LOST, Event.HOLD): Row(Mode.LOST, True, Action.MAKE_SAFE),
     (Mode.LOST, Event.END): _END,
-    (Mode.LOST, Event.GIVE_UP): _FAILED,
     (Mode.DISARMED, Event.RESUME): Row(Mode.ARMING, True, Action.ARM),
     (Mode.DISARMED, Event.STOP): _STOP,
     (Mode.DISARMED, Event.LINK_LOST): Row(Mode.DOWN, True),
     (Mode.DISARMED, Event.END): _END,
-    (Mode.DISARMED, Event.GIVE_UP): _FAILED,
     (Mode.ARMING, Event.ARM_DONE): Row(Mode.ARMED),
     (Mode.ARMING, Event.ARM_FAILED): _STOP,
     (Mode.ARMING, Event.STOP): _STOP,
     (Mode.ARMING, Event.LINK_LOST): _LOST,
     (Mode.ARMING, Event.END): _END,
-    (Mode.ARMING, Event.GIVE_UP): _FAILED,
     (Mode.ARMED, Event.SETPOINT): Row(Mode.ARMED),
     (Mode.ARMED, Event.HOLD): Row(Mode.HOLDING, True, Action.MAKE_SAFE),
     (Mode.ARMED, Event.STOP): _STOP,
     (Mode.ARMED, Event.LINK_LOST): _LOST,
     (Mode.ARMED, Event.END): _END,
-    (Mode.ARMED, Event.GIVE_UP): _FAILED,
     (Mode.HOLDING, Event.SETPOINT): Row(Mode.ARMED),
     (Mode.HOLDING, Event.STOP): _STOP,
     (Mode.HOLDING, Event.LINK_LOST): _LOST,
     (Mode.HOLDING, Event.END): _END,
-    (Mode.HOLDING, Event.GIVE_UP): _FAILED,
     (Mode.STOPPING, Event.SAFE_CONFIRMED): Row(Mode.DISARMED),
     (Mode.STOPPING, Event.SAFE_UNCONFIRMED): Row(Mode.UNCONFIRMED),
     (Mode.STOPPING, Event.STOP): _STOP,
     (Mode.STOPPING, Event.LINK_LOST): _LOST,
     (Mode.STOPPING, Event.END): _END,
-    (Mode.STOPPING, Event.GIVE_UP): _FAILED,
-    # Arming reads every motor back, so one that is still wrong fails it and is stopped again.
+    # Arming reads every motor back. If a motor is still not safe, arming fails and the robot is stopped again.
     (Mode.UNCONFIRMED, Event.RESUME): Row(Mode.ARMING, True, Action.ARM),
     (Mode.UNCONFIRMED, Event.STOP): _STOP,
     (Mode.UNCONFIRMED, Event.LINK_LOST): _LOST,
     (Mode.UNCONFIRMED, Event.END): _END,
-    (Mode.UNCONFIRMED, Event.GIVE_UP): _FAILED,
     (Mode.FAILED, Event.STOP): _FAILED,
     (Mode.FAILED, Event.END): _FAILED,
     (Mode.ENDING, Event.SAFE_CONFIRMED): Row(Mode.ENDED),
     (Mode.ENDING, Event.LINK_UP): _END,
     (Mode.ENDING, Event.STOP): _END,
     (Mode.ENDING, Event.END): _END,
-    # A confirmed safe state stays confirmed, since nothing can be energised any more. So an END has no row
-    # here.
+    # In ENDED nothing can be energised any more, so a further END changes nothing and has no row.
     (Mode.ENDED, Event.LINK_UP): _ENDED,
     (Mode.ENDED, Event.STOP): _END,
 }
@@ -145,7 +135,7 @@ LINKED = frozenset(Mode) - {Mode.DOWN, Mode.LOST, Mode.FAILED} - OVER
 
 
 class State(msgspec.Struct, frozen=True):
-    """The state of the machine. ``locked_by`` is the operator of an e-stop. Only a resume clears it."""
+    """The state of the machine. ``locked_by`` is the operator of an e-stop; only a resume clears it."""
 
     mode: Mode = Mode.DOWN
     epoch: int = 1
@@ -158,7 +148,7 @@ def step(state: State, event: Event, locked_by: str = "") -> tuple[State, Action
     Args:
         state: The present state.
         event: The event.
-        locked_by: With ``STOP``: the operator, which makes the stop an e-stop.
+        locked_by: Only for ``STOP``: the name of the operator. A stop with a name is an e-stop.
     """
     row = TRANSITIONS.get((state.mode, event))
     lock = locked_by or state.locked_by

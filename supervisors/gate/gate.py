@@ -1,11 +1,11 @@
 """The gate: the actor through which every command to a robot passes.
 
-It holds the failsafe state, the leases and the newest observation. ``failsafe`` decides which state
-follows, ``admission`` which setpoint is accepted, ``cause`` which cause of a stop is kept.
+The gate holds the failsafe state, the leases (rights to command) and the newest observation. ``failsafe`` decides
+which state follows, ``admission`` which setpoint is accepted, and ``cause`` which cause of a stop is kept.
 
-The gate reads no clock. A decision depends on its memory, the message, and the time at which the
-message was taken from the mailbox, so that a recording can be replayed exactly. The gate never waits:
-it replies to a stop when the transport reports, and handles other messages meanwhile.
+The gate reads no clock. A decision depends on its memory, the message, and the time at which the message was taken
+from the mailbox, so that a recording can be replayed exactly. The gate never waits. It replies to a stop when the
+transport (the actor that writes to the robot) has reported it, and handles other messages meanwhile.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ from strands_actors.supervisors.root.stop_channel import not_reached
 from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeSafe, Write
 
 from . import failsafe
-from .admission import Admission, Known, refuse_at_the_end
+from .admission import Admission, GateSnapshot, refuse_at_the_end
 from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
-from .held_target import held_target
-from .lease import LEASE_TTL_NS, Held, Leases
+from .lease import LEASE_TTL_NS, HeldLease, Leases
 from .memory import GateMemory, Waiting
+from .target_after_hold import target_after_hold
 
 _STOP_AGAIN_NS = round(0.5 * NS)
 """Shortest time between an unconfirmed stop and the next one."""
@@ -83,16 +83,16 @@ class Gate(Actor):
 
     Args:
         driver: The driver of the robot.
-        transport: Address of the transport.
+        transport: Address of the transport, which writes to the robot.
         watchdog: Address of the watchdog.
-        guardian: Address of the guardian, in the root.
-        start: First state of the failsafe machine. A restarted wire continues with its last epoch.
-        cause: What led to that state, for people.
-        locked_since: When a lockout began, ISO 8601; empty if there is none.
-        no_standby: Why nothing may be energised, until the root reports that its stop channel and
-            the standby are ready.
-        audited: Report every decision to the root, which writes the audit.
-        secret: Key of the leases' numbers, so that they cannot be guessed.
+        guardian: Address of the guardian, in the root process.
+        start: First state of the failsafe machine. A restarted wire process continues with its last epoch.
+        cause: Why the robot is in that state, for people.
+        locked_since: When the robot was locked by an e-stop, ISO 8601; empty if it is not locked.
+        no_standby: Why nothing may be energised yet. It is empty once the root has reported that its stop channel
+            and the standby process are ready.
+        audited: True to report every decision to the root, which writes the audit.
+        secret: Key for the numbers of leases, so that they cannot be guessed.
         stopped_ns: When the root was last ordered to stop the robot.
     """
 
@@ -116,26 +116,28 @@ class Gate(Actor):
         self._audited = audited
         self._addresses = transport, watchdog, guardian
         self._state = start
-        # A lease of an earlier wire process must not count here.
+        # Numbers start high, so that a lease of an earlier wire process is not valid here.
         self._leases = Leases(0, secret=secret) if secret else Leases(start.epoch << 20)
         self._observation: Observation | None = None
         self._target: tuple[float, ...] = ()
         self._target_ns = 0
         self._live: Live | None = None
         self._stops: list[Waiting] = []
-        self._lock = LockKept(0, locked_since)  # the newest lock on the disk
+        self._lock = LockKept(0, locked_since)  # the lock that the root wrote to the disk last
         self._resumes: list[Deferred] = []
-        self._rearming: list[Deferred] = []  # resumes that arm when the robot has stopped
-        self._grants: list[tuple[Lease, Deferred]] = []  # leases to give when the hold is done
-        self._services: dict[int, Deferred] = {}  # requests for running services, by number
+        self._rearming: list[Deferred] = []  # resumes that wait until the robot has stopped, and then arm it
+        self._grants: list[tuple[Lease, Deferred]] = []  # leases that are given when the hold is done
+        # Requests that wait for a running service, by the number of the service.
+        self._services: dict[int, Deferred] = {}
         self._service = 0
         self._cause = Cause(cause)
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
         self._last_stop_ns = 0
-        self._report_stands = False  # no motion and no lost link since the report of the last stop
-        self._stopped_ns = stopped_ns  # time of the last ordered stop
+        # True if the robot has not moved, and the link was not lost, since the last report of a stop.
+        self._report_stands = False
+        self._stopped_ns = stopped_ns  # when a stop was last ordered
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -189,7 +191,7 @@ class Gate(Actor):
                 if self._live is not None:
                     self._look(message.now_ns)
                 elif self._state.mode in failsafe.WRITABLE:
-                    self._look_at_conditions(message.now_ns, live=False)
+                    self._check_conditions(message.now_ns, live=False)
                 self._tell_alive(message.number)
             case Observed():
                 self._observed(message)
@@ -206,8 +208,8 @@ class Gate(Actor):
             case Release():
                 return self._release(message)
             case GetObservation():
-                seen = self._newest_observation()
-                return seen.about(OBSERVE) if isinstance(seen, Refused) else seen
+                observation = self._newest_observation()
+                return observation.about(OBSERVE) if isinstance(observation, Refused) else observation
             case GetSafety():
                 return self._safety()
             case GetStatus():
@@ -230,35 +232,35 @@ class Gate(Actor):
             case LinkUp():
                 self._link_up(message)
             case LinkLost():
-                self._link_lost(message.why)
+                self._link_lost(message.cause)
         return None
 
     # -- setpoints
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
-        held = self._leases.find(message.lease, message.channel)
-        kept = None if held is None else held.refused
+        lease = self._leases.find(message.lease, message.channel)
+        kept = None if lease is None else lease.refused
         code = "accepted"
         answer = kept or self._admit(message)
         if isinstance(answer, Refused):
-            if held is not None and not self.context.asked:
-                held.refused = answer
+            if lease is not None and not self.context.expects_answer:
+                lease.refused = answer
             code = answer.code
             self._refusals += 1
             self._last_refusal = answer.text
         elif 0 < message.period_s <= self._driver.timing.tick_s:
             self._look(self.context.received_ns, admitted=True)
             self._tell_alive(BROUGHT)
-        if held is not None and held.told != code:
-            held.told = code
+        if lease is not None and lease.last_decision != code:
+            lease.last_decision = code
             self._tell_decided(
-                held.holder, "setpoint", answer if isinstance(answer, Refused) else code, held.channel
+                lease.holder, "setpoint", answer if isinstance(answer, Refused) else code, lease.channel
             )
         return answer
 
     def _admit(self, message: Setpoint) -> Accepted | Refused:
         now_ns = self.context.received_ns
-        admitted = self._admission.setpoint(message, self._known(), now_ns)
+        admitted = self._admission.setpoint(message, self._snapshot(), now_ns)
         if isinstance(admitted, Refused):
             return admitted
         self._advance(Event.SETPOINT)
@@ -271,19 +273,19 @@ class Gate(Actor):
         streamed = message.period_s > 0
         write = Write(message.epoch, admitted.deadline_ns, admitted.values, admitted.until_ns, streamed)
         self._transport.tell(write)
-        seen = self._newest_observation() if message.observe else None
-        observation = seen if isinstance(seen, Observation) else None
+        newest = self._newest_observation() if message.observe else None
+        observation = newest if isinstance(newest, Observation) else None
         return Accepted(self._state.epoch, admitted.values, self._read_beside(), observation)
 
     def _read_beside(self) -> dict[str, tuple[float, ...]]:
-        """Return the sensors that the driver adds to the reply to an accepted command."""
-        wanted, seen = self._driver.ANSWERS_WITH, self._observation
-        if not wanted or seen is None:
+        """Return the sensor values that the driver adds to the reply to an accepted command."""
+        names, observation = self._driver.ANSWERS_WITH, self._observation
+        if not names or observation is None:
             return {}
-        return {name: seen.sensors[name] for name in wanted if name in seen.sensors}
+        return {name: observation.sensors[name] for name in names if name in observation.sensors}
 
-    def _known(self) -> Known:
-        return Known(
+    def _snapshot(self) -> GateSnapshot:
+        return GateSnapshot(
             self._state,
             self._leases,
             self._cause.text,
@@ -296,10 +298,10 @@ class Gate(Actor):
             bool(self._services),
         )
 
-    # -- the driver's own services
+    # -- services of the driver
 
     def _perform(self, message: Perform) -> Refused | Deferred:
-        refusal = self._admission.service(message, self._known(), self.context.received_ns)
+        refusal = self._admission.service(message, self._snapshot(), self.context.received_ns)
         if refusal is not None:
             return refusal
         if message.first is not None:
@@ -318,7 +320,8 @@ class Gate(Actor):
         return deferred
 
     def _carried_out(self, message: CarriedOut) -> None:
-        if message.moved and self._observation is not None:  # The next command starts where the service ended.
+        # The next command starts from the position where the service ended.
+        if message.moved and self._observation is not None:
             self._target = self._driver.first_target(self._observation)
             self._target_ns = self.context.received_ns
         deferred = self._services.pop(message.number, None)
@@ -328,8 +331,8 @@ class Gate(Actor):
     # -- the lease
 
     def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
-        """Give a lease. During a hold the reply waits for its end, so that axes which the next command
-        does not name stay where they were held."""
+        """Give a lease. During a hold, the reply is sent only when the hold is done. The next command then starts
+        from the held position, so axes that it does not name do not move."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         if isinstance(answer, Refused):
             answer = answer.about(ACQUIRE)
@@ -339,72 +342,71 @@ class Gate(Actor):
         if isinstance(answer, Refused):
             return answer
         lease = Lease(answer, self._state.epoch)
-        if not self._is_being_held:
+        if not self._is_hold_pending:
             return lease
         deferred = self.context.defer()
         self._grants.append((lease, deferred))
         return deferred
 
     @property
-    def _is_being_held(self) -> bool:
-        """True while a hold is running and has not been reported."""
+    def _is_hold_pending(self) -> bool:
+        """Return True while the robot is being brought to a hold that the wire has not reported yet."""
         return self._state.mode is Mode.HOLDING and not self._is_reported
 
     @property
     def _is_reported(self) -> bool:
-        """True if the newest order of a safe state has been reported."""
+        """Return True if the wire has reported the newest order of a safe state."""
         return self._last_stop is not None and self._last_stop.epoch >= self._state.epoch
 
     def _release(self, message: Release) -> Released | Deferred:
-        """Release a lease. If that makes the robot hold, reply when the hold is reported."""
-        held = self._leases.release(message.lease, message.channel)
-        if held is not None:
-            self._tell_decided(held.holder, "release", "released", held.channel)
-            latched = held.under is not None and self._live is not None and self._live.latched
-            if not (message.keeps and latched and not message.channel) and self._end_writer(held):
+        """Release a lease. If the robot must hold because of this, the reply is sent when the hold is reported."""
+        lease = self._leases.release(message.lease, message.channel)
+        if lease is not None:
+            self._tell_decided(lease.holder, "release", "released", lease.channel)
+            latched = lease.under is not None and self._live is not None and self._live.latched
+            if not (message.keeps and latched and not message.channel) and self._end_writer(lease):
                 deferred = self.context.defer()
                 self._stops.append(Waiting(self._state.epoch, deferred, False, releases=True))
                 return deferred
         return Released(False, self._report_now(Reason.LEASE))
 
-    def _end_writer(self, held: Held) -> bool:
-        """Make the robot hold after a writer has released its lease. Return False if there is nothing to
-        hold."""
-        if held.under is not None:
-            return self._trip(Reason.POLICY, f"{held.holder} ended", lapse=Lapse.ROLLOUT_ENDED)
+    def _end_writer(self, lease: HeldLease) -> bool:
+        """Make the robot hold after a writer has released its lease. Return False if no hold was ordered."""
+        if lease.under is not None:
+            return self._trip(Reason.POLICY, f"{lease.holder} ended", lapse=Lapse.ROLLOUT_ENDED)
         if self._live is not None or self._state.mode is Mode.LOST:
-            return self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.GIVEN_BACK)
+            return self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.LEASE_RELEASED)
         return False
 
     def _writer_stopped(self, pid: int) -> None:
-        """Make the robot hold, as if the lease or the last setpoint had expired, because a stopped process
-        can renew neither."""
-        held = self._leases.held
-        if held is None or self._live is None:
+        """Make the robot hold when the system has stopped a writer's process (SIGSTOP). Such a process can send
+        neither heartbeats nor setpoints."""
+        lease = self._leases.held
+        if lease is None or self._live is None:
             return
-        if held.owner.pid == pid:
-            self._trip(Reason.LEASE, f"the process of {held.owner.holder} is stopped")
-        elif held.pid == pid:
-            self._trip(Reason.EXPIRED, f"the process of {held.holder} is stopped")
+        if lease.owner.pid == pid:
+            self._trip(Reason.LEASE, f"the process of {lease.owner.holder} is stopped")
+        elif lease.pid == pid:
+            self._trip(Reason.EXPIRED, f"the process of {lease.holder} is stopped")
 
     # -- time
 
     def _look(self, now_ns: int, admitted: bool = False) -> None:
-        """Check everything that may end the live target. ``admitted``: the conditions of the robot were
-        checked just before."""
+        """Check everything that may end the setpoint in force. ``admitted`` is True if the conditions of the robot
+        were just checked."""
         live = self._live
         if live is not None and live.over(now_ns):
             self._trip(Reason.EXPIRED, "the setpoint expired", lapse=Lapse.EXPIRED)
         elif self._leases.held is None:
-            self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.GIVEN_BACK)
-        elif why := self._leases.lapsed(now_ns, live is not None and live.latched):
-            self._trip(Reason.LEASE, why)
+            self._trip(Reason.LEASE, NOBODY_WRITES, lapse=Lapse.LEASE_RELEASED)
+        elif cause := self._leases.lapsed(now_ns, live is not None and live.latched):
+            self._trip(Reason.LEASE, cause)
         elif not admitted:
-            self._look_at_conditions(now_ns, live=True)
+            self._check_conditions(now_ns, live=True)
 
-    def _look_at_conditions(self, now_ns: int, live: bool) -> None:
-        """Stop the robot if a condition is broken. While no target is live, only the conditions that
-        always hold are checked."""
+    def _check_conditions(self, now_ns: int, live: bool) -> None:
+        """Stop the robot if a condition is broken. While no setpoint is in force (``live`` is False), check only
+        the conditions that must always hold."""
         if self._observation is None:
             return
         broken = self._admission.broken_condition(self._observation, now_ns, only_always=not live)
@@ -414,11 +416,11 @@ class Gate(Actor):
             rank = rank_of_condition(self._driver, condition)
             self._trip(condition.reason, cause, safe_state=condition.safe_state, rank=rank)
 
-    def _tell_decided(self, who: str, what: str, how: str | Refused, over: str = "") -> None:
-        """Report a decision for the audit, which the root writes."""
+    def _tell_decided(self, sender: str, order: str, result: str | Refused, over: str = "") -> None:
+        """Send a decision to the root, which writes it to the audit."""
         if self._audited:
-            told = f"refused: {how.text}" if isinstance(how, Refused) else how
-            self._guardian.tell(Decided(who, what, told, over))
+            text = f"refused: {result.text}" if isinstance(result, Refused) else result
+            self._guardian.tell(Decided(sender, order, text, over))
 
     def _tell_alive(self, number: int) -> None:
         live = self._live is not None and self._state.mode is Mode.ARMED
@@ -427,7 +429,7 @@ class Gate(Actor):
     # -- stop, resume
 
     def _stop(self, message: Stop) -> StopReport | Deferred | None:
-        if message.channel:  # a policy process or a visitor
+        if message.channel:  # the sender is a policy process, or another program of the user
             message = message.as_ordered()
         if message.reason in ORDERED:
             self._stopped_ns = self.context.received_ns
@@ -435,33 +437,34 @@ class Gate(Actor):
         by = f"{message.reason} by {message.by}" if message.by else str(message.reason)
         lock = (message.by or "an operator") if message.lock else ""
         self._leases.stop()
-        what = f"stop ({message.reason}{', locks' if message.lock else ''})"
+        order = f"stop ({message.reason}{', locks' if message.lock else ''})"
         if self._trip(message.reason, by, lock):
-            self._tell_decided(message.by, what, "ordered")
+            self._tell_decided(message.by, order, "ordered")
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
-        self._tell_decided(message.by, what, "nothing to do")
+        self._tell_decided(message.by, order, "nothing to do")
         if self._state.mode in _MADE_SAFE and not self._is_reported:
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
         return self._report_now(message.reason)
 
     def _report_now(self, reason: Reason) -> StopReport:
-        """Return a report when there is nothing to order: that of the last stop, while it is valid.
+        """Return the report when there is nothing to order. It is the report of the last stop, while that is still
+        valid.
 
-        Without one, only two robots are confirmed: one with nothing energised, and an armed one whose
-        reason would be a hold.
+        Without such a report, only two kinds of robots are confirmed as stopped: a robot with nothing energised,
+        and an armed robot for a reason that only requires a hold.
         """
         state, safe_state = self._state, self._driver.fallbacks[reason]
         if state.mode in failsafe.SAFE or (state.mode is Mode.ARMED and reason in HOLDING_REASONS):
             return StopReport(reason, safe_state, state.epoch, True, ())
         if self._last_stop is not None and self._report_stands:
             return self._last_stop
-        why = self._connect_error or f"the robot is {state.mode}"
-        return StopReport(reason, safe_state, state.epoch, False, not_reached(self._driver, why))
+        problem = self._connect_error or f"the robot is {state.mode}"
+        return StopReport(reason, safe_state, state.epoch, False, not_reached(self._driver, problem))
 
     def _safety(self) -> StopReport | Deferred:
-        """As ``_report_now``, but wait for a report that is due."""
+        """Return the report of ``_report_now``. If a stop is not reported yet, reply when it is."""
         if self._state.mode in _MADE_SAFE and not self._is_reported:
             deferred = self.context.defer()
             self._stops.append(Waiting(self._state.epoch, deferred, False))
@@ -480,12 +483,12 @@ class Gate(Actor):
         """Order a safe state.
 
         Args:
-            reason: Why.
-            cause: The same for people.
-            lock: Who pressed the e-stop; empty for a stop without a lock.
-            safe_state: The safe state; None for the driver's one for this reason.
-            rank: Rank of the cause; None for that of the reason.
-            lapse: How the command ended, if it ended by itself.
+            reason: The reason, for programs.
+            cause: The reason, for people.
+            lock: Name of the operator that pressed the e-stop; empty for a stop without a lock.
+            safe_state: The safe state; None for the one that the driver declares for this reason.
+            rank: Rank of the cause; None for the usual rank of the reason.
+            lapse: How the command ended, if no stop or fault ended it.
 
         Returns:
             False if the failsafe machine has nothing to do.
@@ -497,13 +500,13 @@ class Gate(Actor):
             event = Event.HOLD
         else:
             event = Event.STOP
-        # The state is at least as severe as the one that the lost link has ordered.
+        # The lost link has already ordered a safe state. A hold must not replace it by a milder one.
         if event is Event.HOLD and self._state.mode is Mode.LOST:
             safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
         return self._step(event, safe_state, reason, cause, lock, rank, lapse)
 
     def _trip_again(self, reason: Reason) -> None:
-        """Order the safe state again, for the present cause."""
+        """Order the safe state once more, and keep the present cause."""
         cause = self._cause
         self._trip(reason, cause.text, rank=cause.rank, lapse=cause.lapse)
 
@@ -521,24 +524,27 @@ class Gate(Actor):
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE
         if makes_safe:
-            if event is not Event.HOLD or before.mode is not Mode.LOST:  # then the lost link stays the cause
+            # A hold after a lost link does not replace that cause.
+            if event is not Event.HOLD or before.mode is not Mode.LOST:
                 self._blame(cause, reason, rank_of(reason) if rank is None else rank, lapse)
             self._live = None
             self._report_stands = False
-            self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))  # before any other message
-            self._refuse_resumes(Refused(Code.STOPPED, cause, "resume again when that is over"))
+            # Send this before any other message.
+            self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))
+            self._refuse_resumes(Refused(Code.STOPPED, cause, "call resume() again when the stop is confirmed"))
         if self._state != before:
             self._tell_state()
         return makes_safe
 
     def _blame(self, text: str, reason: Reason, rank: int, lapse: Lapse = Lapse.NONE) -> None:
-        """Set the cause, unless a more specific one was found a moment ago."""
+        """Set the cause of the stop, unless a more specific cause was found shortly before."""
         now_ns = self.context.received_ns
-        known, seen = self._cause, self._observation
-        goes_on = text == known.text  # the same cause again, as when a lost link comes back
-        faults = known.faults if goes_on else {} if seen is None else dict(seen.faults)
+        present, observation = self._cause, self._observation
+        # True if the same cause is set again, as when a lost link comes back.
+        goes_on = text == present.text
+        faults = present.faults if goes_on else {} if observation is None else dict(observation.faults)
         cause = Cause(text, reason, rank, now_ns + SOON_NS, faults, lapse)
-        self._cause = known.or_more_specific(cause, now_ns)
+        self._cause = present.or_more_specific(cause, now_ns)
 
     def _refuse_resumes(self, refusal: Refused) -> None:
         for resume in (*self._resumes, *self._rearming):
@@ -547,16 +553,18 @@ class Gate(Actor):
         self._rearming.clear()
 
     def _newest_observation(self) -> Observation | Refused:
-        """Return the newest observation if it is current. One from before a lost link is not."""
-        seen = self._observation
-        if seen is None:
-            return Refused(Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation")
-        old_s = (self.context.received_ns - seen.t_ns) / NS
+        """Return the newest observation, or a refusal if it is too old, for example after a lost link."""
+        observation = self._observation
+        if observation is None:
+            return Refused(Code.NO_OBSERVATION, "the robot has not been read yet", "wait for the first observation")
+        old_s = (self.context.received_ns - observation.t_ns) / NS
         longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
         if old_s <= longest_s:
-            return seen
-        why = f"the newest reading is {old_s:.1f} s old"
-        return Refused(Code.STALE, why, "check the robot's cable and power", f"{old_s:.1f} s", f"{longest_s:g} s")
+            return observation
+        reason = f"the newest reading is {old_s:.1f} s old"
+        return Refused(
+            Code.STALE, reason, "check the robot's cable and power", f"{old_s:.1f} s", f"{longest_s:g} s"
+        )
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
@@ -570,10 +578,10 @@ class Gate(Actor):
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
-        """Order the safe state again when every unconfirmed motor answers again."""
+        """Order the safe state once more when all unconfirmed motors answer again."""
         stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
-        heard_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
-        if heard_ns > self._last_stop_ns + _STOP_AGAIN_NS:
+        last_received_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
+        if last_received_ns > self._last_stop_ns + _STOP_AGAIN_NS:
             self._trip_again(report.reason)
 
     def _safe_done(self, message: SafeDone) -> None:
@@ -594,19 +602,19 @@ class Gate(Actor):
     def _go_on(self, message: SafeDone) -> None:
         report = message.report
         if message.hold_failed:
-            self._trip(Reason.FAULT, f"it could not hold: {message.hold_failed}")
+            self._trip(Reason.FAULT, f"the robot could not hold: {message.hold_failed}")
         else:
             self._advance(Event.SAFE_CONFIRMED if report.confirmed else Event.SAFE_UNCONFIRMED)
-            seen = message.observation or self._observation
-            if self._state.mode is Mode.HOLDING and seen is not None:
-                self._aim_where_held(report, seen)
+            observation = message.observation or self._observation
+            if self._state.mode is Mode.HOLDING and observation is not None:
+                self._aim_at_held(report, observation)
         self._rearm()
 
     def _answer_stops(self) -> None:
-        """Reply to each stop that is done.
+        """Reply to each order of a stop that is done.
 
-        A stop is done when the wire has reported it; an e-stop also needs its lock on the disk. The
-        reply is the first report that covers the stop, since a later one may be of a milder stop.
+        A stop is done when the wire has reported it. For an e-stop, its lock must also be on the disk. The reply
+        contains the first report after the order, since a later report may be of a milder stop.
         """
         waiting, self._stops = self._stops, []
         for stop in waiting:
@@ -616,11 +624,11 @@ class Gate(Actor):
             elif stop.locks and stop.epoch > self._lock.epoch:
                 self._stops.append(stop._replace(report=report))
             elif stop.locks and self._lock.problem:
-                stop.who.send(msgspec.structs.replace(report, note=self._lock.problem))
+                stop.reply.send(msgspec.structs.replace(report, note=self._lock.problem))
             elif stop.releases:
-                stop.who.send(Released(True, report))
+                stop.reply.send(Released(True, report))
             else:
-                stop.who.send(report)
+                stop.reply.send(report)
 
     def _answer_resume(self, message: Resume) -> Resumed | Refused | Deferred:
         answer = self._resume(message)
@@ -631,14 +639,14 @@ class Gate(Actor):
         return answer
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
-        if 0 < message.asked_ns < self._stopped_ns:
-            why = "the robot was stopped after that was asked for"
-            return Refused(Code.STOPPED, why, "resume again when that is over")
+        if 0 < message.requested_ns < self._stopped_ns:
+            reason = "the robot was stopped after resume() was called"
+            return Refused(Code.STOPPED, reason, "call resume() again when the stop is confirmed")
         if self._state.mode in failsafe.WRITABLE and self._observation is not None:
             return self._resume_armed()
         if self._state.locked_by and not message.lift:
-            why = f"e-stopped by {self._state.locked_by}"
-            return Refused(Code.LOCKED_OUT, why, "an operator's resume() lifts the lockout")
+            reason = f"e-stopped by {self._state.locked_by}"
+            return Refused(Code.LOCKED_OUT, reason, "an operator's resume() lifts the lockout")
         refusal = self._begin_to_arm()
         if refusal is not None:
             return refusal
@@ -649,27 +657,27 @@ class Gate(Actor):
     def _begin_to_arm(self) -> Refused | None:
         mode = self._state.mode
         if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
-            why = f"a process that could stop the robot is missing: {self._no_standby}"
-            return Refused(Code.NO_STANDBY, why, "try again in a moment: another one is being started")
+            reason = f"a process that could stop the robot is missing: {self._no_standby}"
+            return Refused(Code.NO_STANDBY, reason, "try again in a moment, since this process is being started")
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:
                 return refuse_at_the_end(self._cause.text)
             if mode not in failsafe.LINKED:
                 return Refused(Code.NOT_CONNECTED, f"not connected: {self._connect_error}")
-            return Refused(Code.BUSY, f"the robot is {mode}", "try again when that is over")
+            return Refused(Code.BUSY, f"the robot is {mode}", "call resume() again when the stop is confirmed")
         self._transport.tell(Arm(self._state.epoch))
         return None
 
     def _resume_armed(self) -> Resumed | Refused | Deferred:
-        """Reply to a resume of an armed robot. If a condition is broken that arming mends, stop the robot
+        """Reply to a resume of an armed robot. If a condition is broken that arming again repairs, stop the robot
         and arm it again."""
-        seen = self._newest_observation()
-        if isinstance(seen, Refused):
-            return seen
-        broken = self._admission.broken_for_resume(seen, self.context.received_ns)
+        observation = self._newest_observation()
+        if isinstance(observation, Refused):
+            return observation
+        broken = self._admission.broken_for_resume(observation, self.context.received_ns)
         if broken is None:
-            return Resumed(self._state.epoch, seen)
+            return Resumed(self._state.epoch, observation)
         condition, refusal = broken
         if condition.on_resume is OnResume.REFUSE:
             return refusal
@@ -681,13 +689,13 @@ class Gate(Actor):
         return deferred
 
     def _rearm(self) -> None:
-        """Arm after the stop that ``_resume_armed`` ordered, if that is confirmed."""
+        """Arm the robot after the stop that ``_resume_armed`` ordered, if that stop is confirmed."""
         if not self._rearming or self._state.mode is Mode.STOPPING:
             return
         if self._state.mode is not Mode.DISARMED:
             named = ", ".join(self._last_stop.unconfirmed if self._last_stop else ())
-            why = f"the robot has to be stopped first, and that is not confirmed by {named or 'it'}"
-            self._refuse_resumes(Refused(Code.UNCONFIRMED, why, "look at the robot, then call resume()"))
+            reason = f"the robot must be stopped first, and {named or 'it'} has not confirmed the stop"
+            self._refuse_resumes(Refused(Code.UNCONFIRMED, reason, "check the robot, then call resume()"))
             return
         refusal = self._begin_to_arm()
         if refusal is not None:
@@ -697,7 +705,8 @@ class Gate(Actor):
 
     def _arm_done(self, message: ArmDone) -> None:
         if message.epoch != self._state.epoch or self._state.mode is not Mode.ARMING:
-            return  # A stop came while the robot was being armed.
+            # A stop came before the arming was done.
+            return
         if message.observation is None:
             cause = f"arming failed: {message.error}"
             self._step(Event.ARM_FAILED, self._driver.fallbacks[Reason.STOP], Reason.FAULT, cause)
@@ -711,16 +720,16 @@ class Gate(Actor):
         self._resumes.clear()
 
     def _aim_at_measured(self, observation: Observation) -> None:
-        """Take the measured position as the first target, so that the robot does not jump."""
+        """Use the measured position as the first target, so that the robot does not jump."""
         self._observation = observation
         self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
         self._live = None
 
-    def _aim_where_held(self, report: StopReport, observation: Observation) -> None:
+    def _aim_at_held(self, report: StopReport, observation: Observation) -> None:
         before = self._target
         self._aim_at_measured(observation)
-        self._target = held_target(self._driver, report, before, self._target)
+        self._target = target_after_hold(self._driver, report, before, self._target)
 
     # -- the link
 
@@ -733,17 +742,17 @@ class Gate(Actor):
         self._step(Event.LINK_UP, safe_state, Reason.LINK, cause.text, rank=cause.rank, lapse=cause.lapse)
         stop = self._last_stop
         if self._state.mode is Mode.DISARMED and stop is not None and not stop.confirmed:
-            # It was ordered while the robot could not hear it.
+            # The stop was ordered while the robot was not connected, so order it again.
             self._trip_again(stop.reason)
 
-    def _link_lost(self, why: str) -> None:
-        self._connect_error = why
+    def _link_lost(self, reason: str) -> None:
+        self._connect_error = reason
         if self._state.mode in failsafe.LINKED:
-            self._blame(f"the link was lost: {why}", Reason.LINK, Rank.LINK)
+            self._blame(f"the link was lost: {reason}", Reason.LINK, Rank.LINK)
         self._live = None
         self._report_stands = False
         self._advance(Event.LINK_LOST)
-        self._refuse_resumes(Refused(Code.NOT_CONNECTED, why))
+        self._refuse_resumes(Refused(Code.NOT_CONNECTED, reason))
 
     def _advance(self, event: Event, lock: str = "") -> Action:
         before = self._state
@@ -784,7 +793,7 @@ class Gate(Actor):
         )
 
     def _no_motion(self) -> Refused | None:
-        refusal = self._admission.refuse_motion(self._known(), self.context.received_ns)
+        refusal = self._admission.refuse_motion(self._snapshot(), self.context.received_ns)
         return None if refusal is None else refusal.about(MOVE)
 
     # -- recordings
@@ -793,6 +802,6 @@ class Gate(Actor):
         return GateMemory(**{name: getattr(self, f"_{name}") for name in GateMemory.__struct_fields__})
 
     def recall(self, memory: GateMemory) -> None:
-        """Restore a memory, for a replay."""
+        """Restore the state of the gate from a recording."""
         for name in GateMemory.__struct_fields__:
             setattr(self, f"_{name}", getattr(memory, name))

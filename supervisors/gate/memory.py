@@ -1,4 +1,4 @@
-"""The state of a gate as data, which recordings store and replays restore."""
+"""The state of a gate as data. Recordings store it, and replays restore it."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ from .lease import Leases
 
 
 class Waiting(NamedTuple):
-    """A request that waits for a stop."""
+    """A request that is answered when a stop is done."""
 
     epoch: int
-    who: Deferred
+    reply: Deferred
     locks: bool
-    report: StopReport | None = None  # the result, while its lock is not on the disk yet
-    releases: bool = False  # a release of a lease, which is answered by ``Released``
+    report: StopReport | None = None  # the report of the stop, while the lock of the e-stop is not on the disk yet
+    # True for the release of a lease; its reply is ``Released``.
+    releases: bool = False
 
 
 class GateMemory(msgspec.Struct, frozen=True):
-    """Everything on which a gate's decisions depend, besides the message and its time. The gate has an
-    attribute of each name."""
+    """Everything on which the gate's decisions depend, besides a message and its time. The gate has an attribute
+    for each field."""
 
     state: failsafe.State
     leases: Leases

@@ -1,10 +1,10 @@
 """Messages to the gate, and its replies.
 
-All times are nanoseconds of CLOCK_MONOTONIC on the robot's host. An *epoch* counts the safety events
-of a robot. A *lease* is the right to write setpoints; it has one holder at a time.
+All times are nanoseconds of CLOCK_MONOTONIC on the robot's host. An *epoch* is a counter that every stop and hold
+of the robot raises. A *lease* is the right to write setpoints; one writer holds it at a time.
 
-``channel`` in a message is the name of the link over which it came. The receiving process fills it
-in; senders leave it empty.
+``channel`` in a message is the name of the link over which the message came. The receiving process sets it, and
+senders leave it empty.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MAX_LIFETIME_S = 10.0
 
 
 MOVE, OBSERVE, ACQUIRE, RESUME = "move", "observe", "acquire", "resume"
-"""Verbs in the gate's refusals."""
+"""Verbs that the gate's refusals name."""
 
 
 class Acquire(Message, frozen=True):
@@ -38,11 +38,11 @@ class Acquire(Message, frozen=True):
 
     Attributes:
         holder: Name of the writer, for people. It proves nothing.
-        over: The caller's lease under which a policy process will write; 0 for a script.
-        pid: The process that will write; 0 if it is on another host.
-        channel: See above.
-        again: The sender's present lease, which the new one replaces; 0 without one.
-        instruction: The task of a rollout, for people.
+        over: For a policy process: the lease of the script that started it. 0 for a script.
+        pid: Id of the process that will write; 0 if it is on another host.
+        channel: Name of the link; set by the receiver.
+        again: The sender's present lease, which the new lease replaces; 0 without one.
+        instruction: The task of a policy, for people.
     """
 
     holder: str
@@ -54,7 +54,7 @@ class Acquire(Message, frozen=True):
 
 
 GRANT_S = 2.0
-"""How long to wait for the reply to ``Acquire``. During a hold it comes when the hold is done."""
+"""Timeout for the reply to ``Acquire``, in seconds. During a hold the reply comes when the hold is done."""
 
 
 class Lease(Message, frozen=True):
@@ -63,13 +63,13 @@ class Lease(Message, frozen=True):
 
 
 class Beat(Message, frozen=True):
-    """A heartbeat of the holder's process.
+    """A heartbeat of the process that holds a lease.
 
     Attributes:
-        lease: The lease that it holds.
-        answered_ago_s: Seconds since the thread that commands the robot last let other threads run;
-            negative if it has not since the last heartbeat.
-        channel: See above.
+        lease: The lease.
+        answered_ago_s: Seconds since the thread that sends commands last let other threads run. Negative if it has
+            not done so since the last heartbeat.
+        channel: Name of the link; set by the receiver.
     """
 
     lane = "latest"
@@ -80,7 +80,7 @@ class Beat(Message, frozen=True):
 
 
 class Stopped(Message, frozen=True):
-    """The process of a writer was stopped by the system (SIGSTOP, Ctrl-Z, a debugger)."""
+    """The system has stopped the process of a writer (SIGSTOP, Ctrl-Z, a debugger)."""
 
     lane = "urgent"
 
@@ -90,8 +90,8 @@ class Stopped(Message, frozen=True):
 class Release(Message, frozen=True):
     """Release the lease.
 
-    A rollout's release makes the robot hold before the reply is sent, unless ``keeps`` is true. Then
-    its last setpoint, which was latched, stays in force under the caller's lease.
+    If a policy releases its lease, the robot is made to hold before the reply is sent. With ``keeps``, it does not
+    hold: the last setpoint of the policy, which has no end, stays in force under the script's lease.
     """
 
     lease: int
@@ -100,7 +100,7 @@ class Release(Message, frozen=True):
 
 
 class GetSafety(Message, frozen=True):
-    """Ask for the report of the last stop, without ordering anything."""
+    """Request the report of the last stop. Nothing is ordered."""
 
     channel: str = ""
 
@@ -110,13 +110,14 @@ class Setpoint(Message, frozen=True):
 
     Attributes:
         lease: The sender's lease.
-        epoch: The epoch in which it was made.
-        deadline_ns: It is written before this time or never. It also ends then, unless ``latched``.
+        epoch: The epoch in which the setpoint was made.
+        deadline_ns: The setpoint is written before this time or never. The motion also ends at this time, unless
+            ``latched``.
         action: Values by key. The driver checks them.
-        period_s: Period of its stream in seconds; 0 for a single command.
-        latched: It stays in force while the lease lives.
-        channel: See above.
-        observe: The reply shall contain the newest observation.
+        period_s: Time between two setpoints of a stream, in seconds; 0 for a single command.
+        latched: True if the setpoint stays in force while the lease is held.
+        channel: Name of the link; set by the receiver.
+        observe: True to get the newest observation with the reply.
     """
 
     lane = "latest"
@@ -136,12 +137,14 @@ class Accepted(Message, frozen=True):
     values: tuple[float, ...]  # the target of every axis, in the driver's order and units
     sensors: dict[str, tuple[float, ...]] = msgspec.field(
         default_factory=dict
-    )  # the newest readings of ``Driver.ANSWERS_WITH``
-    observation: Observation | None = None  # if ``Setpoint.observe`` is set and the reading is not too old
+    )  # the newest values of the sensors in ``Driver.ANSWERS_WITH``
+    # The newest observation, if ``Setpoint.observe`` is set and it is not too old.
+    observation: Observation | None = None
 
 
 class Stop(Message, frozen=True):
-    """Order the safe state of a reason. ``lock`` makes it an e-stop, which lasts until a resume."""
+    """Order the safe state for ``reason``. With ``lock`` it is an e-stop, and the robot stays locked until a
+    resume."""
 
     lane = "urgent"
 
@@ -151,8 +154,8 @@ class Stop(Message, frozen=True):
     channel: str = ""
 
     def as_ordered(self) -> Stop:
-        """Return the stop with a reason that a sender outside the tree may use. Other reasons would end
-        the tree, or hold a robot that is locked."""
+        """Return the stop with a reason that another program may use. Other reasons would end the robot's
+        processes, or only make a locked robot hold."""
         if self.reason in ORDERED:
             return self
         return msgspec.structs.replace(self, reason=Reason.ESTOP if self.lock else Reason.STOP)
@@ -166,10 +169,10 @@ class StopReport(Message, frozen=True):
     epoch: int
     confirmed: bool
     motors: tuple[MotorReport, ...]
-    path: str = "wire"  # or "stop_channel", the connection of the root
+    path: str = "wire"  # "wire", or "stop_channel" if the root stopped the robot over its own connection
     took_ms: float = 0.0
-    at_ns: int = 0  # when every motor had been asked
-    note: str = ""  # why the lock of an e-stop does not outlive the tree; empty if it does
+    at_ns: int = 0  # time at which the safe state had been requested from every motor
+    note: str = ""  # why the lock of an e-stop is lost when the robot's processes end; empty if it is on the disk
 
     @property
     def unconfirmed(self) -> list[str]:
@@ -177,27 +180,28 @@ class StopReport(Message, frozen=True):
 
 
 class Released(Message, frozen=True):
-    """The lease is released, or was not held. ``holds`` is true if the release made the robot hold;
-    ``report`` is then the result, otherwise the report of the last stop."""
+    """The lease is released, or was not held. ``holds`` is True if the robot holds because of the release.
+    ``report`` is then the result of that hold, and otherwise the report of the last stop."""
 
     holds: bool
     report: StopReport
 
 
 class Resume(Message, frozen=True):
-    """Energise the robot at its measured position. It starts no motion.
+    """Energise the robot at its measured position. This starts no motion.
 
     Attributes:
         by: The sender, for the audit.
-        lift: Lift a lockout, too.
-        asked_ns: When the request was made; 0 for now. It is refused if a stop came since.
+        lift: True to lift the lock of an e-stop, too.
+        requested_ns: When ``resume`` was called; 0 for now. The request is refused if the robot was stopped after
+            this time.
     """
 
     lane = "urgent"
 
     by: str = ""
     lift: bool = True
-    asked_ns: int = 0
+    requested_ns: int = 0
 
 
 class Resumed(Message, frozen=True):
@@ -206,13 +210,14 @@ class Resumed(Message, frozen=True):
 
 
 class Perform(Message, frozen=True):
-    """Run a service of the driver."""
+    """Run a service of the driver, such as ``reset`` of a simulation."""
 
     lease: int
     epoch: int
     service: str
-    arguments: dict[str, Any]  # checked by the driver
-    first: Setpoint | None = None  # written before the service runs; if it is refused, nothing is done
+    arguments: dict[str, Any]  # arguments of the service, which the driver checks
+    # Setpoint that is written before the service runs; if it is refused, the service does not run.
+    first: Setpoint | None = None
     channel: str = ""
 
 
@@ -229,7 +234,7 @@ class GetStatus(Message, frozen=True):
 
 
 class Writing(Message, frozen=True):
-    """A rollout that writes now. ``steps`` counts its accepted setpoints."""
+    """The rollout of a policy that writes now. ``steps`` is the number of its accepted setpoints."""
 
     instruction: str
     steps: int
@@ -242,10 +247,10 @@ class Status(Message, frozen=True):
     connected: bool
     connect_error: str
     locked_by: str
-    cause: str  # why it is in its safe state, for people
+    cause: str  # why the robot is in its safe state, for people
     holder: str
     observation: Observation | None
-    age_s: float  # of the observation; -1 if there is none
+    age_s: float  # age of the observation in seconds; -1 without an observation
     target: tuple[float, ...]
     writes: int
     reads: int
@@ -253,11 +258,12 @@ class Status(Message, frozen=True):
     last_refusal: str
     last_stop: StopReport | None
     facts: dict[str, Any] = msgspec.field(default_factory=dict)
-    locked_since: str = ""  # ISO 8601, UTC
-    no_standby: str = ""  # why standby or root could not stop the robot; nothing may be energised then
-    no_motion: Refused | None = None  # the refusal that every setpoint would get now
+    locked_since: str = ""  # when the robot was locked by an e-stop, ISO 8601 in UTC; empty if it is not locked
+    # Why standby or root could not stop the robot, so that nothing may be energised; empty if both could.
+    no_standby: str = ""
+    no_motion: Refused | None = None  # refusal that every setpoint would get now; None if setpoints are possible
     rollout: Writing | None = None
-    lapse: str = ""  # how the last command ended by itself (``cause.Lapse``); empty if it did not
+    lapse: str = ""  # how the last command ended (``cause.Lapse``), if no stop or fault ended it; otherwise empty
 
 
 BROUGHT = 0
@@ -265,11 +271,11 @@ BROUGHT = 0
 the watchdog's ticks, each setpoint has the effect of a probe."""
 
 
-# -- from its own process
+# -- messages from the wire process itself
 
 
 class Probe(Message, frozen=True):
-    """A request of the watchdog: check the deadlines, and reply as a sign of life."""
+    """A request of the watchdog to check the deadlines. The reply shows that the gate works."""
 
     lane = "latest"
 
@@ -289,8 +295,9 @@ class SafeDone(Message, frozen=True):
     lane = "urgent"
 
     report: StopReport
-    hold_failed: str = ""  # why the hold failed, after which the robot was stopped in another way
-    observation: Observation | None = None  # read after a hold whose report has no positions
+    hold_failed: str = ""  # why the hold failed, so that the robot was stopped instead; empty if it did not fail
+    # Observation that was read after a hold, if the report of the hold has no positions.
+    observation: Observation | None = None
 
 
 class ArmDone(Message, frozen=True):
@@ -307,7 +314,8 @@ class CarriedOut(Message, frozen=True):
     number: int
     result: dict[str, Any]
     refusal: Refused | None = None
-    moved: bool = False  # it may have moved the robot
+    # True if the service may have moved the robot.
+    moved: bool = False
 
 
 class LinkUp(Message, frozen=True):
@@ -320,14 +328,15 @@ class LinkUp(Message, frozen=True):
 class LinkLost(Message, frozen=True):
     lane = "urgent"
 
-    why: str
+    cause: str
 
 
-# -- from the guardian
+# -- messages from the guardian, in the root
 
 
 class LockKept(Message, frozen=True):
-    """The lock of this epoch is on the disk, or why it is not (``problem``)."""
+    """The root has written the lock of an e-stop to the disk, or could not (``problem``). ``epoch`` is that of the
+    e-stop."""
 
     lane = "urgent"
 
@@ -337,7 +346,7 @@ class LockKept(Message, frozen=True):
 
 
 class StoppedAt(Message, frozen=True):
-    """The root was ordered to stop the robot at this time, without the gate."""
+    """The root was ordered to stop the robot at this time, and did so without the gate."""
 
     lane = "urgent"
 
@@ -345,8 +354,8 @@ class StoppedAt(Message, frozen=True):
 
 
 class StandbyIs(Message, frozen=True):
-    """The state of the standby and the root's stop channel. ``problem`` names the one that is not ready, and
-    the reason. It is empty if both are ready."""
+    """Whether the standby process and the root's stop channel are ready. ``problem`` names the one that is not
+    ready, and why. It is empty if both are ready."""
 
     lane = "urgent"
 

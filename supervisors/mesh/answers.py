@@ -1,4 +1,4 @@
-"""Send a robot's answers to the senders of commands, and its events to all subscribers."""
+"""Send answers to the peers that sent a command over the mesh, and events to all subscribers."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from .schemas import EVENT_KEY, PRIVATE, Refusal, Response, encode, response_key
 _RESPONSE = schema("response")
 _EVENT = schema("event")
 _MAX_QUESTIONS = 256
-"""Queries that may wait for an answer at the same time. Beyond that the oldest gets no answer."""
+"""Largest number of queries that wait for an answer. If there are more, the oldest query gets no answer."""
 
 
 class Answers:
-    """Send answers and events.
+    """Send the robot's answers and events over the mesh.
 
-    A command that was put is answered on a public key of its sender. A query is answered in private.
+    A command that was published (zenoh put) is answered on a public key of its sender. A query (zenoh get) gets a
+    private reply.
 
     Attributes:
         refused: Number of refusals, whether they were sent or not.
@@ -35,11 +36,11 @@ class Answers:
         self._events = pubsub.topic(EVENT_KEY, _EVENT)
         self.refused = 0
         self._private: dict[str, tuple[str, Reply]] = {}
-        """The sender's own turn and the way of the answer, by the name of the turn in this process."""
+        """For each name from ``expect``, the sender's own turn id and the function that sends the reply."""
 
     def expect(self, turn: str, reply: Reply) -> str:
-        """Note a query that will be answered in private. Return the name of its turn in this process. The
-        name cannot be guessed, so no other sender can refer to it."""
+        """Store the reply function of a query until the command is answered. Return a name for the query, to be
+        used in place of its turn id. The name cannot be guessed, so no other sender can use it."""
         if len(self._private) >= _MAX_QUESTIONS:
             self.forget(next(iter(self._private)))
         name = f"{turn}{PRIVATE}{secrets.token_hex(16)}"
@@ -47,18 +48,18 @@ class Answers:
         return name
 
     def forget(self, turn: str) -> None:
-        """Drop a query that gets no further answer."""
+        """Remove a query that gets no further answer."""
         self._private.pop(turn, None)
 
     def success(self, sender: str, turn: str, result: dict[str, Any], final: bool = True) -> None:
         self._put(sender, turn, Response("response", self._robot, turn, time.time(), result, final=final))
 
     def refuse(self, sender: str, turn: str, refused: Refused) -> None:
-        """Send a refusal. A query is always answered.
+        """Send a refusal. A query always gets one.
 
         Args:
-            sender: The sender of a command that was put; empty to send no public answer.
-            turn: The turn of the command.
+            sender: The sender of a published command; empty to send no public answer.
+            turn: The turn id of the command, or the name from ``expect``.
             refused: The refusal.
         """
         self.refused += 1
@@ -69,9 +70,9 @@ class Answers:
 
     def _put(self, sender: str, turn: str, response: Response) -> None:
         if PRIVATE in turn:
-            asked, reply = self._private.get(turn, ("", None))
+            turn_id, reply = self._private.get(turn, ("", None))
             if reply is not None:
-                reply(encode(msgspec.structs.replace(response, turn_id=asked)), response.final, _RESPONSE)
+                reply(encode(msgspec.structs.replace(response, turn_id=turn_id)), response.final, _RESPONSE)
             if response.final:
                 self.forget(turn)
             return
@@ -79,12 +80,12 @@ class Answers:
 
     def event(self, event: str, **facts: Any) -> None:
         """Publish an event if there is a subscriber."""
-        if self._events.wanted:
+        if self._events.has_subscribers:
             self._events.put(encode({"peer_id": self._robot, "t": time.time(), "event": event, **facts}))
 
 
-def told(report: StopReport) -> dict[str, Any]:
-    """Return a stop's report as JSON."""
+def report_json(report: StopReport) -> dict[str, Any]:
+    """Return the report of a stop as a mapping for JSON."""
     return {
         "outcome": "safe" if report.confirmed else "unconfirmed",
         "safe_state": str(report.safe_state),

@@ -1,5 +1,5 @@
-"""Check a command from the mesh before it is carried out: its form, its type, its age, and the rate of its
-sender. Pure: no clock, no I/O."""
+"""Check a command from the mesh before it is carried out: its form, its type, its age, and how many commands its
+sender sends per second. Pure: no clock, no I/O."""
 
 from __future__ import annotations
 
@@ -26,47 +26,54 @@ _decode_sender = msgspec.json.Decoder(Sender).decode
 
 
 class _Action(msgspec.Struct):
-    action: str = "status"  # the default of strands-robots
+    action: str = "status"  # default action of strands-robots
 
 
 _decode_action = msgspec.json.Decoder(_Action).decode
 
 
 @functools.cache
-def _decoder(kind: type[Command]) -> msgspec.json.Decoder[Command]:
-    return msgspec.json.Decoder(kind)
+def _decoder(command_type: type[Command]) -> msgspec.json.Decoder[Command]:
+    return msgspec.json.Decoder(command_type)
 
 
 class Limit:
-    """A limit of ``rate`` per second, with at most ``burst`` at once (a token bucket)."""
+    """A limit of ``rate`` events per second. At most ``burst`` of them may come at once (a token bucket)."""
 
     def __init__(self, rate: int, burst: int) -> None:
         self._rate = rate
         self._burst = float(burst)
-        self._left = float(burst)
+        self._tokens = float(burst)
         self._at_ns = 0
 
     def admits(self, now_ns: int) -> bool:
         """Count one event. Return False if it exceeds the limit."""
         passed_s = (now_ns - self._at_ns) / NS if self._at_ns else 0.0
         self._at_ns = now_ns
-        self._left = min(self._burst, self._left + passed_s * self._rate)
-        if self._left < 1.0:
+        self._tokens = min(self._burst, self._tokens + passed_s * self._rate)
+        if self._tokens < 1.0:
             return False
-        self._left -= 1.0
+        self._tokens -= 1.0
         return True
 
     def refuse(self, now_ns: int) -> Refused | None:
         """Count one command. Return a refusal if it exceeds the limit."""
         if self.admits(now_ns):
             return None
-        return Refused(Code.RATE, f"more than {self._rate} commands a second", "send fewer", limit=f"{self._rate}")
+        return Refused(
+            Code.RATE,
+            f"this sender sent more than {self._rate} commands a second",
+            "send fewer commands",
+            limit=f"{self._rate}",
+        )
 
 
 class Limits:
-    """A ``Limit`` for each sender, so that a flood from one does not get another's commands refused.
+    """A ``Limit`` for each sender. If one sender sends too many commands, those of other senders are still
+    accepted.
 
-    When the table is full, the sender that was silent longest is dropped. Its limit then starts anew.
+    When the table is full, the sender that has sent nothing for the longest time is removed. Its limit then starts
+    again.
     """
 
     def __init__(self, rate: int, burst: int) -> None:
@@ -75,7 +82,7 @@ class Limits:
         self._of: dict[str, Limit] = {}
 
     def refuse(self, sender: str, now_ns: int) -> Refused | None:
-        """As ``Limit.refuse``, for this sender."""
+        """Count one command of this sender. Return a refusal if it exceeds the sender's limit."""
         limit = self._of.pop(sender, None) or Limit(self._rate, self._burst)
         if len(self._of) >= _MAX_SENDERS:
             del self._of[next(iter(self._of))]
@@ -86,15 +93,16 @@ class Limits:
 class Clocks:
     """The senders that have read the robot's clock.
 
-    A command names the reading by which its deadline is set. Only the sender knows this name, so it also
-    identifies the sender.
+    Each reading of the clock has a secret name. A command with a deadline must contain the name of such a reading.
+    Only the sender knows the name, so the name also proves the sender.
     """
 
     def __init__(self) -> None:
-        self._read: dict[str, tuple[str, int]] = {}  # by sender: the reading's name, when it expires
+        # For each sender: name of its last reading of the clock, and when that expires.
+        self._read: dict[str, tuple[str, int]] = {}
 
     def read(self, sender: str, now_ns: int) -> str:
-        """Note that a sender reads the clock now, and return the name of the reading."""
+        """Note that a sender reads the clock now. Return the secret name of this reading."""
         name = secrets.token_hex(16)
         self._read.pop(sender, None)
         if len(self._read) >= _MAX_CLOCKS:
@@ -103,31 +111,31 @@ class Clocks:
         return name
 
     def refuse(self, sender: str, clock: str, deadline_ns: int, now_ns: int) -> Refused | None:
-        """Return a refusal for a command without a valid reading of the clock, or with a deadline that
-        has passed or lies too far ahead.
+        """Return a refusal for a command without a valid reading of the clock, or with a deadline that has passed
+        or is too far ahead.
 
         Args:
             sender: The sender.
-            clock: The name of the reading.
+            clock: The secret name of the sender's reading.
             deadline_ns: The deadline, on the robot's clock.
             now_ns: The time.
         """
         name, expires_ns = self._read.get(sender, ("", 0))
         if clock != name or now_ns >= expires_ns:
-            why = f"{plain(sender)} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
-            return Refused(Code.CLOCK, why, "send sync first")
+            reason = f"{plain(sender)} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
+            return Refused(Code.CLOCK, reason, "send sync first")
         return refuse_by_deadline(deadline_ns, now_ns)
 
 
 class Turns:
-    """The turns of commands that move the robot beyond their own deadline. A repeated one is carried out
-    only once."""
+    """The turn ids of commands that move the robot beyond their own deadline. If such a command arrives twice, only
+    the first one is carried out."""
 
     def __init__(self) -> None:
         self._done: dict[tuple[str, str], None] = {}
 
     def is_new(self, sender: str, turn: str) -> bool:
-        """Note a turn. Return False if it was noted before."""
+        """Store the turn id of a command. Return False if this sender has used it before."""
         if (sender, turn) in self._done:
             return False
         if len(self._done) >= _MAX_TURNS:
@@ -137,25 +145,26 @@ class Turns:
 
 
 class Shared:
-    """State that the robot's actors on the mesh share. It survives their restarts."""
+    """State that the actors on the mesh share. It is kept when one of them is restarted."""
 
     def __init__(self) -> None:
         self.clocks = Clocks()
-        self.resumed_epoch = 0  # in which a hold needs no resume (``refuse_by_mode``)
-        # Called with sender, command, decision, and the route of the command.
+        self.resumed_epoch = 0  # the epoch in which a hold needs no resume (``refuse_by_mode``)
+        # The function that writes the audit: (sender, command, decision, route of the command).
         self.audit: Callable[[str, str, str, str], None] = lambda *_: None
-        self.taken = 0  # commands that were received, valid or not
+        self.received = 0  # number of received commands, valid or not
         self.turns = Turns()
-        self.sessions = Sessions()  # of callers of other hosts
+        self.sessions = Sessions()  # sessions of callers on other hosts
 
 
 def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | tuple[Sender | None, Refused]:
-    """Decode an envelope. If that fails, return its sender, as far as that can be read, and a refusal."""
+    """Decode an envelope. If it is invalid, return a refusal and its sender, or None if that cannot be read
+    either."""
     try:
         envelope = _decode_envelope(payload)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         remedy = 'send {"sender_id", "turn_id", "command": {"action", ...}}'
-        return read_sender(payload), Refused(Code.MALFORMED, f"this is no command: {error}", remedy)
+        return read_sender(payload), Refused(Code.MALFORMED, f"the message is no valid command: {error}", remedy)
     if len(payload) > limit:
         remedy = f"send at most {limit} bytes"
         oversized = Refused(Code.OVERSIZED, f"{len(payload)} bytes", remedy, str(len(payload)), str(limit))
@@ -173,13 +182,13 @@ def read_sender(payload: bytes) -> Sender | None:
 
 _TELEOP = (
     "a robot follows no input stream of another peer",
-    "run the teleoperation beside the robot, or send moves under a lease: acquire, move",
+    "run the teleoperation on the robot's computer, or send acquire and then move",
 )
 _CALL = (
-    "a robot's tool is not called over the mesh; two ways in are one too many to guard",
-    "describe_tool shows the tool; an agent or an MCP client beside the robot uses it",
+    "a robot's tool cannot be called over the mesh",
+    "use the tool with an agent or an MCP client on the robot's computer",
 )
-NOT_HERE: Mapping[str, tuple[str, str]] = {
+MISSING_ACTIONS: Mapping[str, tuple[str, str]] = {
     "call": _CALL,
     "sim_call": _CALL,
     "teleop_receive": _TELEOP,
@@ -189,20 +198,23 @@ NOT_HERE: Mapping[str, tuple[str, str]] = {
 
 
 def no_action(action: str, offered: Iterable[str] = tuple(ACTIONS)) -> Refused:
-    """Return the refusal of an action that is not offered."""
+    """Return the refusal of an action that this robot does not offer."""
     action = action[:64]
-    if action in NOT_HERE and action not in ACTIONS:
-        why, remedy = NOT_HERE[action]
-        return Refused(Code.NOT_HERE, f"{action!r} is not here: {why}", remedy, action)
-    return Refused(Code.UNKNOWN_ACTION, f"{action!r} is no action here", f"send {', '.join(offered)}", action)
+    if action in MISSING_ACTIONS and action not in ACTIONS:
+        reason, remedy = MISSING_ACTIONS[action]
+        return Refused(Code.NOT_HERE, f"the action {action!r} is not available: {reason}", remedy, action)
+    return Refused(
+        Code.UNKNOWN_ACTION, f"{action!r} is no action of this robot", f"send {', '.join(offered)}", action
+    )
 
 
 def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) -> Command | Refused:
-    """Decode the command of an envelope, if its action is one of those offered."""
+    """Decode the command of an envelope. Return a refusal if its action is not in ``offered`` or the command is
+    invalid."""
     try:
         action = _decode_action(envelope.command).action
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return Refused(Code.MALFORMED, f"the command cannot be read: {error}", 'send {"action": ...}')
+        return Refused(Code.MALFORMED, f"the command is no valid JSON: {error}", 'send {"action": ...}')
     if action not in offered:
         return no_action(action, offered)
     try:
@@ -211,13 +223,13 @@ def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) 
         return Refused(Code.MALFORMED, str(error), verb=action)
 
 
-def to_be_asked(robot: str) -> str:
-    """Return the remedy for a command that must be a query."""
-    return f"ask: a zenoh query (get) on {command_key(robot, '<your name>')}"
+def query_remedy(robot: str) -> str:
+    """Return the remedy for a published command (zenoh put) that must be sent as a query (zenoh get)."""
+    return f"send it as a zenoh query (get) on {command_key(robot, '<your name>')}"
 
 
 def refuse_stale(clocks: Clocks, sender: str, command: Command, now_ns: int) -> Refused | None:
-    """As ``Clocks.refuse``. A command without a deadline is never refused."""
+    """Return the result of ``Clocks.refuse`` for a command with a deadline; None for a command without one."""
     if isinstance(command, Dated):
         return clocks.refuse(sender, command.clock, command.deadline_ns, now_ns)
     return None

@@ -1,14 +1,13 @@
-"""Receive JSON commands from the mesh, check them, and pass them to the gate.
+"""Receive JSON commands from the mesh, check them, and pass them to the gate. The gate then checks them as it
+checks the commands of every writer.
 
-The gate decides on them as on those of every other writer.
+Zenoh stores received commands in a ring buffer outside Python, which keeps the newest ones. This actor takes a
+limited number of them each second. So even a flood of commands uses little time of the root process and delays no
+stop, since stops arrive on other keys. The ring is polled ten times a second, and a hundred times a second for a
+while after each command.
 
-Commands wait in a ring below the interpreter, which keeps the newest. This actor takes them out at a
-bounded rate. So a flood of commands costs the root almost nothing, and delays no stop, since a stop has
-keys of its own. The ring is polled ten times a second, and a hundred times a second for a while after
-each command.
-
-A robot that holds must be resumed before it gives a lease to a sender on the mesh. So a link that was
-cut and has healed moves nothing.
+A robot that holds must be resumed before a sender on the mesh gets a lease. So nothing moves when an interrupted
+link is connected again.
 """
 
 from __future__ import annotations
@@ -37,21 +36,21 @@ from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.root.messages import TaskStatus
 
 from . import schemas as mesh_json
-from .answers import Answers, told
-from .command_rules import Limit, Limits, Shared, read_command, read_envelope, refuse_stale, to_be_asked
+from .answers import Answers, report_json
+from .command_rules import Limit, Limits, Shared, query_remedy, read_command, read_envelope, refuse_stale
 from .lease_rules import refuse_by_mode
-from .motion import NOBODY_TO_ASK, Motion, holder_of, no_answer, task_json
+from .motion import NO_OPERATOR, Motion, holder_of, no_answer, task_json
 from .readings import TELEOP, features, state_of, task_of, tool_of
 from .safety import UNNAMED, ResumeOrder, Safety, StopOrder
 from .schemas import Command, Envelope, plain
-from .stop_rules import Said, read_loosely
+from .stop_rules import MessageOutline, read_loosely
 
 IDLE_S = 0.1
 BUSY_S = 0.01
 BUSY_FOR_S = 2.0
 """How long the ring is polled every ``BUSY_S`` after a command. The next command of a stream comes sooner."""
 RING = 64
-TAKEN_AT_ONCE = 16
+BATCH_SIZE = 16
 """Commands per poll. So a flood costs at most 1600 decoded commands a second."""
 
 COMMANDS_PER_S = 20
@@ -66,17 +65,17 @@ ASK_S = 0.1
 
 
 class Poll(Message, frozen=True):
-    """Take commands from the ring."""
+    """A message of this actor to itself: take commands from the ring buffer."""
 
     lane = "latest"
 
 
 class Commands(Actor):
-    """Serve the JSON commands for one robot.
+    """Carry out the JSON commands for one robot.
 
     Args:
-        robot: Its name.
-        driver: Its driver.
+        robot: Name of the robot.
+        driver: Driver of the robot.
         pubsub: The session on the mesh.
         answers: Sends the answers.
         shared: State that the actors on the mesh share.
@@ -99,18 +98,18 @@ class Commands(Actor):
         self._ring = pubsub.poll(RING, mesh_json.key(robot, "cmd"), mesh_json.command_key(robot, "*"))
         self._answers = answers
         self._shared = shared
-        self._what = "what is no command"
+        self._action_name = "what is no command"
         self._commands = Limits(COMMANDS_PER_S, COMMANDS_PER_S)
         self._moves = Limit(MOVES_PER_S, MOVES_PER_S // 5)
         self._refusals = Limit(REFUSALS_PER_S, REFUSALS_PER_S)
-        self._holder = ""  # the sender to whom the last lease was granted over the mesh, and that lease
+        self._holder = ""  # sender that got the last lease over the mesh; ``_lease`` is that lease
         self._lease = messages.Lease(0, 0)
         self._busy_until_ns = 0
 
     async def started(self) -> None:
-        at = addresses.of(self._robot)
-        self._gate: Ref = self.context.ref(at.gate, Gate)
-        self._safety: Ref = self.context.ref(at.safety, Safety)
+        actors = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(actors.gate, Gate)
+        self._safety: Ref = self.context.ref(actors.safety, Safety)
         self._motion = Motion(self._robot, self._driver, self.context, self._task, self._shared)
         self.context.start_soon(self._look)
 
@@ -121,69 +120,73 @@ class Commands(Actor):
             self.context.me.tell(Poll())
 
     async def receive(self, message: Poll) -> None:
-        for _ in range(TAKEN_AT_ONCE):
+        for _ in range(BATCH_SIZE):
             received = self._ring.take()
             if received is None:
                 return
-            self._shared.taken += 1
+            self._shared.received += 1
             await self._serve(received)
 
     async def _serve(self, received: Received) -> None:
         now_ns = self.context.clock.now_ns()
         self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
-        said = read_loosely(received.payload, self._robot)
-        if said.stops:
-            self._stop(said, received)
+        outline = read_loosely(received.payload, self._robot)
+        if outline.stops:
+            self._stop(outline, received)
             return
         envelope = read_envelope(received.payload)
         if isinstance(envelope, tuple):
             sender, refused = envelope
-            self._what = "what is no command"
-            self._refuse(sender.sender_id if sender else "", self._turn(said.turn, received), refused)
+            self._action_name = "what is no command"
+            self._refuse(sender.sender_id if sender else "", self._turn(outline.turn, received), refused)
             return
-        asked = received.reply is not None
-        if asked:
-            who = mesh_json.proven(received.asker, envelope.proof)
+        is_query = received.reply is not None
+        if is_query:
+            sender_name = mesh_json.proven(received.asker, envelope.proof)
             envelope = msgspec.structs.replace(
-                envelope, sender_id=who, turn_id=self._turn(envelope.turn_id, received)
+                envelope, sender_id=sender_name, turn_id=self._turn(envelope.turn_id, received)
             )
         command = read_command(envelope)
         if isinstance(command, Command):
-            if asked and not mesh_json.is_name(plain(envelope.sender_id)):
+            if is_query and not mesh_json.is_name(plain(envelope.sender_id)):
                 command = Refused(
-                    Code.MALFORMED, "the key of the question ends with no name", to_be_asked(self._robot)
+                    Code.MALFORMED,
+                    "the key of the query does not end with the name of its sender",
+                    query_remedy(self._robot),
                 )
-            elif not asked and not isinstance(command, mesh_json.PUT):
-                why = "who puts a command is not known, and who listens hears its answer"
-                command = Refused(Code.PUT, why, to_be_asked(self._robot), command.action, verb=command.action)
-            elif not said.means(self._robot):
-                why = f"it is for {said.target[:64]!r}, and this is {self._robot}"
-                remedy = "ask on the key of the robot that is meant"
-                command = Refused(Code.TARGET, why, remedy, said.target[:64], verb=command.action)
-        self._what = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
-        refused_now = command if isinstance(command, Refused) else self._check(envelope.sender_id, command, asked)
+            elif not is_query and not isinstance(command, mesh_json.PUT):
+                reason = "the sender of a published command is not known, and its answer is public"
+                command = Refused(Code.PUT, reason, query_remedy(self._robot), command.action, verb=command.action)
+            elif not outline.means(self._robot):
+                reason = f"it is for {outline.target[:64]!r}, and this is {self._robot}"
+                remedy = "send it on the key of that robot"
+                command = Refused(Code.TARGET, reason, remedy, outline.target[:64], verb=command.action)
+        self._action_name = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
+        refused_now = (
+            command if isinstance(command, Refused) else self._check(envelope.sender_id, command, is_query)
+        )
         if refused_now is not None:
             self._refuse(envelope.sender_id, envelope.turn_id, refused_now)
         elif isinstance(command, Command):
             await self._obey(envelope, command)
 
-    def _stop(self, said: Said, received: Received) -> None:
-        """Stop the robot. A stop is never refused, neither for its form nor for another robot's name in it.
-        A sender that uses this robot's own key means this robot, and one stop too many does no harm."""
-        asker = received.asker if received.reply is not None else said.sender
-        by = said.by or (asker if mesh_json.is_name(asker) else UNNAMED)
-        self._safety.tell(StopOrder(said.locks, by, asker, self._turn(said.turn, received)))
+    def _stop(self, outline: MessageOutline, received: Received) -> None:
+        """Stop the robot. A stop is never refused, even if it is malformed or names another robot. A sender that
+        uses this robot's own key means this robot, and an unnecessary stop does no harm."""
+        asker = received.asker if received.reply is not None else outline.sender
+        by = outline.by or (asker if mesh_json.is_name(asker) else UNNAMED)
+        self._safety.tell(StopOrder(outline.locks, by, asker, self._turn(outline.turn, received)))
 
     def _turn(self, turn: str, received: Received) -> str:
         return turn if received.reply is None else self._answers.expect(turn, received.reply)
 
-    def _check(self, sender: str, command: Command, asked: bool) -> Refused | None:
+    def _check(self, sender: str, command: Command, is_query: bool) -> Refused | None:
         now_ns = self.context.clock.now_ns()
         holds = isinstance(command, mesh_json.Leased) and (sender, command.lease) == (self._holder, self._lease.id)
         if holds:
             too_soon = self._moves.refuse(now_ns)
         else:
-            too_soon = self._commands.refuse(sender if asked else PUT_BY, now_ns)
+            too_soon = self._commands.refuse(sender if is_query else PUT_BY, now_ns)
         if too_soon is not None:
             return too_soon
         if isinstance(command, mesh_json.Leased) and not holds:
@@ -191,11 +194,11 @@ class Commands(Actor):
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
-        """Count a refusal and send it. Public answers have a limit, so that they do not become a flood
-        themselves. A query is always answered, since its answer reaches only its sender."""
+        """Count a refusal and send it. The number of public answers is limited, so that they do not flood the mesh.
+        A query is always answered, since only its sender gets the answer."""
         admitted = self._refusals.admits(self.context.clock.now_ns())
         if admitted:
-            self._shared.audit(plain(sender) or "somebody", self._what, f"refused: {refused.text}", MESH)
+            self._shared.audit(plain(sender) or "somebody", self._action_name, f"refused: {refused.text}", MESH)
         self._answers.refuse(sender if admitted else "", turn, refused)
 
     async def _obey(self, envelope: Envelope, command: Command) -> None:
@@ -213,7 +216,7 @@ class Commands(Actor):
                 self._begin(sender, turn, command)
                 return
             case mesh_json.Release():
-                # The release may hold the robot, which takes time, so the next commands do not wait for it.
+                # Releasing may make the robot hold, which takes time. The next commands must not wait for that.
                 self.context.start_soon(self._tell, sender, turn, command)
                 return
         await self._tell(sender, turn, command)
@@ -223,8 +226,8 @@ class Commands(Actor):
         try:
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
-            why = busy.explained(f"the wire does not answer: {failure}")
-            answer = Refused(Code.UNREACHABLE, why, "resume when the robot is back")
+            reason = busy.explained(f"the process that talks to the robot does not answer ({failure})")
+            answer = Refused(Code.UNREACHABLE, reason, "call resume when the robot answers again")
         if isinstance(answer, Refused):
             self._refuse(sender, turn, answer.about(command.action))
         else:
@@ -243,7 +246,7 @@ class Commands(Actor):
                 answer = await self._gate.ask(messages.Release(command.lease), self._stop_s)
                 if not isinstance(answer, messages.Released):
                     return no_answer(answer)
-                return {"released": command.lease, **told(answer.report)}
+                return {"released": command.lease, **report_json(answer.report)}
             case mesh_json.Observe():
                 return await self._observe()
             case mesh_json.Ping():
@@ -259,18 +262,18 @@ class Commands(Actor):
         return await self._status()
 
     async def _newest(self) -> messages.Status | None:
-        """Return the gate's status; None if the gate gives another answer."""
+        """Return the gate's status; None if the gate refuses or sends another reply."""
         answer = await self._gate.ask(messages.GetStatus(), ASK_S)
         return answer if isinstance(answer, messages.Status) else None
 
-    # -- motions, which continue after their command
+    # -- motions, which continue after their command was answered
 
     def _begin(self, sender: str, turn: str, command: mesh_json.Motion) -> None:
         """Start a motion in a task, since it may take seconds."""
         if not self._shared.turns.is_new(sender, plain(turn)):
-            why = f"turn {plain(turn)} of {plain(sender)} was done already"
-            remedy = "give each command a turn_id of its own"
-            self._refuse(sender, turn, Refused(Code.DUPLICATE, why, remedy, verb=command.action))
+            reason = f"{plain(sender)} has already used the turn_id {plain(turn)}"
+            remedy = "give each command a new turn_id"
+            self._refuse(sender, turn, Refused(Code.DUPLICATE, reason, remedy, verb=command.action))
             return
 
         def answer(result: dict[str, Any] | Refused, final: bool) -> None:
@@ -285,7 +288,7 @@ class Commands(Actor):
     # -- writing
 
     async def _acquire(self, sender: str) -> dict[str, Any] | Refused:
-        await self._motion.until_held()
+        await self._motion.wait_for_hold()
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
             return no_answer(status)
@@ -312,11 +315,15 @@ class Commands(Actor):
 
     async def _move(self, move: mesh_json.Move) -> dict[str, Any] | Refused:
         if move.epoch != self._lease.epoch:
-            # The gate compares with the present epoch, which every peer can read in the telemetry. On the
-            # mesh, the epoch must also be the one that came with the lease.
-            return Refused(Code.STALE_EPOCH, f"the lease is of epoch {self._lease.epoch}", "acquire it again")
+            # The gate checks the epoch, too. But every peer can read the present epoch in the telemetry. So on the
+            # mesh, a command must have the epoch in which its lease was given.
+            return Refused(
+                Code.STALE_EPOCH,
+                f"the lease was given in epoch {self._lease.epoch}, the command has {move.epoch}",
+                "acquire it again",
+            )
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
-            return not_approved(names, NOBODY_TO_ASK, can_ask=False)
+            return not_approved(names, NO_OPERATOR, can_ask=False)
         setpoint = messages.Setpoint(
             move.lease, move.epoch, move.deadline_ns, move.targets, move.period_s, move.latched
         )

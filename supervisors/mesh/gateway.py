@@ -1,13 +1,13 @@
-"""The gateway connects callers on other hosts to the gate. These callers send the same messages as local
-ones.
+"""The gateway: the actor that connects callers on other hosts to the gate. These callers send the same messages as
+local ones.
 
-The gateway makes only the checks that distance requires: the command has a deadline on the robot's clock
-and is in time, its lease belongs to its sender, and the sender is within its rate. The gate decides on
-everything else, as for every other writer. The certificate decides, below the interpreter, which peers
-reach the gateway (``mesh/access.py``).
+The gateway makes only the checks that are needed because the caller is on another host. The command must have a
+deadline on the robot's clock and be in time, the lease must belong to the sender, and the sender must not send too
+often. The gate makes all other checks. Zenoh's certificates decide which hosts can reach the gateway
+(``mesh/access.py``).
 
-Frames wait in a ring below the interpreter, as JSON commands do (``commands.py``). A stop has a separate
-key and waits for nothing.
+Received frames wait in a ring buffer outside Python, as JSON commands do (``commands.py``). A stop has a separate
+key and is handled at once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.channels.permissions import Channel
 from strands_actors.kernel.channels.pubsub import PubSub, Received, Reply
-from strands_actors.kernel.channels.zenoh_mesh import asked_key
+from strands_actors.kernel.channels.zenoh_mesh import request_key
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
@@ -68,44 +68,43 @@ BUSY_S = 0.004
 BUSY_FOR_S = 2.0
 """How long the ring is polled every ``BUSY_S`` after a frame. The next frame of a writer comes sooner."""
 RING = 64
-TAKEN_AT_ONCE = 16
-"""Frames per poll. So a flood costs at most 4000 decoded frames a second."""
+BATCH_SIZE = 16
+"""Largest number of frames per poll. So at most 4000 frames a second are decoded."""
 
 WRITES_PER_S = 1100
 """Limit for the holder of a lease: a stream at the highest rate of a rollout, and its heartbeats."""
 COMMANDS_PER_S = 50
-"""Limit for each caller, like ``READINGS_PER_S``, so that a flood from one does not get another's resume
-refused."""
+"""Limit for each caller, like ``READINGS_PER_S``. If one caller sends too much, the resume of another caller is
+still accepted."""
 READINGS_PER_S = 500
 ASK_S = 0.3
 TREE_S = 0.5
 
 
 class FromOutside:
-    """The channel of frames from other hosts into the root's node. Only answers go back; the node sends
-    no other messages to these hosts."""
+    """The channel on which frames of other hosts reach the root process. The root sends only answers back on it."""
 
     def __init__(self, node: Router, pubsub: PubSub, robot: str) -> None:
-        at = addresses.of(robot)
+        actors = addresses.of(robot)
         self.channel: Channel | None = channels.of_stops_elsewhere(robot)
         self._node = node
         self._pubsub = pubsub
-        self._ring = pubsub.poll(RING, questions=asked_key(at.gateway, "*"))
+        self._ring = pubsub.poll(RING, questions=request_key(actors.gateway, "*"))
         self._robot = robot
-        pubsub.subscribe(at.gateway_stop, self._on_stop)
-        for address in (at.gateway, at.gateway_stop):
+        pubsub.subscribe(actors.gateway_stop, self._on_stop)
+        for address in (actors.gateway, actors.gateway_stop):
             pubsub.declare_token(f"{address}/alive")
 
     def take(self) -> int:
-        """Pass waiting frames to the node, and return how many."""
+        """Pass the frames that wait to the actors of this process, and return their number."""
         with self._node.dispatch:
-            for count in range(TAKEN_AT_ONCE):
+            for count in range(BATCH_SIZE):
                 received = self._ring.take()
                 if received is None:
                     return count
                 channel = channels.of_elsewhere(self._robot, received.asker)
                 self._node.receive_frame(received.payload, _Question(channel, received.reply))
-        return TAKEN_AT_ONCE
+        return BATCH_SIZE
 
     def _on_stop(self, received: Received) -> None:
         with self._node.dispatch:
@@ -118,11 +117,11 @@ class FromOutside:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Do nothing, since the two keys are fixed."""
+        """Do nothing: other hosts learn no addresses, since they use two fixed keys."""
 
 
 class _Question:
-    """The channel of one query. Its answer goes to its sender only."""
+    """The channel of one query. Only the sender of the query gets the answer."""
 
     def __init__(self, channel: Channel, reply: Reply) -> None:
         self.channel: Channel | None = channel
@@ -135,23 +134,23 @@ class _Question:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Do nothing, since the channel carries one frame."""
+        """Do nothing, since this channel is used for one query only."""
 
 
 class Gateway(Actor):
-    """Pass readings and commands of callers on other hosts to the gate, and the answers back.
+    """Pass requests and commands of callers on other hosts to the gate, and the answers back.
 
     Args:
-        robot: The name of the robot.
-        kind: The kind of the robot.
-        driver: Its driver.
+        robot: Name of the robot.
+        kind: Type of the robot.
+        driver: Driver of the robot.
         pubsub: The session on the mesh.
         shared: State that the actors on the mesh share.
     """
 
-    def __init__(self, robot: str, kind: str, driver: Driver, pubsub: PubSub, shared: Shared) -> None:
+    def __init__(self, robot: str, robot_type: str, driver: Driver, pubsub: PubSub, shared: Shared) -> None:
         self._robot = robot
-        self._kind = kind
+        self._robot_type = robot_type
         self._driver = driver
         self._pubsub = pubsub
         self._shared = shared
@@ -161,17 +160,17 @@ class Gateway(Actor):
         self._busy_until_ns = 0
 
     async def started(self) -> None:
-        at, context = addresses.of(self._robot), self.context
-        self._gate: Ref = context.ref(at.gate, Gate)
-        self._root: Ref = context.ref(at.root)
-        self._way = FromOutside(context.node, self._pubsub, self._robot)
+        actors, context = addresses.of(self._robot), self.context
+        self._gate: Ref = context.ref(actors.gate, Gate)
+        self._root: Ref = context.ref(actors.root)
+        self._channel = FromOutside(context.node, self._pubsub, self._robot)
         context.start_soon(self._look)
 
     async def _look(self) -> None:
         while True:
             now_ns = self.context.clock.now_ns()
             await trio.sleep(BUSY_S if now_ns < self._busy_until_ns else IDLE_S)
-            if self._way.take():
+            if self._channel.take():
                 self._busy_until_ns = now_ns + round(BUSY_FOR_S * NS)
 
     def receive(
@@ -192,12 +191,12 @@ class Gateway(Actor):
         | None
     ):
         now_ns = self.context.received_ns
-        self._shared.taken += 1
+        self._shared.received += 1
         if isinstance(message, Dated):
             refused = self._refuse(message, now_ns)
             if refused is not None:
-                what = type(message.message).__name__.lower()
-                self._shared.audit(message.channel, what, f"refused: {refused.text}", "another host")
+                message_type = type(message.message).__name__.lower()
+                self._shared.audit(message.channel, message_type, f"refused: {refused.text}", "another host")
             return refused or self._obey(message)
         refusal = self._readings.refuse(message.channel, now_ns)
         if refusal is not None:
@@ -205,20 +204,24 @@ class Gateway(Actor):
         match message:
             case Sync():
                 session = self._shared.sessions.sync(message.session, message.channel, now_ns)
-                return Synced(session, self.context.clock.now_ns(), self._kind, tuple(self._driver.axes))
+                return Synced(session, self.context.clock.now_ns(), self._robot_type, tuple(self._driver.axes))
             case Describe():
                 return self._soon(lambda: self._root.ask(message, TREE_S))
         return self._soon(lambda: self._gate.ask(message, ASK_S))
 
-    # -- checks that distance requires
+    # -- checks that are needed because the caller is on another host
 
     def _refuse(self, dated: Dated, now_ns: int) -> Refused | None:
         message, sessions = dated.message, self._shared.sessions
-        if isinstance(message, Acquire | Resume) and not self.context.asked:
-            # Without an answer, no caller would learn of the lease, and it would exclude all others for a
-            # second.
+        if isinstance(message, Acquire | Resume) and not self.context.expects_answer:
+            # Without a reply, the caller would not learn its lease, and no other caller could get one for a second.
             verb = type(message).__name__.lower()
-            return Refused(Code.TOLD, "it was told, and nobody waits for the answer", "ask it", verb=verb)
+            return Refused(
+                Code.NOT_A_REQUEST,
+                "the message was sent without a request for a reply",
+                "send it as a request",
+                verb=verb,
+            )
         refusal = sessions.refuse(dated.session, dated.channel, dated.deadline_ns, now_ns)
         if refusal is not None:
             return refusal
@@ -230,20 +233,20 @@ class Gateway(Actor):
         return refusal or self._commands.refuse(dated.channel, now_ns)
 
     def _refuse_guarded(self, message: Message) -> Refused | None:
-        """Return a refusal for a motion or service that needs an approval and has none. For a caller on
-        another host there is no operator here to ask."""
+        """Return a refusal for a motion or service that needs a person's approval. It cannot be approved, since the
+        caller is on another host."""
         verb, service = (message.service, (message.service,)) if isinstance(message, Perform) else ("move", ())
         first = message.first if isinstance(message, Perform) else message
         action = first.action if isinstance(first, Setpoint) else {}
-        asked = (*service, *self._driver.to_approve(action))
-        names = unapproved(self._driver.GUARDED, asked, self._driver.TOPICS)
+        names_to_approve = (*service, *self._driver.to_approve(action))
+        names = unapproved(self._driver.GUARDED, names_to_approve, self._driver.TOPICS)
         if not names:
             return None
-        return not_approved(names, "from another host there is nobody to ask", can_ask=False).about(verb)
+        return not_approved(names, "a caller on another host cannot be asked", can_ask=False).about(verb)
 
     def _obey(self, dated: Dated) -> Deferred | None:
         message = dated.message
-        if not self.context.asked:
+        if not self.context.expects_answer:
             self._gate.tell(message)
             return None
         match message:
@@ -259,17 +262,17 @@ class Gateway(Actor):
                 return self._soon(lambda: self._gate.ask(message, within_s))
         return self._soon(lambda: self._gate.ask(message, ASK_S))
 
-    async def _acquire(self, session: str, who: str, message: Acquire) -> Message | None:
-        """Acquire a lease for a caller. A rollout writes under a lease that its caller acquired here."""
+    async def _acquire(self, session: str, client: str, message: Acquire) -> Message | None:
+        """Acquire a lease for a caller. A rollout must name a lease that was acquired over this gateway."""
         status = await self._gate.ask(GetStatus(), ASK_S)
         if not isinstance(status, Status):
             return status
         refusal = None if message.over else refuse_by_mode(status, self._shared.resumed_epoch)
         if refusal is not None:
             return refusal.about(ACQUIRE)
-        # A lease that was not acquired in this session gives no right to replace it.
+        # A caller may replace only a lease that it acquired in this session.
         again = 0 if self._shared.sessions.refuse_lease(session, message.again) else message.again
-        holder = f"{message.holder} ({who})"
+        holder = f"{message.holder} ({client})"
         elsewhere = msgspec.structs.replace(message, holder=holder, pid=0, again=again)
         lease = await self._gate.ask(elsewhere, GRANT_S)
         if isinstance(lease, Lease):
@@ -277,10 +280,11 @@ class Gateway(Actor):
         return lease
 
     async def _release(self, message: Release) -> Message | None:
-        """Release a lease, and note a hold that needs no resume.
+        """Release a lease. If the robot holds because of this, note that this hold needs no resume.
 
-        A rollout ends with a hold that its writer intends, so the next lease needs no resume. This counts
-        only if the release caused the hold, and not if the lease had lapsed or the robot held already.
+        A rollout ends with an intended hold, so the next caller can get a lease without a resume. This is only so
+        if the release caused the hold. If the lease had already ended, or the robot already held, a resume is
+        needed.
         """
         answer = await self._gate.ask(message, ASK_S)
         if isinstance(answer, Released) and answer.holds and answer.report.reason is Reason.POLICY:
@@ -300,24 +304,24 @@ class Gateway(Actor):
             try:
                 deferred.send(await ask())
             except (AskTimeout, Unreachable) as failure:
-                why = busy.explained(f"the wire does not answer: {failure}")
-                deferred.send(Refused(Code.UNREACHABLE, why, "resume it"))
+                reason = busy.explained(f"the process that talks to the robot does not answer ({failure})")
+                deferred.send(Refused(Code.UNREACHABLE, reason, "resume it"))
 
         self.context.start_soon(run)
         return deferred
 
 
 class GatewayStop(Actor):
-    """Stop the robot for every caller that reaches the gateway, with or without a lease, and without a
-    limit of the rate."""
+    """Stop the robot for every caller on another host. It needs no lease, and the number of stops is not
+    limited."""
 
     def __init__(self, robot: str, deadlines: StopDeadlines) -> None:
-        self._at = addresses.of(robot)
+        self._actors = addresses.of(robot)
         self._deadlines = deadlines
 
     async def started(self) -> None:
-        self._gate: Ref = self.context.ref(self._at.gate, Gate)
-        self._guardian: Ref = self.context.ref(self._at.guardian, Guardian)
+        self._gate: Ref = self.context.ref(self._actors.gate, Gate)
+        self._guardian: Ref = self.context.ref(self._actors.guardian, Guardian)
 
     def receive(self, message: Stop) -> StopReport | Refused | Deferred:
         deferred = self.context.defer()

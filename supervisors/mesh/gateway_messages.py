@@ -18,8 +18,8 @@ class Sync(Message, frozen=True):
     """Read the robot's clock.
 
     Attributes:
-        session: The session of an earlier reading, to renew it; empty to begin a session.
-        channel: The caller, by the key on which it asks.
+        session: Name of the caller's session, to renew it; empty to begin a new session.
+        channel: Name of the caller; the receiver sets it from the key of the query.
     """
 
     session: str = ""
@@ -30,10 +30,11 @@ class Synced(Message, frozen=True):
     """The answer to ``Sync``.
 
     Attributes:
-        session: The caller's session. It is secret: it proves the right to the leases of the session.
+        session: Name of the caller's session. It is secret, since it proves the right to use the leases of the
+            session.
         robot_ns: The robot's clock (CLOCK_MONOTONIC of its host) when this answer was sent.
         kind: The kind of the robot.
-        axes: Its axes.
+        axes: The axes of the robot.
     """
 
     session: str
@@ -47,9 +48,9 @@ class Dated(Message, frozen=True):
 
     Attributes:
         session: The caller's session.
-        deadline_ns: A time of the robot's clock. The command is not carried out later.
+        deadline_ns: Deadline on the robot's clock. The command is not carried out later.
         message: The command. The times in it are of the robot's clock, too.
-        channel: The caller, by the key on which it asks.
+        channel: Name of the caller; the receiver sets it from the key of the query.
     """
 
     session: str

@@ -1,14 +1,13 @@
-"""Run motions for senders on the mesh: a named policy, a pose, and steps and a reset of a simulation.
+"""Carry out motions for senders on the mesh: a named policy, a pose, and steps or a reset of a simulation.
 
-The root acquires a lease for the sender and keeps it for the duration of the motion, so the sender need
-not stay connected. A motion passes the same gate as every setpoint. On a real robot the operator must have
-allowed it beforehand, since on the mesh there is no operator to ask. It ends by itself after its duration,
-and every stop ends it. A policy runs in a separate process, like a task of a local program.
+For the duration of a motion, the root keeps a lease for the sender, so the sender need not stay connected. A motion
+passes the same gate as every setpoint. On a real robot the operator must have allowed it beforehand, since nobody
+can be asked over the mesh. It ends after its duration, and every stop ends it earlier. A policy runs in a separate
+process, as it does for a local program.
 
-How a motion ends, in ``_beat``: when its time is over, or its rollout has reached its duration or number
-of steps, this process holds the robot (``_hold``) and then releases the lease. Such a hold is a regular
-end: the next command from the mesh needs no resume. A stop, or another lease in its place, ends the
-motion without a hold by this process.
+How a motion ends (``_beat``): after its duration, or when its policy has done its last step, this process makes the
+robot hold (``_hold``) and then releases the lease. This is the planned end, so the next command from the mesh needs
+no resume. If a stop or another writer's lease ends the motion, this process does not make the robot hold.
 """
 
 from __future__ import annotations
@@ -49,18 +48,18 @@ LOOK_S = 0.02
 """Period of the check if a rollout has ended."""
 _OVER_BY_ITSELF = (Lapse.EXPIRED, Lapse.ROLLOUT_ENDED)
 """Lapses by which a motion may end shortly before this process holds the robot."""
-NOBODY_TO_ASK = "on the mesh there is nobody to ask"
+NO_OPERATOR = "on the mesh no operator can be asked"
 
 Answer = Callable[[dict[str, Any] | Refused, bool], None]
 """Sends a result to the sender. The second argument is True for the final answer."""
 
 
 class Motion:
-    """The motions of one robot.
+    """Carry out the motions of one robot.
 
     Args:
-        robot: Its name.
-        driver: Its driver.
+        robot: Name of the robot.
+        driver: Driver of the robot.
         context: The context of the actor that serves the commands.
         task: Returns the status of the robot's policy process.
         shared: State that the actors on the mesh share.
@@ -74,35 +73,35 @@ class Motion:
         task: Callable[[], TaskStatus],
         shared: Shared,
     ) -> None:
-        at = addresses.of(robot)
+        actors = addresses.of(robot)
         self._robot = robot
         self._driver = driver
         self._context = context
-        self._gate: Ref = context.ref(at.gate, Gate)
-        self._tasks: Ref = context.node.ref(at.tasks)
+        self._gate: Ref = context.ref(actors.gate, Gate)
+        self._tasks: Ref = context.node.ref(actors.tasks)
         self._task = task
         self._shared = shared
         self._stop_s = StopDeadlines.of(driver.timing.safe_s, driver.late_s).gate_s
         self._turn = trio.Lock()
         self._kept: messages.Lease | None = None
         self._keeper = ""
-        """The sender for which ``_kept`` is kept."""
+        """Name of the sender for which the lease ``_kept`` is kept."""
         self._free = trio.Event()
         """Set while no lease is kept and the last one was released."""
         self._free.set()
         self._until_ns = 0
-        """When the motion ends; 0: when the rollout ends."""
+        """Time at which the motion ends; 0 if it ends with the policy."""
         self._is_ending = False
-        """True while the hold at the end of a motion is carried out."""
+        """True while the robot is brought to a hold at the end of a motion."""
 
     async def do(self, sender: str, own: messages.Lease | None, command: mesh_json.Motion, answer: Answer) -> None:
         """Carry out a motion and answer.
 
         Args:
             sender: The sender.
-            own: The lease that the sender has acquired by ``acquire``; None if it has none.
+            own: The lease that the sender has acquired by ``acquire``; None without one.
             command: The command.
-            answer: Sends the result. ``Execute`` is answered twice: at the start and at the end.
+            answer: Sends the result. ``Execute`` is answered twice, when the policy starts and when it ends.
         """
         try:
             async with self._turn:
@@ -110,8 +109,8 @@ class Motion:
         except (AskTimeout, Unreachable) as failure:
             result = Refused(
                 Code.UNREACHABLE,
-                busy.explained(f"the wire does not answer: {failure}"),
-                "resume when the robot is back",
+                busy.explained(f"the process that talks to the robot does not answer ({failure})"),
+                "call resume when the robot answers again",
             )
         if isinstance(result, Refused):
             answer(result.about(command.action), True)
@@ -122,11 +121,12 @@ class Motion:
             answer(result, True)
 
     def kept_for(self, sender: str) -> int:
-        """Return the lease that is kept for a motion of this sender; 0 if there is no such lease."""
+        """Return the lease that this process keeps for a motion of this sender; 0 without one."""
         return self._kept.id if self._kept is not None and self._keeper == sender else 0
 
     def forget(self, sender: str) -> None:
-        """Stop keeping the lease of a sender that has replaced it by a lease which it keeps itself."""
+        """Stop keeping a lease for a sender, since the sender has acquired a new one and sends the heartbeats
+        itself."""
         if self._keeper == sender:
             self._kept = None
 
@@ -134,30 +134,30 @@ class Motion:
 
     def _refuse(self, command: mesh_json.Motion) -> Refused | None:
         driver, action = self._driver, command.action
-        # The command may have waited for an earlier motion and be past its deadline now.
+        # The command may have waited for an earlier motion, so its deadline may have passed.
         late = refuse_by_deadline(command.deadline_ns, self._context.clock.now_ns())
         if late is not None:
             return late
         keys: tuple[str, ...] = ()
         match command:
             case mesh_json.Start():
-                if why := driver.ROLLOUTS or driver.TASKS:
-                    return Refused(Code.NO_ROLLOUT, f"{driver.robot}: {why}", "")
+                if reason := driver.ROLLOUTS or driver.TASKS:
+                    return Refused(Code.NO_ROLLOUT, f"{driver.robot}: {reason}", "")
                 keys = driver.axes
             case mesh_json.SetJoints():
                 longest_s = driver.timing.oneshot_ttl_s
                 if longest_s is not None and command.duration > longest_s:
-                    why = f"{driver.robot} keeps no command on its own for {command.duration:g} s"
+                    reason = f"{driver.robot} cannot keep a command for {command.duration:g} s"
                     remedy = f"give a duration of at most {longest_s:g} s, or run a policy"
-                    return Refused(Code.TOO_LONG, why, remedy, f"{command.duration:g}", f"{longest_s:g}")
+                    return Refused(Code.TOO_LONG, reason, remedy, f"{command.duration:g}", f"{longest_s:g}")
                 keys = driver.to_approve(command.target_joints)
             case _ if action not in driver.SERVICES:
-                why = f"{driver.robot} is no simulation"
-                return Refused(Code.NO_SIMULATION, why, "a robot is driven by start, set_joints and move")
+                reason = f"{driver.robot} is no simulation"
+                return Refused(Code.NO_SIMULATION, reason, "use start, set_joints or move for a real robot")
         if driver.SIMULATED:
             return None
         names = unapproved({action, *driver.GUARDED}, (action, *keys), driver.TOPICS)
-        return not_approved(names, NOBODY_TO_ASK, can_ask=False) if names else None
+        return not_approved(names, NO_OPERATOR, can_ask=False) if names else None
 
     async def _do(
         self, sender: str, own: messages.Lease | None, command: mesh_json.Motion
@@ -177,7 +177,7 @@ class Motion:
     # -- the lease
 
     async def _lease(self, sender: str, own: messages.Lease | None) -> messages.Lease | Refused:
-        """Return the lease for a motion: the sender's own, one that is already kept for it, or a new one."""
+        """Return the lease for a motion: the sender's own lease, the one that is kept for it, or a new one."""
         status = await self._gate.ask(messages.GetStatus(), ASK_S)
         if not isinstance(status, messages.Status):
             return no_answer(status)
@@ -185,7 +185,7 @@ class Motion:
         if refused is not None:
             return refused
         if self._task().running:
-            return Refused(Code.RUNNING, "a task is already running", "stop it first")
+            return Refused(Code.RUNNING, "a policy is already running", "stop it first")
         if own is not None and status.holder == holder_of(sender) and own.epoch == status.epoch:
             return own
         if self._kept is not None and self._keeper == sender and self._kept.epoch == status.epoch:
@@ -195,8 +195,8 @@ class Motion:
         return answer if isinstance(answer, messages.Lease | Refused) else no_answer(answer)
 
     def _keep(self, lease: messages.Lease, sender: str, own: messages.Lease | None, for_s: float) -> None:
-        """Keep a lease for ``for_s`` seconds; 0: until the rollout ends. A sender keeps its own lease
-        itself."""
+        """Send heartbeats for a lease for ``for_s`` seconds; 0 means until the policy has ended. For its own lease,
+        the sender sends them itself."""
         if lease == own:
             return
         until_ns = self._context.clock.now_ns() + round(for_s * NS) if for_s else 0
@@ -207,18 +207,19 @@ class Motion:
             self._context.start_soon(self._beat, lease)
 
     async def _beat(self, lease: messages.Lease) -> None:
-        """Keep a lease until its motion is over, the robot is stopped, or another lease has replaced it."""
+        """Send heartbeats for a lease until its motion has ended, the robot is stopped, or the lease is replaced.
+        Then release it."""
         due_ns = 0
         while self._kept == lease:
             now_ns = self._context.clock.now_ns()
             is_due = now_ns >= due_ns
-            goes_on = self._is_wanted() and (not is_due or await self._is_of_now(lease))
+            goes_on = self._is_running() and (not is_due or await self._is_of_now(lease))
             if not goes_on and await self._end(lease):
                 break
             if is_due:
                 self._gate.tell(messages.Beat(lease.id))
                 due_ns = now_ns + round(BEAT_S * NS)
-            await trio.sleep(min(BEAT_S, self._left_s()))
+            await trio.sleep(min(BEAT_S, self._remaining_s()))
         if self._kept == lease:
             self._kept = None
         await self._give_up(lease)
@@ -226,13 +227,13 @@ class Motion:
             self._free.set()
 
     async def _end(self, lease: messages.Lease) -> bool:
-        """Hold the robot at the end of a motion, if that is still necessary. Return False if the sender
-        has meanwhile begun another motion under this lease.
+        """Make the robot hold at the end of a motion, unless it has stopped already. Return False if the sender has
+        meanwhile begun another motion under this lease.
 
-        The next command waits until the hold is carried out, since it would be refused during the hold.
+        The next command waits until the robot holds, since it would be refused before.
         """
         async with self._turn:
-            if self._kept == lease and self._is_wanted() and await self._is_of_now(lease):
+            if self._kept == lease and self._is_running() and await self._is_of_now(lease):
                 return False
             if self._kept == lease and (self._until_ns or self._task().exit_reason in ("duration", "n_steps")):
                 self._is_ending = True
@@ -240,33 +241,35 @@ class Motion:
                 self._is_ending = False
             return True
 
-    async def until_held(self) -> None:
-        """Wait while the hold at the end of a motion is carried out."""
+    async def wait_for_hold(self) -> None:
+        """Wait until the hold at the end of a motion is done."""
         if self._is_ending:
             async with self._turn:
                 pass
 
     async def _hold(self, lease: messages.Lease) -> None:
-        """Hold the robot because the time of a motion is over. After such a hold, the next command from
-        the mesh needs no resume. A motion that another writer has begun meanwhile is not ended."""
+        """Make the robot hold because the duration of a motion has passed. The next command from the mesh then
+        needs no resume. If another writer has begun a motion meanwhile, do nothing."""
         by = holder_of(self._keeper)
         try:
             status = await self._status()
             if status is None or status.holder != by or self._kept != lease:
                 return
             if status.epoch == lease.epoch + 1 and status.lapse in _OVER_BY_ITSELF:
-                self._shared.resumed_epoch = status.epoch  # The motion ended by itself at the same time.
+                # The motion ended by itself before our order, which is a planned end, too.
+                self._shared.resumed_epoch = status.epoch
             if status.epoch != lease.epoch:
                 return
             report = await self._gate.ask(messages.Stop(Reason.EXPIRED, by), self._stop_s)
         except (AskTimeout, Unreachable):
-            return  # The setpoint expires by itself, and the robot must be resumed.
+            # The setpoint ends by itself. Then the robot must be resumed.
+            return
         if isinstance(report, messages.StopReport) and report.epoch == lease.epoch + 1:
             self._shared.resumed_epoch = report.epoch
 
     async def _is_of_now(self, lease: messages.Lease) -> bool:
-        """Return False if the gate reports a later epoch, in which the motion under this lease has ended.
-        Without an answer in time, return True."""
+        """Return False if the robot has stopped or held since the lease was given, which has ended the motion.
+        Return True if the gate does not answer in time."""
         try:
             status = await self._status()
         except (AskTimeout, Unreachable):
@@ -277,15 +280,15 @@ class Motion:
         answer = await self._gate.ask(messages.GetStatus(), ASK_S)
         return answer if isinstance(answer, messages.Status) else None
 
-    def _is_wanted(self) -> bool:
-        return self._task().running if not self._until_ns else self._left_s() > 0
+    def _is_running(self) -> bool:
+        return self._task().running if not self._until_ns else self._remaining_s() > 0
 
-    def _left_s(self) -> float:
-        """Return the seconds until the motion ends; ``LOOK_S`` for a rollout, whose end is not known."""
+    def _remaining_s(self) -> float:
+        """Return the seconds until the motion ends. For a policy the end is not known, so return ``LOOK_S``."""
         return max(0.0, (self._until_ns - self._context.clock.now_ns()) / NS) if self._until_ns else LOOK_S
 
     async def _give_up(self, lease: messages.Lease) -> None:
-        """Release a lease. Otherwise it would lapse only a second after its last setpoint has expired."""
+        """Release a lease, so that the next writer need not wait until it ends by itself."""
         try:
             await self._gate.ask(messages.Release(lease.id), self._stop_s)
         except (AskTimeout, Unreachable):
@@ -299,7 +302,7 @@ class Motion:
         chosen = await choose(self._driver, command, self._robot)
         if isinstance(chosen, Refused):
             return chosen
-        where, options = chosen
+        location, options = chosen
         lease = await self._lease(sender, own)
         if isinstance(lease, Refused):
             return lease
@@ -317,10 +320,11 @@ class Motion:
             self._driver.table,
         )
         try:
-            status = await self._tasks.ask(StartTask(where, options, rollout, command.deadline_ns), START_S)
+            status = await self._tasks.ask(StartTask(location, options, rollout, command.deadline_ns), START_S)
         except (AskTimeout, Unreachable) as failure:
-            self._tasks.tell(StopTask())  # A task that was not confirmed in time must not begin late.
-            status = Refused(Code.TIMEOUT, f"{failure}; nothing of it will begin", "try again")
+            # The policy must not start after its start was refused.
+            self._tasks.tell(StopTask())
+            status = Refused(Code.TIMEOUT, f"{failure}, so the policy was not started", "try again")
         if not isinstance(status, TaskStatus):
             if lease != own:
                 await self._give_up(lease)
@@ -331,7 +335,8 @@ class Motion:
     async def _ended(self) -> dict[str, Any]:
         while self._task().running:  # noqa: ASYNC110  # its process reports to another actor
             await trio.sleep(LOOK_S)
-        await self._free.wait()  # After this answer, the receiver may send its next command at once.
+        # The lease is free now, so the receiver of this answer can send its next command at once.
+        await self._free.wait()
         return task_json(self._task())
 
     # -- a pose
@@ -389,7 +394,7 @@ class Motion:
 
 
 class _Beating:
-    """Keep a lease within a block that waits."""
+    """Send heartbeats for a lease while the code in an ``async with`` block waits."""
 
     def __init__(self, gate: Ref, lease: messages.Lease) -> None:
         self._gate = gate
@@ -410,23 +415,25 @@ class _Beating:
             await trio.sleep(BEAT_S)
 
 
-_NOT_SAFE = Refused(Code.UNCONFIRMED, "the simulation does not confirm that it stands", "try again")
+_NOT_SAFE = Refused(Code.UNCONFIRMED, "the simulated robot did not confirm the stop", "try again")
 
 
 def holder_of(sender: str) -> str:
-    """Return the name of the lease's holder that other callers read."""
+    """Return the name of a lease's holder, as other callers read it."""
     return f"{mesh_json.plain(sender)} on the mesh"
 
 
 def no_answer(answer: Message | None) -> Refused:
-    """Return the gate's refusal, or one for an answer of an unexpected type."""
+    """Return the gate's refusal, or a new refusal if the gate's reply has an unexpected type."""
     return (
-        answer if isinstance(answer, Refused) else Refused(Code.NO_ANSWER, "the gate gave no answer", "try again")
+        answer
+        if isinstance(answer, Refused)
+        else Refused(Code.NO_ANSWER, "the robot's gate did not answer", "try again")
     )
 
 
 def task_json(status: TaskStatus) -> dict[str, Any]:
-    """Return a rollout's status in the form of ``get_task_status``."""
+    """Return the status of a policy in the form of ``get_task_status``."""
     fields: dict[str, Any] = msgspec.structs.asdict(status)
     return {key: value if key in _COUNTED else value or None for key, value in fields.items()}
 
@@ -434,4 +441,4 @@ def task_json(status: TaskStatus) -> dict[str, Any]:
 _COUNTED = ("running", "steps", "elapsed_s", "hz", "instruction")
 
 
-__all__ = ["NOBODY_TO_ASK", "Motion", "holder_of", "no_answer", "task_json"]
+__all__ = ["NO_OPERATOR", "Motion", "holder_of", "no_answer", "task_json"]

@@ -1,8 +1,8 @@
 """Publish the pictures of a robot's cameras as JPEG on the mesh, while there is a subscriber.
 
-A camera process compresses its pictures on request and puts the JPEGs into shared memory next to the
-raw pictures. This actor publishes those bytes unchanged. So a camera sends no message to this
-process, and a picture costs this process one copy.
+A camera process compresses its pictures on request, and writes the JPEG data into shared memory with the raw
+pictures. This actor publishes that data unchanged. So a camera sends no message to this process, and each picture
+is copied here only once.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Pictures(Actor):
     """Publish the pictures of one robot.
 
     Args:
-        robot: Its name.
+        robot: Name of the robot.
         pubsub: The session on the mesh.
-        rings: Returns the ring of pictures of each camera that has one so far.
+        rings: Returns the shared ring buffer of pictures of each camera that has one already.
     """
 
     def __init__(self, robot: str, pubsub: PubSub, rings: Callable[[], Mapping[str, FrameRing]]) -> None:
@@ -59,8 +59,8 @@ class Pictures(Actor):
                 )
                 # A picture that was compressed before this topic existed is too old to publish.
                 self._sent[name] = ring.newest_compressed
-            if self._topics[name].wanted:
-                ring.want(message.now_ns + round(WANT_S * NS))
+            if self._topics[name].has_subscribers:
+                ring.request_compressed(message.now_ns + round(WANT_S * NS))
                 self._send(name, ring, message.now_ns)
 
     def _send(self, name: str, ring: FrameRing, now_ns: int) -> None:

@@ -1,9 +1,9 @@
-"""Access rules for the process of a named policy: it reaches the gate of its robot, and nothing else.
+"""Access rules for the process of a named policy. The process can reach the gate of its robot and nothing else.
 
-The wire listens for policies on a separate socket, which admits only a peer that knows a secret. The
-root sends this secret to the policy process that it starts, over the link between them. So a peer on
-this socket is that policy, under any name that it gives, and only it receives the answers. Zenoh
-applies the rules before Python receives a byte.
+The wire process listens for policies on a separate socket. It accepts only a peer that knows a secret. The root
+sends the secret to the policy process that it has started, over their private link. So each peer on this socket is
+that policy, whatever name it gives, and only that policy gets the answers. Zenoh checks this before Python receives
+a byte.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def node_name(robot: str, pid: int) -> str:
 
 
 def settings(robot: str) -> dict[str, Any]:
-    """Return the settings of the wire's zenoh session for policies."""
+    """Return the settings of the wire's zenoh session to which policies connect."""
     gate, answers, tokens = addresses.of(robot).gate, f"{PREFIX}/node/{robot}.policy.$*", f"{PREFIX}/**/alive"
     rules = [
         _rule("ask", "put", "ingress", gate),

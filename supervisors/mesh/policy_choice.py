@@ -1,7 +1,7 @@
 """Decide which policy a sender on the mesh may run.
 
-It must be a policy that is installed on the robot's host, given by its name. Its server must be at an
-address that the host allows. This process looks up the names of the packages with policies and does not
+The policy must be installed on the robot's host, and the sender gives only its name. If the policy uses a server,
+the server's address must be one that the host allows. This process looks up the installed policies and does not
 import them.
 """
 
@@ -30,21 +30,23 @@ async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[
     """Return ``module:factory`` of the policy and its options, or a refusal.
 
     Args:
-        driver: The driver of the robot.
-        command: The command.
-        robot: The robot's name.
+        driver: Driver of the robot.
+        command: The command that starts the policy.
+        robot: Name of the robot.
     """
     name, host = command.policy_provider, command.policy_host
-    # A name with a colon would let the sender choose the code that runs here.
+    # A name with a colon is a path to code, so the sender could choose which code runs here.
     if ":" in name:
-        why = f"policy_provider is {name[:40]!r}"
+        reason = f"policy_provider is {name[:40]!r}"
         return Refused(
-            Code.BAD_POLICY, why, "on the mesh it is the name of a policy that is installed here", name[:40]
+            Code.BAD_POLICY, reason, "give the name of a policy that is installed on the robot's host", name[:40]
         )
     if host not in OWN_HOST | allowed(ALLOW_HOSTS):
-        why = f"policy_host is {host[:40]!r}"
+        reason = f"policy_host is {host[:40]!r}"
         return Refused(
-            Code.BAD_POLICY, why, f"the robot's host allows {', '.join(sorted(OWN_HOST))}, and {ALLOW_HOSTS}"
+            Code.BAD_POLICY,
+            reason,
+            f"use {', '.join(sorted(OWN_HOST))}, or a host in the variable {ALLOW_HOSTS} of the robot's host",
         )
 
     # The search through the installed packages takes milliseconds, so it runs in a thread.

@@ -1,5 +1,5 @@
-"""Compose what a robot reports on ``state`` and in answers to queries without a lease. Pure, except for
-the time stamp."""
+"""Build the value of the topic ``state``, and the answers to queries that need no lease. Pure, except for the time
+stamp."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 
 
 def task_of(task: TaskStatus, status: Status | None) -> TaskStatus:
-    """Return the robot's task.
+    """Return the status of the robot's task.
 
     Args:
-        task: The task of a named policy, which the root has started.
-        status: The gate's status. Only the gate knows the rollout of a script's own policy object.
+        task: Status of a named policy, which the root has started.
+        status: Status from the gate. If a script runs a policy object itself, only the gate knows its rollout.
     """
     rollout = None if status is None else status.rollout
     if task.running or rollout is None:
@@ -35,7 +35,7 @@ def task_of(task: TaskStatus, status: Status | None) -> TaskStatus:
 
 
 def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None) -> dict[str, Any]:
-    """Return the value of the topic ``state``. ``task`` is as for ``task_of``."""
+    """Return the value of the topic ``state``. For ``task`` see ``task_of``."""
     task = task_of(task, status)
     state: dict[str, Any] = {
         "peer_id": robot,
@@ -83,7 +83,7 @@ def features(driver: Driver) -> dict[str, Any]:
 
 
 def tool_of(robot: str, driver: Driver) -> dict[str, Any]:
-    """Return the tool's spec, and a hash that changes with it."""
+    """Return the spec of the tool for agents, and a hash that changes when the spec changes."""
     spec = tool_spec(robot, driver)
     encoded = msgspec.json.encode(spec, order="sorted")
     return {"tool_name": robot, "tool_spec_hash": hashlib.sha256(encoded).hexdigest(), "spec": spec}

@@ -1,12 +1,11 @@
 """Carry out stop, e-stop and resume from the mesh, and publish the robot's state as events.
 
-Any sample on ``strands/safety/estop`` is an e-stop, readable or not. The access rules of the mesh decide
-which peers may put one there. Each order leads to one stop, up to ``STOPS_PER_S`` stops a second; beyond
-that, one stop serves several orders. So a flood of orders cannot build a backlog that delays a resume.
+Every message on ``strands/safety/estop`` is an e-stop, even if it cannot be decoded. The access rules of the mesh
+decide which peers may publish there. Each order leads to one stop, up to ``STOPS_PER_S`` stops a second. If more
+orders come, one stop serves several of them. So a flood of orders cannot queue up and delay a resume.
 
-The stop for an e-stop is sent from the thread on which zenoh delivers the order, while the loop of this
-process sleeps or works. The loop then waits for the result. It also sends all stops that this thread
-could not send.
+The stop for an e-stop is sent from the zenoh thread that receives the order, so it does not wait for the event loop
+of this process. The loop then waits for the result. It also sends the stops that the thread could not send.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.supervisors.root.stopping import make_safe
 
-from .answers import Answers, told
-from .command_rules import Limit, Shared, read_command, read_envelope, read_sender, to_be_asked
+from .answers import Answers, report_json
+from .command_rules import Limit, Shared, query_remedy, read_command, read_envelope, read_sender
 from .schemas import (
     BROADCAST_KEY,
     ESTOP_ANSWER_S,
@@ -58,17 +57,17 @@ _decode_order = msgspec.json.Decoder(SafetyOrder).decode
 
 
 class Arrived(Message, frozen=True):
-    """A sample on one of the safety keys, not yet read."""
+    """A message on one of the safety keys that has not been decoded yet."""
 
     lane = "urgent"
 
     key: str
     payload: bytes
-    sent: Any = None  # ``Sent``: the request to the gate, if it was sent on arrival
+    sent: Any = None  # the request to the gate (``Sent``), if zenoh's thread has sent it already; else None
 
 
 class StopOrder(Message, frozen=True):
-    """A stop. ``sender`` and ``turn`` are empty if no sender can be answered."""
+    """An order to stop the robot. ``sender`` and ``turn`` are empty if no sender can be answered."""
 
     lane = "urgent"
 
@@ -76,11 +75,11 @@ class StopOrder(Message, frozen=True):
     by: str
     sender: str = ""
     turn: str = ""
-    sent: Any = None  # ``Sent``: the request to the gate, if it was sent already
+    sent: Any = None  # the request to the gate (``Sent``), if zenoh's thread has sent it already; else None
 
 
 class ResumeOrder(Message, frozen=True):
-    """A resume whose deadline was checked."""
+    """An order to resume the robot. Its deadline has been checked."""
 
     lane = "urgent"
 
@@ -90,7 +89,7 @@ class ResumeOrder(Message, frozen=True):
 
 
 class Safety(Actor):
-    """Stop the robot for every peer, and resume it for operators."""
+    """Stop the robot for every peer on the mesh, and resume it for operators."""
 
     def __init__(self, robot: str, driver: Driver, pubsub: PubSub, answers: Answers, shared: Shared) -> None:
         self._robot = robot
@@ -106,13 +105,14 @@ class Safety(Actor):
         self._resuming = False
 
     async def started(self) -> None:
-        at = addresses.of(self._robot)
-        self._gate: Ref = self.context.ref(at.gate, Gate)
-        self._guardian: Ref = self.context.ref(at.guardian, Guardian)
+        actors = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(actors.gate, Gate)
+        self._guardian: Ref = self.context.ref(actors.guardian, Guardian)
         me, turn = self.context.me, self.context.node.dispatch
 
         def arrived(received: Received) -> None:
-            with turn:  # The message is handled now, so that a stop does not wait for another pass of the loop.
+            # Handle the message now, so that the stop need not wait until the event loop is free.
+            with turn:
                 me.tell(Arrived(received.key, received.payload, received.done))
 
         self._pubsub.subscribe(ESTOP_KEY, arrived, at_once=self._estop_at_once)
@@ -141,31 +141,33 @@ class Safety(Actor):
                     cause=message.cause,
                 )
 
-    # -- from the mesh
+    # -- orders from the mesh
 
     def _estop_at_once(self, received: Received) -> Sent | None:
-        """Send the stop, on zenoh's thread. Two threads use the limit without a lock, which may let one
-        stop more through."""
+        """Send the stop from zenoh's thread. Two threads count the limit without a lock, so one more stop than
+        ``STOPS_PER_S`` may be sent."""
         order = _order(received.payload)
-        if not self._is_meant(order) or not self._limit.admits(self.context.clock.now_ns()):
+        if not self._is_for_this_robot(order) or not self._limit.admits(self.context.clock.now_ns()):
             return None
         return self._gate.ask_at_once(Stop(Reason.ESTOP, _by(order), True))
 
-    def _is_meant(self, order: SafetyOrder) -> bool:
+    def _is_for_this_robot(self, order: SafetyOrder) -> bool:
         return order.target_id in ("", "*", self._robot)
 
     def _on_estop(self, payload: bytes, sent: Sent | None) -> None:
         order = _order(payload)
-        if not self._is_meant(order):
+        if not self._is_for_this_robot(order):
             return
         self._stop(StopOrder(True, _by(order), *_sender_and_turn(order), sent))
 
     def _on_broadcast(self, payload: bytes) -> None:
-        said = read_loosely(payload, self._robot)
-        if not said.means(self._robot):
+        outline = read_loosely(payload, self._robot)
+        if not outline.means(self._robot):
             return
-        if said.stops:
-            self._stop(StopOrder(said.locks, said.by or said.sender or UNNAMED, said.sender, said.turn))
+        if outline.stops:
+            self._stop(
+                StopOrder(outline.locks, outline.by or outline.sender or UNNAMED, outline.sender, outline.turn)
+            )
             return
         envelope = read_envelope(payload, MAX_SAFETY_BYTES)
         if isinstance(envelope, tuple):
@@ -178,8 +180,10 @@ class Safety(Actor):
 
     def _on_resume(self, payload: bytes) -> None:
         order = _order(payload)
-        if self._is_meant(order):
-            refused = Refused(Code.PUT, "who puts it is not known", to_be_asked(self._robot), verb=RESUME)
+        if self._is_for_this_robot(order):
+            refused = Refused(
+                Code.PUT, "the sender of a published resume is not known", query_remedy(self._robot), verb=RESUME
+            )
             self._refuse(*_sender_and_turn(order), refused)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
@@ -194,8 +198,8 @@ class Safety(Actor):
         if order.sent is not None:
             self.context.start_soon(self._make_safe, [order])
             return
-        # If the list is full, an order is added only if it locks and no waiting order does.
-        if len(self._waiting) < _WAITING or (order.lock and not any(other.lock for other in self._waiting)):
+        # If the list is full, add only an e-stop, and only if no other e-stop waits.
+        if len(self._waiting) < _WAITING or (order.lock and not any(waiting.lock for waiting in self._waiting)):
             self._waiting.append(order)
         if self._later_is_due:
             return
@@ -222,7 +226,7 @@ class Safety(Actor):
             stop = Stop(reason, first.by, first.lock)
             report = await make_safe(self._gate, self._guardian, stop, self._deadlines, first.sent)
             nursery.cancel_scope.cancel()
-        result = _unconfirmed(report.text) if isinstance(report, Refused) else told(report)
+        result = _unconfirmed(report.text) if isinstance(report, Refused) else report_json(report)
         self._answers.event(str(reason), by=first.by, **result)
         self._tell(orders, result, final=True)
 
@@ -240,7 +244,7 @@ class Safety(Actor):
 
     def _resume(self, order: ResumeOrder) -> None:
         if self._resuming:
-            refused = Refused(Code.BUSY, "another resume is under way", "wait for its answer", verb=RESUME)
+            refused = Refused(Code.BUSY, "another resume is being carried out", "wait for its answer", verb=RESUME)
             self._refuse(order.sender, order.turn, refused)
             return
         self._resuming = True
@@ -251,7 +255,10 @@ class Safety(Actor):
             answer = await self._gate.ask(Resume(order.by), self._arm_s)
         except (AskTimeout, Unreachable) as failure:
             answer = Refused(
-                Code.UNREACHABLE, busy.explained(f"the wire does not answer: {failure}"), "try again", verb=RESUME
+                Code.UNREACHABLE,
+                busy.explained(f"the process that talks to the robot does not answer ({failure})"),
+                "try again",
+                verb=RESUME,
             )
         finally:
             self._resuming = False
@@ -274,7 +281,7 @@ def _by(order: SafetyOrder) -> str:
 
 
 def _sender_and_turn(order: SafetyOrder) -> tuple[str, str]:
-    """Return sender and turn; both empty if either is not a valid name."""
+    """Return the sender and its turn id. Both are empty if one of them is not a valid name."""
     named = is_name(order.sender_id) and is_name(order.turn_id)
     return (order.sender_id, order.turn_id) if named else ("", "")
 
@@ -284,7 +291,8 @@ def _order(payload: bytes) -> SafetyOrder:
         try:
             return _decode_order(payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            pass  # An e-stop needs no fields, and a resume without its fields is refused.
+            # An e-stop needs no fields. A resume without its fields is refused later.
+            pass
         # Send the result to the sender, if the sender can be read.
         if (sender := read_sender(payload)) is not None:
             return SafetyOrder(sender.sender_id, sender.turn_id)

@@ -1,9 +1,8 @@
 """Keys, schemas and JSON messages of the mesh, for robots and their peers.
 
-Telemetry keeps the keys and the field names of strands-robots (``robot_id``, ``peer_id``, ``t``,
-``joints``), so that a subscriber written for strands-robots can read it. ``t`` and ``timestamp`` are
-wall-clock seconds. Times on which a decision depends are CLOCK_MONOTONIC nanoseconds of the robot's
-host.
+Telemetry has the same keys and field names as in strands-robots (``robot_id``, ``peer_id``, ``t``, ``joints``), so
+that its subscribers can read it. ``t`` and ``timestamp`` are wall-clock seconds. Times that are used for decisions
+are nanoseconds of CLOCK_MONOTONIC on the robot's host.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ def key(robot: str, topic: str) -> str:
 
 
 def command_key(robot: str, sender: str) -> str:
-    """Return the key on which a sender asks a robot. It identifies the sender, since the access rules
+    """Return the key on which a sender sends queries to a robot. The key proves the sender, since the access rules
     allow each peer only the keys with its own name."""
     return key(robot, f"cmd/{sender}")
 
@@ -62,8 +61,7 @@ def schema(topic: str) -> str:
 
 
 def response_key(sender: str, robot: str, turn: str) -> str:
-    """Return the key on which a sender receives an answer. Its last part is ``-`` for a stop without a
-    turn."""
+    """Return the key on which a sender receives an answer. The last part is ``-`` for a stop without a turn id."""
     return f"{PREFIX}/{sender}/response/{robot}/{turn or '-'}"
 
 
@@ -78,13 +76,13 @@ from outside cannot contain it."""
 
 
 def proven(sender: str, proof: str) -> str:
-    """Return the name of a sender with its proof. Programs that ask under the same name differ in it, so
-    that each has its own leases."""
+    """Return the name of a sender together with its secret proof. Two programs with the same name have different
+    proofs, so that each has its own leases."""
     return f"{sender}{PRIVATE}{hashlib.sha256(proof.encode()).hexdigest()[:16]}"
 
 
 def plain(sender: str) -> str:
-    """Return the public part of a sender's name."""
+    """Return a sender's name without its secret proof."""
     return sender.partition(PRIVATE)[0]
 
 
@@ -92,12 +90,12 @@ class Envelope(msgspec.Struct, frozen=True):
     """The envelope of each command. Unknown fields are ignored.
 
     Attributes:
-        sender_id: The name under which a command that was put is answered. A query (a zenoh get) is
-            identified by its key instead.
-        turn_id: The sender's name for this command.
+        sender_id: Name of the sender. The answer to a published command (zenoh put) is sent under it. The sender of
+            a query (zenoh get) is known from the key instead.
+        turn_id: Id of this command, chosen by the sender.
         command: The command.
-        target_id: The robot that is meant; empty for the one that owns the key.
-        proof: For a query, a secret of the program that asks.
+        target_id: Name of the robot; empty for the robot whose key is used.
+        proof: For a query: a secret of the sending program.
     """
 
     sender_id: Name
@@ -108,14 +106,14 @@ class Envelope(msgspec.Struct, frozen=True):
 
 
 class Sender(msgspec.Struct, frozen=True):
-    """The address for a refusal, from an envelope that could not be read as a whole."""
+    """The sender of an envelope that could not be decoded as a whole. A refusal is sent to it."""
 
     sender_id: Name
     turn_id: Name
 
 
 class Command(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="action", tag=str.lower):
-    """``{"action": <class name in lower case>, ...}``."""
+    """A command. Its JSON is ``{"action": <class name in lower case>, ...}``."""
 
     @property
     def action(self) -> str:
@@ -126,9 +124,9 @@ class Dated(Command, frozen=True):
     """A command with a deadline.
 
     Attributes:
-        clock: The robot's answer to a ``sync`` of the same sender. It proves that the sender knows the
+        clock: The name from the robot's answer to the sender's last ``sync``. It proves that the sender knows the
             robot's clock.
-        deadline_ns: A time of the robot's clock. The command is not carried out later.
+        deadline_ns: Deadline on the robot's clock. The command is not carried out later.
     """
 
     clock: Name
@@ -136,7 +134,7 @@ class Dated(Command, frozen=True):
 
 
 class Sync(Command, frozen=True):
-    """Ask for the robot's clock."""
+    """Read the robot's clock."""
 
 
 class Status(Command, frozen=True):
@@ -148,7 +146,7 @@ class Observe(Command, frozen=True):
 
 
 class Acquire(Dated, frozen=True):
-    """Ask for the right to move the robot."""
+    """Request the right to move the robot (a lease)."""
 
 
 class Beat(Dated, frozen=True):
@@ -156,8 +154,8 @@ class Beat(Dated, frozen=True):
 
     Attributes:
         lease: The lease.
-        answered_ago_s: Seconds since the sender's thread that commands did anything except compute.
-            Negative: it has not since the last beat.
+        answered_ago_s: Seconds since the thread that sends commands last let other threads run. Negative if it has
+            not done so since the last heartbeat.
     """
 
     lease: int
@@ -169,8 +167,8 @@ class Release(Command, frozen=True):
 
 
 class Move(Dated, frozen=True):
-    """Set a target for some joints. It stays in force until the deadline, or until the lease ends if it is
-    ``latched``."""
+    """Set a target for some joints. The target stays in force until the deadline. With ``latched`` it stays in
+    force until the lease ends."""
 
     targets: Annotated[dict[Text, float | bool | Text | None], msgspec.Meta(min_length=1, max_length=64)]
     lease: int
@@ -179,11 +177,11 @@ class Move(Dated, frozen=True):
     latched: bool = False
 
 
-# -- commands of strands-robots that read
+# -- commands of strands-robots that only read
 
 
 class Ping(Command, frozen=True):
-    """Ask if the robot is on the mesh. Nothing is read from the robot, and no sender is refused."""
+    """Ask if the robot is on the mesh. The robot is not read, and every sender is answered."""
 
 
 class State(Command, frozen=True):
@@ -202,15 +200,15 @@ class TeleopStatus(Command, frozen=True, tag="teleop_status"):
     pass
 
 
-# -- commands of strands-robots that move, under a lease that the robot acquires for the sender
+# -- commands of strands-robots that move the robot; the robot acquires the lease for the sender
 
 
 class Motion(Dated, frozen=True):
-    """A command that moves the robot beyond the deadline of its message."""
+    """A command that moves the robot for longer than the deadline of its message."""
 
 
 class Start(Motion, frozen=True):
-    """Run a policy that is installed on the robot's host. The answer comes when it has begun."""
+    """Run a policy that is installed on the robot's host. The answer is sent when the policy has started."""
 
     instruction: Annotated[str, msgspec.Meta(min_length=1, max_length=2000)]
     policy_provider: Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
@@ -222,18 +220,18 @@ class Start(Motion, frozen=True):
 
 
 class Execute(Start, frozen=True):
-    """As ``start``, with a second answer when the policy has ended."""
+    """Run a policy as ``start`` does. A second answer is sent when the policy has ended."""
 
 
 class SetJoints(Motion, frozen=True, tag="set_joints"):
-    """Command a pose for ``duration`` seconds. Then the robot holds."""
+    """Move to a pose and keep it as the target for ``duration`` seconds. After that the robot holds."""
 
     target_joints: Annotated[dict[Text, float], msgspec.Meta(min_length=1, max_length=64)]
     duration: Annotated[float, msgspec.Meta(gt=0.0, le=10.0)] = 2.0
 
 
 class Step(Motion, frozen=True):
-    """Advance a simulation."""
+    """Advance a simulation by a number of physics steps."""
 
     steps: Annotated[int, msgspec.Meta(ge=1, le=1_000_000)] = 1
 
@@ -243,7 +241,7 @@ class Reset(Motion, frozen=True):
 
 
 class Stop(Command, frozen=True):
-    """The form in which our own programs send a stop. A robot accepts any form of ``Stop`` and ``Estop``
+    """Stop the robot. Our own programs use this form. A robot accepts a stop or an e-stop in any form
     (``stop_rules.py``)."""
 
     by: Text = ""
@@ -269,14 +267,16 @@ PUT: tuple[type[Command], ...] = (*READING, Stop, Estop)
 """Commands that a sender may put. The sender of a put is unknown, and every peer may receive the answer."""
 
 _KINDS: tuple[type[Command], ...] = (Sync,) + READING + WRITING + ORDERS  # noqa: RUF005  # typed so
-ACTIONS: dict[str, type[Command]] = {str(kind.__struct_config__.tag): kind for kind in _KINDS}
+ACTIONS: dict[str, type[Command]] = {
+    str(command_type.__struct_config__.tag): command_type for command_type in _KINDS
+}
 
 
 class SafetyOrder(msgspec.Struct, frozen=True):
-    """A sample on ``strands/safety/estop`` or ``resume``.
+    """A message on ``strands/safety/estop`` or ``strands/safety/resume``.
 
-    An e-stop needs no field. It is for all robots unless ``target_id`` names one. A resume that was put
-    is refused. ``by`` may have any type: a sender whose ``by`` is not a name is answered, too.
+    An e-stop needs no field. It stops all robots unless ``target_id`` names one. A resume that was published (zenoh
+    put) is refused. ``by`` may have any type, so that a sender with an invalid ``by`` gets an answer, too.
     """
 
     sender_id: str = ""
@@ -303,13 +303,13 @@ class Response(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         type: ``response`` or ``error``.
-        responder_id: The robot.
-        turn_id: The turn of the command.
+        responder_id: Name of the robot.
+        turn_id: Id of the command, as the sender chose it.
         timestamp: Wall-clock seconds.
         result: The result of a command that was carried out.
         error: The text of the refusal.
-        refused: The refusal.
-        final: False for an interim answer that another one follows, for example for a slow e-stop.
+        refused: The refusal as fields.
+        final: False if another answer follows, for example when an e-stop takes long.
     """
 
     type: str

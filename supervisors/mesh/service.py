@@ -1,7 +1,7 @@
-"""Connect a robot to the mesh of other hosts: telemetry, commands and safety orders.
+"""Connect a robot to the mesh, so that other hosts can read it, command it and stop it.
 
-These actors run in the root process under supervisors of their own. A failed actor is restarted. When
-the restart budget is spent, the robot continues without the mesh, under its local caller.
+These actors run in the root process, under separate supervisors. A failed actor is restarted. If it fails too
+often, the robot continues without the mesh, and its local script still commands it.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ BUDGET = Budget(restarts=3, within_s=5.0, backoff_s=0.05)
 
 
 class MeshService:
-    """All actors of one robot that serve the mesh.
+    """Run all actors of one robot that serve the mesh.
 
     Args:
-        node: The root's node.
-        robot: The name of the robot.
-        driver: Its driver.
+        node: The node of the root process, which runs its actors.
+        robot: Name of the robot.
+        driver: Driver of the robot.
         task: Returns the status of the task that the root has started.
-        rings: Returns the ring of pictures of each camera. None for a robot without cameras.
+        rings: Returns the shared ring buffer of pictures of each camera. None for a robot without cameras.
         audit: Called with the sender, the command, the decision, and the route of the command.
 
     Attributes:
@@ -66,15 +66,15 @@ class MeshService:
         self._robot = robot
         self._driver = driver
         self._task = task
-        self._at = addresses.of(robot)
+        self._actors = addresses.of(robot)
         self.problem = ""
         self.settled = trio.Event()
         self._pubsub: PubSub | None = None
 
     def tell_state(self, state: StateIs) -> None:
         """Publish a change of the robot's state as an event on the mesh."""
-        if self._at.safety in self._node.cells:
-            self._node.ref(self._at.safety, Safety).tell(state)
+        if self._actors.safety in self._node.cells:
+            self._node.ref(self._actors.safety, Safety).tell(state)
 
     async def run(self, listen: list[str], connect: list[str], settings: Mapping[str, Any]) -> None:
         """Join the mesh and serve it until cancelled. Return with ``problem`` set if that fails.
@@ -99,51 +99,53 @@ class MeshService:
                 await nursery.start(stops.run)
                 await nursery.start(self._run_others, others)
                 self.settled.set()
-        except* BudgetSpent as spent:
-            self.problem = f"mesh: {describe(spent)}"
+        except* BudgetSpent as failure:
+            self.problem = f"mesh: {describe(failure)}"
             self.close()
 
     async def _run_others(
         self, others: Supervisor, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED
     ) -> None:
-        """Run the actors that do not stop the robot. When they fail for good, the robot can still be
-        stopped over the mesh."""
+        """Run the actors for telemetry and commands. If they fail too often, they are not restarted, and the robot
+        can still be stopped over the mesh."""
         try:
             await others.run(task_status=task_status)
-        except* BudgetSpent as spent:
-            self.problem = f"mesh: {describe(spent)}"
-            report_failure("telemetry and commands over the mesh", spent)
-            self._audit(self._robot, "mesh", f"failed: {describe(spent)}", "this robot")
+        except* BudgetSpent as error:
+            self.problem = f"mesh: {describe(error)}"
+            report_failure("telemetry and commands over the mesh", error)
+            self._audit(self._robot, "mesh", f"failed: {describe(error)}", "this robot")
 
     def close(self) -> None:
-        """Leave the mesh. This blocks for a few milliseconds. A root process that ends need not call it."""
+        """Leave the mesh. This blocks for a few milliseconds. It is not needed when the process ends anyway."""
         if self._pubsub is not None:
             self._pubsub.close()
             self._pubsub = None
 
     def _supervisors(self, pubsub: PubSub) -> tuple[Supervisor, Supervisor]:
-        """Return the supervisor of the actors that stop the robot, and that of the others."""
-        robot, driver, at, node = self._robot, self._driver, self._at, self._node
+        """Return two supervisors: one for the actors that stop the robot, and one for all others."""
+        robot, driver, actors, node = self._robot, self._driver, self._actors, self._node
         answers, shared = Answers(pubsub, robot), Shared()
         shared.audit = self._audit
         deadlines = StopDeadlines.of(driver.timing.safe_s, driver.late_s)
 
         def counts() -> dict[str, int]:
-            return {"commands": shared.taken, "commands_refused": answers.refused}
+            return {"commands": shared.received, "commands_refused": answers.refused}
 
         stops = [
-            node.cell(at.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
-            node.cell(at.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
+            node.cell(actors.path("safety"), lambda: Safety(robot, driver, pubsub, answers, shared)),
+            node.cell(actors.path("gateway/stop"), lambda: GatewayStop(robot, deadlines), "gateway_stop"),
         ]
         others = [
-            node.cell(at.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared, self._task)),
-            node.cell(at.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
-            node.cell(at.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
+            node.cell(
+                actors.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared, self._task)
+            ),
+            node.cell(actors.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
+            node.cell(actors.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
         ]
         if (rings := self._rings) is not None:
-            others.append(node.cell(at.path("pictures"), lambda: Pictures(robot, pubsub, rings)))
-        one, two = (
+            others.append(node.cell(actors.path("pictures"), lambda: Pictures(robot, pubsub, rings)))
+        stopping, serving = (
             Supervisor([ChildSpec(cell.role, cell.run) for cell in cells], budget=BUDGET)
             for cells in (stops, others)
         )
-        return one, two
+        return stopping, serving

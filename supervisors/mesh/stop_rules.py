@@ -1,9 +1,8 @@
-"""Find a stop in any payload. Pure.
+"""Find a stop in any message. Pure.
 
-A command that moves the robot must be well formed. A stop need not be: a sender of ``"by": null``, of
-an unknown field or of no ``turn_id`` still wants the robot to stop, and a refusal would come too late.
-A payload that is not a command also counts as a stop if it asks for one in another form
-(``contract/stop_words.py``).
+A command that moves the robot must be well formed. A stop need not be. A sender of ``"by": null``, of an unknown
+field or of no ``turn_id`` still wants the robot to stop, and after a refusal the next stop would come too late. A
+message that is not a command also counts as a stop if it asks for one in other words (``contract/stop_words.py``).
 """
 
 from __future__ import annotations
@@ -24,7 +23,8 @@ _NOTHING = msgspec.Raw(b"null")
 
 
 class _Around(msgspec.Struct):
-    """The payload. Each field is decoded separately, so that a bad one does not spoil the others."""
+    """The outer fields of a message. Each field is decoded separately, so that the others can be read if one is
+    invalid."""
 
     sender_id: msgspec.Raw = _NOTHING
     turn_id: msgspec.Raw = _NOTHING
@@ -35,7 +35,7 @@ class _Around(msgspec.Struct):
 
 
 class _Within(msgspec.Struct):
-    """The command in the payload."""
+    """The fields of the command within a message."""
 
     action: msgspec.Raw = _NOTHING
     by: msgspec.Raw = _NOTHING
@@ -46,9 +46,9 @@ _decode_within = msgspec.json.Decoder(_Within).decode
 _decode_text = msgspec.json.Decoder(str).decode
 
 
-class Said(msgspec.Struct, frozen=True):
-    """The readable fields of a payload. An unreadable field is empty. ``sender`` and ``turn`` are valid
-    names."""
+class MessageOutline(msgspec.Struct, frozen=True):
+    """The fields of a message that could be read. The others are empty. ``sender`` and ``turn`` are valid names or
+    empty."""
 
     sender: str = ""
     turn: str = ""
@@ -65,21 +65,20 @@ class Said(msgspec.Struct, frozen=True):
         return STOPS.get(self.action, False)
 
     def means(self, robot: str) -> bool:
-        """Return True if the payload is for this robot. It is unless it names another one."""
+        """Return True unless the message names another robot."""
         return self.target in ("", "*", robot)
 
 
-def read_loosely(payload: bytes, robot: str = "") -> Said:
-    """Return the readable fields of a payload, and ignore the rest. Never raises.
+def read_loosely(payload: bytes, robot: str = "") -> MessageOutline:
+    """Return the fields of a message that can be read, and ignore the rest. Never raises.
 
     Args:
-        payload: The payload. Its action is that of the command. Without a command, the action may stand
-            at the outer level, next to the names.
-        robot: The name of this robot, which a text that asks for a stop may contain.
+        payload: The message. Its action is in ``command``, or else in the outer fields.
+        robot: Name of this robot. A text that asks for a stop may contain it.
     """
     around = _read(_decode_around, payload) or _Around()
     within = _read(_decode_within, around.command) or _Within(_text_or(around.command, around.action), around.by)
-    return Said(
+    return MessageOutline(
         _name(around.sender_id),
         _name(around.turn_id),
         _text(around.target_id),
@@ -103,7 +102,7 @@ def _read(decode: Any, data: bytes | msgspec.Raw) -> Any:
 
 
 def _text_or(command: msgspec.Raw, action: msgspec.Raw) -> msgspec.Raw:
-    """Return the command if it is a bare text, which is then its action; otherwise the outer action."""
+    """Return ``command`` if it is a text, since that is then the action. Otherwise return ``action``."""
     return command if _text(command) else action
 
 

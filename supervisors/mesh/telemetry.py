@@ -32,10 +32,10 @@ ASK_S = 0.05
 
 
 class Rate(NamedTuple):
-    """How often a topic is published."""
+    """How often one topic is published."""
 
     topic: str
-    every: int  # ticks
+    every: int  # number of ticks from one message to the next
     sensor: Sensor | None = None
 
 
@@ -59,8 +59,8 @@ class Telemetry(Actor):
     """Publish the topics of one robot.
 
     Args:
-        robot: Its name.
-        driver: Its driver.
+        robot: Name of the robot.
+        driver: Driver of the robot.
         pubsub: The session on the mesh.
         task: Returns the status of the task that the root has started.
         counts: Returns the root's counters for ``health``.
@@ -97,7 +97,7 @@ class Telemetry(Actor):
     async def receive(self, message: Tick) -> None:
         number, self._ticks = self._ticks, self._ticks + 1
         due = [rate for rate in self._rates if number % rate.every == 0]
-        subscribed = [rate for rate in due if self._topics[rate.topic].wanted]
+        subscribed = [rate for rate in due if self._topics[rate.topic].has_subscribers]
         if not subscribed:
             return
         status = await self._ask()
@@ -127,8 +127,8 @@ class Telemetry(Actor):
         return {"peer_id": self._robot, "t": time.time() - status.age_s, **reading} if reading else None
 
     def _is_fresh(self, status: Status) -> bool:
-        """Return True if the reading is recent enough to publish. An old value would look like a new one.
-        Silence on a sensor's topic shows a subscriber that there is no value."""
+        """Return True if the reading is recent enough to publish. An old value would look like a new one, so a
+        sensor's topic is silent when there is no recent value."""
         longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
         return status.mode in LINKED and 0.0 <= status.age_s <= longest_s
 
@@ -154,9 +154,9 @@ class Telemetry(Actor):
         }
 
     def _available(self, status: Status | None) -> list[str]:
-        """Return the topics. A topic with fields that the driver does not know in advance
-        (``Sensor.prefix``) is listed once the robot has reported one. ``lidar`` is added for all lidar
-        topics, since strands-robots uses this name."""
+        """Return the names of the topics. For some sensors the driver does not know the fields in advance
+        (``Sensor.prefix``). Their topic is listed once the robot has reported a value. ``lidar`` is added if there
+        is any lidar topic, since strands-robots uses this name."""
         sensors = {} if status is None or status.observation is None else status.observation.sensors
         topics = [
             rate.topic
@@ -166,8 +166,8 @@ class Telemetry(Actor):
         return topics + ["lidar"] * any(topic.startswith("lidar/") for topic in topics)
 
     def _charge_and_heat(self, observation: Observation) -> dict[str, Any]:
-        """Return ``battery_pct`` and ``temps`` if the robot measures them. Subscribers of strands-robots
-        look for them in ``health``."""
+        """Return ``battery_pct`` and ``temps`` if the robot measures them. Subscribers of strands-robots expect
+        them in ``health``."""
         values: dict[str, Any] = {}
         for sensor in self._driver.SENSORS:
             if sensor.topic == "battery" and (charge := sensor.read(observation.sensors).get("pct")) is not None:

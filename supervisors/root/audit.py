@@ -1,10 +1,10 @@
-"""The audit: which sender ordered what, when, and the decision, as one JSON line each in a file that outlives
-the tree.
+"""The audit: a file with one JSON line for each order, with its sender, its time and the decision. The file remains
+when the robot's processes end.
 
-The file has the commands that begin or end something (a lease, a resume, a stop, a task), every refusal from
-the mesh, and of the setpoints of a lease the first one and each change between accepted and refused. The root
-writes it, and never waits for a disk. Lines that come faster than ``LINES_PER_S``, or that the disk does not
-take, are counted, and the count is written.
+The audit contains the commands that begin or end something (a lease, a resume, a stop, a task) and every refusal of
+a command from the mesh. Of the setpoints under a lease, it contains the first one, and each change between accepted
+and refused. The root writes the audit and never waits for a disk. If lines come faster than ``LINES_PER_S``, or the
+disk refuses them, they are dropped, and the next line has their number.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from strands_actors.kernel.health.realtime import run_like_others
 from strands_actors.supervisors.mesh.command_rules import Limit
 
 MAX_BYTES = 1 << 20
-"""The most bytes of a file. Then it is renamed."""
+"""Largest size of the file, in bytes. A larger file is renamed, and a new one is begun."""
 KEPT = 4
 """The number of renamed files that are kept. ``.1`` is the newest."""
 LINES_PER_S = 50
 BURST = 200
 _WAITING = 500
 _TEXT = 200
-"""The most characters of a received text. So a line has about a kilobyte at most."""
+"""Largest number of characters of a received text. So a line has at most about a kilobyte."""
 AGAIN_S = 1.0
 """Pause (s) after the disk has refused a line."""
 
@@ -40,48 +40,49 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         time: Wall-clock time, UTC.
-        who: The sender, as named by itself.
-        what: The order.
-        how: The decision.
-        over: The way of the order, which is certain: the mesh, a policy process, or the tree's own ways.
-        left_out: Lines before this one that are missing.
+        sender: Name of the sender, as the sender gave it. It may be false.
+        order: The order.
+        result: The decision.
+        over: The route by which the order came: the mesh, a policy process, or one of the robot's own processes.
+            The sender cannot falsify it.
+        dropped: Number of lines that were dropped before this line.
     """
 
     time: str
-    who: str
-    what: str
-    how: str
+    sender: str = msgspec.field(name="who")
+    order: str = msgspec.field(name="what")
+    result: str = msgspec.field(name="how")
     over: str = ""
-    left_out: int = 0
+    dropped: int = msgspec.field(name="left_out", default=0)
 
 
 class Audit:
-    """The audit of one robot. Without a path nothing is kept.
+    """The audit of one robot. Without a path, no line is written.
 
     Attributes:
-        problem: Why the last line could not be written. Empty if it was.
+        problem: Why the last line could not be written; empty if it was written.
     """
 
     def __init__(self, path: Path | None) -> None:
         self._path = path
         self._lines: deque[Line] = deque()
-        self._left_out = 0
+        self._dropped = 0
         self._limit = Limit(LINES_PER_S, BURST)
         self._news = trio.Event()
-        self._writing = trio.Lock()  # the end of the tree writes the waiting lines, too
+        self._writing = trio.Lock()  # ``settle`` is also called when the robot's processes end.
         self.problem = ""
 
-    def note(self, who: str, what: str, how: str, over: str = "") -> None:
-        """Add a line. Lines above the limits are counted and dropped."""
+    def note(self, sender: str, order: str, result: str, over: str = "") -> None:
+        """Add a line. If lines come too fast, or too many wait, the line is dropped and counted."""
         if self._path is None:
             return
         if not self._limit.admits(time.monotonic_ns()) or len(self._lines) >= _WAITING:
-            self._left_out += 1
+            self._dropped += 1
             return
         seconds, nanoseconds = divmod(time.time_ns(), NS)
         stamp = time.strftime("%Y-%m-%dT%H:%M:%S", time.gmtime(seconds)) + f".{nanoseconds // 1_000_000:03d}Z"
-        self._lines.append(Line(stamp, who[:_TEXT], what[:_TEXT], how[:_TEXT], over, self._left_out))
-        self._left_out = 0
+        self._lines.append(Line(stamp, sender[:_TEXT], order[:_TEXT], result[:_TEXT], over, self._dropped))
+        self._dropped = 0
         self._news.set()
 
     async def run(self) -> None:
@@ -93,7 +94,7 @@ class Audit:
                 await trio.sleep(AGAIN_S)
 
     async def settle(self) -> None:
-        """Write the waiting lines, unless the disk refuses them."""
+        """Write all lines that wait. If the disk refuses them, they continue to wait."""
         async with self._writing:
             self._news = trio.Event()
             lines = list(self._lines)
@@ -101,7 +102,7 @@ class Audit:
                 return
             try:
                 await trio.to_thread.run_sync(_write, self._path, lines)
-            except (OSError, RuntimeError) as error:  # an error of the disk, or no thread can be started
+            except (OSError, RuntimeError) as error:  # error of the disk, or no thread could be started
                 self.problem = str(error)
                 self._news.set()
                 return

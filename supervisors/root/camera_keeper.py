@@ -1,7 +1,8 @@
-"""Keep a process for each camera: start it, notice when it ends or freezes, and start it again later.
+"""Keep the process of each camera running. If one ends or freezes, it is started again after a pause.
 
-The robot never waits for a camera, and never ends with one. A camera that does not run is reported. Pictures do
-not pass through the root. They lie in a file in memory (``frame_ring``), of which the root reads one page.
+The robot never waits for a camera, and never ends with one. The state of a camera shows when its process does not
+run. Pictures do not pass through the root. They are in a file in memory (``frame_ring``), of which the root reads
+one page.
 """
 
 from __future__ import annotations
@@ -26,22 +27,22 @@ from strands_actors.supervisors import permissions as channels
 LOOK_S = 0.5
 LINK_LOOK_S = 0.02
 FIRST_S = 5.0
-"""Seconds after which cameras start, even if the robot is not connected yet."""
+"""Cameras start after this many seconds, even if the robot is not connected yet."""
 SILENT_S = 5.0
-"""Seconds without a heartbeat after which a camera process is ended, because it is or was frozen. It runs after
-all other processes, so a second of silence is usual on a busy machine."""
+"""A camera process is killed after this many seconds without a heartbeat, because it is frozen. It has the lowest
+priority of all processes, so a second of silence is usual on a busy machine."""
 PAUSES_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Pauses before the restarts. The last one is repeated."""
 DOWN = "down"
 """The state of a camera without a process."""
 SETTLED_S = 10.0
-"""Seconds of running after which the pauses begin again with the first."""
+"""After a process has run for this many seconds, the next pause is the first one again."""
 
 Start = Callable[[str, Mapping[str, Any]], Awaitable[ChildProcess]]
 
 
 class Kept(NamedTuple):
-    """One camera as configured by the caller. ``args`` are those of its process's ``entry``."""
+    """One camera as configured by the caller. ``entry`` is the function that its process runs, with ``args``."""
 
     name: str
     ring: str
@@ -50,10 +51,10 @@ class Kept(NamedTuple):
 
 
 class CameraKeeper:
-    """Keeps the processes of all cameras of one robot.
+    """Keep the processes of all cameras of one robot running.
 
     Attributes:
-        starts: The number of starts of each camera, for descriptions of the tree.
+        starts: Number of starts of each camera's process.
         processes: The running process of each camera.
     """
 
@@ -72,8 +73,8 @@ class CameraKeeper:
             robot: The robot's name.
             cameras: The fields of ``Kept`` for each camera.
             start: Starts a process.
-            linked: Returns True if the robot is connected. Cameras wait for that, so that they do not slow it
-                down.
+            linked: Returns True if the robot is connected. Cameras start only then, so that they do not slow the
+                connection down.
         """
         self._linked = linked
         self._node = node
@@ -87,11 +88,12 @@ class CameraKeeper:
 
     @property
     def rings(self) -> Mapping[str, FrameRing]:
-        """The rings that could be opened, by camera."""
+        """Return the shared ring buffers of pictures that could be opened, by camera."""
         return self._rings
 
     async def run(self) -> None:
-        """Keep the processes until cancelled. This never raises, since a robot must not end with its cameras."""
+        """Keep the processes running until cancelled. Never raises, since a failing camera must not end the robot's
+        processes."""
         for camera in self._cameras:
             try:
                 self._rings[camera.name] = FrameRing(camera.ring, writes=True, front=True)
@@ -118,15 +120,15 @@ class CameraKeeper:
         failures = 0
         while not self._ended:
             began_s = trio.current_time()
-            why = await self._until_ended(camera, ring)
+            reason = await self._until_ended(camera, ring)
             failures = 0 if trio.current_time() - began_s > SETTLED_S else failures
             pause_s = PAUSES_S[min(failures, len(PAUSES_S) - 1)]
-            _tell(ring, f"{why}. it is started again in {pause_s:g} s")
+            _tell(ring, f"{reason}. its process is started again in {pause_s:g} s")
             await trio.sleep(pause_s)
             failures += 1
 
     async def _until_ended(self, camera: Kept, ring: FrameRing) -> str:
-        """Start the process of a camera, wait for its end, and return the reason."""
+        """Start the process of a camera, wait until it has ended, and return the reason."""
         try:
             process = await self._start(camera.entry, camera.args)
         except OSError as error:
@@ -134,7 +136,7 @@ class CameraKeeper:
         self.processes[camera.name] = process
         self.starts[camera.name] += 1
         ring.beat(self._node.clock.now_ns())
-        why, silent = "", trio.Event()
+        reason, silent = "", trio.Event()
         try:
             if self._ended:
                 process.kill()
@@ -144,18 +146,19 @@ class CameraKeeper:
                 nursery.start_soon(self._watch, process, ring, silent)
                 code = await process.wait()
                 nursery.cancel_scope.cancel()
-            why = f"its process was silent for {SILENT_S:g} s and was ended" if silent.is_set() else _how(code)
-        # A failure of the link: the messages of a camera must not end the root.
+            reason = f"its process was silent for {SILENT_S:g} s and was ended" if silent.is_set() else _how(code)
+        # If the link to a camera fails, for example because of an invalid message, the root must not end.
         except Exception as failure:
             report_failure(f"the link to camera {camera.name}", failure)
-            why = f"its link failed: {describe(failure)}"
+            reason = f"its link failed: {describe(failure)}"
             await process.fence()
         finally:
             del self.processes[camera.name]
-        return why
+        return reason
 
     async def _watch(self, process: ChildProcess, ring: FrameRing, silent: trio.Event) -> None:
-        """Kill a silent process. Its successor may only write after its end."""
+        """Kill the process if it sends no heartbeat. Its ring has only one writer, so the next process is started
+        after that."""
         while self._node.clock.now_ns() - ring.beaten_ns <= SILENT_S * NS:  # noqa: ASYNC110  # there is no event to wait for
             await trio.sleep(LOOK_S)
         silent.set()
@@ -168,11 +171,14 @@ def _how(code: int) -> str:
     return f"its process ended with {f'signal {-code}' if code < 0 else f'code {code}'}"
 
 
-def _tell(ring: FrameRing, why: str) -> None:
-    """Write the state of a camera without a process, with the last reason that the process wrote itself."""
+def _tell(ring: FrameRing, reason: str) -> None:
+    """Write the state of a camera without a process into its ring. The text also has the last problem that the
+    process reported itself."""
     try:
-        last = msgspec.msgpack.decode(ring.told)
+        last = msgspec.msgpack.decode(ring.description)
         before = "" if last["state"] == DOWN else last["why"]
     except (msgspec.MsgspecError, TypeError, KeyError):
         before = ""
-    ring.tell(msgspec.msgpack.encode({"state": DOWN, "why": f"{before}. {why}" if before else why}))
+    ring.write_description(
+        msgspec.msgpack.encode({"state": DOWN, "why": f"{before}. {reason}" if before else reason})
+    )

@@ -1,8 +1,10 @@
-"""Keep the stop channels of root and standby ready.
+"""Keep the stop channels of the root and of the standby process ready. A stop channel is the way to the hardware
+without the wire process.
 
-A wire hands over the descriptors for both when it opens. Its link counts as up only when both channels are
-ready. The root's channel is closed before the next wire opens the port, since an open port is locked. When one
-of the channels is no longer ready, the gate gets a message, and arms nothing until it is.
+When the wire process connects to the robot, it hands over file descriptors for both channels. The robot counts as
+connected only when both channels are ready. The root's channel is closed before the next wire process opens the
+port, since an open port is locked. If one channel is no longer ready, the gate is informed. It then arms nothing
+until the channel is ready again.
 """
 
 from __future__ import annotations
@@ -27,20 +29,20 @@ from .guarded import GuardedStandby
 from .stop_channel import serve
 
 AGAIN_S = 0.5
-"""Pause before another attempt. A controller may still count the session of a standby that has
+"""Pause before another attempt, in seconds. A controller may still count the session of the standby that has
 ended."""
 
 
 class ChannelKeeper:
-    """The stop channels of one robot.
+    """The stop channels of the root and the standby of one robot.
 
     Args:
         driver: The driver of the robot.
         standby: The standby; None in tests with one process.
-        broken: Called with the reason when the root's channel is lost.
+        broken: Called with the reason when the root's channel has failed.
 
     Attributes:
-        own: The root's channel; None while it has no channel.
+        own: The root's channel; None while there is none.
     """
 
     def __init__(self, driver: Driver, standby: GuardedStandby | None, broken: Callable[[str], None]) -> None:
@@ -50,22 +52,22 @@ class ChannelKeeper:
         self.own: StopChannel | None = None
         self._standby_problem = self._lacks = ""
         self._scope = trio.CancelScope()
-        self._again = trio.CancelScope()  # of a handover to a new standby
+        self._again = trio.CancelScope()  # cancels a handover to a new standby
 
     def begin(self, context: Context, gate: Ref, transport: Ref) -> None:
-        """Start.
+        """Set what the actor's context provides. Called once, before all other methods.
 
         Args:
             context: The context of the guardian.
-            gate: The gate, which gets messages on whether both channels are ready.
-            transport: The transport, which is asked to hand over again.
+            gate: The gate. It is informed whether both channels are ready.
+            transport: The transport. It is asked to hand over descriptors again, for a new standby.
         """
         self._context = context
         self._gate = gate
         self._transport = transport
 
     def take(self, message: Handover) -> Deferred | Refused:
-        """Open the channels with the descriptors of a wire. The reply comes when both are ready."""
+        """Open both channels with the descriptors from the wire process. The reply is sent when both are ready."""
         if message.again:
             self._again.cancel()
             self._again = trio.CancelScope()
@@ -75,16 +77,22 @@ class ChannelKeeper:
         if missing := RESERVE.check():
             for fd in message.descriptors:
                 os.close(fd)
-            return Refused(Code.NO_RESERVE, f"the root could not stop the robot: {missing}", "close other programs")
+            return Refused(
+                Code.NO_RESERVE, f"the root process could not stop the robot: {missing}", "close other programs"
+            )
         try:
             spare = () if self.standby is None else _duplicates(message.descriptors)
         except OSError as error:
             for fd in message.descriptors:
                 os.close(fd)
-            return Refused(Code.NO_DESCRIPTOR, f"the standby cannot be given the port: {error}", "ulimit -n 1024")
+            return Refused(
+                Code.NO_DESCRIPTOR,
+                f"the port cannot be passed to the standby process: {error}",
+                "run ulimit -n 1024 first",
+            )
         self._drop()
         if self.standby is not None:
-            self._standby_problem = "the standby process has no way to the hardware yet"
+            self._standby_problem = "the standby process has no connection to the robot yet"
         self.own = path = self._driver.stop_channel(message.descriptors, self._context.clock)
         self._scope = trio.CancelScope()
         deferred = self._context.defer()
@@ -92,30 +100,30 @@ class ChannelKeeper:
         return deferred
 
     def look(self) -> None:
-        """Tell the gate when the root's channel begins or ends to lack something."""
+        """Inform the gate when the root's channel begins to lack a resource, or no longer lacks it."""
         lacks = "" if self.own is None else self.own.lacks
         if lacks != self._lacks:
             self._lacks = lacks
             self._tell_gate()
 
     def set_standby_problem(self, problem: str) -> None:
-        """Tell the gate why there is no standby; an empty text means that there is one."""
+        """Inform the gate why the standby cannot stop the robot; an empty text means that it can."""
         self._standby_problem = problem
         self._tell_gate()
 
     def _tell_gate(self) -> None:
         self._gate.tell(StandbyIs(self._standby_problem or self._lacks))
 
-    async def let_go(self) -> None:
-        """Close both channels, since they would keep the next wire from the port."""
+    async def release_channel(self) -> None:
+        """Close both channels, since the next wire process could not open the port otherwise."""
         self._drop()
         if self.standby is not None:
-            await self.standby.let_go()
+            await self.standby.release_channel()
 
     async def _keep(
         self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred, spare: tuple[int, ...]
     ) -> None:
-        """Serve the root's channel, and give the standby its descriptors (``spare``)."""
+        """Run the root's channel, and give the standby the descriptors ``spare`` for its own channel."""
         ready = False
         guarded = trio.Event()
         refusal: Refused | None = None
@@ -134,17 +142,18 @@ class ChannelKeeper:
                     await guarded.wait()
                     deferred.send(refusal or HandedOver())
             except* WireDown as down:
-                why = str(first_of(down))
+                reason = str(first_of(down))
                 if ready:
-                    self._broken(f"the root has lost its way to the hardware: {why}")
+                    self._broken(f"the root process has lost its connection to the robot: {reason}")
                 else:
-                    deferred.send(Refused(Code.NO_STOP_CHANNEL, why))  # The wire will try again.
+                    # The wire process then closes the link and tries again later.
+                    deferred.send(Refused(Code.NO_STOP_CHANNEL, reason))
 
     async def _answer_guarded(
         self, scope: trio.CancelScope, deferred: Deferred, descriptors: tuple[int, ...]
     ) -> None:
-        """Give a new standby a channel. Until it has one, ask the wire again, since a wire that is open
-        does not try by itself."""
+        """Give a new standby a channel and reply. If that fails, ask the wire process again after a pause, since it
+        does not hand over again by itself."""
         answer: HandedOver | Refused | None = None
         with scope:
             answer = await self._guard(descriptors) or HandedOver()
@@ -153,10 +162,10 @@ class ChannelKeeper:
                 await trio.sleep(AGAIN_S)
                 self._transport.tell(HandOverAgain())
         if answer is None:
-            deferred.send(Refused(Code.NO_STOP_CHANNEL, "the wire has closed its link"))
+            deferred.send(Refused(Code.NO_STOP_CHANNEL, "the wire process has closed the link to the robot"))
 
     async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
-        """Give the standby its channel and tell the gate. The descriptors are closed."""
+        """Give the standby its channel and inform the gate. The descriptors are closed in this process."""
         try:
             if self.standby is None:
                 return None
@@ -164,8 +173,8 @@ class ChannelKeeper:
         finally:
             for fd in descriptors:
                 os.close(fd)
-        why = "" if refusal is None else f"the standby process has no way to the hardware: {refusal.reason}"
-        self.set_standby_problem(why)
+        reason = "" if refusal is None else f"the standby process has no connection to the robot: {refusal.reason}"
+        self.set_standby_problem(reason)
         return refusal
 
     def _drop(self) -> None:

@@ -1,65 +1,70 @@
-"""The interfaces of the guardian to the wire group and the standby, independent of where these run."""
+"""How the guardian uses the wire group and the standby. In tests they run in the same process, otherwise in
+separate processes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Protocol
 
-from strands_actors.kernel.health.processor import Standing
+from strands_actors.kernel.health.processor import ProcessorUse
 from strands_actors.kernel.messages import Refused
 
 
 class GuardedWire(Protocol):
-    """The wire group, in a separate process or in this one (tests)."""
+    """The wire group (gate, watchdog and transport), which talks to the robot. It runs in a separate process, or in
+    this one in tests."""
 
     @property
     def alive(self) -> bool:
-        """True while it can still write."""
+        """True while the wire group can still write to the robot."""
         ...
 
     @property
-    def left_safe(self) -> bool:
-        """True if it has ended by itself, after it had read back every motor, and has accepted no order since.
+    def ended_safe(self) -> bool:
+        """True if the wire process has ended by itself with a confirmed stop of every motor, and accepted no order
+        after that.
 
-        The exit code shows this. A message does not count, since it can be forged.
+        The exit code shows this. A message is not enough, since it can be forged.
         """
         ...
 
     async def ended(self) -> str:
-        """Wait until it has ended by itself, and return the reason."""
+        """Wait until the wire group has ended by itself, and return the reason."""
         ...
 
     def dying(self) -> bool:
-        """Return True if it was killed or is exiting, so that it runs no more of its code.
+        """Return True if the process was killed or is exiting, so that it runs no more of its code.
 
-        The system frees its memory before it reports its end, which takes 5 to 20 ms.
+        The system frees the memory of a process before it reports its end, which takes 5 to 20 ms.
         """
         ...
 
     async def fence(self) -> bool:
-        """Make sure that it can never write again. Return True if its end was seen.
+        """Kill the wire process, so that it can never write to the robot again. Return True if its end was
+        observed.
 
-        Its earlier messages have been handled by then. If its end was not seen within a second, it runs no more
-        of its code, but one of its system calls may still run.
+        Its earlier messages have been handled when this returns. If the end was not observed within a second, the
+        process runs no more of its code, but one of its system calls may still run.
         """
         ...
 
-    def let_go(self) -> None:
-        """Close its link. It then stops the robot if necessary, and exits."""
+    def close_link(self) -> None:
+        """Close the link to the wire process. It then stops the robot if necessary, and exits."""
         ...
 
-    def standing(self) -> Standing | None:
-        """Return its use of the processor, or None where the system does not report it."""
+    def processor_use(self) -> ProcessorUse | None:
+        """Return how much processor time the process uses; None where the system does not report it."""
         ...
 
 
 class GuardedStandby(Protocol):
-    """The keeper of the standby: a third process, which stops the robot when root and wire are gone."""
+    """The keeper of the standby process. The standby is a third process, which stops the robot when root and wire
+    have ended."""
 
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
-        """Give the standby a stop channel. Return None when that is ready, else a refusal."""
+        """Give the standby a stop channel. Return None when the channel is ready, or a refusal."""
         ...
 
-    async def let_go(self) -> None:
+    async def release_channel(self) -> None:
         """Wait until the standby has closed its stop channel, or has ended."""
         ...

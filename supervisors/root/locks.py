@@ -1,8 +1,9 @@
-"""The lock of an e-stop as a file, which outlives the tree, the script and a reboot.
+"""Store the lock of an e-stop as a file, so that the robot is still locked after its processes, the script or the
+computer were restarted.
 
-There is one file for each robot and port, in one directory of the user. A file locks the robot with its name,
-at any port, and the robot at its port, with any name. The name of the file contains both. So it is clear which
-robot a file locks, even if its content cannot be read. Such a file locks, too.
+There is one file for each robot and port, in one directory of the user. A file locks every robot with this name, at
+any port, and every robot at this port, with any name. The file's name contains both, so it is known which robot a
+file locks even if its content cannot be read. Such a file locks the robot, too.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ UNREADABLE = "an e-stop whose lock cannot be read"
 
 
 class Note(msgspec.Struct):
-    """The content of a file, for people."""
+    """The content of a lock file. It is only for people."""
 
     robot: str
     port: str
@@ -28,21 +29,21 @@ class Note(msgspec.Struct):
 
 
 class Lock(NamedTuple):
-    """A lock. ``since`` is the file's time, in ISO 8601 and UTC. It is empty if unknown."""
+    """A lock. ``by`` is its operator. ``since`` is the time of its file, ISO 8601 in UTC; empty if it is not
+    known."""
 
     by: str
     since: str
 
 
 def place_of_port(port: str) -> str:
-    """Return the target of a port: the device of a path, independent of the working directory, or an address
+    """Return a port in a form that is always the same for one robot: the device behind a path, or an address
     unchanged."""
     return os.path.realpath(port) if os.path.isabs(port) or os.path.exists(port) else port
 
 
 class Locks:
-    """The locks of one robot. ``port`` is empty for a twin or a simulation, which is identified by its name
-    alone."""
+    """The lock files of one robot. ``port`` is empty for a simulated robot, which is known by its name only."""
 
     def __init__(self, directory: Path, robot: str, port: str = "") -> None:
         self._directory = directory
@@ -51,7 +52,8 @@ class Locks:
         self._mark = hashlib.sha256(place_of_port(port).encode()).hexdigest()[:16] if port else ""
 
     def find(self) -> Lock | None:
-        """Return the newest lock of this robot. This never raises: a file that cannot be read is a lock."""
+        """Return the newest lock of this robot; None if it is not locked. Never raises: a file that cannot be read
+        is a lock."""
         try:
             paths = self._files()
         except OSError as error:
@@ -60,7 +62,8 @@ class Locks:
         return locks[-1] if locks else None
 
     def put(self, by: str) -> str:
-        """Lock the robot and return the time. The lock is on the disk when this returns. Raise ``OSError``."""
+        """Lock the robot and return the time. The file is on the disk when this returns. Raise ``OSError`` if that
+        fails."""
         self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = self._directory / f"{self._robot}{'@' if self._mark else ''}{self._mark}.json"
         draft = path.with_suffix(f".{os.getpid()}.tmp")
@@ -78,7 +81,7 @@ class Locks:
         return _since(path)
 
     def lift(self) -> None:
-        """Remove every lock of this robot. Raise ``OSError``."""
+        """Remove every lock of this robot. Raise ``OSError`` if a file cannot be removed."""
         paths = self._files()
         for path in paths:
             path.unlink(missing_ok=True)
@@ -99,7 +102,7 @@ class Locks:
 
 
 def locked_robots(directory: Path) -> list[str]:
-    """Return the names of all locked robots. Raise ``OSError``."""
+    """Return the names of all locked robots. Raise ``OSError`` if the directory cannot be read."""
     with contextlib.suppress(FileNotFoundError):
         names = (os.path.splitext(name) for name in os.listdir(directory))
         return sorted({stem.partition("@")[0] for stem, suffix in names if suffix == ".json"})

@@ -13,16 +13,16 @@ from strands_actors.supervisors.gate.messages import StopReport
 
 
 class Renew(Message, frozen=True):
-    """A request of the wire for a new process, because its SDK hangs."""
+    """A request of the wire process to be replaced, because a call of its SDK hangs."""
 
     lane = "urgent"
 
-    why: str
+    cause: str
 
 
 class SilentUntil(Message, frozen=True):
-    """Until then the wire process may send no heartbeat, because an SDK keeps the interpreter's lock; 0
-    when that is over. The root accepts ``Timing.silent_s`` at most."""
+    """A message of the wire process: it may send no heartbeat until this time, because a library holds the
+    interpreter's lock. 0 means that this is over. The root accepts at most ``Timing.silent_s``."""
 
     lane = "urgent"
 
@@ -30,7 +30,7 @@ class SilentUntil(Message, frozen=True):
 
 
 class StateIs(Message, frozen=True):
-    """The gate's failsafe state, sent at each change. A restarted wire continues from it."""
+    """The gate's failsafe state, sent at each change. A restarted wire process continues from it."""
 
     lane = "urgent"
 
@@ -41,17 +41,18 @@ class StateIs(Message, frozen=True):
 
 
 class Decided(Message, frozen=True):
-    """A decision of the gate, for the audit: sender, request, answer, and the name of its channel."""
+    """A decision of the gate, for the audit: the sender, the request, the decision, and the link on which the
+    request came."""
 
-    who: str
-    what: str
-    how: str
+    sender: str
+    order: str
+    result: str
     over: str = ""
 
 
 class Handover(Message, frozen=True):
-    """Descriptors for the stop channels of root and standby. ``again`` is true if they are for a new
-    standby only."""
+    """File descriptors for the stop channels of root and standby. ``again`` is True if they are only for a new
+    standby."""
 
     lane = "urgent"
 
@@ -64,7 +65,8 @@ class HandedOver(Message, frozen=True):
 
 
 class Fence(Message, frozen=True):
-    """Fence the wire process and stop the robot by the stop channel, after a stop without an answer."""
+    """Kill the wire process, and stop the robot by the root's own connection. This is sent after a stop that the
+    gate did not answer."""
 
     lane = "urgent"
 
@@ -74,7 +76,7 @@ class Fence(Message, frozen=True):
 
 
 class Shutdown(Message, frozen=True):
-    """Stop the robot, then end the whole tree."""
+    """Stop the robot, then end all its processes."""
 
     lane = "urgent"
 
@@ -83,20 +85,19 @@ class Shutdown(Message, frozen=True):
 
 
 class Rollout(Message, frozen=True):
-    """The parameters of a rollout. It ends after its steps or its duration.
+    """The settings for one run of a policy. It ends after its steps or its duration.
 
     Attributes:
-        robot: The robot's name.
-        axes: Its axes.
+        robot: Name of the robot.
+        axes: Axes of the robot.
         instruction: The task, for the policy and for people.
         period_s: Time between two setpoints.
         ttl_s: Lifetime of a setpoint.
-        duration_s: Longest duration; infinite for none.
+        duration_s: Longest duration; infinite for no limit.
         n_steps: Number of steps; 0 for no limit.
-        over: The caller's lease under which it writes.
-        table: The data of each axis, for a policy that asks for it.
-        keeps: True if its last setpoint is a single command, which stays in force afterwards under the
-            caller's lease.
+        over: The lease of the caller. The policy gets its own lease under it.
+        table: The data of each axis, for a policy that needs it.
+        keeps: True if the last setpoint stays in force after the run, under the caller's lease.
     """
 
     robot: str
@@ -119,12 +120,12 @@ class StartTask(Message, frozen=True):
     """Run a policy in a separate process.
 
     Attributes:
-        provider: ``module:factory``.
-        options: Keywords of the factory.
-        rollout: The parameters.
-        deadline_ns: If the process has not begun by then it does nothing; 0 for no deadline.
-        is_actor: The factory makes an actor that sends the setpoints itself, as ``factory(rollout,
-            report, **options)``.
+        provider: ``module:factory`` of the policy.
+        options: Keyword arguments of the factory.
+        rollout: The settings of the run.
+        deadline_ns: The process does nothing if it has not begun by this time; 0 for no deadline.
+        is_actor: True if the factory makes an actor that sends the setpoints itself. It is called as
+            ``factory(rollout, report, **options)``.
     """
 
     provider: str
@@ -135,8 +136,8 @@ class StartTask(Message, frozen=True):
 
 
 class Operate(Message, frozen=True):
-    """The input of an operator for a teleoperation: the dead-man switch, and the speed of each axis from
-    -1 to 1. It is valid for a moment and has to be sent again and again."""
+    """The input of an operator in a teleoperation: the dead-man switch, and the speed of each axis from -1 to 1. It
+    is valid for a moment only, so it must be sent again and again."""
 
     lane = "latest"
 
@@ -146,28 +147,29 @@ class Operate(Message, frozen=True):
 
 
 class EpisodeKey(Message, frozen=True):
-    """A key of the recorder that the operator of a teleoperation has pressed. The recorder reads it in the
-    root's journal. ``word`` is a word of ``record --dataset``, ``t_ns`` the time of the key."""
+    """A key of the dataset recorder that the operator of a teleoperation has pressed. The recorder reads it in the
+    journal of the root process. ``word`` is a command of ``record --dataset``, and ``t_ns`` is the time of the
+    key."""
 
     t_ns: int
     word: str
 
 
 class EpisodeState(Message, frozen=True):
-    """The progress of an episode recorder, for the operator of a teleoperation; sent at each change and
-    once a second.
+    """The progress of a dataset recorder, for the operator of a teleoperation. It is sent at each change and once a
+    second.
 
     Attributes:
-        running: An episode is being recorded.
-        text: The line of progress.
-        said: The last event.
+        running: True while an episode is recorded.
+        text: One line about the progress.
+        last_event: The last event as text.
     """
 
     lane = "latest"
 
     running: bool = False
     text: str = ""
-    said: str = ""
+    last_event: str = ""
 
 
 class StopTask(Message, frozen=True):
@@ -179,8 +181,8 @@ class GetTask(Message, frozen=True):
 
 
 class TaskStatus(Message, frozen=True):
-    """The status of the last task. ``exit_reason`` is stopped, n_steps, duration, policy, gate, publish,
-    stop, cleanup or refused; empty while it runs and before the first task."""
+    """The status of the last policy run. ``exit_reason`` is stopped, n_steps, duration, policy, gate, publish,
+    stop, cleanup or refused; empty while it runs and before the first run."""
 
     lane = "latest"
 
@@ -192,7 +194,7 @@ class TaskStatus(Message, frozen=True):
     refusal: str = ""
     instruction: str = ""
     hz: float = 0.0
-    teleop: dict[str, Any] = msgspec.field(default_factory=dict)  # of a teleoperation: its state, JSON
+    teleop: dict[str, Any] = msgspec.field(default_factory=dict)  # for a teleoperation: its state as JSON
 
 
 class Describe(Message, frozen=True):
@@ -200,11 +202,11 @@ class Describe(Message, frozen=True):
 
 
 class GetMesh(Message, frozen=True):
-    """Ask the root whether the robot is on the mesh."""
+    """Ask the root process whether the robot is on the mesh."""
 
 
 class OnMesh(Message, frozen=True):
-    problem: str = ""  # why it is not; empty if it is
+    problem: str = ""  # why the robot is not on the mesh; empty if it is
 
 
 class ActorInfo(Message, frozen=True):
@@ -222,7 +224,7 @@ class ProcessInfo(Message, frozen=True):
 
 
 class Introspection(Message, frozen=True):
-    """The actors of one process."""
+    """Describes the actors of one process."""
 
     pid: int
     actors: tuple[ActorInfo, ...]
@@ -238,13 +240,13 @@ class TreeReport(Message, frozen=True):
     epoch: int
     processes: tuple[ProcessInfo, ...]
     actors: tuple[ActorInfo, ...]
-    last_stop: StopReport | None = None  # the last stop by the root's stop channel
-    locked_by: str = ""  # the operator of an e-stop
+    last_stop: StopReport | None = None  # last stop that the root made over its own connection
+    locked_by: str = ""  # operator of the e-stop that locks the robot; empty if it is not locked
 
 
 class Happened(Message, frozen=True):
-    """An event that is in no message between actors: a process was started or has ended."""
+    """An event that no message between actors shows: a process was started or has ended."""
 
-    what: str
+    event: str
     detail: str = ""
     pid: int = 0

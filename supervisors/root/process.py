@@ -1,7 +1,7 @@
-"""The root process: it supervises the tree of one robot.
+"""The root process: it starts and watches all other processes of one robot.
 
-It runs no numpy, no SDK and no user code. It belongs to the process that started it: when that ends,
-for any reason, the root stops the robot and ends the tree.
+It runs no numpy, no SDK and no user code. It belongs to the script that started it. When the script ends for any
+reason, the root stops the robot and ends all processes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import import_ours, load_driver, without_secrets
 from strands_actors.supervisors.mesh.service import MeshService
-from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.root.messages import (
     ActorInfo,
     Describe,
@@ -85,7 +85,7 @@ _DULL = frozenset({Tick, Describe, TreeReport, GetTask, TaskStatus, EpisodeState
 
 
 class Root(Actor):
-    """Describe the tree, and shut it down."""
+    """Describe the robot's processes, and end them on request."""
 
     def __init__(self, tree: Tree) -> None:
         self._tree = tree
@@ -112,29 +112,31 @@ class Root(Actor):
 
 
 class Unconfirmed:
-    """The unconfirmed motors in the root's note in the run directory."""
+    """Write the unconfirmed motors into the root's note in the run directory."""
 
     def __init__(self, note: str) -> None:
         self._note = Path(note)
-        self._told: list[str] = []
+        self._written_motors: list[str] = []
         self._writing = threading.Lock()
 
     def tell(self, report: StopReport) -> None:
-        """Write the motors in a thread, so that a slow disk delays no stop."""
+        """Write the unconfirmed motors of a report in a thread, so that a slow disk delays no stop."""
         motors = report.unconfirmed
-        if motors == self._told:
+        if motors == self._written_motors:
             return
-        before, self._told = self._told, motors
+        before, self._written_motors = self._written_motors, motors
         try:
             threading.Thread(target=self._write, daemon=True).start()
-        except RuntimeError as error:  # No thread could start. The next report tries again.
-            self._told = before
+        # No thread could be started. The next report tries again.
+        except RuntimeError as error:
+            self._written_motors = before
             report_failure("the note on unconfirmed motors", error)
 
     def _write(self) -> None:
         run_like_others()
-        with self._writing:  # The newest is written last.
-            self._write_note(self._told)
+        # The lock keeps the order, so that the newest list is written last.
+        with self._writing:
+            self._write_note(self._written_motors)
 
     def _write_note(self, motors: list[str]) -> None:
         try:
@@ -147,18 +149,18 @@ class Unconfirmed:
 
 
 class Ahead(NamedTuple):
-    """The processes that were forked while this process had one thread, and the page that it shares with two of
-    them."""
+    """The processes that were forked before this process started a thread, and the shared page of memory that two
+    of them use."""
 
     spawner: Spawner
-    # The first wire. This process has threads when it needs another one.
+    # The first wire process. A later one cannot be forked from this process, since it has threads then.
     wire: ForkedAhead
     standby: ForkedAhead
     page: int
 
 
 class Tree:
-    """The parts of the root process."""
+    """All parts of the root process of one robot."""
 
     def __init__(self, args: dict[str, Any], ahead: Ahead) -> None:
         spawner = self.spawner = ahead.spawner
@@ -166,11 +168,12 @@ class Tree:
         words = words_of(ahead.page)
         self.robot: str = args["robot"]
         self.args = args
-        self.at = addresses.of(self.robot)
+        self.actors = addresses.of(self.robot)
         self.driver = load_driver(args["driver"])
         run_first(ROOT_PRIORITY)
         self.node = Node(f"{self.robot}.root.{os.getpid()}", MonotonicClock())
-        # Reports of the wire count over its own link only. They are never requested elsewhere.
+        # Accept messages of the wire's actors only on the link to the wire process. Do not look for these actors
+        # elsewhere.
         self.node.linked = channels.of_wire(self.robot).hosts or frozenset()
         self._policy_secret = secrets.token_hex(16)
         self.audit = Audit(Path(args["audit"]) if args["audit"] else None)
@@ -196,13 +199,13 @@ class Tree:
             self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note
         )
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
-        self.owed = Owed(words)
+        self.safety_page = SafetyPage(words)
         self.standby = StandbyKeeper(
             self.node,
             self.robot,
             {name: args[name] for name in ("robot", "driver", "label")} | args["standby"],
             ahead.page,
-            self.owed,
+            self.safety_page,
             Heartbeat(words, ROOT, STANDBY),
             self.driver.timing,
             ahead.standby,
@@ -213,22 +216,22 @@ class Tree:
             Heartbeat(words, ROOT, WIRE),
             self.start_wire,
             self._on_state,
-            self.at.gate,
+            self.actors.gate,
             self.writers,
             self.keeper,
             Unconfirmed(args["note"]).tell,
             self._see_dying,
             self.standby,
-            self.at.transport,
-            self.owed,
-            lambda told: self.audit.note(told.who, told.what, told.how, told.over),
+            self.actors.transport,
+            self.safety_page,
+            lambda decided: self.audit.note(decided.sender, decided.order, decided.result, decided.over),
             RESERVE.end_if_short,
         )
         self.standby.on_lost = self.guardian.lose_standby
         self.standby.on_begun = self.guardian.begin_standby
         RESERVE.begin(lambda: self.standby.is_ready)
         self.wire: WireProcess | None = None
-        self._instrument: InstrumentKeeper | None = None  # of this process
+        self._instrument: InstrumentKeeper | None = None  # the actor to which a recorder of this process connects
         self.supervisor = Supervisor([ChildSpec("wire", self.guardian.keep)], budget=WIRE_BUDGET)
         self.failed = ""
         self._shutdown = trio.Event()
@@ -265,14 +268,14 @@ class Tree:
         self.mesh.tell_state(state)
 
     def writers(self) -> list[int]:
-        """Return the processes that may have sent setpoints to the wire."""
+        """Return the ids of the processes that may have sent setpoints."""
         policy = self.tasks.process
         return [self.args["caller_pid"]] if policy is None else [self.args["caller_pid"], policy.pid]
 
     def instrument_keeper(self) -> InstrumentKeeper:
-        """Return the actor to which a recorder of the root's actors attaches. Heartbeats are left out."""
-        at, driver = self.at, self.driver
-        names = {address: name_of(address) for address in (at.guardian, at.tasks, at.root)}
+        """Make the actor to which a recorder of the root's actors connects. Heartbeats are not recorded."""
+        actors, driver = self.actors, self.driver
+        names = {address: name_of(address) for address in (actors.guardian, actors.tasks, actors.root)}
         description = without_secrets(self.args["driver"], type(driver))
         self._instrument = InstrumentKeeper(names, Attached(description, driver.axes, driver.unit), dull=_DULL)
         return self._instrument
@@ -282,7 +285,7 @@ class Tree:
             self.nursery = nursery
             await nursery.start(self.node.run)
             await nursery.start(self._contain, "the spawner's reports", self.spawner.run)
-            guardian = self.node.cell(self.at.path("guardian"), lambda: self.guardian)
+            guardian = self.node.cell(self.actors.path("guardian"), lambda: self.guardian)
             await nursery.start(self._contain, "the guardian", guardian.run)
             await nursery.start(self._contain, "the actors", Supervisor(self._actors(), budget=ACTORS_BUDGET).run)
             self._keep("the keeper of the lock", self.keeper.run)
@@ -307,17 +310,18 @@ class Tree:
             await self._leave()
 
     def _actors(self) -> list[ChildSpec]:
-        """Return the specifications of all actors except the guardian. One that fails is restarted."""
-        at, cell = self.at, self.node.cell
+        """Return the specifications of all actors except the guardian. The supervisor restarts an actor that
+        fails."""
+        actors, cell = self.actors, self.node.cell
         cells = [
-            cell(at.path("tasks"), lambda: self.tasks),
-            cell(at.path("root"), lambda: Root(self)),
-            cell(at.introspection("root"), Introspector, "introspection"),
-            cell(at.instrument("root"), self.instrument_keeper, "instrument"),
+            cell(actors.path("tasks"), lambda: self.tasks),
+            cell(actors.path("root"), lambda: Root(self)),
+            cell(actors.introspection("root"), Introspector, "introspection"),
+            cell(actors.instrument("root"), self.instrument_keeper, "instrument"),
         ]
-        return [ChildSpec(each.role, partial(self._told, each)) for each in cells]
+        return [ChildSpec(each.role, partial(self._run_actor, each)) for each in cells]
 
-    async def _told(self, cell: Cell, task_status: trio.TaskStatus[None]) -> None:
+    async def _run_actor(self, cell: Cell, task_status: trio.TaskStatus[None]) -> None:
         try:
             await cell.run(task_status)
         except Exception as error:
@@ -326,44 +330,45 @@ class Tree:
 
     async def _contain(
         self,
-        what: str,
+        label: str,
         run: Callable[..., Awaitable[None]],
         task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
     ) -> None:
-        """Run a part of the root, and end the tree when it fails.
+        """Run one part of the root process. If it fails, end the robot's processes.
 
-        An exception ends the tree in order: the robot is made safe first. Two kinds of failures end the root at
-        once instead. The wire or the standby then stops the robot.
+        After most exceptions this is done in order: the robot is stopped first. After two kinds of failures, the
+        root process exits at once, and the wire or the standby process stops the robot.
 
-        * An exit (``SystemExit`` and the like). It would otherwise end the other parts and close their sessions
-          one by one. For 70 ms the root would send no heartbeats, and would not be seen to have ended.
-        * A lack of files, memory or threads. An orderly end needs them too. The wire or the standby has its
-          own.
+        * An exit (``SystemExit`` and the like). In an orderly end it would close all sessions first, which takes 70
+          ms. During this time the root would send no heartbeats, and the other processes would not see that it has
+          ended.
+        * A lack of files, memory or threads. An orderly end needs these, too. The wire and the standby process have
+          their own.
         """
         try:
             await (run() if task_status is trio.TASK_STATUS_IGNORED else run(task_status=task_status))
         except Exception as error:
-            report_failure(what, error)
+            report_failure(label, error)
             if lacks_resources(error):
                 end(describe(error))
-            self.failed = f"{what} failed: {describe(error)}"
+            self.failed = f"{label} failed: {describe(error)}"
             self.shut_down(Reason.ROOT, self.failed)
         except BaseException as error:
             if not _is_end_of_task(error):
                 os._exit(exit_code(error))
             raise
 
-    def _keep(self, what: str, run: Callable[..., Awaitable[None]], *args: Any) -> None:
-        self.nursery.start_soon(self._contain, what, partial(run, *args))
+    def _keep(self, label: str, run: Callable[..., Awaitable[None]], *args: Any) -> None:
+        self.nursery.start_soon(self._contain, label, partial(run, *args))
 
     async def _supervise(self) -> None:
         try:
             await self.supervisor.run()
-        except* BudgetSpent as spent:
-            # The guardian has stopped the robot at each end of the wire. It stays stopped once every motor has
-            # confirmed it.
-            self.failed = describe(spent)
-            await self.guardian.insist()
+        except* BudgetSpent as error:
+            # The guardian has stopped the robot at each end of a wire process. Once every motor has confirmed it,
+            # the robot stays stopped.
+            self.failed = describe(error)
+            await self.guardian.keep_stopping()
 
     async def _join_mesh(self) -> None:
         mesh = await ZenohMesh.open((), self.args["connect"], secret=self.args["secret"])
@@ -384,14 +389,12 @@ class Tree:
     # -- the end
 
     def _see_dying(self, pid: int) -> None:
-        """React to a writer that was killed, before the system reports its end.
-
-        On a busy machine a killed process waits tens of milliseconds for a processor to exit on.
-        """
+        """React to a writer's process that was killed, before the system reports its end. On a busy machine a
+        killed process may wait tens of milliseconds for a processor before it exits."""
         if pid == self.args["caller_pid"]:
             self.shut_down(Reason.CALLER, "the caller was killed")
         elif self.tasks.status.running:
-            self.node.ref(self.at.gate).tell(Stop(Reason.POLICY, "its process was killed"))
+            self.node.ref(self.actors.gate).tell(Stop(Reason.POLICY, "its process was killed"))
 
     def shut_down(self, reason: Reason, by: str, deferred: Deferred | None = None) -> None:
         if deferred is not None:
@@ -401,11 +404,11 @@ class Tree:
             self._shutdown.set()
 
     async def _leave(self) -> None:
-        """End the tree.
+        """End all processes of the robot.
 
-        The gate stops the robot first, then the wire ends. The guardian stops it again, unless that stop was
-        confirmed and the wire has ended by itself since. While a motor is unconfirmed, this process stays and
-        repeats the stop for ``LINGER_S``.
+        First the gate stops the robot, then the wire process ends. The guardian stops the robot once more, unless
+        the gate's stop was confirmed and the wire process has ended by itself after that. While a motor is
+        unconfirmed, this process repeats the stop for ``LINGER_S``.
         """
         reason, by = self._end
         self.guardian.leave()
@@ -427,21 +430,19 @@ class Tree:
         with trio.move_on_after(KEEP_S):
             await self.audit.settle()
         await trio.sleep(LAST_WORDS_S)
-        while self.guardian.at_work:  # an e-stop in these last moments
+        while self.guardian.is_stopping:  # an e-stop may come in these last moments
             await self.guardian.serve_waiting()
             await trio.sleep(LAST_WORDS_S)
-        # The standby ends last: it has the port open, and is needed until now.
+        # End the standby last. It has the robot's port open, and can stop the robot until now.
         await self.standby.end()
         os._exit(0 if self.guardian.confirmed else UNCONFIRMED)
 
     async def _stop_by_gate(self, reason: Reason, by: str) -> StopReport | None:
-        """Stop the robot by the gate. Return its report if every motor is confirmed.
-
-        From then on the gate accepts no orders.
-        """
+        """Let the gate stop the robot. Return its report if every motor is confirmed. After that, the gate accepts
+        no orders."""
         within_s = StopDeadlines.of(self.driver.timing.safe_s).own_stop_s + self._settle_s()
         try:
-            answer = await self.node.ref(self.at.gate, Gate).ask(Stop(reason, by), within_s)
+            answer = await self.node.ref(self.actors.gate, Gate).ask(Stop(reason, by), within_s)
         except (AskTimeout, Unreachable):
             return None
         if not isinstance(answer, StopReport) or not answer.confirmed:
@@ -450,9 +451,9 @@ class Tree:
         return answer
 
     def _settle_s(self) -> float:
-        """Return how much longer this stop takes, because an earlier request may still take effect."""
+        """Return how much longer this stop may take, because an earlier request may still take effect."""
         timing = self.driver.timing
-        return settle_s(timing.safe_s, self.owed.unsettled_s(self.node.clock.now_ns()))
+        return settle_s(timing.safe_s, self.safety_page.unsettled_s(self.node.clock.now_ns()))
 
     def _report_of_guardian(self, reason: Reason) -> StopReport:
         report = self.guardian.last_report
@@ -462,7 +463,7 @@ class Tree:
         motors = not_reached(self.driver, "no report yet")
         return StopReport(reason, safe_state, self.guardian.state.epoch, False, motors, "stop_channel")
 
-    # -- the tree, described
+    # -- the description of the robot's processes
 
     async def describe(self, asker: str) -> TreeReport:
         state = self.guardian.state
@@ -490,13 +491,14 @@ class Tree:
         )
 
         async def ask(process: str) -> None:
-            ref: Ref = self.node.ref(f"strands/{self.at.introspection(process)}", Introspector)
+            ref: Ref = self.node.ref(f"strands/{self.actors.introspection(process)}", Introspector)
             with contextlib.suppress(AskTimeout, Unreachable):
                 introspection = await ref.ask(Describe(), 0.1)
                 if isinstance(introspection, Introspection):
                     actors[process] = introspection.actors
 
-        # All at the same time, so that the answer does not wait for each frozen process in turn.
+        # Ask all processes at the same time, so that the answer does not wait for one frozen process after the
+        # other.
         async with trio.open_nursery() as nursery:
             for process in actors:
                 nursery.start_soon(ask, process)
@@ -506,7 +508,7 @@ class Tree:
 
 
 def _is_end_of_task(error: BaseException) -> bool:
-    """Return True if the exception contains only the usual ends of a task."""
+    """Return True if every exception in the group means the usual end of a task."""
     ends = (trio.Cancelled, GeneratorExit)
     if isinstance(error, BaseExceptionGroup):
         return error.split(ends)[1] is None
@@ -518,20 +520,20 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
     take_name(args["robot"], "root", args["label"])
     hand_over()
     import_ours(args["driver"])
-    read_protocols()  # so that forked children need not
-    # Forked now, while this process has one thread and no open files of the robot.
+    read_protocols()  # read here, so that the forked children need not read them
+    # Fork now, while this process has one thread and has not opened the robot's port.
     spawner = Spawner(
         close=(sock.fileno(), *args["descriptors"]),
         name=(args["robot"], "spawner", args["label"]),
         forget=args.clear,
     )
-    raise_limits()  # after the spawner was forked: policies keep the limits of the user
+    raise_limits()  # done after the spawner was forked, so that policies keep the limits of the user
     (page,) = args["descriptors"]
     robot, label = args["robot"], args["label"]
     wire = ForkedAhead((robot, "wire", label), (page,))
     standby = ForkedAhead((robot, "standby", label), session=True)
     ahead = Ahead(spawner, wire, standby, page)
-    lower_oom_score()  # not for the spawner: policies are its children
+    lower_oom_score()  # not for the spawner, since policies are its children
     trio.run(_main, args, sock, ahead)
 
 

@@ -1,8 +1,9 @@
-"""Keep a standby process running, with a stop channel, and report when there is none.
+"""Keep a standby process running, with its own stop channel, and report when there is none. The standby is the
+third process, which stops the robot when root and wire have ended.
 
-Without a standby the gate arms nothing (it refuses with ``no_standby``). A robot that already moves continues
-while the standby is replaced. Root and wire both run then. A hold would let a third process stop the robot by
-its failure, and a robot with legs would fall.
+Without a standby the gate arms nothing (it refuses with ``no_standby``). A robot that already moves continues while
+the standby is replaced, since root and wire both run. If it were stopped, the failure of a third process would be
+enough to stop a robot, and a robot with legs would fall.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from strands_actors.kernel.processes.spawner import Spawner
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.standby.process import Standby
 from strands_actors.supervisors.standby.watch import look_s, silent_s
@@ -52,13 +53,13 @@ ASK_AGAIN_S = 0.005
 
 
 class StandbyKeeper:
-    """Keeps the standby of one robot.
+    """Keep the standby of one robot running.
 
     Attributes:
-        process: The running standby. None if there is none.
-        starts: The number of starts.
-        on_lost: Called with the reason when the standby is lost.
-        on_begun: Called when a standby has begun, and needs a stop channel.
+        process: The running standby; None while there is none.
+        starts: Number of starts.
+        on_lost: Called with the reason when the standby has ended.
+        on_begun: Called when a new standby runs and needs a stop channel.
     """
 
     def __init__(
@@ -67,7 +68,7 @@ class StandbyKeeper:
         robot: str,
         args: dict[str, Any],
         page: int,
-        owed: Owed,
+        safety_page: SafetyPage,
         heartbeat: Heartbeat,
         timing: Timing,
         ahead: ForkedAhead,
@@ -77,7 +78,7 @@ class StandbyKeeper:
         self._robot = robot
         self._args = args
         self._page = page
-        self._owed = owed
+        self._safety_page = safety_page
         self._heartbeat = heartbeat
         self._timing = timing
         self._ahead: ForkedAhead | None = ahead
@@ -100,17 +101,17 @@ class StandbyKeeper:
             try:
                 process = await self._start()
             except OSError as error:
-                why = f"no standby can be started: {error}"
+                reason = f"no standby can be started: {error}"
             else:
-                why = await self._attend(process)
+                reason = await self._attend(process)
             failures = 1 if trio.current_time() > began_s + LONG_S else failures + 1
-            self.on_lost(why)
+            self.on_lost(reason)
             await trio.sleep(AGAIN_S[min(failures - 1, len(AGAIN_S) - 1)])
 
     async def _start(self) -> ChildProcess:
         ahead, self._ahead = self._ahead, None
-        # The standby gets this with its start, because the root may end before a message reaches it.
-        with self._told() as first:
+        # The standby gets this list when it is started, because the root may end before it can send a message.
+        with self._watch_message() as first:
             args = {**self._args, "root": first.root, "wire": first.wire}
             process = None if ahead is None else ahead.start(ENTRY, args, first.descriptors)
             if process is None:
@@ -120,7 +121,7 @@ class StandbyKeeper:
         return process
 
     async def _attend(self, process: ChildProcess) -> str:
-        """Wait until the standby has ended, and return how."""
+        """Wait until the standby has ended, and return the reason."""
         self._heartbeat.forget()
         self._watching = False
         async with trio.open_nursery() as nursery:
@@ -137,10 +138,10 @@ class StandbyKeeper:
             await process.link(self._node, channels.of_standby(self._robot)).run()
         except Exception as error:
             report_failure("the link to the standby process", error)
-        process.kill()  # without a link it cannot be ordered
+        process.kill()  # a standby without a link cannot get orders
 
     async def _listen(self, process: ChildProcess) -> None:
-        """Kill the standby when it is silent."""
+        """Kill the standby when it sends no heartbeats."""
         look = look_s(self._timing)
         clock: Clock = self._node.clock
         began_ns = clock.now_ns()
@@ -148,33 +149,35 @@ class StandbyKeeper:
         while True:
             await trio.sleep(look)
             now_ns = clock.now_ns()
-            detector.heard(self._heartbeat.heard_ns)
-            late = not detector.heard_ns and now_ns - began_ns > START_S * 1e9
+            detector.note_heartbeat(self._heartbeat.last_received_ns)
+            late = not detector.last_received_ns and now_ns - began_ns > START_S * 1e9
             if late or detector.tick(now_ns):
                 process.kill()
                 return
 
     @property
     def is_ready(self) -> bool:
-        """Return True if a standby runs and knows the processes that it watches."""
+        """Return True if a standby runs and has received the ids of the processes that it watches."""
         return self._watching and self.process is not None and self.process.alive
 
-    # -- the processes that it watches
+    # -- the processes that the standby watches
 
     def wire_started(self, process: ChildProcess) -> None:
         self._wire = process
-        self._owed.wire_pid = process.pid
+        self._safety_page.wire_pid = process.pid
         if self._watching:
-            with self._told() as message:
+            with self._watch_message() as message:
                 self._ref.tell(message)
 
     @contextlib.contextmanager
-    def _told(self) -> Iterator[WatchOver]:
-        """Yield the message with the processes to watch now."""
+    def _watch_message(self) -> Iterator[WatchOver]:
+        """Return the message with the processes to watch, with open descriptors that are closed at the end of the
+        block."""
         wire = self._wire if self._wire is not None and self._wire.alive else None
-        self._owed.wire_pid = 0 if wire is None else wire.pid  # its id may soon be used again
+        # The system may soon use the id of an ended process for another one.
+        self._safety_page.wire_pid = 0 if wire is None else wire.pid
         pidfds: list[int] = []
-        # No descriptor is free. The standby then uses the process ids.
+        # No file descriptor is free. The standby then uses the process ids instead of pidfds.
         with contextlib.suppress(OSError):
             if self._own_pidfd is not None:
                 pidfds.append(os.dup(self._own_pidfd))
@@ -186,42 +189,40 @@ class StandbyKeeper:
                 os.close(fd)
 
     async def _begin(self) -> None:
-        """Send the processes to watch as soon as the standby answers. The wire may have been replaced since its
-        start."""
+        """Send the standby the processes to watch, as soon as it answers. The wire process may have been replaced
+        since the standby was started."""
         announced: ChildProcess | None = None
         answer: Message | None = None
         while not isinstance(answer, Guarding) or announced is not self._wire:
             announced = self._wire
             try:
-                with self._told() as message:
+                with self._watch_message() as message:
                     answer = await self._ref.ask(message, START_S)
             except (AskTimeout, Unreachable):
                 await trio.sleep(ASK_AGAIN_S)
         self._watching = True
         self.on_begun()
 
-    # -- its stop channel
+    # -- the stop channel of the standby
 
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
-        """Give the standby a stop channel. Return None when that is ready, else a refusal.
-
-        This waits for a standby that is being started.
-        """
-        refusal = Refused(Code.NO_STANDBY, "there is no standby process", "wait until another has been started")
+        """Give the standby a stop channel, and wait for a standby that is being started. Return None when the
+        channel is ready, or a refusal."""
+        refusal = Refused(Code.NO_STANDBY, "there is no standby process", "wait until a new one has been started")
         with trio.move_on_after(self._timing.handover_s - MARGIN_S):
             while True:
                 if self._watching:
                     try:
                         answer = await self._ref.ask(Guard(tuple(descriptors)), self._timing.handover_s)
                     except (AskTimeout, Unreachable):
-                        pass  # it has ended, and another is being started
+                        pass  # the standby has ended, and another one is being started
                     else:
                         return answer if isinstance(answer, Refused) else None
                 await trio.sleep(ASK_AGAIN_S)
         return refusal
 
-    async def let_go(self) -> None:
-        """Wait until the standby has closed its stop channel. Kill it if it does not."""
+    async def release_channel(self) -> None:
+        """Wait until the standby has closed its stop channel. Kill the standby if it does not."""
         process = self.process
         if process is None:
             return
@@ -233,7 +234,7 @@ class StandbyKeeper:
         await process.fence()
 
     async def end(self) -> None:
-        """End the standby, because the tree ends: the robot is safe, or was given up."""
+        """End the standby, because all processes of the robot end."""
         self._leaving = True
         if self.process is not None:
             await self.process.fence()

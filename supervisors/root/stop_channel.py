@@ -1,8 +1,8 @@
-"""Stop a robot without its wire: one attempt, and the pauses between attempts.
+"""Stop a robot without its wire process: one attempt, and the pauses between attempts.
 
-The guardian uses it after a fence, the standby when neither root nor wire is left, and a wire process
-without a root when its own gate and transport do not reply. An unconfirmed attempt is repeated, since
-a cable may be plugged in again, and a servo may hear the next frame.
+The guardian uses this after it has killed the wire process, and the standby when root and wire have ended. A wire
+process without a root uses it when its own gate and transport do not reply. An attempt that is not confirmed is
+repeated, since a cable may be plugged in again, and a servo may receive the next frame.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from strands_actors.kernel.channels.names import look_up
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.processes.reserve import RESERVE
 from strands_actors.supervisors.deadlines import StopDeadlines
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 
 AGAIN_S = (0.1, 0.5, 1.0, 2.0)
 """Pauses between attempts; the last one is repeated."""
-INSIST_S = 2.0
+REPEAT_S = 2.0
 """How long the guardian tries before it starts the next wire, which then continues. Only one process
 can open a serial port, and the wire can name the motor that is missing."""
 LINGER_S = 60.0
@@ -33,12 +33,12 @@ UNSETTLED = "an arming or service that was cut off may still take effect"
 
 
 async def serve(path: StopChannel, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-    """Look up the hosts that a stop channel connects to, then serve it. Raise ``WireDown``."""
+    """Resolve the host names that a stop channel connects to, then run it. Raise ``WireDown`` if that fails."""
     for host in path.hosts:
         try:
             await look_up(host, 0)
         except (OSError, UnicodeError) as error:
-            raise WireDown(f"{host}: no such host ({error}). Check port=") from None
+            raise WireDown(f"{host}: there is no such host ({error}). Check port=") from None
     await path.serve(task_status)
 
 
@@ -51,23 +51,24 @@ async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> t
         safe_state: The safe state to write.
 
     Returns:
-        A report of each motor. If the channel fails, all of them are not reached.
+        A report for each motor. If the channel fails, no motor counts as reached.
     """
     within_s = StopDeadlines.of(driver.timing.safe_s).attempt_s
     try:
         with RESERVE.freed(), trio.fail_after(within_s):
             return await path.make_safe(safe_state)
     except trio.TooSlowError:
-        why = f"no end within {within_s:g} s"
-    except Exception as error:  # any failure of a driver; there will be another attempt
-        why = describe(error)
-    return not_reached(driver, why)
+        reason = f"no end within {within_s:g} s"
+    except Exception as error:  # a driver may fail in any way, and there will be another attempt
+        reason = describe(error)
+    return not_reached(driver, reason)
 
 
 async def attempt_anew(
     driver: Driver, clock: Clock, safe_state: SafeState, descriptors: Sequence[int] = ()
 ) -> tuple[MotorReport, ...]:
-    """As ``attempt``, by a new stop channel. ``descriptors`` are those that a wire has handed over."""
+    """Stop the robot as ``attempt`` does, but with a new stop channel. ``descriptors`` are those that a wire
+    process has handed over."""
     motors = not_reached(driver, "the way to the hardware was lost")
     try:
         with RESERVE.freed():
@@ -90,8 +91,7 @@ async def attempt_anew(
 
 
 async def _serve_until_lost(path: StopChannel, ready: trio.Event) -> None:
-    """Serve a stop channel until it fails. ``ready`` is set when it is ready for a stop, or has
-    failed."""
+    """Run a stop channel until it fails. ``ready`` is set when the channel can stop the robot, or has failed."""
     try:
         async with trio.open_nursery() as nursery:
             await nursery.start(path.serve)
@@ -101,35 +101,33 @@ async def _serve_until_lost(path: StopChannel, ready: trio.Event) -> None:
 
 
 async def settled(
-    owed: Owed, clock: Clock, make_safe: Callable[[], Awaitable[tuple[MotorReport, ...]]]
+    safety_page: SafetyPage, clock: Clock, make_safe: Callable[[], Awaitable[tuple[MotorReport, ...]]]
 ) -> tuple[MotorReport, ...]:
-    """Stop the robot, again and again until no earlier request can take effect any more.
+    """Stop the robot again and again, until no earlier request can take effect any more.
 
-    An arming that was cut off may energise the robot after the safe frame. So the safe state is
-    written at once, and written and read back again when ``Owed.unsettled_s`` has passed. Only the
-    last report counts.
+    An arming that was cut off may energise the robot after the safe frame. So the safe state is written at once.
+    When ``SafetyPage.unsettled_s`` has passed, it is written and read back again. Only the last report counts.
 
     Args:
-        owed: The page on which the wire notes its requests.
+        safety_page: The page on which the wire process notes its requests.
         make_safe: One attempt.
 
     Returns:
-        The reports of the last attempt. An unsafe one ends the loop, since the caller repeats it
-        anyway. While the wire has not been fenced and a request is running, no motor is reported as
-        safe.
+        The reports of the last attempt. If a motor is not safe, no further attempt is made, since the caller
+        repeats this anyway. If a request of a wire process is still running, no motor is reported as safe.
     """
     while True:
-        unsettled_s = owed.unsettled_s(clock.now_ns())
+        unsettled_s = safety_page.unsettled_s(clock.now_ns())
         motors = await make_safe()
         if not unsettled_s or not all_safe(motors):
             return motors
-        if owed.is_asking:
+        if safety_page.is_asking:
             return not_settled(motors)
         await trio.sleep(min(unsettled_s, AGAIN_S[0]))
 
 
 def not_settled(motors: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
-    """Return the reports with every motor unconfirmed, because a request may still take effect."""
+    """Return the reports with every motor as unconfirmed, because an earlier request may still take effect."""
     return tuple(msgspec.structs.replace(motor, safe=False, detail=UNSETTLED) for motor in motors)
 
 
@@ -144,8 +142,8 @@ def all_safe(motors: Sequence[MotorReport]) -> bool:
     return all(motor.safe for motor in motors)
 
 
-def not_reached(driver: Driver, why: str) -> tuple[MotorReport, ...]:
+def not_reached(driver: Driver, reason: str) -> tuple[MotorReport, ...]:
     return tuple(
-        MotorReport(axis, number, False, False, False, why)
+        MotorReport(axis, number, False, False, False, reason)
         for axis, number in zip(driver.axes, driver.ids, strict=True)
     )

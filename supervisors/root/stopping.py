@@ -1,4 +1,5 @@
-"""Order a stop for a person or another program: by the gate, or by the guardian if the gate is silent."""
+"""Order a stop for a person or another program. The gate stops the robot; if the gate does not reply, the guardian
+does."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ async def make_safe(
         gate: The gate.
         guardian: The guardian.
         stop: The order.
-        deadlines: How long to wait for each.
-        sent: The same order, if it was sent to the gate already.
+        deadlines: The timeouts for gate and guardian.
+        sent: The request to the gate, if the order was already sent there.
     """
     answer: Message | None = None
     within_s = deadlines.gate_s
@@ -42,17 +43,17 @@ async def make_safe(
     try:
         answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), deadlines.root_s)
     except (AskTimeout, Unreachable) as failure:
-        why = busy.explained(f"neither wire nor guardian answers: {failure}")
-        return Refused(Code.UNCONFIRMED, why, "look at the robot")
+        reason = busy.explained(f"neither the wire process nor the root process answers ({failure})")
+        return Refused(Code.UNCONFIRMED, reason, "look at the robot")
     if isinstance(answer, StopReport | Refused):
         return answer
-    return Refused(Code.UNCONFIRMED, "nobody reported", "look at the robot")
+    return Refused(Code.UNCONFIRMED, "no process reported the stop", "look at the robot")
 
 
-async def _cancel_when_silent(gate: Ref, asked: trio.CancelScope) -> None:
-    """Cancel the wait for a gate that does not reply to a question. A working gate replies at once,
-    whatever its wire does."""
+async def _cancel_when_silent(gate: Ref, scope: trio.CancelScope) -> None:
+    """Cancel the wait for the gate's reply to the stop if the gate does not answer a simple question either. A
+    working gate answers that at once, even while the robot is being stopped."""
     try:
         await gate.ask(GetStatus(), SILENT_S)
     except (AskTimeout, Unreachable):
-        asked.cancel()
+        scope.cancel()

@@ -1,4 +1,5 @@
-"""Named policies in separate processes: the actor in the root (``Tasks``), and the process' entry."""
+"""Run named policies in separate processes. ``Tasks`` is the actor in the root process, ``main`` is what a policy
+process runs."""
 
 from __future__ import annotations
 
@@ -55,17 +56,17 @@ LAST_WORDS_S = 0.05
 
 
 class Tasks(Actor):
-    """Start and stop the policy process of a robot, at most one. The gate gets a message at once when it ends.
+    """Start and stop the policy process of a robot. At most one runs. When it ends, the gate is informed at once.
 
     Args:
-        robot: The robot's name.
-        start: Start a process with an entry and arguments.
-        endpoint: Where the wire accepts policies.
-        label: See ``take_name``.
+        robot: Name of the robot.
+        start: Starts a process with an entry and arguments.
+        endpoint: Address on which the wire process accepts policies.
+        label: Text for the name of the process in the system's list (see ``take_name``).
         safe_s: ``Timing.safe_s`` of the driver.
         limits: ``PolicyLimits`` as a mapping.
-        audit: Write a line of the audit.
-        secret: Secret of ``endpoint``.
+        audit: Writes a line of the audit.
+        secret: The secret that a policy needs at ``endpoint``.
     """
 
     def __init__(
@@ -92,14 +93,15 @@ class Tasks(Actor):
         self._stopping = False
         self._is_actor = False
         self._ended_by = ""
-        self._gone = trio.Event()
+        self._process_ended = trio.Event()
 
     async def started(self) -> None:
-        at = addresses.of(self._robot)
-        self._gate: Ref = self.context.ref(at.gate, Gate)
-        self._guardian: Ref = self.context.ref(at.guardian, Guardian)
-        self._policy: Ref = self.context.ref(at.policy, Policy)
-        if self.process is not None:  # left by an incarnation of this actor that has failed
+        actors = addresses.of(self._robot)
+        self._gate: Ref = self.context.ref(actors.gate, Gate)
+        self._guardian: Ref = self.context.ref(actors.guardian, Guardian)
+        self._policy: Ref = self.context.ref(actors.policy, Policy)
+        # The process was started before this actor failed and was restarted.
+        if self.process is not None:
             self.context.start_soon(self._end, self.process)
 
     async def receive(
@@ -131,9 +133,9 @@ class Tasks(Actor):
     async def _start(self, message: StartTask) -> TaskStatus | Refused:
         if self.process is not None:
             if self.status.running:
-                return Refused(Code.RUNNING, "a task is already running", "stop it first")
+                return Refused(Code.RUNNING, "a policy is already running", "call stop_task() first")
             if not await self._dismiss(self.process):
-                return Refused(Code.BUSY, "the process of the last task does not end", "try again")
+                return Refused(Code.BUSY, "the process of the last policy has not ended yet", "try again")
         args = {
             "robot": self._robot,
             "label": self._label,
@@ -151,14 +153,14 @@ class Tasks(Actor):
         try:
             process = await self._start_process("strands_actors.supervisors.root.tasks:main", args)
         except OSError as error:
-            return Refused(Code.NO_PROCESS, f"no process can be started: {error}", "try again")
+            return Refused(Code.NO_PROCESS, f"the policy process could not be started: {error}", "try again")
         self.process = process
         self._is_actor = message.is_actor
         self.starts += 1
         self.context.note(Happened("the policy process was started", message.provider, process.pid))
         self._stopping = False
         self._ended_by = ""
-        self._gone = trio.Event()
+        self._process_ended = trio.Event()
         late = self._refuse_late(message)
         if late is None:
             self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
@@ -167,24 +169,24 @@ class Tasks(Actor):
         self.context.start_soon(self._attend, process)
         return late or self.status
 
-    def end(self, why: str) -> None:
+    def end(self, cause: str) -> None:
         """Kill the policy process, for an e-stop."""
         if self.process is not None and not self._ended_by:
-            self._ended_by = why
+            self._ended_by = cause
             self.process.kill()
 
     def _refuse_late(self, message: StartTask) -> Refused | None:
-        """Return a refusal if the deadline of the request has passed. At the deadline its sender was answered
-        that nothing was started."""
+        """Return a refusal if the deadline of the request has passed. At its deadline, the sender was answered that
+        no policy was started."""
         if not message.deadline_ns:
             return None
         return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns())
 
     async def _dismiss(self, process: ChildProcess) -> bool:
-        """End the process of a finished task. Return True if it has ended."""
+        """End the process of a policy run that is finished. Return True if the process has ended."""
         if not await process.fence():
             return False
-        await self._gone.wait()
+        await self._process_ended.wait()
         return True
 
     async def _attend(self, process: ChildProcess) -> None:
@@ -196,7 +198,7 @@ class Tasks(Actor):
         self._ended(process, code)
 
     async def _end(self, process: ChildProcess) -> None:
-        """Wait for the end of a process, as ``_attend`` does, after its link was closed."""
+        """Wait until a policy process has ended, after its link was closed."""
         process.kill()
         self._ended(process, await process.wait())
 
@@ -212,7 +214,7 @@ class Tasks(Actor):
                 self.status, running=False, exit_reason=reason, exit_detail=detail
             )
             self._gate.tell(Stop(Reason.POLICY, detail or "the task was stopped"))
-        self._gone.set()
+        self._process_ended.set()
 
     async def _stop(self) -> TaskStatus:
         process = self.process
@@ -234,17 +236,17 @@ class Tasks(Actor):
         return self.status
 
     async def _hold(self) -> str:
-        """Make the robot hold after a policy that did not answer. Return what to add to the detail."""
+        """Make the robot hold because the policy process did not answer. Return a text to add to the status."""
         try:
             answer = await self._gate.ask(Stop(Reason.POLICY, "the task was stopped"), self._stop_s)
         except Unreachable:
-            return "; the wire is gone, and its end makes the robot safe"
+            return "; the wire process has ended, so the root process stops the robot"
         except AskTimeout:
             answer = None
         if isinstance(answer, StopReport):
             return ""
         self._guardian.tell(Fence(Reason.POLICY, "the task was stopped"))
-        return "; nor did the wire, which is fenced"
+        return "; nor did the wire process, which is now killed"
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
@@ -256,10 +258,10 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
-    at = addresses.of(robot)
+    actors = addresses.of(robot)
     node = Node(policy_access.node_name(robot, os.getpid()), MonotonicClock())
     rollout = msgspec.convert(args["rollout"], Rollout)
-    tasks = node.ref(at.tasks, Tasks)
+    tasks = node.ref(actors.tasks, Tasks)
     ended = trio.Event()
 
     def report(status: TaskStatus) -> None:
@@ -278,26 +280,28 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
 
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        link = Link(node, sock, on_closed=lambda: os._exit(0))  # End with the root.
+        # If the link to the root is closed, this process ends, too.
+        link = Link(node, sock, on_closed=lambda: os._exit(0))
         await nursery.start(link.run)
         if 0 < args["deadline_ns"] <= node.clock.now_ns():
-            detail = "its process began after the time by which it was wanted"
+            detail = "its process began after the deadline of the request"
             report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
             await trio.sleep(LAST_WORDS_S)
             os._exit(0)
         mesh = await ZenohMesh.open(connect=[args["gate"]], secret=args["secret"])
         mesh.attach(node)
         await nursery.start(mesh.run)
-        await _until_reachable(node, at.gate)
-        try:  # Not earlier: another user, or a process without memory, could not connect.
+        await _until_reachable(node, actors.gate)
+        # Apply the limits only now. With another user id, or little memory, the process could not connect.
+        try:
             msgspec.convert(args["limits"], PolicyLimits).apply()
         except (OSError, ValueError, KeyError) as error:
-            detail = f"policy_limits cannot be put on: {error}"
+            detail = f"policy_limits cannot be applied: {error}"
             report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
             await trio.sleep(LAST_WORDS_S)
             os._exit(0)
-        nursery.start_soon(node.cell(at.introspection("policy"), Introspector, "introspection").run)
-        nursery.start_soon(node.cell(at.path("policy"), attend).run)
+        nursery.start_soon(node.cell(actors.introspection("policy"), Introspector, "introspection").run)
+        nursery.start_soon(node.cell(actors.path("policy"), attend).run)
         await ended.wait()
         await trio.sleep(LAST_WORDS_S)
         os._exit(0)

@@ -18,25 +18,25 @@ from __future__ import annotations
 import enum
 
 
-class Seen(enum.StrEnum):
-    """The state of a process, as observed from outside."""
+class ProcessState(enum.StrEnum):
+    """The state of a process, as the standby observes it from outside."""
 
-    RUNS = "runs"  # its heartbeats come, or it has just started
-    SILENT = "silent"  # it exists, and its heartbeat is overdue (frozen or spinning)
-    ENDED = "ended"  # it has exited, or it was never started
+    RUNS = "runs"  # its heartbeats come, or the process has just started
+    SILENT = "silent"  # the process exists, but its heartbeat is overdue: it is frozen or in an endless loop
+    ENDED = "ended"  # the process has exited, or was never started
 
 
 class Action(enum.StrEnum):
     WAIT = "wait"
-    FENCE = "fence"  # kill every silent process, then decide again
-    MAKE_SAFE = "make safe"  # write the safe state
-    LEAVE = "leave"  # exit
+    FENCE = "fence"  # kill every silent process and wait for its end, then decide again
+    MAKE_SAFE = "make safe"  # write the safe state to the robot
+    LEAVE = "leave"  # exit, since nothing is left to do
 
 
-_RUNS, _SILENT, _ENDED = Seen.RUNS, Seen.SILENT, Seen.ENDED
+_RUNS, _SILENT, _ENDED = ProcessState.RUNS, ProcessState.SILENT, ProcessState.ENDED
 
-ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
-    # (root, wire, may be energised)
+ACTIONS: dict[tuple[ProcessState, ProcessState, bool], Action] = {
+    # The keys of this table are (state of the root, state of the wire, may be energised).
     (_RUNS, _RUNS, False): Action.WAIT,
     (_RUNS, _RUNS, True): Action.WAIT,
     # The root runs. It fences the wire and stops the robot.
@@ -49,13 +49,13 @@ ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
     (_SILENT, _RUNS, True): Action.WAIT,
     (_ENDED, _RUNS, False): Action.WAIT,
     (_ENDED, _RUNS, True): Action.WAIT,
-    # Neither runs. A silent root may continue later, and its caller ends it before it starts another
-    # tree. While nothing is energised it can do no harm, so it is left alive.
+    # Neither works. A silent root may wake up later. While nothing is energised it can do no harm, so it is left
+    # alive. The script that started it kills it before it starts the robot again.
     (_SILENT, _SILENT, False): Action.WAIT,
     (_SILENT, _SILENT, True): Action.FENCE,
     (_SILENT, _ENDED, False): Action.WAIT,
     (_SILENT, _ENDED, True): Action.FENCE,
-    # Without its root, a frozen wire would keep the port open for ever.
+    # Without a root, no process would kill a frozen wire process, and it would keep the robot's port open for ever.
     (_ENDED, _SILENT, False): Action.FENCE,
     (_ENDED, _SILENT, True): Action.FENCE,
     (_ENDED, _ENDED, False): Action.LEAVE,
@@ -63,16 +63,16 @@ ACTIONS: dict[tuple[Seen, Seen, bool], Action] = {
 }
 
 
-def decide(root: Seen, wire: Seen, may_be_energised: bool) -> Action:
+def decide(root: ProcessState, wire: ProcessState, may_be_energised: bool) -> Action:
     """Return the standby's next action.
 
     Args:
         root: The root process as observed from outside.
         wire: The wire process as observed from outside.
-        may_be_energised: True if any motor may still have torque (``page.Owed``).
+        may_be_energised: True if any motor may still have torque (from ``page.SafetyPage``).
 
     Returns:
-        ``FENCE`` before ``MAKE_SAFE`` whenever a process is only silent. ``LEAVE`` when nothing is
-        energised and there is no process left to watch.
+        ``FENCE`` before ``MAKE_SAFE`` if a process is silent and has not ended. ``LEAVE`` when nothing is energised
+        and there is no process left to watch.
     """
     return ACTIONS[root, wire, may_be_energised]

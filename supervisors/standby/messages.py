@@ -6,13 +6,12 @@ from strands_actors.kernel.messages import Message
 
 
 class WatchOver(Message, frozen=True):
-    """The processes to watch.
+    """The processes that the standby must watch.
 
     Attributes:
         root: Process id of the root.
-        wire: Process id of the wire that was started last; 0 if there is none.
-        descriptors: The shared page of heartbeats, then a pidfd of each process if the system has
-            pidfds.
+        wire: Process id of the wire process that was started last; 0 without one.
+        descriptors: The shared page of heartbeats, then a pidfd of each process if the system has pidfds.
     """
 
     lane = "urgent"
@@ -23,8 +22,7 @@ class WatchOver(Message, frozen=True):
 
 
 class Guard(Message, frozen=True):
-    """Descriptors for the standby's stop channel. The reply comes when the channel is ready for a
-    stop."""
+    """Descriptors for the standby's stop channel. The reply is sent when the channel is ready to stop the robot."""
 
     lane = "urgent"
 
@@ -36,7 +34,7 @@ class Guarding(Message, frozen=True):
 
 
 class LetGo(Message, frozen=True):
-    """Close the stop channel, because the next wire opens the port."""
+    """Close the stop channel, because the next wire process must open the port."""
 
     lane = "urgent"
 

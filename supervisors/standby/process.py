@@ -1,14 +1,14 @@
-"""The standby process stops the robot when neither root nor wire can.
+"""The standby process stops the robot when neither the root nor the wire process can.
 
-It runs in its own session and ignores every signal that can be ignored. Its root kills it as the
-root's last action; otherwise it exits when nothing is left to do.
+It runs in its own session and ignores every signal that can be ignored. Normally the root kills it as the root's
+last action. Without a root, it exits when nothing is left to do.
 
-It keeps a second stop channel of the driver ready: a duplicate of the serial descriptor, passed on
-by the root, or its own network session. A wire's link counts as up only when this channel is ready.
-The channel is closed before the next wire opens the port.
+It keeps a second stop channel ready, its own way to the hardware: a duplicate of the open serial port, passed on by
+the root, or its own network connection. The robot counts as connected only when this channel is ready. The channel
+is closed before the next wire process opens the port.
 
-The root forks the standby itself, before it has threads. The spawner cannot do it: it forks
-processes that run user code, so it must keep one thread and no open files.
+The root forks the standby itself, before it has threads. The spawner cannot do this. It forks processes that run
+user code, so it must keep one thread and no open files.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver
-from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.root.stop_channel import (
     LINGER_S,
     all_safe,
@@ -58,7 +58,7 @@ from strands_actors.supervisors.root.stop_channel import (
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.wire.watchdog import Tick
 
-from .decision import Action, Seen, decide
+from .decision import Action, ProcessState, decide
 from .report import LifeLock, StandbyReport, write
 from .watch import Watched, look_s
 
@@ -69,35 +69,35 @@ IGNORED = (
     signal.SIGQUIT,
     signal.SIGUSR1,
     signal.SIGUSR2,
-    signal.SIGXCPU,  # past its CPU limit it still has to stop the robot
+    signal.SIGXCPU,  # a standby that has used up its CPU time must still stop the robot
     signal.SIGXFSZ,
 )
 UNCONFIRMED = 4
 """Exit code when a motor did not confirm the safe state."""
 NO_CHANNEL = 5
-"""Exit code when the stop channel was lost. The root then starts another standby, which opens a new
-one."""
-GONE_S = 10.0
-"""After so many seconds without a successful write the port counts as gone."""
+"""Exit code when the stop channel has failed. The root then starts another standby, which opens a new
+channel."""
+UNREACHABLE_S = 10.0
+"""After this many seconds without a successful write, the port no longer exists for the standby."""
 LOCK_S = 1.0
-"""How long to wait for the lock, which other processes take for a moment to see if it is free."""
+"""How long to wait for the lock, in seconds. Other processes take it for a moment to see if it is free."""
 CHECK_S = 0.25
 """Period of the check that this process still has the resources that a stop needs."""
 DISK_S = 1.0
-"""How long to wait for the disk to take a report."""
+"""Longest time for writing a report to the disk, in seconds."""
 
 
-class _Seen:
-    """One of the two watched processes."""
+class _WatchedProcess:
+    """The root or the wire process, as the standby watches it."""
 
     def __init__(self, name: str, pid: int, peer: Peer | None, heartbeat: Heartbeat, watched: Watched) -> None:
         self.name = name
-        self.pid = pid  # 0 if it was not started
+        self.pid = pid  # process id; 0 if the process was not started
         self.peer = peer
         self.heartbeat = heartbeat
         self.watched = watched
-        self.seen = Seen.ENDED if peer is None else Seen.RUNS
-        self.fenced = ""  # why the standby killed it
+        self.state = ProcessState.ENDED if peer is None else ProcessState.RUNS
+        self.fenced = ""  # why the standby killed this process; empty if it did not
 
 
 class Standby(Actor):
@@ -105,11 +105,11 @@ class Standby(Actor):
 
     Args:
         driver: The driver of the robot.
-        robot: Its name.
-        place: Its port or address (``StandbyReport.place``).
-        report: File of the report.
+        robot: Name of the robot.
+        place: Port or address of the robot (``StandbyReport.place``).
+        report: Path of the file for the report.
         watched: The processes that run at the start.
-        leave: Exit with a code.
+        leave: Ends this process with an exit code.
     """
 
     def __init__(
@@ -137,9 +137,9 @@ class Standby(Actor):
         page, root_fd, wire_fd = _parts_of(self._watched)
         self._words = words_of(page)
         os.close(page)
-        self._owed = Owed(self._words)
-        self._root = self._seen("root", self._watched.root, root_fd, ROOT)
-        self._wire = self._seen("wire", self._watched.wire, wire_fd, WIRE)
+        self._safety_page = SafetyPage(self._words)
+        self._root = self._watch("root", self._watched.root, root_fd, ROOT)
+        self._wire = self._watch("wire", self._watched.wire, wire_fd, WIRE)
         self.context.every(look_s(self._driver.timing), Tick)
 
     def receive(self, message: WatchOver | Guard | LetGo | Tick) -> Guarding | LetGone | Refused | Deferred | None:
@@ -156,10 +156,11 @@ class Standby(Actor):
                 return LetGone()
         return None
 
-    # -- the watched processes
+    # -- the processes that are watched
 
     def _watch_over(self, message: WatchOver) -> None:
-        """Watch a new wire. The page and the root stay the same, so their descriptors are closed."""
+        """Watch a new wire process. The page and the root are already known, so their new descriptors are
+        closed."""
         page, root_fd, wire_fd = _parts_of(message)
         for fd in (page, root_fd):
             if fd is not None:
@@ -169,50 +170,53 @@ class Standby(Actor):
     def _watch_wire(self, pid: int, pidfd: int | None) -> None:
         if self._wire.peer is not None:
             self._wire.peer.close()
-        self._wire = self._seen("wire", pid, pidfd, WIRE)
+        self._wire = self._watch("wire", pid, pidfd, WIRE)
 
-    def _last_wire(self) -> _Seen:
-        """Return the wire that was started last. The root writes its pid to the shared page, since
-        it may end before it has sent the message."""
-        pid = self._owed.wire_pid
+    def _last_wire(self) -> _WatchedProcess:
+        """Return the wire process that was started last. Its pid is read from the shared page, since the root may
+        have died before it could send the message about it."""
+        pid = self._safety_page.wire_pid
         if pid not in (0, self._wire.pid):
             self._watch_wire(pid, None)
         return self._wire
 
-    def _seen(self, name: str, pid: int, pidfd: int | None, at: int) -> _Seen:
+    def _watch(self, name: str, pid: int, pidfd: int | None, index: int) -> _WatchedProcess:
         peer = Peer(pid, pidfd) if pid else None
-        heartbeat = Heartbeat(self._words, STANDBY, at)
+        heartbeat = Heartbeat(self._words, STANDBY, index)
         watched = Watched(self._driver.timing, partial(suspected, pid), self.context.clock.now_ns())
-        seen = _Seen(name, pid, peer, heartbeat, watched)
+        watched_process = _WatchedProcess(name, pid, peer, heartbeat, watched)
         if peer is not None:
-            self.context.start_soon(self._see_end, seen, peer)
-        return seen
+            self.context.start_soon(self._note_end, watched_process, peer)
+        return watched_process
 
-    async def _see_end(self, seen: _Seen, peer: Peer) -> None:
+    async def _note_end(self, process: _WatchedProcess, peer: Peer) -> None:
         await peer.wait()
-        seen.seen = Seen.ENDED
+        process.state = ProcessState.ENDED
         self._decide()
 
     def _tick(self, now_ns: int) -> None:
         self._check_reserve(now_ns)
         root, wire = self._root, self._last_wire()
-        root.heartbeat.beat(now_ns)  # the standby's own beat, which root and wire share
-        for process, may_be_silent_until_ns in ((root, 0), (wire, self._owed.silent_until_ns)):
-            if process.seen is not Seen.ENDED:
-                process.seen = process.watched.see(
-                    now_ns, process.heartbeat.heard_ns, False, may_be_silent_until_ns
+        # The standby has one heartbeat, which both root and wire read.
+        root.heartbeat.beat(now_ns)
+        for process, may_be_silent_until_ns in ((root, 0), (wire, self._safety_page.silent_until_ns)):
+            if process.state is not ProcessState.ENDED:
+                process.state = process.watched.see(
+                    now_ns, process.heartbeat.last_received_ns, False, may_be_silent_until_ns
                 )
         self._decide()
         if not self._acts and self._channel is not None and self._channel_ready and self._channel.lacks:
-            self._leave(NO_CHANNEL)  # The root starts another standby, and arms nothing before it is ready.
+            # The root then starts another standby, and arms nothing until that one is ready.
+            self._leave(NO_CHANNEL)
 
     def _check_reserve(self, now_ns: int) -> None:
-        """Exit when this process lacks a resource that a stop needs. The root starts another."""
-        if self._acts or self._root.seen is not Seen.RUNS or now_ns < self._check_at_ns:
+        """Exit if this process lacks a resource that it needs to stop the robot. The root then starts another
+        standby."""
+        if self._acts or self._root.state is not ProcessState.RUNS or now_ns < self._check_at_ns:
             return
         self._check_at_ns = now_ns + round(CHECK_S * NS)
         if missing := RESERVE.check():
-            report_failure("the standby process", RuntimeError(f"it could not stop the robot: {missing}"))
+            report_failure("the standby process", RuntimeError(f"the standby could not stop the robot: {missing}"))
             self._leave(EXIT_SHORT)
 
     # -- actions
@@ -221,7 +225,7 @@ class Standby(Actor):
         if self._acts:
             return
         root, wire = self._root, self._last_wire()
-        match decide(root.seen, wire.seen, self._owed.safe_state):
+        match decide(root.state, wire.state, self._safety_page.may_be_energised):
             case Action.FENCE:
                 self._acts = True
                 self.context.start_soon(self._fence, root, wire)
@@ -233,57 +237,59 @@ class Standby(Actor):
             case Action.WAIT:
                 pass
 
-    async def _fence(self, *processes: _Seen) -> None:
-        """Kill all silent processes, then wait for their ends. All are killed first, so that no process runs
-        during the wait."""
+    async def _fence(self, *processes: _WatchedProcess) -> None:
+        """Kill all silent processes, then wait until they have ended. No process may run while another one is
+        waited for."""
         now_ns = self.context.clock.now_ns()
         async with trio.open_nursery() as nursery:
             for process in processes:
-                if process.seen is Seen.SILENT and process.peer is not None:
-                    process.fenced = process.watched.told(now_ns)
+                if process.state is ProcessState.SILENT and process.peer is not None:
+                    process.fenced = process.watched.describe_silence(now_ns)
                     nursery.start_soon(process.peer.fence, FENCE_S)
         for process in processes:
-            process.seen = Seen.ENDED  # A killed process runs no more of its code, even before it is gone.
+            # A killed process runs no more of its code, even if it still exists.
+            process.state = ProcessState.ENDED
         self._acts = False
         self._decide()
 
-    async def _make_safe(self, root: _Seen, wire: _Seen) -> None:
-        """Write the safe state until every motor confirms it, the port is gone, or ``LINGER_S`` have
+    async def _make_safe(self, root: _WatchedProcess, wire: _WatchedProcess) -> None:
+        """Write the safe state until every motor confirms it, the port no longer exists, or ``LINGER_S`` have
         passed. Then exit."""
-        safe_state = self._owed.order(self._driver.fallbacks[Reason.WIRE])
-        self._owed.cut_off(self.context.clock.now_ns())
-        why = "; ".join(_told(process) for process in (root, wire))
+        safe_state = self._safety_page.order(self._driver.fallbacks[Reason.WIRE])
+        self._safety_page.cut_off(self.context.clock.now_ns())
+        cause = "; ".join(_describe_end(process) for process in (root, wire))
         attempts, motors = 0, tuple[MotorReport, ...]()
         until_s = trio.current_time() + LINGER_S
-        gone_s = trio.current_time() + GONE_S
+        unreachable_s = trio.current_time() + UNREACHABLE_S
         for pause_s in pauses_s():
             async with trio.open_nursery() as nursery:
                 results: list[tuple[MotorReport, ...]] = []
                 nursery.start_soon(self._attempt, safe_state, results)
                 if not attempts:
-                    for _ in range(2):  # The attempt has then run up to its first wait: the frame left.
+                    # After two checkpoints the attempt has come to its first wait, so the first frame was sent.
+                    for _ in range(2):
                         await trio.lowlevel.checkpoint()
-                    begun = self._reported(why, safe_state, (), 0, over=False)
+                    begun = self._reported(cause, safe_state, (), 0, over=False)
                     nursery.start_soon(self._tell, begun)
             attempts, motors = attempts + 1, results[0]
             confirmed = all_safe(motors)
             if confirmed:
-                self._owed.safe_state = False
+                self._safety_page.may_be_energised = False
             if any(motor.written for motor in motors):
-                gone_s = trio.current_time() + GONE_S
-            over = confirmed or trio.current_time() + pause_s > min(until_s, gone_s)
-            await self._tell(self._reported(why, safe_state, motors, attempts, over))
+                unreachable_s = trio.current_time() + UNREACHABLE_S
+            over = confirmed or trio.current_time() + pause_s > min(until_s, unreachable_s)
+            await self._tell(self._reported(cause, safe_state, motors, attempts, over))
             if over:
                 break
             await trio.sleep(pause_s)
         self._leave(0 if all_safe(motors) else UNCONFIRMED)
 
     def _reported(
-        self, why: str, safe_state: SafeState, motors: tuple[MotorReport, ...], attempts: int, over: bool
+        self, cause: str, safe_state: SafeState, motors: tuple[MotorReport, ...], attempts: int, over: bool
     ) -> StandbyReport:
         confirmed = bool(motors) and all_safe(motors)
         return StandbyReport(
-            self._robot, self._place, why, safe_state, confirmed, motors, attempts, over, os.getpid()
+            self._robot, self._place, cause, safe_state, confirmed, motors, attempts, over, os.getpid()
         )
 
     async def _attempt(self, safe_state: SafeState, results: list[tuple[MotorReport, ...]]) -> None:
@@ -294,20 +300,21 @@ class Standby(Actor):
                 return await attempt(self._channel, self._driver, safe_state)
             return await attempt_anew(self._driver, clock, safe_state)
 
-        results.append(await settled(self._owed, clock, once))
+        results.append(await settled(self._safety_page, clock, once))
 
     async def _tell(self, report: StandbyReport) -> None:
-        """Write the report in a thread, so that a slow disk delays nothing."""
+        """Write the report in a thread, for ``DISK_S`` at most, so that a slow disk does not delay a stop."""
         with trio.move_on_after(DISK_S):
             try:
                 await trio.to_thread.run_sync(write, self._report, report, abandon_on_cancel=True)
-            except (OSError, RuntimeError, MemoryError) as error:  # disk, or no thread can start
+            # Error of the disk, or no thread could be started.
+            except (OSError, RuntimeError, MemoryError) as error:
                 report_failure("the report of the standby", error)
 
-    # -- the stop channel
+    # -- the stop channel of the standby
 
     def _guard(self, message: Guard) -> Deferred:
-        """Open the stop channel. The reply comes when it is ready for a stop."""
+        """Open the stop channel. The reply is sent when it is ready to stop the robot."""
         self._drop_channel()
         self._channel = channel = self._driver.stop_channel(message.descriptors, self.context.clock)
         self._channel_scope = trio.CancelScope()
@@ -325,7 +332,8 @@ class Standby(Actor):
                     deferred.send(Guarding())
             except* WireDown as down:
                 if not ready:
-                    if self._channel is channel:  # A later stop connects anew.
+                    # Without this channel, a later stop opens a new one.
+                    if self._channel is channel:
                         self._drop_channel()
                     deferred.send(Refused(Code.NO_STOP_CHANNEL, str(first_of(down))))
                 elif not self._acts:
@@ -339,14 +347,14 @@ class Standby(Actor):
             self._channel_ready = False
 
 
-def _parts_of(told: WatchOver) -> tuple[int, int | None, int | None]:
-    """Return the descriptor of the page, and the pidfds of root and wire if there are any."""
-    page, *pidfds = told.descriptors
+def _parts_of(message: WatchOver) -> tuple[int, int | None, int | None]:
+    """Return the descriptor of the page, and the pidfds of root and wire or None."""
+    page, *pidfds = message.descriptors
     root_fd, wire_fd, *_ = (*pidfds, None, None)
     return page, root_fd, wire_fd
 
 
-def _told(process: _Seen) -> str:
+def _describe_end(process: _WatchedProcess) -> str:
     return f"the {process.name} {f'was ended ({process.fenced})' if process.fenced else 'had ended'}"
 
 
@@ -363,7 +371,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     lower_oom_score()
     lock = _take_lock(Path(args["lock"]), args["place"])
     report = Path(args["report"])
-    at = addresses.of(robot)
+    actors = addresses.of(robot)
     driver = load_driver(args["driver"])
     run_first(STANDBY_PRIORITY)
     node = Node(f"{robot}.standby.{os.getpid()}", MonotonicClock())
@@ -372,18 +380,20 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     link = Link(node, sock, channel=root_channel)
     watched = WatchOver(args["root"], args["wire"], tuple(args["descriptors"]))
     standby = Standby(driver, robot, args["place"], report, watched, os._exit)
-    RESERVE.begin(lambda: False)  # Never exit when a resource is missing, since it may become free again.
+    # Never exit because a resource is missing, since it may become free again.
+    RESERVE.begin(lambda: False)
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
-        nursery.start_soon(node.cell(at.introspection("standby"), Introspector, "introspection").run)
+        await nursery.start(node.cell(actors.path("standby"), lambda: standby).run)
+        nursery.start_soon(node.cell(actors.introspection("standby"), Introspector, "introspection").run)
         await link.run()
-        await trio.sleep_forever()  # The link ends with the root; the standby goes on.
+        # The link ends with the root process, but the standby must continue.
+        await trio.sleep_forever()
     raise AssertionError(lock)
 
 
 def _take_lock(path: Path, place: str) -> LifeLock:
-    """Take the lock. Raise ``BlockingIOError`` when the standby of an earlier tree still runs."""
+    """Take the lock of the standby. Raise ``BlockingIOError`` if a standby of an earlier start still runs."""
     until_s = time.monotonic() + LOCK_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Judge whether root and wire run, from their ends (pidfds) and their heartbeats (on a shared page).
+"""Decide whether root and wire run. A pidfd shows that a process has ended, and a shared page has its heartbeats.
 
 Pure: the caller passes in every observation and its time.
 """
@@ -10,38 +10,38 @@ from collections.abc import Callable
 from strands_actors.contract.driver import Timing
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health.failure_detector import FailureDetector
-from strands_actors.kernel.health.processor import Standing
+from strands_actors.kernel.health.processor import ProcessorUse
 
-from .decision import Seen
+from .decision import ProcessState
 
 LOOKS = 10
 """Observations within the time after which a process counts as silent."""
 START_S = 5.0
 """Time allowed for a new wire to send its first heartbeat; its root allows the same."""
 
-Look = Callable[[], Standing | None]
+Look = Callable[[], ProcessorUse | None]
 
 
 def silent_s(timing: Timing) -> float:
-    """Return how long both must be silent before the standby acts, a published bound.
+    """Return for how many seconds root and wire must be silent before the standby acts. It is a published bound.
 
-    It is twice the time after which root and wire notice each other's silence, so that the one of
-    them that still runs acts first.
+    It is twice the time after which root and wire notice that the other one is silent. So if one of them still
+    runs, it acts before the standby does.
     """
     return 2 * timing.heartbeat_ttl_s
 
 
 def look_s(timing: Timing) -> float:
-    """Return the period in which the standby observes the others and sends its own heartbeat."""
+    """Return the period in which the standby observes root and wire and sends its own heartbeat."""
     return silent_s(timing) / LOOKS
 
 
 class Watched:
-    """One process.
+    """Watch one process.
 
     Args:
-        timing: The clocks of the driver.
-        look: Read whether the process waits for a processor. One that waits is not silent.
+        timing: The timing of the driver.
+        look: Returns whether the process waits for a processor. A process that waits does not count as silent.
         began_ns: When the process was started.
     """
 
@@ -50,25 +50,25 @@ class Watched:
         self._start_ns = began_ns + round(START_S * NS)
         self._silent = False
 
-    def see(self, now_ns: int, heard_ns: int, ended: bool, may_be_silent_until_ns: int = 0) -> Seen:
-        """Return the state of the process. Call once per observation.
+    def see(self, now_ns: int, last_received_ns: int, ended: bool, may_be_silent_until_ns: int = 0) -> ProcessState:
+        """Return the state of the process. This is called once per observation.
 
         Args:
             now_ns: The time of the observation.
-            heard_ns: The time of its last heartbeat; 0 if there was none yet.
+            last_received_ns: The time of the last heartbeat; 0 if there was no heartbeat yet.
             ended: True if the process has exited.
-            may_be_silent_until_ns: Until then the process has announced that it may be silent.
+            may_be_silent_until_ns: The process has announced that it may send no heartbeats until this time.
         """
         if ended:
-            return Seen.ENDED
-        if self._detector.heard(heard_ns):
+            return ProcessState.ENDED
+        if self._detector.note_heartbeat(last_received_ns):
             self._silent = False
-        if not self._detector.heard_ns:
-            return Seen.SILENT if now_ns >= self._start_ns else Seen.RUNS
+        if not self._detector.last_received_ns:
+            return ProcessState.SILENT if now_ns >= self._start_ns else ProcessState.RUNS
         if self._detector.tick(now_ns):
             self._silent = now_ns >= may_be_silent_until_ns
-        return Seen.SILENT if self._silent else Seen.RUNS
+        return ProcessState.SILENT if self._silent else ProcessState.RUNS
 
-    def told(self, now_ns: int) -> str:
-        """Return a text for people about a silent process."""
-        return self._detector.told(now_ns)
+    def describe_silence(self, now_ns: int) -> str:
+        """Return a text for people: for how long the process has been silent."""
+        return self._detector.describe_silence(now_ns)

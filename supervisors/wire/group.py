@@ -1,7 +1,7 @@
-"""The wire group: gate, watchdog and transport, in one loop that runs nothing else.
+"""The wire group: gate, watchdog and transport, in one event loop that runs nothing else.
 
-If one of the three fails, the whole group ends and the guardian takes over. The group is never repaired in
-part.
+If one of the three actors fails, the whole group ends, and the root's guardian stops the robot. A failed actor is
+never restarted alone.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh
 from strands_actors.kernel.channels.zenoh_session import hand_over
 from strands_actors.kernel.clock import NS, Clock, MonotonicClock
 from strands_actors.kernel.health.heartbeat import Heartbeat, words_of
-from strands_actors.kernel.health.processor import Standing, StatFile, suspected
+from strands_actors.kernel.health.processor import ProcessorUse, StatFile, suspected
 from strands_actors.kernel.health.realtime import WIRE_PRIORITY, run_first
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.child import report_failure
@@ -39,7 +39,7 @@ from strands_actors.supervisors.instrument import Attached, InstrumentKeeper, na
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
-from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s, settled
 from strands_actors.supervisors.wire.messages import RootGone
 
@@ -49,9 +49,9 @@ from .watchdog import Watchdog
 UNCONFIRMED = 4
 """Exit code of a wire process whose root is gone, when a motor did not confirm the safe state."""
 STANDBY_LIVES_NS = NS
-"""A root or standby with a heartbeat in this time (ns) counts as running."""
-LAST_HEARD_S = 0.05
-"""Time (s) to read the last messages of a process from its link after its end."""
+"""Root or standby count as running if a heartbeat is not older than this, in nanoseconds."""
+LAST_MESSAGES_S = 0.05
+"""Time for reading the last messages of a process from its link after it has ended, in seconds."""
 
 
 async def run_group(
@@ -62,62 +62,68 @@ async def run_group(
     cause: str,
     orphaned: Callable[[bool], None],
     heartbeat: Heartbeat,
-    root: Callable[[], Standing | None] = lambda: None,
+    root: Callable[[], ProcessorUse | None] = lambda: None,
     missed: Callable[[], None] = lambda: None,
     made: Callable[[Transport], None] = lambda _: None,
     locked_since: str = "",
-    owed: Owed | None = None,
+    safety_page: SafetyPage | None = None,
     no_standby: str = "",
     audited: bool = False,
     secret: bytes = b"",
     task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED,
 ) -> None:
-    """Run until cancelled. Raise if one of the three actors fails.
+    """Run gate, watchdog and transport until cancelled. Raise an exception if one of them fails.
 
     Args:
-        node: The node of this process.
+        node: The node of this process, which runs its actors.
         driver: The driver of the robot.
-        robot: The robot's name.
-        start_state: The failsafe state to begin with.
+        robot: Name of the robot.
+        start_state: The first failsafe state.
         cause: The cause of that state.
         orphaned: See ``Watchdog``.
         heartbeat: The heartbeats of wire and root.
         root: See ``Watchdog``.
         missed: See ``Watchdog``.
-        made: Called with the transport.
-        locked_since: See ``Gate``, as for the following ones.
-        owed: See ``Transport``.
-        no_standby: Why nothing is armed yet.
-        audited: True if decisions go to the audit.
+        made: Called with the new transport.
+        locked_since: See ``Gate``.
+        safety_page: See ``Transport``.
+        no_standby: See ``Gate``.
+        audited: See ``Gate``.
         secret: See ``Gate``.
     """
-    at = addresses.of(robot)
+    actors = addresses.of(robot)
     transport = Transport(
-        driver, at.gate, at.watchdog, at.guardian, start_state.epoch, start_state.mode is Mode.LOST, owed
+        driver,
+        actors.gate,
+        actors.watchdog,
+        actors.guardian,
+        start_state.epoch,
+        start_state.mode is Mode.LOST,
+        safety_page,
     )
     made(transport)
     cells = [
-        node.cell(at.path("transport"), lambda: transport),
+        node.cell(actors.path("transport"), lambda: transport),
         node.cell(
-            at.path("gate"),
+            actors.path("gate"),
             lambda: Gate(
                 driver,
-                at.transport,
-                at.watchdog,
-                at.guardian,
+                actors.transport,
+                actors.watchdog,
+                actors.guardian,
                 start_state,
                 cause,
                 locked_since,
                 no_standby,
                 audited,
                 secret,
-                0 if owed is None else owed.stopped_ns,
+                0 if safety_page is None else safety_page.stopped_ns,
             ),
         ),
         node.cell(
-            at.path("watchdog"),
+            actors.path("watchdog"),
             lambda: Watchdog(
-                driver.timing, at.gate, at.transport, orphaned, heartbeat, root, missed, driver.late_s
+                driver.timing, actors.gate, actors.transport, orphaned, heartbeat, root, missed, driver.late_s
             ),
         ),
     ]
@@ -130,29 +136,29 @@ async def run_group(
 
 
 def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], robot: str) -> InstrumentKeeper:
-    """Return the actor to which a recorder of gate and watchdog attaches."""
-    at = addresses.of(robot)
+    """Make the actor to which a recorder of gate and watchdog connects."""
+    actors = addresses.of(robot)
 
     def remember() -> Iterator[tuple[str, int, object]]:
-        for address in (at.gate, at.watchdog):
+        for address in (actors.gate, actors.watchdog):
             cell = node.cells.get(address)
             if cell is not None and isinstance(cell.actor, Gate | Watchdog):
                 yield name_of(address), cell.actor.context.deferrals, cell.actor.memory()
 
-    names = {address: name_of(address) for address in (at.gate, at.watchdog)}
+    names = {address: name_of(address) for address in (actors.gate, actors.watchdog)}
     attached = Attached(without_secrets(description, type(driver)), driver.axes, driver.unit)
     return InstrumentKeeper(names, attached, remember)
 
 
 class WireProcess:
-    """The wire group in a child process."""
+    """The wire group in a child process, as the root uses it."""
 
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], ahead: ForkedAhead) -> None:
         entry = "strands_actors.supervisors.wire.group:main"
         self.process: ChildProcess = ahead.start(entry, args) or start(entry, args, (args["page"],), args["label"])
         self._link = self.process.link(node, channels.of_wire(args["robot"]))
         self._stat = StatFile(self.process.pid)
-        self._heard_out = trio.Event()
+        self._link_ended = trio.Event()
         self._code: int | None = None
         nursery.start_soon(self._carry)
 
@@ -161,16 +167,16 @@ class WireProcess:
             await self._link.run()
         except Exception as error:
             report_failure("the link to the wire process", error)
-            self.process.kill()  # without a link it cannot report
+            self.process.kill()  # a wire process without a link cannot report to the root
         finally:
-            self._heard_out.set()
+            self._link_ended.set()
 
     @property
     def alive(self) -> bool:
         return self.process.alive
 
     @property
-    def left_safe(self) -> bool:
+    def ended_safe(self) -> bool:
         return self._code == 0
 
     async def ended(self) -> str:
@@ -182,19 +188,19 @@ class WireProcess:
 
     async def fence(self) -> bool:
         fenced = await self.process.fence()
-        with trio.move_on_after(LAST_HEARD_S if fenced else 0):
-            await self._heard_out.wait()
+        with trio.move_on_after(LAST_MESSAGES_S if fenced else 0):
+            await self._link_ended.wait()
         return fenced
 
-    def let_go(self) -> None:
+    def close_link(self) -> None:
         self._link.close()
 
-    def standing(self) -> Standing | None:
+    def processor_use(self) -> ProcessorUse | None:
         return suspected(self.process.pid)
 
 
 class InlineWire:
-    """The wire group in the loop of this process, for tests, also in virtual time."""
+    """The wire group in this process, for tests. The clock may be virtual."""
 
     def __init__(
         self,
@@ -205,15 +211,15 @@ class InlineWire:
         state: State,
         cause: str,
         heartbeat: Heartbeat,
-        owed: Owed | None = None,
+        safety_page: SafetyPage | None = None,
     ) -> None:
-        self._owed = owed or Owed()
+        self._safety_page = safety_page or SafetyPage()
         self._scope = trio.CancelScope()
         self._ended = trio.Event()
-        self._why = "the wire group ended"
+        self._end_reason = "the wire group ended"
         self._watchdog = node.ref(addresses.of(robot).watchdog)
-        self._let_go = False
-        self.left_safe = False
+        self._link_closed = False
+        self.ended_safe = False
         nursery.start_soon(self._run, node, driver, robot, state, cause, heartbeat)
 
     async def _run(
@@ -223,7 +229,7 @@ class InlineWire:
         group = trio.CancelScope()
 
         def end(confirmed: bool) -> None:
-            self.left_safe = confirmed
+            self.ended_safe = confirmed
             group.cancel()
 
         try:
@@ -232,12 +238,12 @@ class InlineWire:
                     with group:
                         await run_group(
                             node, driver, robot, state, cause, end, heartbeat,
-                            made=transports.append, owed=self._owed,
+                            made=transports.append, safety_page=self._safety_page,
                         )  # fmt: skip
                 except Exception as error:
-                    self._why = describe(error)
-                if self._let_go and not self.left_safe:
-                    self.left_safe = await make_safe_alone(driver, node.clock, transports, self._owed)
+                    self._end_reason = describe(error)
+                if self._link_closed and not self.ended_safe:
+                    self.ended_safe = await make_safe_alone(driver, node.clock, transports, self._safety_page)
         finally:
             self._ended.set()
 
@@ -250,19 +256,19 @@ class InlineWire:
 
     async def ended(self) -> str:
         await self._ended.wait()
-        return self._why
+        return self._end_reason
 
     async def fence(self) -> bool:
         self._scope.cancel()
         await self._ended.wait()
         return True
 
-    def let_go(self) -> None:
-        self._let_go = True
+    def close_link(self) -> None:
+        self._link_closed = True
         self._watchdog.tell(RootGone())
 
-    def standing(self) -> None:
-        return None  # it runs in this process
+    def processor_use(self) -> None:
+        return None  # the wire group runs in this process
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
@@ -276,7 +282,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     clock: Clock = MonotonicClock()
     robot: str = args["robot"]
-    at = addresses.of(robot)
+    actors = addresses.of(robot)
     driver = load_driver(args["driver"])
     driver.preload_wire()
     run_first(WIRE_PRIORITY)
@@ -284,16 +290,18 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     state = State(Mode(args["mode"]), args["epoch"], args["locked_by"])
     root_channel = channels.of_root(robot)
     node.linked = root_channel.hosts or frozenset()
-    link = Link(node, sock, lambda: node.ref(at.watchdog).tell(RootGone()), root_channel)
+    link = Link(node, sock, lambda: node.ref(actors.watchdog).tell(RootGone()), root_channel)
 
     root = os.getppid()
     root_stat = StatFile(root)
     words = words_of(args["page"])
     heartbeat = Heartbeat(words, WIRE, ROOT)
-    owed = Owed(words)
+    safety_page = SafetyPage(words)
     transports: list[Transport] = []
     standby = Heartbeat(words, WIRE, STANDBY)
-    RESERVE.begin(lambda: clock.now_ns() < max(standby.heard_ns, heartbeat.heard_ns) + STANDBY_LIVES_NS)
+    RESERVE.begin(
+        lambda: clock.now_ns() < max(standby.last_received_ns, heartbeat.last_received_ns) + STANDBY_LIVES_NS
+    )
 
     async def join_mesh() -> None:
         mesh = await ZenohMesh.open((), args["connect"], secret=args["secret"])
@@ -307,12 +315,12 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         rules, secret = policy_access.settings(robot), args["policy_secret"]
         mesh = await ZenohMesh.open([args["policy_listen"]], settings=rules, secret=secret)
         mesh.channel = channels.of_policy(robot, policy_access.WRITER)
-        mesh.let_in(node, at.gate)
+        mesh.let_in(node, actors.gate)
         await mesh.run()
 
-    def look_at_root() -> None:
+    def check_root() -> None:
         if root_stat.life().dying:
-            node.ref(at.watchdog).tell(RootGone())
+            node.ref(actors.watchdog).tell(RootGone())
 
     try:
         async with trio.open_nursery() as nursery:
@@ -325,67 +333,74 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             await nursery.start(node.run)
             await nursery.start(
                 run_group, node, driver, robot, state, args["cause"], end, heartbeat, lambda: suspected(root),
-                look_at_root, transports.append, args["locked_since"], owed,
-                "none has said so far that it is ready", args["audited"], os.urandom(16),
+                check_root, transports.append, args["locked_since"], safety_page,
+                "the root has not reported yet that it is ready", args["audited"], os.urandom(16),
             )  # fmt: skip
             nursery.start_soon(link.run)
             nursery.start_soon(join_mesh)
             nursery.start_soon(let_policies_in)
-            nursery.start_soon(node.cell(at.introspection("wire"), Introspector, "introspection").run)
+            nursery.start_soon(node.cell(actors.introspection("wire"), Introspector, "introspection").run)
             instrument = node.cell(
-                at.instrument("wire"), lambda: instrument_keeper(node, driver, args["driver"], robot), "instrument"
+                actors.instrument("wire"),
+                lambda: instrument_keeper(node, driver, args["driver"], robot),
+                "instrument",
             )
             nursery.start_soon(instrument.run)
     except Exception as error:
         if not (link.closed or os.getppid() != root):
-            raise  # the root stops the robot, as after any end of this process
+            # While the root runs, it stops the robot, as after every end of this process.
+            raise
         report_failure("the wire process, whose root is gone,", error)
     async with trio.open_nursery() as nursery:
         nursery.start_soon(_beat, heartbeat, clock, driver.timing.tick_s)
-        confirmed = await make_safe_alone(driver, clock, transports, owed)
+        confirmed = await make_safe_alone(driver, clock, transports, safety_page)
         nursery.cancel_scope.cancel()
     if confirmed:
-        owed.safe_state = False
+        safety_page.may_be_energised = False
     os._exit(0 if confirmed else UNCONFIRMED)
 
 
 async def _beat(heartbeat: Heartbeat, clock: Clock, tick_s: float) -> None:
-    """Send heartbeats to the standby: this process still works, although its watchdog has ended."""
+    """Send heartbeats to the standby, so that it does not act while this process stops the robot. The watchdog,
+    which normally sends them, has ended."""
     while True:
         heartbeat.beat(clock.now_ns())
         await trio.sleep(tick_s)
 
 
-async def make_safe_alone(driver: Driver, clock: Clock, transports: Sequence[Transport], owed: Owed) -> bool:
-    """Stop the robot without root, gate and transport, because the root is gone and the others could not stop
-    it.
+async def make_safe_alone(
+    driver: Driver, clock: Clock, transports: Sequence[Transport], safety_page: SafetyPage
+) -> bool:
+    """Stop the robot without root, gate and transport. This is done when the root has ended and gate and transport
+    could not stop the robot.
 
-    Attempts are repeated until every motor confirms the stop or ``LINGER_S`` are over.
+    The stop is repeated until every motor confirms it or ``LINGER_S`` have passed.
 
     Args:
         driver: The driver of the robot.
         clock: The clock.
-        transports: The transport that ran, if any.
-        owed: The shared page.
+        transports: The transport that ran, or an empty list.
+        safety_page: The shared page.
 
     Returns:
-        True if every motor has confirmed.
+        True if every motor has confirmed the stop.
     """
-    safe_state = owed.order(driver.fallbacks[Reason.ROOT])
+    safe_state = safety_page.order(driver.fallbacks[Reason.ROOT])
     descriptors: tuple[int, ...] = ()
-    with contextlib.suppress(OSError):  # no descriptor is left, so the port is opened again
+    # If no file descriptor is free, the port is opened again instead.
+    with contextlib.suppress(OSError):
         descriptors = transports[-1].descriptors() if transports else ()
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():
             make_safe = partial(attempt_anew, driver, clock, safe_state, descriptors)
-            if all_safe(await settled(owed, clock, make_safe)):
+            if all_safe(await settled(safety_page, clock, make_safe)):
                 return True
-            if owed.is_asking:
-                # A thread of an SDK continues until this process ends. The standby stops the robot after that.
+            if safety_page.is_asking:
+                # A thread of an SDK runs until this process ends. So end now, and let the standby stop the robot.
                 return False
             RESERVE.end_if_short()
             if descriptors:
-                # The port can be opened again only after it was closed.
+                # The port is locked, so close it before it is opened again.
                 transports[-1].close()
                 descriptors = ()
             await trio.sleep(pause_s)

@@ -1,4 +1,4 @@
-"""Messages to the transport and the watchdog. Times are nanoseconds of CLOCK_MONOTONIC."""
+"""Messages to the transport and the watchdog, in the wire process. Times are nanoseconds of CLOCK_MONOTONIC."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from strands_actors.kernel.messages import Message
 
 
 class Write(Message, frozen=True):
-    """A setpoint that the gate has accepted. The transport checks its epoch and deadline again
-    immediately before the bytes leave."""
+    """A setpoint that the gate has accepted. The transport checks its epoch and deadline once more, immediately
+    before the bytes are sent."""
 
     lane = "latest"
 
     epoch: int
     deadline_ns: int
     values: tuple[float, ...]
-    expires_ns: int = 0  # end of re-sending; 0 if it is latched
-    streamed: bool = False  # part of a stream, so the writer sends a next one
+    expires_ns: int = 0  # until when the setpoint may be sent again; 0 if it has no end
+    # True for a setpoint of a stream, so that another one will follow.
+    streamed: bool = False
 
 
 class Cycle(Message, frozen=True):
-    """One control period: re-send the last setpoint and feed the firmware's watchdog, if allowed, then
-    read."""
+    """Do the work of one control period: send the last setpoint again and feed the robot's own watchdog, if
+    allowed, then read the robot."""
 
     lane = "latest"
 
     number: int
-    resend_epoch: int = 0  # the epoch in which re-sending is allowed; 0 allows no re-sending
+    resend_epoch: int = 0  # the epoch whose setpoint may be sent again; 0 if no setpoint may be
     feed: bool = False
 
 
@@ -48,7 +49,7 @@ class Arm(Message, frozen=True):
 
 
 class CarryOut(Message, frozen=True):
-    """A service that the gate has accepted. ``number`` identifies its reply."""
+    """Run a service that the gate has accepted. ``number`` identifies the reply."""
 
     epoch: int
     number: int
@@ -57,14 +58,14 @@ class CarryOut(Message, frozen=True):
 
 
 class HandOverAgain(Message, frozen=True):
-    """A request of the root to an open wire: hand over descriptors again, for a new standby."""
+    """A request of the root: hand over the open descriptors again, for a new standby."""
 
 
 # -- the watchdog
 
 
 class Alive(Message, frozen=True):
-    """The gate's reply to a probe. ``live`` is true while a setpoint is in force."""
+    """The gate's reply to a probe. ``live`` is True while a setpoint is in force."""
 
     lane = "latest"
 
@@ -74,8 +75,8 @@ class Alive(Message, frozen=True):
 
 
 class Cycled(Message, frozen=True):
-    """The transport's reply to ``Cycle``. ``busy_until_ns`` is the end of a bounded operation in which it does
-    not reply (connecting, confirming a stop); 0 without such an operation."""
+    """The transport's reply to ``Cycle``. If the transport is connecting or stopping the robot, it does not reply
+    to further messages until ``busy_until_ns``. 0 means that it is not busy."""
 
     lane = "latest"
 
@@ -84,6 +85,6 @@ class Cycled(Message, frozen=True):
 
 
 class RootGone(Message, frozen=True):
-    """The link to the root has closed."""
+    """The link to the root was closed, so the root process has ended."""
 
     lane = "urgent"

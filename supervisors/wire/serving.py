@@ -1,4 +1,4 @@
-"""Run ``Wire.serve`` of an open wire in the background."""
+"""Run the background tasks of a connected wire (``Wire.serve``)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from strands_actors.contract.wire import ProcessSpent, Wire, WireDown
 
 
 class Serving:
-    """One run of ``Wire.serve``: ``ready`` is set when it serves or has failed, ``failure`` when it has
-    failed."""
+    """One run of ``Wire.serve``. ``ready`` is set when the tasks run or have failed. ``failure`` is the exception
+    if they have failed."""
 
     def __init__(self) -> None:
         self.scope = trio.CancelScope()
@@ -17,7 +17,7 @@ class Serving:
         self.failure: WireDown | ProcessSpent | None = None
 
     async def run(self, wire: Wire) -> None:
-        """Serve the wire until ``scope`` is cancelled or it fails."""
+        """Run ``Wire.serve`` until ``scope`` is cancelled or it fails."""
         with self.scope:
             try:
                 async with trio.open_nursery() as nursery:
@@ -32,6 +32,6 @@ class Serving:
         self.ready.set()
 
     def check(self) -> None:
-        """Raise the failure, if there is one."""
+        """Raise the exception with which ``Wire.serve`` has failed, if any."""
         if self.failure is not None:
             raise self.failure

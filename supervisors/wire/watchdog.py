@@ -1,22 +1,23 @@
-"""The watchdog: re-send setpoints, let them expire, and send heartbeats, only while the chain works.
+"""The watchdog: re-send setpoints, let them expire, and send heartbeats. It does this only while gate and transport
+work.
 
-Every tick it probes the gate, which checks its deadlines and replies. Every control period it lets
-the transport read, and re-send the last setpoint under three conditions:
+At every tick it sends a probe to the gate, which checks its deadlines and replies. In every control period it lets
+the transport read the robot, and send the last setpoint again under three conditions:
 
-    writer      the gate says that the setpoint is in force: its lifetime and lease have not ended
+    writer      the gate reports that the setpoint is in force: its lifetime and lease have not ended
     gate        it has replied to the probe
-    transport   it has replied to the last period
+    transport   it has replied in the last period
 
-If any of them is frozen, the robot gets no more setpoints, and its own timeout can act.
+If one of them is frozen, the robot gets no more setpoints, and its own timeout can stop it.
 
-The heartbeat to the root needs the gate and the transport, but no writer. The root fences a wire
-process whose gate or transport does not reply.
+The heartbeat to the root needs the replies of gate and transport, but no writer. If gate or transport does not
+reply, the heartbeats end, and the root kills the wire process.
 
-In a stream as fast as the ticks, every accepted setpoint makes the gate check its deadlines, as a
-probe would. The next tick is then put off (``Ticker``). When the stream pauses, the ticks come back.
+In a stream as fast as the ticks, the gate checks its deadlines at every accepted setpoint, so no probe is needed.
+The next tick is then postponed (``Ticker``). When the stream pauses, the ticks continue.
 
-The watchdog reads no clock. A decision depends on its memory, the message, and the time at which the
-message was taken from the mailbox.
+The watchdog reads no clock. A decision depends on its memory, the message, and the time at which the message was
+taken from the mailbox.
 """
 
 from __future__ import annotations
@@ -29,16 +30,16 @@ from strands_actors.contract.driver import Reason, Timing
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import busy
-from strands_actors.kernel.health.failure_detector import FailureDetector, Heard
+from strands_actors.kernel.health.failure_detector import DetectorState, FailureDetector
 from strands_actors.kernel.health.heartbeat import Heartbeat
-from strands_actors.kernel.health.processor import Standing
+from strands_actors.kernel.health.processor import ProcessorUse
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.messages import BROUGHT, Probe, Stop, StopReport
 from strands_actors.supervisors.wire.messages import Alive, Cycle, Cycled, RootGone
 
-ASKS = 2
+STOP_ATTEMPTS = 2
 
 
 class Tick(Message, frozen=True):
@@ -52,11 +53,11 @@ class Leave(Message, frozen=True):
 
     lane = "urgent"
 
-    why: str
+    cause: str
 
 
 class WatchdogMemory(msgspec.Struct, frozen=True):
-    """Everything on which a watchdog's decisions depend, besides the message and its time."""
+    """Everything on which the watchdog's decisions depend, besides a message and its time."""
 
     probe: int
     cycle: int
@@ -64,27 +65,27 @@ class WatchdogMemory(msgspec.Struct, frozen=True):
     ticked_ns: int
     gate_answered: int
     transport_answered: int
-    gate_heard_ns: int
-    transport_heard_ns: int
+    gate_answered_ns: int = msgspec.field(name="gate_heard_ns")
+    transport_answered_ns: int = msgspec.field(name="transport_heard_ns")
     busy_until_ns: int
     alive: Alive
-    root: Heard
+    root: DetectorState
     root_lost: bool
 
 
 class Watchdog(Actor):
-    """Keep time for one wire process.
+    """Send ticks, heartbeats and control cycles for one wire process.
 
     Args:
-        timing: The clocks of the driver.
+        timing: The timing of the driver.
         gate: Address of the gate.
         transport: Address of the transport.
-        orphaned: Called when the root is gone and the robot was stopped; True if that is confirmed.
+        orphaned: Called after the root has ended and the robot was stopped, with True if the stop was confirmed.
         heartbeat: The heartbeats of wire and root, on a shared page.
-        root: Read whether the root's process waits for a processor. One that waits is not silent.
-        missed: Called at a tick without a new heartbeat of the root. It looks whether the root is
-            dying and sends ``RootGone`` before the system reports its end.
-        late_s: Longest time after a cut-off in which a request may take effect (``Timing.late_s``).
+        root: Returns whether the root process waits for a processor. A process that waits does not count as silent.
+        missed: Called at a tick without a new heartbeat of the root. It checks whether the root process is dying,
+            and then sends ``RootGone`` before the system reports the end.
+        late_s: If a request is cut off, it may still take effect for this long (``Timing.late_s``).
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class Watchdog(Actor):
         transport: str,
         orphaned: Callable[[bool], None],
         heartbeat: Heartbeat,
-        root: Callable[[], Standing | None] = lambda: None,
+        root: Callable[[], ProcessorUse | None] = lambda: None,
         missed: Callable[[], None] = lambda: None,
         late_s: float = 0.0,
     ) -> None:
@@ -112,12 +113,12 @@ class Watchdog(Actor):
         self._ticked_ns = 0
         self._gate_answered = 0
         self._transport_answered = 0
-        self._answers_ns = [0, 0]  # last replies of gate and transport
+        self._answers_ns = [0, 0]  # times of the last replies of gate and transport
         self._busy_until_ns = 0
         self._alive = Alive(0, 0, False)
-        self._root_stands = root
+        self._root_use = root
         self._missed = missed
-        self._root = FailureDetector(timing.heartbeat_ttl_s, timing.tick_s, self._look_at_root)
+        self._root = FailureDetector(timing.heartbeat_ttl_s, timing.tick_s, self._observe_root)
         self._root_lost = False
 
     async def started(self) -> None:
@@ -140,14 +141,14 @@ class Watchdog(Actor):
             case RootGone():
                 self._lose_root("the root process ended")
             case Leave():
-                self.context.start_soon(self._leave, message.why)
+                self.context.start_soon(self._leave, message.cause)
             case StopReport():
                 pass
 
-    def _look_at_root(self) -> Standing | None:
-        seen = self._root_stands()
-        self.context.saw(seen)
-        return seen
+    def _observe_root(self) -> ProcessorUse | None:
+        use = self._root_use()
+        self.context.saw(use)
+        return use
 
     def _tick(self, now_ns: int) -> None:
         self._probe += 1
@@ -156,12 +157,12 @@ class Watchdog(Actor):
 
     def _listen_to_root(self, now_ns: int) -> None:
         self._ticked_ns = now_ns
-        if self._root.heard(self._heartbeat.heard_ns):
-            self.context.saw(self._root.heard_ns)
+        if self._root.note_heartbeat(self._heartbeat.last_received_ns):
+            self.context.saw(self._root.last_received_ns)
         elif not self._root_lost:
             self._missed()
         if not self._root_lost and self._root.tick(now_ns):
-            self._lose_root(f"the root process stopped answering ({self._root.told(now_ns)})")
+            self._lose_root(f"the root process stopped answering ({self._root.describe_silence(now_ns)})")
 
     def _gate_alive(self, alive: Alive) -> None:
         now_ns = self.context.received_ns
@@ -175,7 +176,8 @@ class Watchdog(Actor):
         if now_ns >= self._cycle_at_ns:
             self._start_cycle(now_ns)
         if self._chain_answered(now_ns):
-            self.context.saw((now_ns,))  # A tuple, since a plain number means the root's heartbeat in a replay.
+            # It is a tuple, since a replay reads a plain number as a heartbeat of the root.
+            self.context.saw((now_ns,))
             self._heartbeat.beat(now_ns)
 
     def _start_cycle(self, now_ns: int) -> None:
@@ -186,25 +188,25 @@ class Watchdog(Actor):
         self._transport.tell(Cycle(self._cycle, resend, answered))
 
     def _chain_answered(self, now_ns: int) -> bool:
-        """True if gate and transport have replied recently. A transport that has announced to be busy
-        counts until then."""
+        """Return True if gate and transport have replied recently. While the transport has announced that it is
+        busy, it need not reply."""
         gate_ns, transport_ns = self._answers_ns
         limit_ns = now_ns - self._heartbeat_ttl_ns // 2 - self._cycle_ns
         return gate_ns >= limit_ns and (transport_ns >= limit_ns or now_ns < self._busy_until_ns)
 
-    def _lose_root(self, why: str) -> None:
+    def _lose_root(self, cause: str) -> None:
         if self._root_lost:
             return
         self._root_lost = True
-        self.context.me.tell(Leave(why))
+        self.context.me.tell(Leave(cause))
 
-    async def _leave(self, why: str) -> None:
-        """Stop the robot and exit, since no root is left that could fence this process. The stop is
-        ordered twice if it is not confirmed at once."""
+    async def _leave(self, cause: str) -> None:
+        """Stop the robot and exit, since the root has ended and can no longer kill this process. If the stop is not
+        confirmed, it is ordered a second time."""
         confirmed = False
         try:
-            for _ in range(ASKS):
-                report = await self._gate.ask(Stop(Reason.ROOT, busy.explained(why)), self._leave_s)
+            for _ in range(STOP_ATTEMPTS):
+                report = await self._gate.ask(Stop(Reason.ROOT, busy.explained(cause)), self._leave_s)
                 confirmed = isinstance(report, StopReport) and report.confirmed
                 if confirmed:
                     break
@@ -232,11 +234,11 @@ class Watchdog(Actor):
         )
 
     def recall(self, memory: WatchdogMemory) -> None:
-        """Restore a memory, for a replay."""
+        """Restore the state of the watchdog from a recording."""
         self._probe, self._cycle, self._cycle_at_ns = memory.probe, memory.cycle, memory.cycle_at_ns
         self._ticked_ns = memory.ticked_ns
         self._gate_answered, self._transport_answered = memory.gate_answered, memory.transport_answered
-        self._answers_ns = [memory.gate_heard_ns, memory.transport_heard_ns]
+        self._answers_ns = [memory.gate_answered_ns, memory.transport_answered_ns]
         self._busy_until_ns, self._alive = memory.busy_until_ns, memory.alive
         self._root.recall(memory.root)
         self._root_lost = memory.root_lost

@@ -1,4 +1,4 @@
-"""A policy server that speaks first, as those of strands-robots do (JSON, version 1)."""
+"""A policy server that sends the first message, as those of strands-robots do (JSON, version 1)."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ METADATA = {
 def greeting_server(
     chunk: Any, greet_after_s: float = 0.0, version: int = 1, **metadata: Any
 ) -> Iterator[tuple[int, list[dict[str, Any]]]]:
-    """Its port, and all that it was asked. ``chunk`` makes actions of an observation; what it
-    raises is told."""
-    heard: list[dict[str, Any]] = []
+    """Yield its port and the received requests. ``chunk`` makes actions from an observation. If it raises, the
+    server sends the error."""
+    received: list[dict[str, Any]] = []
 
     def answer(message: str | bytes) -> dict[str, Any]:
         try:
             request = json.loads(message)
-            heard.append(request)
+            received.append(request)
             match request["type"]:
                 case "get_actions":
                     return {"type": "actions", "actions": chunk(request["observation"])}
@@ -55,7 +55,7 @@ def greeting_server(
         thread = threading.Thread(target=listening.serve_forever)
         thread.start()
         try:
-            yield listening.socket.getsockname()[1], heard
+            yield listening.socket.getsockname()[1], received
         finally:
             listening.shutdown()
             thread.join()

@@ -1,4 +1,4 @@
-"""A policy of a user's own, in a module."""
+"""A user's policy in a module."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from strands_actors.policies import Policy
 
 
 class Creep(Policy):
-    """Every joint a little further, chunk by chunk."""
+    """A policy that moves every joint a little further with each chunk."""
 
     def __init__(self, step: float = 0.1) -> None:
         self.step = step

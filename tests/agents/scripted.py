@@ -1,5 +1,4 @@
-"""A model for strands-agents that says what it was told to say, and keeps what it hears. No
-network."""
+"""A model for strands-agents that returns scripted turns and records the tool results. It needs no network."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ from typing import Any
 from strands.models import Model
 
 Turn = str | list[tuple[str, dict[str, Any]]]
-"""A text, or the tools that are called at once, each with its input."""
+"""A text, or tools that are called at the same time, each with its input."""
 
 
 class Scripted(Model):
@@ -21,7 +20,7 @@ class Scripted(Model):
         self._ids = itertools.count()
         self.offered: list[dict[str, Any]] = []
         self.heard: list[list[dict[str, Any]]] = []
-        """The tool results that came back, turn by turn."""
+        """The received tool results, by turn."""
 
     def update_config(self, **_: Any) -> None:
         pass

@@ -1,4 +1,4 @@
-"""A robot in the hands of a real strands ``Agent`` whose model is a script."""
+"""A real strands ``Agent`` with a scripted model drives a robot."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def agent(model: Scripted, *tools: Any) -> Agent:
 
 
 def told(model: Scripted, *tools: Any) -> list[list[dict[str, Any]]]:
-    """What the model heard of the tools it called."""
+    """Return the tool results that the model received, by turn."""
     agent(model, *tools)("go on")
     return model.heard
 
 
 def call(robot: RealRobot, given: Any) -> dict[str, Any]:
-    """One use of the tool, as the agent's loop does it."""
+    """Call the tool once, as the agent's loop does."""
 
     async def use() -> dict[str, Any]:
         (result,) = [event async for event in robot.stream({"input": given, "name": "so101", "toolUseId": "u"}, {})]
@@ -83,7 +83,7 @@ def test_an_agent_keeps_the_robot_in_either_order_of_imports(script: str) -> Non
     subprocess.run([sys.executable, "-W", "ignore", "-c", script], check=True)
 
 
-def test_the_tool_has_all_that_an_agent_asks_of_one(new_arm: NewArm) -> None:
+def test_the_tool_has_every_attribute_that_an_agent_reads(new_arm: NewArm) -> None:
     robot = new_arm(port="/dev/nowhere", tool_name="left")
     assert agent(Scripted(), robot).tool_names == ["left"]
     assert (robot.tool_type, robot.supports_hot_reload, robot.is_dynamic) == ("robot", False, False)
@@ -103,7 +103,7 @@ def test_a_refusal_reaches_the_model_as_a_typed_result_and_the_next_call_moves(a
 
     assert (refused["toolUseId"], refused["status"]) == ("use-0", "error")
     text, details = refused["content"]
-    assert text == {"text": "move_to: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"}
+    assert text == {"text": "move_to: shoulder_pan 400.0 deg is past 110.1. Stay within -110.0..110.1"}
     assert details["json"]["refused"] == {
         "verb": "move_to",
         "code": "past_travel",
@@ -131,26 +131,26 @@ def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
     assert set(torque_now(twin.log).values()) == {0}
     refused = why(call(arm, moves(gripper=40.0)[1]))
     assert refused.startswith("move_to: the robot is disarmed"), refused
-    assert refused.endswith("set_torque with enabled=true energises it"), "in the verbs that an agent has"
+    assert refused.endswith("set_torque with enabled=true energises it"), "the message names verbs of an agent"
     assert json_of(call(arm, {"action": "set_torque", "enabled": True}))["armed"] is True
     json_of(call(arm, moves(gripper=40.0)[1]))
     assert json_of(call(arm, {"action": "stop", "targets": "at once"}))["safe_state"] == "limp"
     assert state(arm) == "disarmed"
 
 
-def test_what_is_not_declared_is_never_written(arm: RealRobot, twin: Twin) -> None:
+def test_an_undeclared_input_is_never_written(arm: RealRobot, twin: Twin) -> None:
     for given, text in (
-        ({"action": "dance"}, "'dance' is not a verb of so101. use status, sensors, move_to, set_torque, stop"),
+        ({"action": "dance"}, "'dance' is not a verb of so101. Use status, sensors, move_to, set_torque, stop"),
         ({"action": "send_action", "shoulder_pan": 5.0}, "is not a verb"),
         ({"targets": {"gripper": 5.0}}, "no action is given"),
         ([], "give an object"),
-        ({"action": "move_to", "shoulder_pan": 5.0}, "it takes no 'shoulder_pan'. it takes targets, seconds"),
-        ({"action": "move_to", "targets": [5.0]}, "targets is [5.0]. give it as object"),
+        ({"action": "move_to", "shoulder_pan": 5.0}, "there is no input 'shoulder_pan'. Use targets, seconds"),
+        ({"action": "move_to", "targets": [5.0]}, "targets is [5.0]. Give targets as object"),
         ({"action": "move_to"}, "targets is missing"),
         ({"action": "move_to", "targets": {"elbow": 5.0}}, "elbow is not a joint of so101"),
         ({"action": "move_to", "targets": {"gripper": "wide"}}, "gripper is wide"),
         ({"action": "move_to", "targets": {}}, "names no joint"),
-        ({"action": "set_torque", "enabled": "no"}, "enabled is 'no'. give it as boolean"),
+        ({"action": "set_torque", "enabled": "no"}, "enabled is 'no'. Give enabled as boolean"),
     ):
         answer = call(arm, given)
         assert text in why(answer), answer
@@ -167,24 +167,24 @@ def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin)
     locked_ns = time.monotonic_ns()
     refusal = call(arm, {"action": "set_torque", "enabled": True})
     assert "e-stopped by so101" in why(refusal)
-    assert "a person has to resume it" in why(refusal)
+    assert "ask a person to lift the e-stop" in why(refusal)
     refused = why(call(arm, moves(gripper=40.0)[1]))
-    assert "e-stopped" in refused and "a person has to resume it" in refused
+    assert "e-stopped" in refused and "ask a person to lift the e-stop" in refused
     assert not twin.log.host("enable", locked_ns)
     json_of(arm.resume())
     json_of(call(arm, moves(gripper=40.0)[1]))
 
 
-def test_a_robot_that_is_not_connected_says_so(new_arm: NewArm) -> None:
+def test_a_call_of_an_unconnected_robot_is_refused(new_arm: NewArm) -> None:
     robot = new_arm(port="/dev/nowhere")
     assert json_of(call(robot, {"action": "status"}))["connected"] is False
     for action in ({"action": "sensors"}, {"action": "stop"}, moves(gripper=1.0)[1]):
         assert "call connect_eagerly() first" in why(call(robot, action))
     robot.cleanup()
-    assert "cleaned up. make a new one" in why(call(robot, {"action": "stop"}))
+    assert "cleaned up. Make a new one" in why(call(robot, {"action": "stop"}))
 
 
-# -- nothing waits for anything
+# -- calls do not wait for each other
 
 
 def test_saf_006_a_stop_is_answered_while_a_policy_spins(arm: RealRobot, twin: Twin) -> None:
@@ -215,12 +215,12 @@ def test_saf_006_a_stop_is_answered_while_a_policy_spins(arm: RealRobot, twin: T
 
 
 def test_two_tools_called_at_once_overlap(twin: Twin, new_arm: NewArm) -> None:
-    """The move waits for an approval that comes only when the other tool has run."""
+    """The move waits for an approval, which the other tool gives."""
     released = threading.Event()
 
     @tool
     def release() -> str:
-        """Let the move go."""
+        """Approve the move."""
         released.set()
         return "released"
 
@@ -235,10 +235,10 @@ def test_two_tools_called_at_once_overlap(twin: Twin, new_arm: NewArm) -> None:
 
 
 def test_a_call_that_is_cancelled_moves_nothing_later(twin: Twin, new_arm: NewArm) -> None:
-    asked, answer = threading.Event(), threading.Event()
+    was_requested, answer = threading.Event(), threading.Event()
 
     def approve(request: Request) -> bool:
-        asked.set()
+        was_requested.set()
         return answer.wait(20.0)
 
     arm = new_arm(port=twin.port, guarded=("move_to",), approve=approve)
@@ -246,7 +246,7 @@ def test_a_call_that_is_cancelled_moves_nothing_later(twin: Twin, new_arm: NewAr
 
     async def give_up() -> None:
         use = asyncio.ensure_future(anext(arm.stream({"input": moves(gripper=30.0)[1]}, {})))
-        await asyncio.to_thread(asked.wait, 20.0)
+        await asyncio.to_thread(was_requested.wait, 20.0)
         use.cancel()
         with pytest.raises(asyncio.CancelledError):
             await use
@@ -262,14 +262,14 @@ def test_a_call_that_is_cancelled_moves_nothing_later(twin: Twin, new_arm: NewAr
 # -- the operator
 
 
-def test_what_is_guarded_is_done_when_the_operator_agrees(
+def test_a_guarded_call_runs_when_the_operator_agrees(
     twin: Twin, new_arm: NewArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[Request] = []
+    requests: list[Request] = []
     answers = iter((False, True))
 
     def approve(request: Request) -> bool:
-        asked.append(request)
+        requests.append(request)
         return next(answers)
 
     arm = new_arm(port=twin.port, guarded=("move_to", "set_torque"), approve=approve)
@@ -279,13 +279,13 @@ def test_what_is_guarded_is_done_when_the_operator_agrees(
     assert why(refused).startswith("move_to: move_to needs an operator's approval: it was not given")
     assert refused["content"][1]["json"]["refused"]["code"] == "not_approved"
     json_of(moved)
-    assert [str(request) for request in asked] == ["agent asks so101: move_to targets={'gripper': 30.0}"] * 2
+    assert [str(request) for request in requests] == ["agent asks so101: move_to targets={'gripper': 30.0}"] * 2
 
-    json_of(call(arm, {"action": "set_torque", "enabled": False}))  # a stop is not asked about
+    json_of(call(arm, {"action": "set_torque", "enabled": False}))  # a stop needs no approval
     json_of(call(arm, {"action": "stop"}))
     json_of(call(arm, {"action": "sensors"}))
-    assert len(asked) == 2
+    assert len(requests) == 2
     monkeypatch.setenv(ALLOW, "land, set_torque")
     json_of(call(arm, {"action": "set_torque", "enabled": True}))
-    json_of(arm.send_action({"gripper": 40.0}))  # the robot's own program is the operator's
-    assert len(asked) == 2
+    json_of(arm.send_action({"gripper": 40.0}))  # a call by the robot's own program needs no approval
+    assert len(requests) == 2

@@ -1,4 +1,4 @@
-"""The operator gate: who may, who is asked, and what counts as a yes."""
+"""The operator's approval: which calls need it, how it is requested, and which answers count as yes."""
 
 from __future__ import annotations
 
@@ -54,25 +54,25 @@ def raises(request: Request) -> bool:
     raise PermissionError("not on my watch")
 
 
-def test_what_is_not_guarded_is_not_asked_about() -> None:
+def test_an_unguarded_call_needs_no_approval() -> None:
     assert ask(Approval((), never)) is None
     assert ask(guarded(never), Request("so101", "sensors"), ("gripper",)) is None
 
 
-def test_a_guarded_verb_and_a_guarded_key_are_asked_about() -> None:
-    asked: list[Request] = []
-    approval = guarded(lambda request: asked.append(request) is None)
+def test_a_guarded_verb_and_a_guarded_key_need_approval() -> None:
+    requests: list[Request] = []
+    approval = guarded(lambda request: requests.append(request) is None)
     assert ask(approval) is None
     fly = Request("drone", "action", {"takeoff": 1.0}, "mesh")
     assert ask(approval, fly, ("takeoff",)) is None
     assert ask(approval, fly, ("takeoff.pos",)) is None
-    assert asked == [MOVE, fly, fly]
+    assert requests == [MOVE, fly, fly]
 
 
 @pytest.mark.parametrize(
-    ("approve", "told"),
+    ("approve", "message"),
     [
-        (None, "there is nobody to ask"),
+        (None, "no operator can be asked"),
         (lambda request: False, "it was not given"),
         (lambda request: None, "it was not given"),
         (lambda request: "yes", "it was not given"),
@@ -80,31 +80,31 @@ def test_a_guarded_verb_and_a_guarded_key_are_asked_about() -> None:
         (raises, "asking failed with PermissionError: not on my watch"),
     ],
 )
-def test_only_true_is_a_yes(approve: Any, told: str) -> None:
+def test_only_true_counts_as_yes(approve: Any, message: str) -> None:
     refusal = ask(guarded(approve))
     assert refusal is not None
     assert (refusal.code, refusal.offered) == ("not_approved", "move_to")
-    assert told in refusal.text
+    assert message in refusal.text
     assert ALLOW in refusal.remedy
 
 
 @pytest.mark.parametrize(
     "keywords", [{"guarded": "move_to"}, {"guarded": ("stop",)}, {"guarded": 5}, {"approve": True}]
 )
-def test_what_would_guard_nothing_is_refused(keywords: dict[str, Any]) -> None:
+def test_an_approval_that_guards_nothing_is_refused(keywords: dict[str, Any]) -> None:
     with pytest.raises((TypeError, ValueError), match=r"guarded|approve"):
         Robot("so101", mode="real", port="/dev/nowhere", **keywords)
 
 
 @pytest.mark.parametrize("seconds", ["30", None, float("nan"), float("inf"), -1, 0, [1], True])
 def test_how_long_an_operator_may_think_is_a_number_of_seconds(seconds: Any) -> None:
-    """Else the tool raised when it asked."""
+    """With another value the tool would raise when it asks the operator."""
     with pytest.raises(ValueError, match=r"approve_within_s is .*\. give seconds, a number above 0"):
         Robot("so101", mode="real", port="/dev/nowhere", approve_within_s=seconds)
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "expected"),
     [
         ("set_torqu", "(do you mean set_torque?)"),
         ("send_action", "(do you mean move_to?)"),
@@ -114,10 +114,10 @@ def test_how_long_an_operator_may_think_is_a_number_of_seconds(seconds: Any) -> 
         ("Gripper", "(do you mean gripper?)"),
     ],
 )
-def test_a_name_that_guards_nothing_is_refused_with_those_there_are(name: str, told: str) -> None:
+def test_a_name_that_guards_nothing_is_refused_with_those_there_are(name: str, expected: str) -> None:
     with pytest.raises(ValueError, match=f"guarded names '{name}', which guards nothing") as refusal:
         Robot("so101", mode="real", port="/dev/nowhere", guarded=("move_to", name))
-    assert told in str(refusal.value)
+    assert expected in str(refusal.value)
 
 
 def test_verbs_axes_and_services_can_be_guarded() -> None:
@@ -137,21 +137,21 @@ def test_verbs_axes_and_services_can_be_guarded() -> None:
         (Microduck, "microduck", {"action": "reboot_motors", "confirm": True}),
     ],
 )
-def test_an_operator_is_asked_before_motors_get_or_lose_power(
+def test_switching_motor_power_needs_an_approval(
     driver_class: type[Driver], robot: str, given: dict[str, Any]
 ) -> None:
     tree: Any = SimpleNamespace(robot=robot, driver=driver_class(robot, "", driver_class.resolve(robot, {})))
     call = read(tree.driver, given)
     assert isinstance(call, Call)
-    asked: list[Request] = []
-    approval = approval_of(driver_class, (given["action"],), lambda request: bool(asked.append(request)), 5.0)
+    requests: list[Request] = []
+    approval = approval_of(driver_class, (given["action"],), lambda request: bool(requests.append(request)), 5.0)
     assert "needs an operator's approval" in why(trio.run(use, tree, call, approval, "agent"))
-    assert [request.verb for request in asked] == [given["action"]]
-    assert "motion is not allowed here" in why(trio.run(use, tree, call, Approval(), "mcp", "ask"))
+    assert [request.verb for request in requests] == [given["action"]]
+    assert "this tool does not allow motion" in why(trio.run(use, tree, call, Approval(), "mcp", "ask"))
 
 
-def test_of_a_robot_that_is_known_later_no_motion_is_allowed_until_the_names_are_right() -> None:
-    """A simulation's verbs are those of its robot, which its class does not know."""
+def test_unknown_verb_names_in_an_approval_allow_no_motion() -> None:
+    """A simulation has the verbs of its robot, which its class does not know."""
 
     mistaken = approval_of(SimDriver, ("set_torqu",), never, 1.0)
     tree: Any = SimpleNamespace(robot="so101", driver=Feetech("so101", "", Feetech.resolve("so101", {})))
@@ -160,7 +160,7 @@ def test_of_a_robot_that_is_known_later_no_motion_is_allowed_until_the_names_are
     assert "move_to: guarded names 'set_torqu'" in why(trio.run(use, tree, call, mistaken, "agent"))
 
 
-def test_no_answer_in_time_is_a_no() -> None:
+def test_no_answer_in_time_counts_as_no() -> None:
     released = threading.Event()
     refusal = ask(guarded(lambda request: released.wait(20.0), within_s=0.05))
     released.set()
@@ -178,7 +178,7 @@ def test_the_environment_allows_without_asking(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.fixture
 def operator(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A terminal, and what a person at it answers when the prompt is there."""
+    """Simulate a terminal and the answer of a person once the prompt is shown."""
     near, far = pty.openpty()
     monkeypatch.setattr(gate, "TERMINAL", Path(os.ttyname(far)))
 
@@ -213,14 +213,14 @@ def test_a_person_is_asked_on_the_terminal(operator: Any, line: str, yes: bool) 
     assert "agent asks so101: move_to targets={'gripper': 3}. allow? [y/N]" in prompt()
 
 
-def test_without_a_terminal_it_is_a_no(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_terminal_the_answer_is_no(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "TERMINAL", Path("/nowhere"))
     refusal = ask(guarded(gate.ask_on_terminal))
     assert refusal is not None
     assert "asking failed with FileNotFoundError" in refusal.text
 
 
-def test_a_tool_without_a_verb_for_it_says_that_a_person_has_to_resume() -> None:
+def test_a_tool_without_a_resume_verb_names_the_person_who_must_resume() -> None:
     refused = answers.refused(Refused("disarmed", "the robot is disarmed", "call resume() first", verb="move"))
     gripper = Robotiq("robotiq_2f85", "", Robotiq.resolve("robotiq_2f85", {}))
-    assert why(_in_its_verbs(refused, gripper)).endswith("a person has to resume it: no verb of this tool does")
+    assert why(_in_its_verbs(refused, gripper)).endswith("ask a person to call resume(), which this tool cannot do")

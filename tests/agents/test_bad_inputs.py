@@ -1,5 +1,5 @@
-"""Whatever a model or a program sends is refused by name, in bounded time, and shown so that it
-moves no cursor."""
+"""Any invalid input from a model or a program is refused by name in bounded time. Its text is shown without
+control characters for the terminal."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ BAD: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("value", BAD.values(), ids=BAD.keys())
-def test_whatever_it_is_is_shown_briefly_and_harmlessly(value: Any) -> None:
+def test_any_value_is_shown_briefly_and_without_control_characters(value: Any) -> None:
     text = shown(value)
     assert len(text) <= 40 and text.isprintable()
     text.encode()
@@ -79,24 +79,24 @@ def test_saf_014_an_action_of_too_many_keys_is_refused() -> None:
     assert refuse_shape({f"x{number}": 1.0 for number in range(MAX_KEYS)}) is None
 
 
-def test_a_name_that_is_too_long_is_like_none() -> None:
+def test_a_too_long_name_is_unknown() -> None:
     assert closest("shoulder_pam", ["shoulder_pan"]) == ["shoulder_pan"]
     assert closest("x" * 10_000_000, ["shoulder_pan"]) == []
 
 
-def test_what_can_be_read_stays_as_it_is() -> None:
+def test_readable_text_is_not_changed() -> None:
     for text in ("", "shoulder_pan", "Ellbogen über 3 °", "関節"):
         assert harmless(text) == text
     assert harmless("a\x1b[2Jb") == "a\\x1b[2Jb"
     assert harmless("\ud800") == "\\ud800"
 
 
-def test_what_an_operator_is_asked_moves_no_cursor() -> None:
-    asked = str(Request("so101", "move_to", {"targets": {ESCAPES: ESCAPES}, "name": ESCAPES}, ESCAPES))
-    assert asked.isprintable() and "owned" in asked
+def test_a_prompt_for_the_operator_moves_no_cursor() -> None:
+    request = str(Request("so101", "move_to", {"targets": {ESCAPES: ESCAPES}, "name": ESCAPES}, ESCAPES))
+    assert request.isprintable() and "owned" in request
 
 
-def test_what_a_robot_says_moves_no_cursor() -> None:
+def test_a_message_of_a_robot_moves_no_cursor() -> None:
     result = {"outcome": "no", "detail": ESCAPES, "safe_state": ESCAPES, "path": ESCAPES, "note": ESCAPES}
     outcome = outcome_of(ESCAPES, result)
     for text in (outcome.robot, outcome.detail, outcome.safe_state, outcome.path, outcome.note):

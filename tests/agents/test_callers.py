@@ -1,5 +1,4 @@
-"""Who calls a robot: asyncio loops, notebooks, trio programs; before, while and after there is
-one."""
+"""Call a robot from asyncio loops, notebooks and trio programs, before, while and after it is connected."""
 
 from __future__ import annotations
 
@@ -21,7 +20,7 @@ from tests.answers import json_of, pids, state, status, task_ended, until, why
 from tests.robot.conftest import NewArm
 from tests.robot.helpers import at, limps
 
-CLEANED_UP = "this robot was cleaned up. make a new one"
+CLEANED_UP = "this robot was cleaned up. Make a new one"
 
 Observed = dict[str, float]
 
@@ -34,7 +33,7 @@ def ahead(observation: Observed) -> dict[str, float]:
 
 
 def in_a_loop(verb: Any) -> Any:
-    """As a cell of a notebook: in the main thread, inside a loop that runs."""
+    """Call the verb as a notebook's cell does: in the main thread, inside a running loop."""
 
     async def cell() -> Any:
         return verb()
@@ -70,8 +69,8 @@ def test_a_pending_answer_reads_like_the_answer(arm: RealRobot) -> None:
     asyncio.run(cell())
 
 
-def test_who_gives_up_waiting_stops_neither_the_stop_nor_the_portal(arm: RealRobot, twin: Twin) -> None:
-    twin.fault("off:3")  # so that it takes its time
+def test_a_cancelled_wait_cancels_neither_the_stop_nor_the_portal(arm: RealRobot, twin: Twin) -> None:
+    twin.fault("off:3")  # so that the stop is slow
     until(lambda: "elbow_flex" in status(arm)["faults"], "servo 3 is noticed")
     began_ns = time.monotonic_ns()
 
@@ -87,7 +86,7 @@ def test_who_gives_up_waiting_stops_neither_the_stop_nor_the_portal(arm: RealRob
     until(lambda: state(arm) == "disarmed", "nothing keeps its tree, which ends with the test")
 
 
-def test_a_cancelled_future_ends_what_runs_for_it() -> None:
+def test_a_cancelled_future_ends_its_call() -> None:
     begun, ended = trio.Event(), []
 
     async def long() -> None:
@@ -101,13 +100,13 @@ def test_a_cancelled_future_ends_what_runs_for_it() -> None:
     portal().call(begun.wait)
     assert future.cancel()
     until(lambda: ended, "it was cancelled")
-    assert portal().call(trio.lowlevel.checkpoint) is None  # the loop is none the worse for it
+    assert portal().call(trio.lowlevel.checkpoint) is None  # the loop still works
 
 
 # -- one shape of status
 
 
-def test_status_has_the_same_keys_whatever_the_robot_does(twin: Twin, new_arm: NewArm) -> None:
+def test_status_has_the_same_keys_in_every_state(twin: Twin, new_arm: NewArm) -> None:
     arm = new_arm(port=twin.port)
     before = status(arm)
     assert (before["state"], before["connected"], before["epoch"]) == ("unreachable", False, None)
@@ -126,7 +125,7 @@ def test_status_has_the_same_keys_whatever_the_robot_does(twin: Twin, new_arm: N
             os.kill(pid, signal.SIGCONT)
     assert set(frozen) == set(live)
     assert (frozen["state"], frozen["connected"]) == ("unreachable", False)
-    assert frozen["connect_error"] == "the wire does not answer"
+    assert frozen["connect_error"] == "the process that talks to the robot does not answer"
     arm.cleanup()
     after = status(arm)
     assert set(before) == set(after)
@@ -146,9 +145,9 @@ def test_a_trio_program_has_every_verb(twin: Twin) -> None:
             assert "shoulder_pan" in await robot.get_observation()
             json_of(await robot.run_policy(ahead, n_steps=3))
             async for _ in robot.observations(hz=100):
-                if not (told := json_of(await robot.get_task_status()))["running"]:
+                if not (result := json_of(await robot.get_task_status()))["running"]:
                     break
-            assert told["steps"] == 3
+            assert result["steps"] == 3
             assert "duration is 0" in why(await robot.run_policy(ahead, duration=0))
             assert "no policy" in why(await robot.run_policy(3))
             assert "lerobot" in why(await robot.start_task("wave"))
@@ -180,6 +179,6 @@ def test_a_trio_program_can_watch_without_energising(twin: Twin) -> None:
     assert not twin.log.host("enable")
 
 
-def test_the_arm_goes_where_it_was_told(arm: RealRobot) -> None:
+def test_the_arm_reaches_its_target(arm: RealRobot) -> None:
     json_of(in_a_loop(lambda: arm.send_action({"wrist_roll": -15.0})))
     at(arm, "wrist_roll", -15.0)

@@ -1,4 +1,4 @@
-"""What drivers declare, as a tool's spec and as calls: pure."""
+"""The tool specification and the calls that follow from a driver's declaration. No I/O."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ VERBS = {
 def driver(robot: str) -> Driver:
     driver_class = get_native_driver_class(robot)
     assert driver_class is not None
-    boards = driver_class.PORT_KIND == "serial" and driver_class.PORT_OPTIONAL  # no port is given
+    boards = driver_class.PORT_KIND == "serial" and driver_class.PORT_OPTIONAL  # without a port
     made: Driver = driver_class(robot, "" if boards else "192.0.2.1", {})
     return made
 
@@ -57,10 +57,10 @@ def test_every_driver_declares_verbs_and_a_stop(robot: str) -> None:
     spec = tool_spec("tool", made)
     schema = spec["inputSchema"]["json"]
     assert (spec["name"], schema["type"], schema["required"]) == ("tool", "object", ["action"])
-    asked = verbs_of(made)
-    assert schema["properties"]["action"]["enum"] == [verb.name for verb in asked]
-    assert [verb.name for verb in asked][: len(names)] == names
-    assert set(schema["properties"]) == {"action", *(name for verb in asked for name in verb.inputs)}
+    verbs = verbs_of(made)
+    assert schema["properties"]["action"]["enum"] == [verb.name for verb in verbs]
+    assert [verb.name for verb in verbs][: len(names)] == names
+    assert set(schema["properties"]) == {"action", *(name for verb in verbs for name in verb.inputs)}
     assert all(axis in spec["description"] for axis in made.axes)
 
 
@@ -92,7 +92,7 @@ def test_inputs_become_an_action() -> None:
         ({"action": "stop", "why": ["I", "said", "so"]}, "stop"),
     ],
 )
-def test_what_a_call_comes_to(given: dict[str, Any], kind: str) -> None:
+def test_a_call_has_the_kind_of_its_verb(given: dict[str, Any], kind: str) -> None:
     assert called(ARM, given).kind == kind
 
 
@@ -162,7 +162,7 @@ def test_saf_006_a_stop_is_understood_in_every_form(driver: Driver, given: Any) 
 
 
 @pytest.mark.parametrize("off", [False, numpy.False_])
-def test_saf_006_torque_that_is_taken_away_minds_no_other_input(off: Any) -> None:
+def test_saf_006_switching_torque_off_ignores_any_other_input(off: Any) -> None:
     found = called(ARM, {"action": "set_torque", "enabled": off, "why": "a hand"})
     assert (found.kind, found.inputs) == ("stop", {"enabled": False})
 
@@ -202,10 +202,10 @@ def test_nothing_else_is_taken_for_a_stop(given: Any) -> None:
     assert isinstance(found, Refused) or found.kind != "stop"
 
 
-def test_saf_006_a_stop_minds_no_input_however_many() -> None:
+def test_saf_006_a_stop_ignores_any_number_of_other_inputs() -> None:
     many = {f"more{at}": at for at in range(1000)}
     assert called(ARM, {**many, "action": "stop"}).kind == "stop"
-    assert refused(ARM, {**many, "action": "status"}).text == "tool: it has 1001 inputs. give at most 64"
+    assert refused(ARM, {**many, "action": "status"}).text == "tool: the call has 1001 inputs. Give at most 64"
 
 
 SAYS_OR_TELLS = {
@@ -219,11 +219,11 @@ SAYS_OR_TELLS = {
     },
     "earthrover": {"speak"},
 }  # fmt: skip
-"""Services of which nobody needs leave. A new one is motion, or is put here."""
+"""Services that need no approval. A new service needs approval, or must be added here."""
 
 
 @pytest.mark.parametrize("robot", sorted(list_native_drivers()))
-def test_what_gives_or_takes_power_is_motion(robot: str) -> None:
+def test_switching_power_needs_the_approval_of_a_motion(robot: str) -> None:
     made = driver(robot)
     read = {verb.name for verb in made.TOOL_VERBS if verb.does == "service" and kind_of(made, verb) == "read"}
     assert read == SAYS_OR_TELLS.get(made.robot, set())
@@ -237,10 +237,10 @@ def kind_of(of: Driver, verb: ToolVerb) -> str:
 
 
 @pytest.mark.parametrize("given", [{}, {"action": None}, {"action": None, "targets": None}])
-def test_an_empty_input_asks_how_the_robot_is(given: dict[str, Any]) -> None:
+def test_an_empty_input_reads_the_status(given: dict[str, Any]) -> None:
     for driver in (ARM, GRIPPER):
         assert called(driver, given).verb.does == "status"
-    assert refused(ARM, {"targets": {"gripper": 1.0}}).code == "unknown_verb"  # a motion without a verb is none
+    assert refused(ARM, {"targets": {"gripper": 1.0}}).code == "unknown_verb"  # targets alone are not a motion
 
 
 def test_a_truth_value_of_numpy_is_one() -> None:
@@ -251,12 +251,12 @@ def test_a_truth_value_of_numpy_is_one() -> None:
 
 
 @pytest.mark.parametrize("given", [None, "sit", 3, [], [("action", "move_to")], '{"action": "status"}'])
-def test_what_is_no_object_is_refused(given: Any) -> None:
+def test_an_input_that_is_not_an_object_is_refused(given: Any) -> None:
     assert refused(ARM, given).code == "bad_input"
 
 
 @pytest.mark.parametrize("action", ["", "fly", 3, True, ["go"], {"a": 1}, "x" * 10_000])
-def test_what_is_not_declared_is_refused_with_what_is(action: Any) -> None:
+def test_an_undeclared_verb_is_refused_with_the_declared_ones(action: Any) -> None:
     refusal = refused(ARM, {"action": action})
     assert refusal.code == "unknown_verb"
     assert refusal.remedy == "use status, sensors, move_to, set_torque, stop"
@@ -268,20 +268,20 @@ def test_what_is_not_declared_is_refused_with_what_is(action: Any) -> None:
     [
         (
             {"action": "move_to", "target": {}},
-            "move_to: it takes no 'target' ('targets'?). it takes targets, seconds",
+            "move_to: there is no input 'target' ('targets'?). Use targets, seconds",
         ),
-        ({"action": "status", "now": True}, "status: it takes no 'now'. it takes no input"),
-        ({"action": "set_torque", "enabled": 1}, "set_torque: enabled is 1. give it as boolean"),
-        ({"action": "set_torque", "enabled": None}, "set_torque: enabled is missing. it takes enabled"),
-        ({"action": "move_to", "targets": "home"}, "move_to: targets is 'home'. give it as object"),
+        ({"action": "status", "now": True}, "status: there is no input 'now'. Use no input"),
+        ({"action": "set_torque", "enabled": 1}, "set_torque: enabled is 1. Give enabled as boolean"),
+        ({"action": "set_torque", "enabled": None}, "set_torque: enabled is missing. Give enabled"),
+        ({"action": "move_to", "targets": "home"}, "move_to: targets is 'home'. Give targets as object"),
     ],
 )
-def test_a_wrong_input_is_refused_with_what_would_do(given: dict[str, Any], text: str) -> None:
+def test_a_wrong_input_is_refused_with_the_accepted_values(given: dict[str, Any], text: str) -> None:
     assert refused(ARM, given).text == text
 
 
-def test_a_bool_is_no_number() -> None:
-    assert refused(GRIPPER, {"action": "close", "force": True}).text == "close: force is True. give it as number"
+def test_a_bool_does_not_count_as_a_number() -> None:
+    assert refused(GRIPPER, {"action": "close", "force": True}).text == "close: force is True. Give force as number"
 
 
 def test_a_verb_without_inputs_has_its_action() -> None:

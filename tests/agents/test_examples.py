@@ -1,4 +1,4 @@
-"""The examples run as they stand, and end safe."""
+"""The examples run unchanged and leave the robot safe."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SAID = {
         "stopped:         limp, 6 motors confirmed",
     ),
     "agent": (
-        "error: move_to: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1",
+        "error: move_to: shoulder_pan 400.0 deg is past 110.1. Stay within -110.0..110.1",
         "success: {'commanded': {'shoulder_pan': 20.0}}",
         "operator: agent asks so101: set_torque enabled=True? no",
         "error: set_torque: set_torque needs an operator's approval: it was not given",
@@ -39,6 +39,6 @@ def test_an_example_runs_and_ends_safe(name: str, tmp_path: Path, monkeypatch: p
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=100)
     print(done.stdout)
     assert done.returncode == 0, done.stderr
-    assert [said for said in SAID[name] if said not in done.stdout] == [], done.stdout
+    assert [text for text in SAID[name] if text not in done.stdout] == [], done.stdout
     assert WireLog(log).host("setpoint")
     assert set(torque_now(WireLog(log)).values()) == {0}

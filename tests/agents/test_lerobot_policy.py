@@ -1,10 +1,10 @@
 """``lerobot_local`` against a stand-in for lerobot, which no test environment has.
 
-``LEROBOT`` follows lerobot 0.4.4 as far as the provider meets it: ``PreTrainedConfig.from_pretrained`` and its
+``LEROBOT`` follows lerobot 0.4.4 as far as the provider uses it: ``PreTrainedConfig.from_pretrained`` and its
 features, ``get_policy_class(type).from_pretrained(folder, config=, strict=)``, ``make_pre_post_processors`` with
 ``pretrained_path`` and overrides, ``prepare_observation_for_inference``, and a policy whose ``select_action`` plans
-``n_action_steps`` on one observation and hands them out one by one. Its tensors are numpy's. Its policy answers
-with the state it was given, ``step`` added to it once per planned action, and keeps what it saw.
+``n_action_steps`` on one observation and hands them out one by one. Its tensors are numpy's. Its policy returns
+the given state plus ``step`` once per planned action, and records its observations.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ Save = Callable[..., Path]
 
 @pytest.fixture
 def lerobot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The stand-in, to be imported here and in processes that start from here."""
+    """Make the stand-in importable in this process and in its child processes."""
     root = tmp_path / "site"
     for name, source in LEROBOT.items():
         path = root / "lerobot" / name
@@ -187,15 +187,15 @@ def load(folder: Path | str, **options: Any) -> LerobotLocal:
     return LerobotLocal(pretrained_name_or_path=str(folder), **given)
 
 
-# -- what it gives
+# -- output
 
 
-def test_a_chunk_is_what_is_planned_on_one_observation_by_axis(save: Save) -> None:
+def test_a_chunk_has_the_planned_actions_of_one_observation_by_axis(save: Save) -> None:
     policy = load(save(n_action_steps=3, step=0.1), device="cuda")
     policy.reset()
     chunk = policy.get_actions_sync(SEEN, "pick it up")
     assert [list(action) for action in chunk] == [AXES] * 3
-    for step, action in enumerate(chunk, start=1):  # normalised and back by the checkpoint's own processors
+    for step, action in enumerate(chunk, start=1):  # the checkpoint's processors normalise and convert back
         assert action == pytest.approx({axis: SEEN[axis] + step for axis in AXES}, abs=1e-4)
     plans = [call[1] for call in calls() if call[0] == "plan"]
     assert len(plans) == 1
@@ -203,7 +203,7 @@ def test_a_chunk_is_what_is_planned_on_one_observation_by_axis(save: Save) -> No
     assert plans[0]["observation.state"].tolist() == [pytest.approx([value / 10 for value in SEEN.values()])]
 
 
-def test_the_checkpoint_is_loaded_whole_and_where_it_is_to_run(save: Save) -> None:
+def test_the_checkpoint_is_loaded_strictly_and_on_the_given_device(save: Save) -> None:
     load(save(), device="cuda")
     assert ("weights", "cuda", True) in calls()
     assert ("processors", {"device_processor": {"device": "cuda"}}) in calls()
@@ -223,7 +223,7 @@ def test_a_policy_that_remembers_sees_every_observation(save: Save) -> None:
     assert [len(policy.get_actions_sync(SEEN, "")) for _ in range(2)] == [1, 1]
 
 
-def test_the_order_is_the_robots_whatever_the_observations_is(save: Save) -> None:
+def test_axes_have_the_order_of_the_robot_and_not_of_the_observation(save: Save) -> None:
     backwards = dict(reversed(SEEN.items()))
     assert load(save()).get_actions_sync(backwards, "") == [pytest.approx(SEEN, abs=1e-4)]
 
@@ -237,19 +237,19 @@ def test_normalized_is_a_share_of_the_calibrated_range(save: Save) -> None:
     policy = load(save(step=1.0), units="normalized", travel=TRAVEL)
     (action,) = policy.get_actions_sync({**dict.fromkeys(AXES, 25.0), "wrist_roll": 130.0}, "")
     (plan,) = (call[1]["observation.state"].tolist() for call in calls() if call[0] == "plan")
-    assert plan == [pytest.approx([0.0, 0.0, 0.0, 0.0, 10.0, 2.5])]  # of -100..100 and of 0..100, bounded, by ten
-    # 10 of 200 is 7.5 of 150 degrees; what is past the end is the end.
+    assert plan == [pytest.approx([0.0, 0.0, 0.0, 0.0, 10.0, 2.5])]  # of -100..100 and 0..100, clipped, by ten
+    # 10 of 200 is 7.5 of 150 degrees. A value past the end is clipped.
     assert action == pytest.approx({**dict.fromkeys(AXES, 32.5), "wrist_roll": 100.0, "gripper": 35.0})
     assert action["wrist_roll"] <= 100.0
 
 
 @pytest.mark.parametrize("units", ["", "radians", "percent", None])
 def test_units_are_never_guessed(save: Save, units: Any) -> None:
-    with pytest.raises(ValueError, match=r"units is .* give 'degrees' or 'normalized': what the data"):
+    with pytest.raises(ValueError, match=r"units is .* give 'degrees' or 'normalized', the units of"):
         load(save(), units=units)
 
 
-def test_the_drivers_own_unit_is_what_the_numbers_may_be_in(save: Save) -> None:
+def test_the_drivers_unit_is_accepted(save: Save) -> None:
     folder = save()
     with pytest.raises(ValueError, match=r"units is 'degrees'\. give 'radians' or 'normalized'"):
         load(folder, unit="radians")
@@ -258,7 +258,7 @@ def test_the_drivers_own_unit_is_what_the_numbers_may_be_in(save: Save) -> None:
 
 def test_no_calibration_no_normalized_units(save: Save) -> None:
     with pytest.raises(
-        ValueError, match=r"calibrated range, and there is none of shoulder_pan, .*give the robot cal"
+        ValueError, match=r"calibrated range, which is unknown for shoulder_pan, .*give the robot cal"
     ):
         load(save(), units="normalized", travel={})
 
@@ -268,7 +268,7 @@ def driver_of(robot: str, **options: Any) -> Driver:
     return driver_class(robot, "/dev/null", driver_class.resolve(robot, options))
 
 
-def test_a_calibrated_arm_tells_its_travel_and_only_to_who_takes_it() -> None:
+def test_a_calibrated_arm_passes_its_travel_only_to_a_policy_that_accepts_it() -> None:
     motor = {"drive_mode": 0, "homing_offset": 0, "range_min": 1024, "range_max": 3071}
     calibration = {axis: {"id": id, **motor} for axis, id in IDS.items()}
     arm = driver_of("so101", calibration=calibration)
@@ -285,14 +285,14 @@ def test_a_calibrated_arm_tells_its_travel_and_only_to_who_takes_it() -> None:
     assert SimDriver("so101", "", same).travel() == facts["travel"]
 
 
-# -- what is refused
+# -- refusals
 
 
-def test_no_checkpoint_and_none_there(tmp_path: Path) -> None:
+def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"no checkpoint\. give pretrained_name_or_path, a folder"):
         load("")
     with pytest.raises(
-        ValueError, match=r"there is no folder .*nowhere. give one that lerobot saved; .*hf download"
+        ValueError, match=r"there is no folder .*nowhere. Give one that lerobot saved; .*hf download"
     ):
         load(tmp_path / "nowhere")
 
@@ -314,12 +314,14 @@ CUBE = {"observation.environment_state": {"type": "ENV", "shape": [3]}}
     [
         (
             IMAGES,
-            r"needs images \(.*top, observation.images.wrist\), and the robot has no cameras. give Robot cameras=",
+            r"needs images \(.*top, observation.images.wrist\), and the robot has no cameras. Give Robot cameras=",
         ),
-        (CUBE, "needs observation.environment_state. a policy is given positions and pictures"),
+        (CUBE, "needs observation.environment_state, but a policy gets only positions and pictures"),
     ],
 )
-def test_who_needs_more_than_positions(save: Save, inputs: Mapping[str, Any], text: str) -> None:
+def test_a_checkpoint_that_needs_more_than_positions_is_refused(
+    save: Save, inputs: Mapping[str, Any], text: str
+) -> None:
     with pytest.raises(ValueError, match=text):
         load(save(inputs))
 
@@ -343,14 +345,14 @@ SIGHTS: dict[str, Frame | Stale] = {}
 
 @pytest.fixture
 def sights(monkeypatch: pytest.MonkeyPatch) -> dict[str, Frame | Stale]:
-    """What each camera sees now."""
+    """The present picture of each camera. A test changes it."""
     monkeypatch.setattr(surfaces_cameras, "attach_camera", Reader)
     SIGHTS.clear()
     SIGHTS.update({name: Frame(np.full((480, 640, 3), 7, np.uint8), 1, 1) for name in ("wrist", "top")})
     return SIGHTS
 
 
-def test_it_is_given_the_newest_picture_of_each_camera(save: Save, sights: dict[str, Frame | Stale]) -> None:
+def test_a_policy_gets_the_newest_picture_of_each_camera(save: Save, sights: dict[str, Frame | Stale]) -> None:
     wide = {"observation.images.camera1": {"type": "VISUAL", "shape": [3, 480, 640]}}
     policy = load(
         save(wide),
@@ -381,7 +383,7 @@ def test_a_stale_picture_ends_the_rollout_and_another_size_is_refused(
         policy.get_actions_sync(SEEN, "")
 
 
-def test_a_camera_that_is_not_there_is_named(save: Save, sights: dict[str, Frame | Stale]) -> None:
+def test_a_missing_camera_is_named(save: Save, sights: dict[str, Frame | Stale]) -> None:
     with pytest.raises(
         ValueError, match=r"needs images \(observation.images.top\), and the robot has cameras wrist"
     ):
@@ -391,7 +393,9 @@ def test_a_camera_that_is_not_there_is_named(save: Save, sights: dict[str, Frame
 # -- real-time chunking
 
 
-def test_the_rest_of_the_chunk_goes_along_and_what_is_still_executed_is_left_out(save: Save) -> None:
+def test_real_time_chunking_gets_the_rest_of_the_chunk_without_the_actions_that_will_still_be_executed(
+    save: Save,
+) -> None:
     folder = save(step=0.1, chunk_size=8, rtc_config=None)
     policy = load(folder, rtc=True, execution_horizon=4)
     policy.reset()
@@ -399,48 +403,48 @@ def test_the_rest_of_the_chunk_goes_along_and_what_is_still_executed_is_left_out
     still = dict.fromkeys(AXES, 0.0)
     first = policy.get_actions_sync(still, "")
     assert [action["gripper"] for action in first] == pytest.approx([1.0, 2.0, 3.0, 4.0])
-    policy.actions_left(1)  # 4.0 is still to be executed when the next chunk begins
+    policy.actions_left(1)  # 4.0 will still be executed when the next chunk begins
     second = policy.get_actions_sync(still, "")
     assert [action["gripper"] for action in second] == pytest.approx([2.0, 3.0, 4.0, 5.0])
     policy.actions_left(3)
     third = policy.get_actions_sync(still, "")
     assert [action["gripper"] for action in third] == pytest.approx([4.0, 5.0, 6.0, 7.0])
-    asked = [
+    requests = [
         (call[1], None if call[2] is None else [row[0] for row in call[2]])
         for call in calls()
         if call[0] == "chunk"
     ]
-    assert asked[0] == (0, None)
-    assert asked[1] == (1, pytest.approx([0.4, 0.5, 0.6, 0.7, 0.8]))
-    assert asked[2] == (3, pytest.approx([0.3, 0.4, 0.5, 0.6, 0.7, 0.8]))
+    assert requests[0] == (0, None)
+    assert requests[1] == (1, pytest.approx([0.4, 0.5, 0.6, 0.7, 0.8]))
+    assert requests[2] == (3, pytest.approx([0.3, 0.4, 0.5, 0.6, 0.7, 0.8]))
     policy.actions_left(0)
     policy.reset()
     policy.get_actions_sync(still, "")
     assert calls()[-1] == ("chunk", 0, None)
 
 
-def test_a_policy_without_real_time_chunking_says_so(save: Save) -> None:
+def test_a_policy_without_real_time_chunking_is_refused(save: Save) -> None:
     folder = save(chunk_size=8)
     with pytest.raises(ValueError, match="a policy of type 'stand_in' has no real-time chunking"):
         load(folder, rtc=True)
 
 
-def test_another_robots_checkpoint(save: Save) -> None:
+def test_a_checkpoint_of_another_robot_is_refused(save: Save) -> None:
     with pytest.raises(
-        ValueError, match=r"has observation.state of shape \[7\], the robot 6 axes. use .* shoulder_pan"
+        ValueError, match=r"has observation.state of shape \[7\], the robot has 6 axes. Use .* shoulder_pan"
     ):
         load(save(size=7))
 
 
 @pytest.mark.parametrize("key", ["input_features", "output_features"])
 def test_a_checkpoint_without_state_or_action(save: Save, key: str) -> None:
-    with pytest.raises(ValueError, match=r"of shape \[\], the robot 6 axes"):
+    with pytest.raises(ValueError, match=r"of shape \[\], the robot has 6 axes"):
         load(save(**{key: {}}))
 
 
 def test_a_policy_that_gives_too_little(save: Save) -> None:
     policy = load(save(gives=5))
-    with pytest.raises(ValueError, match="the policy gave 5 numbers for 6 axes"):
+    with pytest.raises(ValueError, match="the policy returned 5 numbers for 6 axes"):
         policy.get_actions_sync(SEEN, "")
 
 
@@ -458,7 +462,7 @@ def test_a_checkpoint_drives_the_arm(save: Save, arm: RealRobot, twin: Twin) -> 
     assert holds(twin.log, began_ns)
 
 
-def test_a_task_whose_units_are_not_said_moves_nothing(save: Save, arm: RealRobot, twin: Twin) -> None:
+def test_a_task_without_units_moves_nothing(save: Save, arm: RealRobot, twin: Twin) -> None:
     json_of(arm.start_task("wave", policy_provider="lerobot_local", pretrained_name_or_path=str(save())))
     ended = task_ended(arm)
     assert ended["exit_reason"] == "policy", ended
@@ -470,7 +474,7 @@ def test_a_task_whose_units_are_not_said_moves_nothing(save: Save, arm: RealRobo
 def test_a_checkpoint_with_a_camera_drives_the_arm_until_the_camera_is_gone(
     save: Save, run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SAF-001: the picture that is missing ends the rollout, and the robot holds."""
+    """SAF-001: a missing picture ends the rollout, and the robot holds."""
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(run_dir / "wire"))
     plug = run_dir / "plug"
     plug.touch()

@@ -1,5 +1,4 @@
-"""``strands-actors mcp``, with the official client at the other end of its standard input and
-output."""
+"""``strands-actors mcp``, driven by the official client over its standard input and output."""
 
 from __future__ import annotations
 
@@ -39,7 +38,7 @@ async def served(run_dir: Path, *arguments: str) -> AsyncIterator[Client]:
 
 
 async def use(client: Client, **given: Any) -> dict[str, Any]:
-    """The envelope, which must agree with what the protocol says of it."""
+    """Return the envelope. Its status must agree with the error flag of the protocol."""
     result = await client.call_tool("so101", given)
     envelope = result.structured_content
     assert envelope is not None
@@ -49,7 +48,7 @@ async def use(client: Client, **given: Any) -> dict[str, Any]:
 
 
 async def command(run_dir: Path, *arguments: str) -> tuple[int, str]:
-    """The command with nobody to speak to: its exit code and what it said."""
+    """Run the command without a client. Return its exit code and its output."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "STRANDS_ACTORS_RUN": str(run_dir)}
     done = await trio.run_process(
         [sys.executable, "-c", MAIN, "mcp", "so101", *arguments], capture_stderr=True, check=False, env=environment
@@ -75,7 +74,7 @@ def test_without_allow_motion_nothing_is_energised_and_stop_works(twin: Twin, ru
             assert json_of(await use(client, action="status"))["state"] == "disarmed"
             assert "shoulder_pan" in json_of(await use(client, action="sensors"))["positions"]
             refusal = await use(client, action="move_to", targets={"gripper": 30.0})
-            assert "motion is not allowed here. start the server with --allow-motion" in why(refusal)
+            assert "this tool does not allow motion. Start the server with --allow-motion" in why(refusal)
             assert refusal["content"][1]["json"]["refused"]["code"] == "no_motion"
             assert "--allow-motion" in why(await use(client, action="set_torque", enabled=True))
             assert "is not a verb" in why(await use(client, action="dance"))
@@ -96,9 +95,9 @@ def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: T
             moved = json_of(await use(client, action="move_to", targets={"shoulder_pan": 10.0}))
             assert moved["commanded"] == {"shoulder_pan": 10.0}
             assert "so101 in process" in json_of(await use(client, action="status"))["lease"]
-            code, said = await command(run_dir, "--port", twin.port)  # one robot, one server
-            assert (code, said.count("\n")) == (2, 1), said
-            assert "in use by" in said
+            code, output = await command(run_dir, "--port", twin.port)  # a second server for the same robot
+            assert (code, output.count("\n")) == (2, 1), output
+            assert "in use by" in output
 
     run(main)
     until(lambda: goals(twin.log.host("setpoint")[-1])[1] == 2161, "it goes there, and no further")
@@ -121,22 +120,22 @@ def test_an_interrupt_ends_it_safely(twin: Twin, run_dir: Path) -> None:
         until(lambda: set(torque_now(twin.log).values()) == {1}, "it is armed")
         server.send_signal(signal.SIGINT)
         code = server.wait(20.0)  # its standard input is still open
-        _, said = server.communicate()
+        _, output = server.communicate()
     finally:
         server.kill()
     assert code == 130
-    assert [line for line in said.splitlines() if "is not calibrated" not in line] == []
+    assert [line for line in output.splitlines() if "is not calibrated" not in line] == []
     assert limps(twin.log)
 
 
 @pytest.mark.long
-def test_what_cannot_be_served_is_said_in_one_line(run_dir: Path) -> None:
+def test_a_robot_that_cannot_be_served_is_refused_in_one_line(run_dir: Path) -> None:
     async def main() -> None:
-        code, said = await command(run_dir, "--port", "/dev/nowhere")
-        assert (code, said.count("\n")) == (2, 1), said
-        assert "/dev/nowhere" in said
-        code, said = await command(run_dir, "--transport", "pigeon")
-        assert (code, said.count("\n")) == (2, 1), said
-        assert "it offers twin" in said
+        code, output = await command(run_dir, "--port", "/dev/nowhere")
+        assert (code, output.count("\n")) == (2, 1), output
+        assert "/dev/nowhere" in output
+        code, output = await command(run_dir, "--transport", "pigeon")
+        assert (code, output.count("\n")) == (2, 1), output
+        assert "it offers twin" in output
 
     run(main)

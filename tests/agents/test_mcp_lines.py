@@ -1,4 +1,4 @@
-"""Lines on an MCP server's standard input that no client of the SDK sends."""
+"""Send an MCP server lines that no client of the SDK would send."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def call(arguments: Any, number: int = 7) -> str:
     ],
     ids=lambda value: str(value)[:30],
 )
-def test_what_is_no_message_is_refused(line: str, code: int, number: int | None) -> None:
+def test_an_invalid_message_is_refused(line: str, code: int, number: int | None) -> None:
     refusal = understood(line, "so101")
     assert not isinstance(refusal, str | Stop)
     assert (refusal.error.code, refusal.id) == (code, number)
 
 
 @pytest.mark.parametrize("line", [call({"action": "status"}), call(None), '{"jsonrpc": "2.0", "method": "x"}'])
-def test_what_is_one_is_left_as_it_is(line: str) -> None:
+def test_a_valid_message_is_not_changed(line: str) -> None:
     assert understood(line, "so101") == line
 
 
@@ -67,19 +67,19 @@ STOPS: list[tuple[Any, Any]] = [
 ]
 
 
-@pytest.mark.parametrize(("said", "number"), STOPS, ids=lambda value: str(value)[:60])
-def test_saf_006_a_stop_that_is_no_call_is_a_stop(said: Any, number: Any) -> None:
-    for line in (json.dumps(said), "\ufeff" + json.dumps(said)):
+@pytest.mark.parametrize(("message", "number"), STOPS, ids=lambda value: str(value)[:60])
+def test_saf_006_a_stop_in_another_message_than_a_call_is_a_stop(message: Any, number: Any) -> None:
+    for line in (json.dumps(message), "\ufeff" + json.dumps(message)):
         assert understood(line, "so101") == Stop(number)
 
 
 @pytest.mark.parametrize("line", ["stop\n", "Stop the robot!\n", '{"action": "stop", "why": "a hand'])
-def test_saf_006_a_stop_that_is_no_json_is_a_stop(line: str) -> None:
+def test_saf_006_a_stop_in_plain_text_is_a_stop(line: str) -> None:
     assert understood(line, "so101") == Stop(None)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "body",
     [
         {"jsonrpc": "2.0", "id": 7, "method": "prompts/get", "params": {"name": "stop"}},
         {"jsonrpc": "2.0", "id": "stop", "method": "ping"},
@@ -88,8 +88,8 @@ def test_saf_006_a_stop_that_is_no_json_is_a_stop(line: str) -> None:
         {"jsonrpc": "2.0", "id": 7, "method": "tools/call", "params": {"name": "so100", "arguments": STOP}},
     ],
 )
-def test_another_request_is_no_stop(said: Any) -> None:
-    assert json.loads(str(understood(json.dumps(said), "so101"))) == said
+def test_another_request_is_not_a_stop(body: Any) -> None:
+    assert json.loads(str(understood(json.dumps(body), "so101"))) == body
 
 
 FORMS: list[dict[str, Any]] = [
@@ -137,6 +137,6 @@ def test_saf_006_a_stop_as_text_stops_and_each_line_is_answered(twin: Twin, run_
         assert server.wait(20.0) == 0
     assert answers[None]["error"]["code"] == PARSE_ERROR
     for number in (3, 4):
-        told = answers[number]["result"]["structuredContent"]
-        assert told["content"][0]["json"]["safe_state"] == "limp", told
+        reply = answers[number]["result"]["structuredContent"]
+        assert reply["content"][0]["json"]["safe_state"] == "limp", reply
     assert limps(twin.log)

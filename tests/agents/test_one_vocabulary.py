@@ -1,4 +1,4 @@
-"""What a script can call, an agent can ask, and the other way round: of every driver, without a list."""
+"""For every driver, scripts and agents have the same calls. The test needs no list of them."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def every_driver() -> Iterator[tuple[str, Driver]]:
                 walks: type[Driver] = load(where)
                 yield name, walks(robot, "", walks.resolve(robot, {"level": name.partition(":")[2]}))
         if not driver.SIMULATION:
-            wanted = plan(robot)
-            yield f"{robot}:sim", build_driver(wanted.driver_class, wanted.robot, "", wanted.options)
+            robot_plan = plan(robot)
+            yield f"{robot}:sim", build_driver(robot_plan.driver_class, robot_plan.robot, "", robot_plan.options)
 
 
 DRIVERS = dict(every_driver())
@@ -50,7 +50,7 @@ SAMPLES: dict[str, Any] = {"string": "x", "number": 1.0, "boolean": True, "objec
 
 
 def asked(driver: Driver, name: str) -> Call:
-    """Return the call of an agent that gives this verb what it requires."""
+    """Return an agent's call of this verb with all required inputs."""
     verb = next(verb for verb in verbs_of(driver) if verb.name == name)
     call = read(driver, {"action": name, **{key: SAMPLES[verb.inputs[key]["type"]] for key in verb.required}})
     assert isinstance(call, Call), call
@@ -63,7 +63,7 @@ def test_an_agent_can_ask_for_every_service_that_a_script_can_call(robot: str) -
     of_agents = {verb.name for verb in verbs_of(driver)}
     stops = {name for name, service in driver.SERVICES.items() if service.stops is not None}
     assert set(driver.SERVICES) - of_agents == stops - of_agents
-    assert stops <= {"emergency_stop"}  # the only exception: an agent's word for it is `stop`
+    assert stops <= {"emergency_stop"}  # the only exception: an agent calls it `stop`
     assert {verb.name for verb in verbs_of(driver) if verb.does == "service"} <= set(driver.SERVICES)
     offered = tool_spec("tool", driver)["inputSchema"]["json"]["properties"]
     for name in undeclared(driver):
@@ -77,7 +77,7 @@ def test_an_agent_can_ask_for_every_service_that_a_script_can_call(robot: str) -
 
 @pytest.mark.parametrize("robot", DRIVERS)
 def test_inputs_of_one_name_have_one_type(robot: str) -> None:
-    """They share a schema."""
+    """All verbs of a tool share one schema."""
     types: dict[str, str] = {}
     for verb in verbs_of(DRIVERS[robot]):
         for name, schema in verb.inputs.items():
@@ -86,7 +86,7 @@ def test_inputs_of_one_name_have_one_type(robot: str) -> None:
 
 @pytest.mark.parametrize("robot", DRIVERS)
 def test_every_verb_of_an_agent_is_a_method_of_the_handle(robot: str) -> None:
-    """Services and verbs come by ``__getattr__``, others are methods."""
+    """Services and verbs are found by ``__getattr__``. Others are methods."""
     driver = DRIVERS[robot]
     for verb in verbs_of(driver):
         by_name = verb.name in driver.SERVICES or verb.name in verb_names(driver)
@@ -106,7 +106,7 @@ def tree_of(driver: Driver) -> Any:
 
 
 @pytest.mark.parametrize(("robot", "name"), HELD)
-def test_saf_014_what_is_not_declared_for_agents_needs_approval(
+def test_saf_014_a_service_that_is_not_declared_for_agents_needs_approval(
     robot: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(ALLOW, raising=False)
@@ -131,7 +131,7 @@ def test_saf_006_an_agents_emergency_stop_cuts_no_motors_in_the_air() -> None:
     assert isinstance(call, Call) and (call.verb.name, call.kind) == ("stop", "stop")
 
 
-def test_nobody_is_asked_before_a_twist_of_zero() -> None:
+def test_a_twist_of_zero_needs_no_approval() -> None:
     """It stops the robot."""
 
     async def run(twist: dict[str, float]) -> list[str]:
@@ -152,14 +152,14 @@ def test_nobody_is_asked_before_a_twist_of_zero() -> None:
     assert trio.run(run, {"vx": 0.1}) == []
 
 
-def test_a_simulation_asks_nobody() -> None:
+def test_a_simulation_needs_no_approval() -> None:
     sims = [driver for name, driver in DRIVERS.items() if name.endswith(":sim")]
     assert sims and all(isinstance(driver, SimDriver) for driver in sims)
-    assert not any(asked(driver, name).asks for driver in sims for name in undeclared(driver))
-    assert asked(REAL["crazyflie"], "takeoff").asks
+    assert not any(asked(driver, name).needs_approval for driver in sims for name in undeclared(driver))
+    assert asked(REAL["crazyflie"], "takeoff").needs_approval
 
 
-def test_a_service_of_another_level_says_which() -> None:
+def test_the_refusal_of_a_service_names_the_level_that_has_it() -> None:
     refused = read(REAL["unitree_go2"], {"action": "stand_up"})
     assert isinstance(refused, Refused) and "level='low'" in refused.text and "sport" in refused.text
     refused = read(REAL["so101"], {"action": "stand_up"})

@@ -1,5 +1,4 @@
-"""Policies by name and from afar: who is chosen, what they are told, and a real server at the other
-end."""
+"""Choose policies by name, check what they receive and return, and run one on a real policy server."""
 
 from __future__ import annotations
 
@@ -36,8 +35,8 @@ Answer = Callable[[dict[str, Any]], dict[str, Any] | bytes | None]
 
 @contextlib.contextmanager
 def server(answer: Answer) -> Iterator[tuple[int, list[dict[str, Any]]]]:
-    """A policy server of somebody else: its port, and the requests it got. It answers in kind;
-    None: not at all."""
+    """Run a third-party policy server and yield its port and the requests that it received. It answers in the
+    encoding of the request. If ``answer`` returns None, it sends no answer."""
     requests: list[dict[str, Any]] = []
     done = threading.Event()
 
@@ -65,27 +64,27 @@ def server(answer: Answer) -> Iterator[tuple[int, list[dict[str, Any]]]]:
 
 
 def forward(request: dict[str, Any]) -> dict[str, Any]:
-    """Eight steps of a fifth of a degree, from where the arm is."""
+    """Return eight steps of 0.2 degrees, from the arm's present position."""
     start = request["observation"]["shoulder_pan"]
     return {"actions": [{"shoulder_pan": start + 0.2 * step} for step in range(1, 9)]}
 
 
-# -- who is chosen
+# -- choosing a policy
 
 
-def test_the_default_is_no_policy_of_ours(arm: RealRobot) -> None:
+def test_the_default_policy_needs_lerobot(arm: RealRobot) -> None:
     refusal = why(arm.start_task("wave"))
     assert "policy_provider 'lerobot_local' needs lerobot: pip install 'strands-actors[lerobot]'" in refusal
     assert "there are mock, remote, sine" in refusal
 
 
 @pytest.mark.parametrize("port", [0, -1, 65536, True, "8000", 1.5])
-def test_a_port_that_is_none_is_refused(port: Any) -> None:
+def test_an_invalid_port_is_refused(port: Any) -> None:
     with pytest.raises(ValueError, match="policy_port is"):
         choose_provider("remote", "localhost", port, {})
 
 
-def test_only_who_is_elsewhere_takes_an_address() -> None:
+def test_only_a_remote_policy_takes_an_address() -> None:
     with pytest.raises(ValueError, match="takes no policy_port"):
         choose_provider("mock", "localhost", 8000, {})
     assert choose_provider("mock", "localhost", None, {"amplitude": 1.0})[1] == {"amplitude": 1.0}
@@ -94,12 +93,12 @@ def test_only_who_is_elsewhere_takes_an_address() -> None:
 
 
 @pytest.mark.parametrize("name", ["smooth_talk", "", None, 3])
-def test_a_name_that_is_none_is_refused_with_those_there_are(name: Any) -> None:
+def test_an_unknown_policy_name_is_refused_with_the_known_names(name: Any) -> None:
     with pytest.raises(ValueError, match="use one of lerobot_local, mock, remote, sine"):
         choose_provider(name, "localhost", None, {})
 
 
-def test_another_package_adds_a_provider_and_replaces_none(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_package_adds_a_provider_but_cannot_replace_one(monkeypatch: pytest.MonkeyPatch) -> None:
     points = [
         EntryPoint("wbc", "other.wbc:Wbc", "strands_actors.policies"),
         EntryPoint("mock", "other.bad:Mock", "strands_actors.policies"),
@@ -110,11 +109,11 @@ def test_another_package_adds_a_provider_and_replaces_none(monkeypatch: pytest.M
     assert choose_provider("mock", "localhost", None, {})[0].where == "strands_actors.policies.mock:Mock"
 
 
-# -- what a policy is told, and what it may answer
+# -- inputs and outputs of a policy
 
 
 class Told:
-    """The interface of the drivers page."""
+    """A policy with the interface that the drivers page describes."""
 
     supports_rtc = False
     execution_horizon = 2
@@ -135,7 +134,7 @@ class Told:
         return [{"a": np.float32(0.5), "b": step} for step in range(4)]
 
 
-def test_a_policy_of_the_pages_interface_is_told_what_it_drives() -> None:
+def test_a_policy_with_the_documented_interface_gets_the_robots_axes_and_rate() -> None:
     policy = Told()
     prepare(policy, ("a", "b"), 30.0)
     assert policy.calls == [("keys", ["a", "b"]), ("hz", 30.0), ("reset", None)]
@@ -152,13 +151,13 @@ def test_a_chunk_is_plain_numbers_and_whole_unless_chunks_are_blended() -> None:
 
 
 @pytest.mark.parametrize("answer", [3, None, "ab", ["a"], {"a"}])
-def test_what_is_no_action_is_told(answer: Any) -> None:
+def test_an_invalid_action_is_refused(answer: Any) -> None:
     with pytest.raises(TypeError, match=f"returned {type(answer).__name__}, not an action"):
         as_infer(lambda observation: answer)({}, "")
 
 
 @pytest.mark.parametrize("policy", [None, 3, "mock", object(), {"step": 1}])
-def test_what_is_no_policy_is_told(policy: Any) -> None:
+def test_an_invalid_policy_is_refused(policy: Any) -> None:
     with pytest.raises(TypeError, match="is no policy"):
         as_infer(policy)
 
@@ -203,7 +202,7 @@ def test_run_policy_is_refused_for_the_first_thing_that_is_wrong(arm: RealRobot)
     assert "the robot is disarmed" in why(arm.run_policy(hold))
     json_of(arm.resume())
     json_of(arm.run_policy(policy=hold))
-    assert "already running. call stop_task() first" in why(arm.run_policy(policy_object=hold))
+    assert "already running. Call stop_task() first" in why(arm.run_policy(policy_object=hold))
     json_of(arm.stop_task())
     arm.cleanup()
     assert "int is no policy" in why(arm.run_policy(3))
@@ -211,7 +210,7 @@ def test_run_policy_is_refused_for_the_first_thing_that_is_wrong(arm: RealRobot)
 
 
 class Late:
-    """Takes its time to load."""
+    """A policy that loads slowly."""
 
     def __init__(self, axes: Sequence[str], ready: str, wait_s: float = 20.0) -> None:
         Path(ready).touch()
@@ -238,7 +237,7 @@ def test_saf_008_a_policy_that_loads_through_a_stop_does_not_move_after_the_resu
     assert arm.send_action({"gripper": 40.0})["status"] == "success"
 
 
-# -- a policy elsewhere
+# -- a policy on a server
 
 
 @pytest.mark.parametrize("encoding", ["msgpack", "json"])
@@ -251,7 +250,7 @@ def test_a_remote_policy_drives_the_arm(arm: RealRobot, twin: Twin, encoding: st
     assert (ended["exit_reason"], ended["instruction"]) == ("stopped", "forward"), ended
     first = requests[0]
     assert (first["instruction"], first["axes"], first["hz"]) == ("forward", list(first["observation"]), 20.0)
-    # Each chunk is executed, not its first step alone.
+    # All steps of each chunk are executed, not only the first.
     assert len(requests) < len(twin.log.host("setpoint", began_ns)) / 4
     assert holds(twin.log, began_ns)
 
@@ -271,7 +270,7 @@ def test_a_server_that_goes_silent_ends_the_rollout_and_the_arm_holds(arm: RealR
     assert holds(twin.log, began_ns)
 
 
-def test_a_server_that_is_not_there_is_told(arm: RealRobot, twin: Twin) -> None:
+def test_an_unreachable_policy_server_is_reported(arm: RealRobot, twin: Twin) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     assert f"ConnectionError: ws://127.0.0.1:{port}/: " in ended_with(arm, port)
@@ -284,14 +283,14 @@ OBSERVATION = {"a": 0.0, "b": math.nan}
 @pytest.mark.parametrize(
     ("answer", "error", "text"),
     [
-        (lambda request: {"error": "no such task"}, ConnectionError, "says: no such task"),
+        (lambda request: {"error": "no such task"}, ConnectionError, "reports an error: no such task"),
         (lambda request: {"actions": [{"a": "left"}]}, ConnectionError, "no chunk: Expected `float`, got `str`"),
         (lambda request: b"\xc1", ConnectionError, "no chunk"),
         (lambda request: b"\x00" * (1 << 21), ConnectionError, "too big"),
         (lambda request: None, TimeoutError, "did not answer within 0.2 s"),
     ],
 )
-def test_what_is_no_chunk_is_told(answer: Answer, error: type[Exception], text: str) -> None:
+def test_an_invalid_chunk_is_reported(answer: Answer, error: type[Exception], text: str) -> None:
     with (
         server(answer) as (port, _),
         contextlib.closing(Remote(AXES, "127.0.0.1", port, timeout_s=0.2)) as remote,
@@ -300,7 +299,7 @@ def test_what_is_no_chunk_is_told(answer: Answer, error: type[Exception], text: 
         remote.get_actions_sync(OBSERVATION, "go")
 
 
-def test_what_was_never_read_is_null_in_json() -> None:
+def test_a_missing_reading_is_null_in_json() -> None:
     with (
         server(lambda request: {"actions": [{"a": 1}]}) as (port, requests),
         contextlib.closing(Remote(AXES, "127.0.0.1", port, encoding="json")) as remote,
@@ -309,7 +308,7 @@ def test_what_was_never_read_is_null_in_json() -> None:
     assert json.dumps(requests[0]["observation"]) == '{"a": 0.0, "b": null}'
 
 
-def test_a_server_that_takes_the_call_and_says_nothing_is_bounded() -> None:
+def test_a_silent_policy_server_ends_in_a_timeout() -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute, pytest.raises(TimeoutError, match=r"within 0\.2 s"):
         Remote(AXES, "127.0.0.1", mute.getsockname()[1], timeout_s=0.2)
     with pytest.raises(ValueError, match="use one of msgpack, json"):

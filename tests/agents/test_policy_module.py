@@ -1,4 +1,4 @@
-"""``strands_actors.policies`` as a script uses it, and a server that speaks first."""
+"""Use ``strands_actors.policies`` from a script, and a policy server that sends the first message."""
 
 from __future__ import annotations
 
@@ -69,14 +69,14 @@ def test_a_class_of_the_script_itself_goes_to_run_policy(arm: RealRobot) -> None
 
     register_policy("here", lambda: Here)
     refusal = why(arm.start_task("x", policy_provider="here"))
-    assert "stands in the script itself" in refusal and "run_policy(create_policy(...))" in refusal
+    assert "is defined in the script" in refusal and "run_policy(create_policy(...))" in refusal
     assert isinstance(create_policy("here"), Here)
 
 
 @pytest.mark.parametrize(
     ("given", "error", "text"),
     [
-        (lambda: register_policy("mock", lambda: Creep), ValueError, "mock is known already. pass overwrite=True"),
+        (lambda: register_policy("mock", lambda: Creep), ValueError, "mock is known already. Pass overwrite=True"),
         (lambda: register_policy("my", lambda: Creep, ["sine"]), ValueError, "sine is known already"),
         (lambda: register_policy("my", Creep), TypeError, "give a function that returns the class"),
         (lambda: register_policy("a/b", lambda: Creep), TypeError, "without : and /"),
@@ -89,12 +89,12 @@ def test_a_class_of_the_script_itself_goes_to_run_policy(arm: RealRobot) -> None
         (lambda: Policy(), TypeError, "abstract"),  # type: ignore[abstract]
     ],
 )
-def test_what_is_wrong_is_refused(given: Any, error: type[Exception], text: str) -> None:
+def test_invalid_options_are_refused(given: Any, error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=text):
         given()
 
 
-def test_a_loader_that_returns_no_class_is_told() -> None:
+def test_a_loader_that_returns_no_class_is_refused() -> None:
     register_policy("mine", lambda: Creep())  # type: ignore[arg-type,return-value]
     with pytest.raises(ValueError, match="it has to return the class"):
         create_policy("mine")
@@ -105,25 +105,25 @@ def test_overwrite_replaces_ours_for_this_process() -> None:
     assert isinstance(create_policy("mock"), Creep)
 
 
-# -- a server that speaks first
+# -- a server that sends the first message
 
 
 def test_a_server_that_greets_drives_the_arm_by_name(arm: RealRobot, twin: Twin) -> None:
-    with greeting_server(forward) as (port, heard):
+    with greeting_server(forward) as (port, received):
         began_ns = time.monotonic_ns()
         json_of(arm.start_task("forward", port, "127.0.0.1", "remote", control_frequency=20))
         until(lambda: len(twin.log.host("setpoint", began_ns)) > 16, "it moves by chunks")
         assert json_of(arm.stop_task())["exit_reason"] == "stopped"
     assert holds(twin.log, began_ns)
     keys = list(arm.get_observation())
-    assert {"type": "set_state_keys", "keys": keys} in heard
-    assert {"type": "set_control_frequency", "hz": 20.0} in heard
-    assert {"type": "reset", "seed": None} in heard
-    asked = [each for each in heard if each["type"] == "get_actions"]
-    assert asked[0]["instruction"] == "forward" and list(asked[0]["observation"]) == keys
-    assert (asked[0]["rtc_observed_delay_steps"], asked[0]["kwargs"]) == (None, {})
-    # each chunk is executed, not its first step alone
-    assert len(asked) < len(twin.log.host("setpoint", began_ns)) / 4
+    assert {"type": "set_state_keys", "keys": keys} in received
+    assert {"type": "set_control_frequency", "hz": 20.0} in received
+    assert {"type": "reset", "seed": None} in received
+    requests = [each for each in received if each["type"] == "get_actions"]
+    assert requests[0]["instruction"] == "forward" and list(requests[0]["observation"]) == keys
+    assert (requests[0]["rtc_observed_delay_steps"], requests[0]["kwargs"]) == (None, {})
+    # all steps of each chunk are executed, not only the first
+    assert len(requests) < len(twin.log.host("setpoint", began_ns)) / 4
 
 
 def test_the_address_of_a_server_is_a_policy(arm: RealRobot) -> None:
@@ -138,17 +138,17 @@ def test_the_address_of_a_server_is_a_policy(arm: RealRobot) -> None:
 
 def test_a_greeting_that_comes_late_is_heeded() -> None:
     with (
-        greeting_server(lambda seen: [{"a": seen["a"] + 1.0}], greet_after_s=0.6) as (port, heard),
+        greeting_server(lambda seen: [{"a": seen["a"] + 1.0}], greet_after_s=0.6) as (port, received),
         contextlib.closing(Remote(AXES, "127.0.0.1", port)) as remote,
     ):
         remote.set_control_frequency(25.0)
         for expected in (1.0, 2.0):
             assert remote.get_actions_sync({"a": expected - 1.0, "b": 0.0}, "go") == [{"a": expected}]
-    assert {"type": "set_state_keys", "keys": AXES} in heard
-    assert {"type": "set_control_frequency", "hz": 25.0} in heard
+    assert {"type": "set_state_keys", "keys": AXES} in received
+    assert {"type": "set_control_frequency", "hz": 25.0} in received
 
 
-def test_what_it_says_of_its_policy_counts_here() -> None:
+def test_a_remote_policy_has_the_properties_from_the_servers_greeting() -> None:
     with (
         greeting_server(lambda seen: [{"a": 1.0}] * 4, supports_rtc=True, execution_horizon=2) as (port, _),
         contextlib.closing(Remote(AXES, "127.0.0.1", port)) as remote,
@@ -163,14 +163,14 @@ def refuse(seen: dict[str, float]) -> list[dict[str, float]]:
 @pytest.mark.parametrize(
     ("chunk", "facts", "text"),
     [
-        (refuse, {}, "says: KeyError: 'image'"),
-        (lambda seen: "left", {}, "answered what its protocol does not have"),
-        (lambda seen: [], {"version": 2}, "speaks version 2 of its protocol, not 1"),
-        (lambda seen: [], {"execution_horizon": 0}, "advertises execution_horizon 0"),
-        (lambda seen: [], {"requires_images": "no"}, "began with what is no greeting"),
+        (refuse, {}, "reports an error: KeyError: 'image'"),
+        (lambda seen: "left", {}, "sent a response that its protocol does not have"),
+        (lambda seen: [], {"version": 2}, "uses version 2 of its protocol, not 1"),
+        (lambda seen: [], {"execution_horizon": 0}, "reports execution_horizon 0"),
+        (lambda seen: [], {"requires_images": "no"}, "sent a wrong first message"),
     ],
 )
-def test_what_it_says_wrongly_is_told(chunk: Any, facts: dict[str, Any], text: str) -> None:
+def test_an_invalid_greeting_is_reported(chunk: Any, facts: dict[str, Any], text: str) -> None:
     def asked(port: int) -> None:
         with contextlib.closing(Remote(AXES, "127.0.0.1", port)) as remote:
             remote.get_actions_sync(OBSERVATION, "go")

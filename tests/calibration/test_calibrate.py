@@ -1,5 +1,5 @@
-"""Calibration on twins, moved by hand: what is written to the servos and to LeRobot's file, and that
-a robot then connects with it."""
+"""Calibrate twins by simulated hand motion. Check the values in the servos and in LeRobot's file, and that a
+robot then connects with them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.testing import Twin
 from tests.answers import status, until
 
-commands = importlib.import_module("strands_actors.surfaces.cli.calibrate")  # the command has its name
+commands = importlib.import_module("strands_actors.surfaces.cli.calibrate")  # the command has the module's name
 
 MIDDLE, TURN = 2047, 4095
 SWING = 0.6
@@ -46,7 +46,7 @@ def setup_of(robot: str, port: str, open_port: Callable[[str, int], BytePort] = 
 
 
 class NoisyPort:
-    """A port on which every so many reads a byte of what was received is flipped, or all is lost."""
+    """A port that regularly flips a received byte, or loses all received bytes."""
 
     EVERY = 41
 
@@ -68,7 +68,7 @@ class NoisyPort:
 
 
 class Hands:
-    """A person who moves a twin. ``still``: joints that are forgotten."""
+    """Moves the joints of a twin as a person would, except the joints ``still``."""
 
     def __init__(self, twin: Twin, joints: tuple[str, ...], still: tuple[str, ...] = ()) -> None:
         self._twin = twin
@@ -156,7 +156,7 @@ def test_a_robot_is_calibrated_by_hand_and_connects_with_lerobots_file(
         written = json.loads(path.read_text())
         assert list(written) == list(JOINTS) and list(written["gripper"]) == list(FIELDS)
         kinds = {entry.kind for entry in twin.log.entries() if entry.sender == "host"}
-        assert not kinds & {"enable", "setpoint"}, "nothing was energised"
+        assert not kinds & {"enable", "setpoint"}, "no motor was energised"
         if leader_name(robot) is not None:
             return
         twin.move_by_hand(**dict.fromkeys(JOINTS, 0.1))
@@ -169,18 +169,18 @@ def test_a_robot_is_calibrated_by_hand_and_connects_with_lerobots_file(
             arm.cleanup()
 
 
-def test_a_file_as_lerobots_command_writes_it_is_read_and_written_alike(
+def test_a_file_of_lerobots_command_is_read_and_written_unchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of an arm as they are built: no joint in the middle of its encoder, an offset at the end of
-    its register, the gripper closed at half a turn."""
+    """The arm is as real arms are: no joint has its middle at the middle of the encoder, one offset is at the
+    end of its register, and the gripper closes at half a turn."""
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     theirs = Path(__file__).with_name("as_lerobot_writes_it.json").read_bytes()
     follower = tmp_path / "robots" / "so_follower" / "blue.json"
     follower.parent.mkdir(parents=True)
     follower.write_bytes(theirs)
     driver = class_of("so101")("so101", "port", class_of("so101").resolve("so101", {"tool_name": "blue"}))
-    # LeRobot's degrees: 0 is the middle of the range, and a turn has 4095 counts
+    # In LeRobot's degrees, 0 is the middle of the range and a turn has 4095 counts.
     half_turns = {"shoulder_pan": 2255 / 2, "wrist_flex": 2286 / 2, "wrist_roll": 4095 / 2}
     for joint, half in half_turns.items():
         assert driver.travel()[joint] == pytest.approx((-half * 360 / 4095, half * 360 / 4095), abs=0.1)
@@ -190,7 +190,7 @@ def test_a_file_as_lerobots_command_writes_it_is_read_and_written_alike(
     assert again.read_bytes() == theirs
 
 
-def test_a_joint_that_was_forgotten_is_named_and_the_servos_have_what_they_had(tmp_path: Path) -> None:
+def test_an_unmoved_joint_is_named_and_the_servos_keep_their_values(tmp_path: Path) -> None:
     with Twin("so101", tmp_path, by_hand=True) as twin:
         twin.move_by_hand(**dict.fromkeys(JOINTS, 0.1))
         with pytest.raises(ValueError, match="elbow_flex was hardly moved"):
@@ -207,7 +207,7 @@ def test_a_joint_that_was_forgotten_is_named_and_the_servos_have_what_they_had(t
 
 
 @pytest.mark.parametrize("robot", ["so101", "koch"])
-def test_answers_that_are_lost_or_damaged_are_asked_for_again(robot: str, tmp_path: Path) -> None:
+def test_requests_with_lost_or_damaged_answers_are_repeated(robot: str, tmp_path: Path) -> None:
     with Twin(robot, tmp_path, by_hand=True) as twin:
         twin.move_by_hand(**dict.fromkeys(JOINTS, 0.1))
         ports: list[NoisyPort] = []
@@ -225,7 +225,7 @@ def test_answers_that_are_lost_or_damaged_are_asked_for_again(robot: str, tmp_pa
 def test_a_range_beyond_one_turn_is_named_and_not_cut(low: int, high: int) -> None:
     ranges = Ranges(setup_of("so101", "/dev/null").axes, ("wrist_roll",))
     for count in (low, high):
-        ranges.take({joint: count if joint == "wrist_flex" else count % 2048 for joint in JOINTS})
+        ranges.record({joint: count if joint == "wrist_flex" else count % 2048 for joint in JOINTS})
     assert ranges.problems()["wrist_flex"].startswith(f"went from {low} to {high}, past its encoder's 0 to 4095")
 
 
@@ -233,36 +233,36 @@ def test_a_joint_that_passed_the_end_of_its_encoder_is_named() -> None:
     setup = setup_of("so101", "/dev/null")
     ranges = Ranges(setup.axes, ("wrist_roll",))
     for count in (10, 4090):
-        ranges.take({axis.key: count for axis in setup.axes})
+        ranges.record({axis.key: count for axis in setup.axes})
     assert set(ranges.problems()) == set(JOINTS) - {"wrist_roll"}
     assert "end of its encoder" in ranges.problems()["gripper"]
 
 
 def test_a_joint_that_jumped_by_half_a_turn_between_two_readings_passed_the_end() -> None:
-    """A quick hand: neither end of the encoder was read."""
+    """The hand moved so quickly that neither end of the encoder was read."""
     setup = setup_of("so101", "/dev/null")
     ranges = Ranges(setup.axes, ("wrist_roll",))
     for count in (2047, 2900, 3700, 300, 700):
-        ranges.take({axis.key: count for axis in setup.axes})
+        ranges.record({axis.key: count for axis in setup.axes})
     assert set(ranges.problems()) == set(JOINTS) - {"wrist_roll"}
     assert "end of its encoder" in ranges.problems()["gripper"]
 
 
-def test_a_range_is_what_was_read_and_no_more() -> None:
+def test_a_range_is_limited_to_the_readings() -> None:
     ranges = Ranges(setup_of("so101", "/dev/null").axes, ("wrist_roll",))
     for count in (4100, 4700):
-        ranges.take(dict.fromkeys(JOINTS, count))
+        ranges.record(dict.fromkeys(JOINTS, count))
     assert "went from 4100 to 4700" in ranges.problems()["gripper"]
 
 
 @pytest.mark.parametrize(
     ("robot", "robot_id", "why"),
     [
-        ("so101", "my.arm", "so101 cannot be called so. use 1 to 64 of A-Z"),
+        ("so101", "my.arm", "so101 cannot be called so. Use 1 to 64 of A-Z"),
         ("so101", "../left", "so101 cannot be called so"),
         ("so101", "", "so101 cannot be called so"),
-        ("so101_leader", "../../left", "a calibration's file is called so"),
-        ("koch_leader", "", "a calibration's file is called so"),
+        ("so101_leader", "../../left", "which cannot name a calibration file"),
+        ("koch_leader", "", "which cannot name a calibration file"),
     ],
 )
 def test_an_id_that_nothing_could_use_is_refused_before_the_work(robot: str, robot_id: str, why: str) -> None:
@@ -270,7 +270,7 @@ def test_an_id_that_nothing_could_use_is_refused_before_the_work(robot: str, rob
         commands.calibrate(robot, "/dev/null", robot_id, as_json=True)
 
 
-def test_a_file_that_cannot_be_written_is_told_before_the_work(
+def test_an_unwritable_file_is_reported_before_the_calibration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "file").touch()
@@ -279,10 +279,10 @@ def test_a_file_that_cannot_be_written_is_told_before_the_work(
         commands.calibrate("so101_leader", "/dev/null", "left", as_json=True)
 
 
-def test_a_file_that_cannot_be_written_after_the_work_is_told(
+def test_a_file_that_cannot_be_written_after_the_calibration_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The disk was filled meanwhile."""
+    """The disk became full in the meantime."""
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
 
     def no_space(*_: object) -> None:
@@ -296,7 +296,7 @@ def test_a_file_that_cannot_be_written_after_the_work_is_told(
 
 @pytest.mark.parametrize(("robot", "new_id"), [("so101", 11), ("koch", 11)])
 def test_a_new_servo_is_given_its_id_and_the_speed_of_the_bus(robot: str, new_id: int, tmp_path: Path) -> None:
-    """The gripper's servo is made one as from the shop: alone, with another id and speed."""
+    """The gripper's servo gets the state of a new servo: alone on the bus, with another id and speed."""
     with Twin(robot, tmp_path) as twin:
         setup = setup_of(robot, twin.port)
         gripper = setup.axes[-1]
@@ -319,14 +319,14 @@ def test_a_new_servo_is_given_its_id_and_the_speed_of_the_bus(robot: str, new_id
 
 
 async def alone(setup: Setup[Any]) -> None:
-    """Until the others are off."""
+    """Wait until the other servos are off."""
     with trio.fail_after(20.0):
         while [found.id for found in await setup.seek((setup.config.baud,))] != [setup.axes[-1].id]:
             pass
     setup._open(setup.config.baud)
 
 
-def test_the_adapter_that_is_unplugged_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unplugged_adapter_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("left", "right"):
         (tmp_path / name).touch()
     pull = _when_asked(lambda: (tmp_path / "right").unlink())

@@ -74,7 +74,7 @@ def test_the_scene_of_a_twin_is_seen_from_the_wrist_and_from_the_front(new_arm: 
     assert seen["wrist"].image.shape == (48, 64, 3)
     assert seen["front"].image.shape == (64, 48, 3)
     before = seen["wrist"]
-    assert before.image.std() > 5, "there is something to see"
+    assert before.image.std() > 5, "the picture is not uniform"
     json_of(arm.send_action({"shoulder_pan": 60.0}))
 
     def moved() -> bool:
@@ -87,7 +87,7 @@ def test_the_scene_of_a_twin_is_seen_from_the_wrist_and_from_the_front(new_arm: 
         assert (found["state"], found["opened"], found["why"]) == ("streaming", 1, None)
 
 
-def test_a_simulation_shows_what_was_put_into_it(run_dir: Path) -> None:
+def test_a_simulation_shows_an_added_object(run_dir: Path) -> None:
     with Robot("so101", cameras={"top": {"fps": 5, "width": 64, "height": 48}}) as sim:
         before = picture(attach_camera("so101", "top"))
         json_of(sim.add_object("box", size=[0.3, 0.3, 0.3], position=[0.2, 0.3, 0.15], color=[1, 0, 0]))
@@ -99,7 +99,7 @@ def test_a_simulation_shows_what_was_put_into_it(run_dir: Path) -> None:
         until(red, "a red box")
 
 
-def test_who_looks_never_waits_and_is_never_given_an_old_picture(new_arm: NewArm) -> None:
+def test_a_reader_never_waits_and_never_gets_an_old_picture(new_arm: NewArm) -> None:
     arm = new_arm({"eye": {"type": OWN + "once", **SMALL}})
     reader = attach_camera("so101", "eye")
     until(lambda: reader.sequence, "its one picture")
@@ -124,7 +124,7 @@ def test_who_looks_never_waits_and_is_never_given_an_old_picture(new_arm: NewArm
     until(lambda: reader.sequence > 1, "and another process opens it anew")
 
 
-def test_a_camera_that_is_pulled_out_is_told_and_opened_again(new_arm: NewArm, run_dir: Path) -> None:
+def test_an_unplugged_camera_is_reported_and_opened_again(new_arm: NewArm, run_dir: Path) -> None:
     plug = run_dir / "plug"
     arm = new_arm({"eye": {"type": OWN + "plugged", "view": str(plug), **SMALL}})
     until(lambda: told(arm, "eye")["why"] == "it is not plugged in", "it is not there yet")
@@ -139,11 +139,11 @@ def test_a_camera_that_is_pulled_out_is_told_and_opened_again(new_arm: NewArm, r
     plug.touch()
     again = picture(reader)
     assert again.sequence > first.sequence
-    assert pid_of(arm, "eye") == pid, "for that no process has to end"
+    assert pid_of(arm, "eye") == pid, "the same process opens the camera again"
     assert told(arm, "eye")["opened"] >= 2
 
 
-def test_what_a_camera_does_wrong_is_said_by_name(new_arm: NewArm) -> None:
+def test_the_fault_of_a_camera_is_reported_by_name(new_arm: NewArm) -> None:
     arm = new_arm(
         {
             "wide": {"type": OWN + "wide", **SMALL},
@@ -156,15 +156,13 @@ def test_what_a_camera_does_wrong_is_said_by_name(new_arm: NewArm) -> None:
     assert "it gives 80 x 40, and 48 x 32 is asked for" in told(arm, "wide")["why"]
     until(lambda: told(arm, "broken")["why"] == "ZeroDivisionError: of a user's own code", "and told")
     until(lambda: "has no attribute 'nobody'" in (told(arm, "nowhere")["why"] or ""), "there is no such source")
-    until(
-        lambda: "stamp pictures with Python's monotonic_ns" in (told(arm, "ahead")["why"] or ""), "another clock's"
-    )
+    until(lambda: "use Python's time.monotonic_ns" in (told(arm, "ahead")["why"] or ""), "another clock's")
     with pytest.raises(StaleFrame, match="there is no picture yet"):
         arm.read_camera("ahead", 60_000)
     assert status(arm)["state"] == "armed"
 
 
-def test_a_reader_follows_a_robot_that_comes_again_and_names_what_is_not_there(new_arm: NewArm) -> None:
+def test_a_reader_follows_a_restarted_robot_and_names_a_missing_camera(new_arm: NewArm) -> None:
     with pytest.raises(ConnectionError, match="no robot 'so101' with cameras runs here"):
         attach_camera("so101", "eye")
     arm = new_arm({"eye": {"type": OWN + "steady", **SMALL}})
@@ -203,13 +201,13 @@ async def _asynchronously() -> tuple[dict[str, Any], Frame, Frame | Stale]:
             return seen, await arm.read_camera("eye", 60_000), reader.newest(60.0)
 
 
-def test_the_same_in_trio_and_blue_first_where_that_is_asked_for(run_dir: Path) -> None:
+def test_cameras_in_a_trio_program_and_a_bgr_picture(run_dir: Path) -> None:
     seen, frame, of_others = trio.run(_asynchronously)
     assert {"gripper", "eye"} < set(seen)
     assert frame.image.shape == (48, 32, 3)
-    assert frame.image[-1, -1].tolist()[0] == 200  # the corner, upside down
+    assert frame.image[-1, -1].tolist()[0] == 200  # the corner of the rotated picture
     assert isinstance(of_others, Frame)
-    assert of_others.image[-1, -1].tolist()[2] == 200, "RGB to everybody else"
+    assert of_others.image[-1, -1].tolist()[2] == 200, "other readers get RGB"
 
 
 # -- cameras do not disturb the robot
@@ -220,7 +218,7 @@ def wave(observation: dict[str, float]) -> dict[str, float]:
 
 
 @pytest.mark.long
-def test_saf_001_003_setpoints_do_not_notice_what_becomes_of_a_camera(new_arm: NewArm, run_dir: Path) -> None:
+def test_saf_001_003_a_killed_or_frozen_camera_does_not_disturb_setpoints(new_arm: NewArm, run_dir: Path) -> None:
     """SAF-001, SAF-003: while setpoints are streamed at 50 Hz, one camera is killed, and another, which
     floods, is frozen. No setpoint exceeds its lifetime (the robot would hold), and a stop is as quick as
     without cameras."""
@@ -241,7 +239,7 @@ def test_saf_001_003_setpoints_do_not_notice_what_becomes_of_a_camera(new_arm: N
     assert ended["exit_reason"] == "n_steps", str(ended)
     stream = [entry for entry in log.entries(began_ns) if entry.sender == "host" and entry.kind != "read"]
     last_ns = max(entry.t_ns for entry in stream if entry.kind == "setpoint")
-    assert not [entry for entry in stream if entry.kind == "safe" and entry.t_ns < last_ns], "it never held"
+    assert not [entry for entry in stream if entry.kind == "safe" and entry.t_ns < last_ns], "the arm did not hold"
     stopped_ns = time.monotonic_ns()
     json_of(arm.stop())
     log.safe_within(stopped_ns, 0.5)

@@ -30,7 +30,7 @@ def settings(given: Any, **keywords: Any) -> CameraSettings:
     return found
 
 
-def test_a_configuration_of_lerobots_is_taken_as_it_is() -> None:
+def test_all_settings_of_lerobot_are_accepted() -> None:
     more = {"rotation": 90, "color_mode": "bgr", "fourcc": "MJPG", "warmup_s": 2, "backend": "V4L2"}
     found = settings({**FULL, **more})
     assert (found.name, found.type, found.index_or_path, found.fps) == ("top", OPENCV, 0, 30.0)
@@ -92,50 +92,50 @@ def test_a_picture_is_stale_after_three_periods_and_not_before_200_ms(fps: float
 
 
 WRONG = [
-    ({"top": 0}, "camera 'top' is 0. give its settings"),
+    ({"top": 0}, "camera 'top' is 0. Give its settings"),
     (
         {"top": {"index_or_path": 0, "fsp": 30}},
-        r"takes no 'fsp' \('fsp' -> 'fps'\?\). it takes type, index_or_path",
+        r"has no setting 'fsp' \('fsp' -> 'fps'\?\). Use type, index_or_path",
     ),
-    ({"top": {}}, "index_or_path is None. give its number .* path below /dev/v4l/by-id"),
+    ({"top": {}}, "index_or_path is None. Give its number .* path below /dev/v4l/by-id"),
     ({"top": {**FULL, "index_or_path": -1}}, "index_or_path is -1"),
     ({"top": {**FULL, "index_or_path": -2}}, "index_or_path is -2"),
     ({"top": {**FULL, "index_or_path": True}}, "index_or_path is True"),
-    ({"top": {**FULL, "fps": 0}}, "fps is 0. give a number from 0.1 to 240"),
+    ({"top": {**FULL, "fps": 0}}, "fps is 0. Give a number from 0.1 to 240"),
     ({"top": {**FULL, "fps": float("nan")}}, "fps is nan"),
     ({"top": {**FULL, "fps": "30"}}, "fps is '30'"),
-    ({"top": {**FULL, "width": None}}, "width is None and height 480. give both, or neither"),
-    ({"top": {**FULL, "width": 1e3}}, r"width is 1000\.0. give pixels, a whole number"),
+    ({"top": {**FULL, "width": None}}, "width is None and height 480. Give both, or neither"),
+    ({"top": {**FULL, "width": 1e3}}, r"width is 1000\.0. Give pixels, a whole number"),
     ({"top": {**FULL, "height": 100000}}, "height is 100000"),
-    ({"top": {**FULL, "rotation": 45}}, "rotation is 45. use 0, 90, 180 or -90"),
-    ({"top": {**FULL, "color_mode": "hsv"}}, "color_mode is 'hsv'. use rgb or bgr"),
-    ({"top": {**FULL, "fourcc": "MJPEG"}}, "fourcc is 'MJPEG'. give four letters"),
-    ({"top": {**FULL, "backend": 700}}, r"backend is '700'. use 0 or 200 \(V4L2\)"),
+    ({"top": {**FULL, "rotation": 45}}, "rotation is 45. Use 0, 90, 180 or -90"),
+    ({"top": {**FULL, "color_mode": "hsv"}}, "color_mode is 'hsv'. Use rgb or bgr"),
+    ({"top": {**FULL, "fourcc": "MJPEG"}}, "fourcc is 'MJPEG'. Give four letters"),
+    ({"top": {**FULL, "backend": 700}}, r"backend is '700'. Use 0 or 200 \(V4L2\)"),
     ({"top": {**FULL, "warmup_s": -1}}, "warmup_s is -1"),
-    ({"top": {**FULL, "view": "front"}}, "which has one picture. leave out view"),
-    ({"top": {"type": "intelrealsense"}}, "which this version does not read. .* V4L2 device, too"),
-    ({"top": {"type": "usb"}}, "is of type 'usb'. use opencv, scene, robot, or module:function"),
-    ({"top": {"type": ["usb"]}}, r"is of type \['usb'\]. use opencv"),
-    ({"top": {"type": "mod:"}}, "is of type 'mod:'. use opencv"),
-    ({"top": {"type": ":f"}}, "is of type ':f'. use opencv"),
-    ({"top": {"type": "scene"}}, "a real robot has none. use 'opencv'"),
-    ({"top": {"type": "robot"}}, "this robot's service gives no pictures"),
-    ({"top": {"type": "a:b", "fourcc": "MJPG"}}, "has no use for fourcc"),
+    ({"top": {**FULL, "view": "front"}}, "which has no views. Leave out view"),
+    ({"top": {"type": "intelrealsense"}}, "which this version does not support. .* V4L2 device, too"),
+    ({"top": {"type": "usb"}}, "is of type 'usb'. Use opencv, scene, robot, or module:function"),
+    ({"top": {"type": ["usb"]}}, r"is of type \['usb'\]. Use opencv"),
+    ({"top": {"type": "mod:"}}, "is of type 'mod:'. Use opencv"),
+    ({"top": {"type": ":f"}}, "is of type ':f'. Use opencv"),
+    ({"top": {"type": "scene"}}, "a real robot has no simulated scene. Use 'opencv'"),
+    ({"top": {"type": "robot"}}, "this robot provides no pictures itself"),
+    ({"top": {"type": "a:b", "fourcc": "MJPG"}}, "does not use fourcc"),
     ({"gripper": FULL}, "a camera is named 'gripper', and so is an axis"),
-    ({"a/b": FULL}, "a camera is named 'a/b'. use a letter"),
+    ({"a/b": FULL}, "a camera is named 'a/b'. Use a letter"),
     ({1: FULL}, "a camera is named 1"),
-    ({f"c{number}": FULL for number in range(9)}, "9 cameras. give at most 8"),
+    ({f"c{number}": FULL for number in range(9)}, "9 cameras. Give at most 8"),
 ]
 
 
 @pytest.mark.parametrize(("given", "text"), WRONG)
-def test_what_is_wrong_is_refused_by_name(given: Any, text: str) -> None:
+def test_an_invalid_setting_is_refused_by_name(given: Any, text: str) -> None:
     with pytest.raises((TypeError, ValueError), match=text):
         Robot("so101", **PORT, cameras=given)
 
 
 def test_cameras_are_one_entry_each() -> None:
-    with pytest.raises(TypeError, match=r"cameras is \[0\]. give one entry a camera"):
+    with pytest.raises(TypeError, match=r"cameras is \[0\]. Give one entry for each camera"):
         Robot("so101", **PORT, cameras=[0])
 
 

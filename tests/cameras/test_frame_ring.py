@@ -35,7 +35,7 @@ def put(ring: FrameRing, value: int, captured_ns: int = 0) -> int:
     return ring.put(captured_ns or time.monotonic_ns(), SIDE, SIDE, memoryview(bytes([value]) * BYTES))
 
 
-def test_what_was_put_last_is_what_is_read(path: str) -> None:
+def test_a_reader_gets_the_last_picture(path: str) -> None:
     writer, reader = FrameRing(path, writes=True), FrameRing(path)
     assert reader.read() is None
     assert (reader.newest, reader.captured_ns, reader.stale_ns) == (0, 0, 200_000_000)
@@ -45,7 +45,7 @@ def test_what_was_put_last_is_what_is_read(path: str) -> None:
         assert reader.captured_ns == 1000 + number
 
 
-def test_a_picture_is_whole_however_fast_it_is_replaced(path: str) -> None:
+def test_a_picture_is_whole_at_any_rate_of_replacement(path: str) -> None:
     """All bytes of a picture are equal. A picture that was read while it was written would have two values."""
     reader = FrameRing(path)
     numbers = set()
@@ -94,46 +94,46 @@ def test_a_writer_that_ends_in_the_middle_leaves_the_picture_before_it(path: str
 
 def test_a_picture_that_is_too_large_is_refused_by_its_size(path: str) -> None:
     writer = FrameRing(path, writes=True)
-    with pytest.raises(ValueError, match=r"a picture of 512 x 256 is 393216 bytes, more than .* give width and"):
+    with pytest.raises(ValueError, match=r"a picture of 512 x 256 is 393216 bytes, but the room .* Give width and"):
         writer.put(1, 256, 512, memoryview(bytes(256 * 512 * 3)))
     assert writer.newest == 0
 
 
-def test_what_is_set_aside_takes_no_memory_until_it_is_used(tmp_path: Path) -> None:
+def test_a_new_ring_takes_no_memory_before_its_use(tmp_path: Path) -> None:
     path = str(tmp_path / "large")
     create(path, 4096 * 4096 * 3, 1)
     assert os.stat(path).st_size > 4096 * 4096 * 3 * SLOTS
     assert os.stat(path).st_blocks * 512 < 1 << 20
 
 
-def test_who_reads_cannot_write(path: str) -> None:
+def test_a_reader_cannot_write(path: str) -> None:
     reader = FrameRing(path)
     with pytest.raises(TypeError):
         reader.beat(1)
 
 
-def test_what_a_source_says_of_itself(path: str) -> None:
+def test_a_source_writes_its_description_and_its_heartbeat(path: str) -> None:
     writer, reader = FrameRing(path, writes=True), FrameRing(path)
-    assert (reader.told, reader.beaten_ns) == (b"", 0)
-    writer.tell(b"well")
+    assert (reader.description, reader.beaten_ns) == (b"", 0)
+    writer.write_description(b"well")
     writer.beat(7)
-    assert (reader.told, reader.beaten_ns) == (b"well", 7)
-    writer.tell(b"x" * PAGE)
-    assert set(reader.told) == {ord("x")}
+    assert (reader.description, reader.beaten_ns) == (b"well", 7)
+    writer.write_description(b"x" * PAGE)
+    assert set(reader.description) == {ord("x")}
 
 
 def test_compressed_pictures_lie_beside_and_only_if_they_fit(path: str) -> None:
     writer, reader = FrameRing(path, writes=True), FrameRing(path)
     assert reader.read_compressed() is None
-    writer.want(99)
-    assert reader.wanted_until_ns == 99
+    writer.request_compressed(99)
+    assert reader.requested_until_ns == 99
     assert writer.put_compressed(Shot(4, 44, SIDE, SIDE, b"jpeg"))
     assert reader.read_compressed() == Shot(4, 44, SIDE, SIDE, b"jpeg")
     assert not writer.put_compressed(Shot(5, 55, SIDE, SIDE, bytes(COMPRESSED_ROOM + 1)))
     assert reader.newest_compressed == 4
 
 
-def test_who_needs_no_pictures_maps_none(tmp_path: Path) -> None:
+def test_a_process_that_needs_no_pictures_does_not_map_them(tmp_path: Path) -> None:
     """A root locks all memory that it maps, and may lock only little."""
     path = str(tmp_path / "large")
     create(path, 4096 * 4096 * 3, 1)
@@ -141,8 +141,8 @@ def test_who_needs_no_pictures_maps_none(tmp_path: Path) -> None:
     assert put(camera, 1) == root.newest == 1
     assert camera.put_compressed(Shot(1, 11, SIDE, SIDE, b"jpeg"))
     assert root.read_compressed() == Shot(1, 11, SIDE, SIDE, b"jpeg")
-    root.want(7)
-    assert camera.wanted_until_ns == 7
+    root.request_compressed(7)
+    assert camera.requested_until_ns == 7
     assert root.mapped_bytes < 4 << 20
 
 
@@ -156,7 +156,7 @@ def test_a_file_that_was_replaced_is_known_as_such(path: str) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"x" * PAGE, bytes(3 * PAGE)])
-def test_what_is_no_ring_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_ring_is_refused(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "file"
     file.write_bytes(content)
     with pytest.raises(NoRing, match="is no ring of pictures"):

@@ -98,7 +98,7 @@ def test_a_device_is_set_up_format_first_and_read_in_rgb() -> None:
         assert [picture.image[0, 0].tolist() for picture in (first, second)] == [[1, 0, 0], [2, 0, 0]]
         assert before_ns < first.captured_ns < second.captured_ns <= time.monotonic_ns()
         await source.read()
-        with pytest.raises(WireDown, match="0 gives no picture any more: is it unplugged"):
+        with pytest.raises(WireDown, match=r"0 gives no more pictures\. check that it is plugged in"):
             await source.read()
         await source.aclose()
 
@@ -107,7 +107,7 @@ def test_a_device_is_set_up_format_first_and_read_in_rgb() -> None:
 
 
 @pytest.mark.parametrize(("behind_ms", "counts"), [(40.0, True), (-5.0, False), (5_000.0, False)])
-def test_the_devices_own_time_counts_where_it_is_on_our_clock(behind_ms: float, counts: bool) -> None:
+def test_the_devices_time_is_used_if_it_is_on_our_clock(behind_ms: float, counts: bool) -> None:
     cv2 = StandIn(kernel_ms=lambda count: time.monotonic_ns() / 1e6 - behind_ms)
     source = open_with(settings(), cv2)
     before_ns = time.monotonic_ns()
@@ -122,27 +122,27 @@ def test_a_device_that_was_believed_once_is_believed_when_its_picture_is_old() -
     source = open_with(settings(), cv2)
     ages_s = [(time.monotonic_ns() - trio.run(source.read).captured_ns) / 1e9 for _ in range(3)]
     assert ages_s[0] < 1.0 and ages_s[2] < 1.0
-    assert ages_s[1] > 9.9, "it is stale, and is said to be"
+    assert ages_s[1] > 9.9, "the picture is old, and its age is reported"
 
 
-def test_what_is_not_there_is_told_with_what_is() -> None:
+def test_a_missing_device_is_reported_with_the_present_ones() -> None:
     cv2 = StandIn(is_there=False)
     with pytest.raises(WireDown, match=r"/dev/video7 cannot be opened\. there (is no|are) /dev/video"):
         open_with(settings(index_or_path="/dev/video7"), cv2)
     assert cv2.made[0].opened == ("/dev/video7", V4L2)
-    assert cv2.made[0].calls[-1] == "release", "it is let go, for the next attempt"
+    assert cv2.made[0].calls[-1] == "release", "the device is released for the next attempt"
 
 
 @pytest.mark.parametrize(("word", "value"), [("fps", 60.0), ("width", 1280)])
-def test_another_size_or_rate_than_was_asked_for_is_refused(word: str, value: float) -> None:
+def test_another_size_or_rate_than_the_requested_one_is_refused(word: str, value: float) -> None:
     cv2 = StandIn()
     with pytest.raises(WireDown, match=rf"0 gives {word} .* and {value:g} is asked for\. v4l2-ctl"):
         open_with(settings(**{"width": 640, "height": 480, word: value}), cv2)
     assert cv2.made[0].calls[-1] == "release"
 
 
-def test_a_file_is_read_by_whatever_reads_it_at_the_rate_that_is_asked_for(tmp_path: Path) -> None:
-    cv2 = StandIn(kernel_ms=lambda count: 33.3 * count)  # time within the film, not of our clock
+def test_a_film_is_read_by_any_backend_at_the_requested_rate(tmp_path: Path) -> None:
+    cv2 = StandIn(kernel_ms=lambda count: 33.3 * count)  # the time within the film, not the time of our clock
     film = tmp_path / "film.avi"
     film.touch()
     source = open_with(settings(index_or_path=str(film), fps=5.0), cv2)

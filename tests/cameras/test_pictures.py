@@ -12,9 +12,9 @@ from strands_actors.drivers.sim.pictures import ScenePictures
 
 
 class Late:
-    """A twin whose answer took long to arrive."""
+    """A twin with a slow answer."""
 
-    scene = -1  # the one that is known
+    scene = -1  # the present scene
     qpos = b""
 
     async def call(self, *_: Any) -> Late:

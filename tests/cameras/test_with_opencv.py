@@ -46,7 +46,7 @@ def test_a_picture_too_large_as_jpeg_costs_itself_alone(tmp_path: Path) -> None:
     path, size = str(tmp_path / "ring"), (1080, 1920, 3)
     create(path, math.prod(size), NS)
     ring = FrameRing(path, writes=True)
-    ring.want(1 << 60)
+    ring.request_compressed(1 << 60)
     compressor = Compressor(ring)
     noise = np.random.default_rng(0).integers(0, 256, size, dtype=np.uint8)
     trio.run(compressor.compress, noise, 1, 1)
@@ -74,8 +74,8 @@ def test_a_film_is_a_camera_that_is_unplugged_at_its_end_and_wanted_as_jpeg(film
 
         until(seen, "pictures of the film")
         until(lambda: isinstance(reader.newest(), Stale), "its end")
-        told: dict[str, Any] = status(arm)["cameras"]["film"]
-        assert "gives no picture any more" in told["why"] or told["opened"] > 1, told
+        state: dict[str, Any] = status(arm)["cameras"]["film"]
+        assert "gives no more pictures" in state["why"] or state["opened"] > 1, state
         until(lambda: status(arm)["cameras"]["film"]["opened"] > 1, "it is opened again")
 
         (note,) = notes()
@@ -94,12 +94,12 @@ def test_a_film_is_a_camera_that_is_unplugged_at_its_end_and_wanted_as_jpeg(film
             assert stamp["seq"] > 0
             subscriber.undeclare()
             ring = FrameRing(str(ring_path("so101", "eye")))
-            until(lambda: ring.wanted_until_ns < time.monotonic_ns(), "nobody wants it any more")
+            until(lambda: ring.requested_until_ns < time.monotonic_ns(), "nobody wants it any more")
             number = ring.newest
             until(lambda: ring.newest > number + 5, "the one that was being compressed is done")
             last = ring.newest_compressed
             until(lambda: ring.newest > number + 15, "pictures go on")
-            assert ring.newest_compressed == last, "and none is compressed"
+            assert ring.newest_compressed == last, "no further picture is compressed"
         finally:
             session.close()
 

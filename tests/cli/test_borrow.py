@@ -41,12 +41,12 @@ def used(why: str) -> str:
     return trio.run(borrow, "so101", None, use, clock=trio.testing.MockClock(autojump_threshold=0))
 
 
-def test_it_says_why_the_use_or_the_release_has_failed(releases: list[Any]) -> None:
+def test_the_command_reports_why_the_use_or_the_release_failed(releases: list[Any]) -> None:
     releases.append({"status": "success", "content": []})
     assert used("") == "" and used("it is e-stopped") == "it is e-stopped"
     releases[0] = {"status": "error", "content": [{"text": "release: not confirmed"}]}
     assert used("") == "release: not confirmed" and used("it is e-stopped") == "it is e-stopped"
 
 
-def test_saf_023_a_release_without_an_answer_is_no_success(releases: list[Any]) -> None:
+def test_saf_023_a_release_without_an_answer_is_not_a_success(releases: list[Any]) -> None:
     assert used("") == "release: no answer" and used("it is e-stopped") == "it is e-stopped"

@@ -1,5 +1,4 @@
-"""The demo, run as by a user: its exit code shows whether the robot was safe, and it leaves nothing
-behind."""
+"""Run the demo as a user does. Its exit code shows whether the robot was safe, and no process or file is left."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def script(command: Command, text: str) -> str:
 
 
 def test_a_simulation_runs_and_a_picture_names_its_extra(lean: Command) -> None:
-    said = script(
+    output = script(
         lean,
         """
 from strands_actors import Robot
@@ -61,12 +61,12 @@ with Robot("so101") as arm:
         print(why)
 """,
     )
-    assert said.splitlines()[0] == "success"
-    assert "a picture needs OpenGL and glfw. pip install 'strands-actors[pictures]'" in said
+    assert output.splitlines()[0] == "success"
+    assert "a picture needs OpenGL and glfw. pip install 'strands-actors[pictures]'" in output
 
 
-def test_a_ur_runs_without_its_sdk_and_where_it_is_asked_for_names_the_line_that_installs_it(lean: Command) -> None:
-    said = script(
+def test_a_ur_runs_without_its_sdk_and_names_the_command_that_installs_it(lean: Command) -> None:
+    output = script(
         lean,
         """
 from strands_actors import Robot
@@ -80,7 +80,7 @@ with Robot("ur5e") as arm:
     print(arm.send_action({"shoulder_pan_joint": 0.1})["status"])
 """,
     )
-    refusal, connected, status = said.splitlines()
+    refusal, connected, status = output.splitlines()
     assert "rtde_control cannot be used" in refusal
     assert "pip install 'strands-actors[ur]'" in refusal or "has no wheel for" in refusal
     assert connected == "None script"
@@ -88,7 +88,7 @@ with Robot("ur5e") as arm:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("replay", "run.mcap"), "a recording needs mcap and zstandard. pip install 'strands-actors[record]'"),
         (("record", "so101", "-o", "run.mcap"), "pip install 'strands-actors[record]'"),
@@ -99,15 +99,15 @@ with Robot("ur5e") as arm:
         (("mcp", "so101"), "mcp needs mcp. pip install 'strands-actors[mcp]'"),
     ],
 )
-def test_a_command_names_its_extra(lean: Command, arguments: tuple[str, ...], told: str) -> None:
+def test_a_command_names_its_extra(lean: Command, arguments: tuple[str, ...], message: str) -> None:
     done = lean.run(*arguments)
     assert done.returncode == 2
-    assert told in done.stderr
+    assert message in done.stderr
     assert "Traceback" not in done.stderr
 
 
 def test_the_import_of_record_names_its_extra(lean: Command) -> None:
-    said = script(
+    output = script(
         lean,
         """
 from strands_actors import record
@@ -117,7 +117,7 @@ except ImportError as why:
     print(why)
 """,
     )
-    assert "pip install 'strands-actors[record]'" in said
+    assert "pip install 'strands-actors[record]'" in output
 
 
 @pytest.mark.long
@@ -128,7 +128,7 @@ def test_the_demo_runs_without_its_picture(lean: Command, tmp_path: Path) -> Non
     assert not (tmp_path / "demo.png").exists()
 
 
-def test_doctor_names_what_pictures_need(lean: Command) -> None:
+def test_doctor_names_the_requirements_of_pictures(lean: Command) -> None:
     checks = lean.json("doctor")["checks"]
     (gl,) = [check for check in checks if check["name"] == "gl"]
     assert gl["state"] == "weak"

@@ -17,7 +17,7 @@ from .command import Command, RobotProcess, refusal_code
 
 
 @pytest.mark.long
-def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> None:
+def test_published_samples_are_shown(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("echo", "so101", "--count", "3", "--json")
     assert done.returncode == 0, done.stderr
     samples = [json.loads(line) for line in done.stdout.splitlines()]
@@ -44,14 +44,12 @@ def test_what_a_robot_publishes_is_shown(cli: Command, robot: RobotProcess) -> N
 
 
 @pytest.mark.long
-def test_a_topic_that_nobody_publishes_is_told_and_waited_on_no_longer_than_is_wanted(
-    cli: Command, robot: RobotProcess
-) -> None:
+def test_a_topic_without_a_publisher_is_reported_after_the_given_time(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("echo", "strands/so101/nothing", "--timeout", "3.5")
     assert (done.returncode, done.stdout) == (2, "")
     waiting, ended = done.stderr.splitlines()
-    assert waiting.startswith("nobody publishes strands/so101/nothing so far") and waiting.endswith("so101")
-    assert "nothing came of strands/so101/nothing for 3.5 s" in ended
+    assert waiting.startswith("no sample of strands/so101/nothing has arrived yet") and waiting.endswith("so101")
+    assert "no sample of strands/so101/nothing arrived for 3.5 s" in ended
 
 
 @pytest.mark.long
@@ -76,7 +74,7 @@ def test_a_target_is_sent_once_the_script_has_given_the_lease_up(cli: Command, r
 
 
 @pytest.mark.long
-def test_what_a_script_has_released_is_moved_without_a_resume(cli: Command, robot: RobotProcess) -> None:
+def test_a_released_robot_is_moved_without_a_resume(cli: Command, robot: RobotProcess) -> None:
     """Move by single commands. Between them the robot holds, and reports why."""
     assert robot.call("send_action", {"shoulder_pan": 2.0})["status"] == "success"
     assert robot.call("release")["status"] == "success"
@@ -109,8 +107,13 @@ def test_a_reader_that_has_seen_enough_is_no_error(cli: Command, robot: RobotPro
 
 
 def test_estop_alone_is_for_every_robot(cli: Command, robot: RobotProcess) -> None:
-    (told,) = cli.json("estop")["robots"]
-    assert (told["robot"], told["outcome"], told["safe_state"], told["locked"]) == ("so101", "safe", "limp", True)
+    (result,) = cli.json("estop")["robots"]
+    assert (result["robot"], result["outcome"], result["safe_state"], result["locked"]) == (
+        "so101",
+        "safe",
+        "limp",
+        True,
+    )
     assert refusal_code(robot.call("send_action", {"shoulder_pan": 3.0})) == "locked_out"
     (resumed,) = cli.json("resume", "--all")["robots"]
     assert resumed["done"]
@@ -128,14 +131,14 @@ def test_a_frozen_root_is_reported_and_its_wire_is_safe_by_itself(cli: Command, 
 
 
 def test_keys_are_made_once(cli: Command, tmp_path: Path) -> None:
-    asked = ("--robot", "arm", "--name", "screen", "--host", "arm.example")
-    done = cli.json("mesh", "keys", str(tmp_path / "keys"), *asked)
+    arguments = ("--robot", "arm", "--name", "screen", "--host", "arm.example")
+    done = cli.json("mesh", "keys", str(tmp_path / "keys"), *arguments)
     names = sorted(Path(file).name for file in done["files"])
     assert names == sorted(
         f"{name}.{ending}" for name in ("ca", "arm", "operator", "viewer", "screen") for ending in ("pem", "key")
     )
     again = cli.run("mesh", "keys", str(tmp_path / "keys"))
-    assert again.returncode == 2 and "already there" in again.stderr
+    assert again.returncode == 2 and "exists already" in again.stderr
     later = cli.json("mesh", "keys", str(tmp_path / "keys"), "--robot", "arm2")
     assert sorted(Path(file).name for file in later["files"]) == ["arm2.key", "arm2.pem"]
 
@@ -144,17 +147,19 @@ def test_a_mesh_file_that_would_open_the_robot_unasked_is_refused(cli: Command, 
     file = tmp_path / "mesh.toml"
     file.write_text('connect = "tcp/192.0.2.1:7447"\n')
     for verb in ("status", "resume"):
-        asked = ("mesh", verb) if verb == "status" else (verb, "--all")
-        done: subprocess.CompletedProcess[Any] = cli.run(*asked, "--mesh", str(file))
+        arguments = ("mesh", verb) if verb == "status" else (verb, "--all")
+        done: subprocess.CompletedProcess[Any] = cli.run(*arguments, "--mesh", str(file))
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-        assert "leaves this host" in done.stderr
+        assert "everyone in its network" in done.stderr
 
 
 def test_saf_007_a_mesh_file_that_cannot_be_used_keeps_no_stop_from_the_robots_of_this_user(
     cli: Command, robot: RobotProcess, tmp_path: Path
 ) -> None:
     cli.environment["STRANDS_ACTORS_MESH"] = str(tmp_path / "no.toml")
-    others = "the robots of other hosts: NOT CONFIRMED: they were not looked for: mesh: "
+    others = (
+        "the robots of other hosts: NOT CONFIRMED: no search was made, because the configuration is wrong: mesh: "
+    )
     for verb in (("stop", "so101"), ("stop", "--all"), ("estop",), ("estop", "so101")):
         done = cli.run(*verb)
         assert done.returncode == 1 and done.stdout.startswith("so101: limp, 6 motors confirmed"), done
@@ -169,38 +174,40 @@ def test_saf_007_a_mesh_file_that_cannot_be_used_keeps_no_stop_from_the_robots_o
 
 
 def state(robot: RobotProcess) -> str:
-    told: str = robot.call("get_status")["content"][0]["json"]["state"]
-    return told
+    shown: str = robot.call("get_status")["content"][0]["json"]["state"]
+    return shown
 
 
-def test_trace_shows_who_tells_whom_what(cli: Command, robot: RobotProcess) -> None:
+def test_trace_shows_sender_receiver_and_type_of_each_message(cli: Command, robot: RobotProcess) -> None:
     with cli.start("trace", "so101", "--json", "--seconds", "30") as tracing:
         assert tracing.stdout is not None
         seen: list[dict[str, Any]] = []
-        wanted = {("ask", "gate", "Setpoint"), ("answer", "caller", "Accepted")}
-        while wanted:
+        expected = {("ask", "gate", "Setpoint"), ("answer", "caller", "Accepted")}
+        while expected:
             robot.call("send_action", {"shoulder_pan": 1.0})
             seen.append(json.loads(tracing.stdout.readline()))
-            told = seen[-1]
-            wanted -= {(told["kind"], "caller" if "caller" in told["receiver"] else told["receiver"], told["type"])}
+            event = seen[-1]
+            expected -= {
+                (event["kind"], "caller" if "caller" in event["receiver"] else event["receiver"], event["type"])
+            }
             assert len(seen) < 500, seen
         tracing.send_signal(signal.SIGINT)
-    (setpoint, *_) = [told for told in seen if told["type"] == "Setpoint"]
+    (setpoint, *_) = [event for event in seen if event["type"] == "Setpoint"]
     assert "caller" in setpoint["sender"] and 0 <= setpoint["age_ms"] < 5000
-    (accepted, *_) = [told for told in seen if told["type"] == "Accepted"]
+    (accepted, *_) = [event for event in seen if event["type"] == "Accepted"]
     assert accepted["sender"] == "gate"
 
 
 @pytest.mark.long
-def test_trace_of_a_robot_at_rest_says_that_it_waits(cli: Command, robot: RobotProcess) -> None:
+def test_trace_of_a_resting_robot_reports_that_it_waits(cli: Command, robot: RobotProcess) -> None:
     assert robot.call("release")["status"] == "success"
     done = cli.run("trace", "so101", "--seconds", "5")
     assert (done.returncode, done.stdout) == (0, "")
-    assert done.stderr == "the actors of so101 tell each other nothing so far; waiting, Ctrl-C ends it\n"
+    assert done.stderr == "the processes of so101 have exchanged no message yet. Still waiting, Ctrl-C ends this\n"
 
 
 @pytest.mark.long
-def test_trace_of_nobody_names_who_is_there(cli: Command, robot: RobotProcess) -> None:
+def test_trace_of_an_unknown_robot_names_the_running_robots(cli: Command, robot: RobotProcess) -> None:
     done = cli.run("trace", "nobody")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "so101" in done.stderr

@@ -51,7 +51,7 @@ def test_stop_disarms_without_a_lock(cli: Command, robot: RobotProcess) -> None:
     assert robot.call("send_action", MOVE)["status"] == "success"
 
 
-def test_estop_reaches_a_robot_whose_wire_is_frozen(cli: Command, robot: RobotProcess) -> None:
+def test_estop_reaches_a_robot_with_a_frozen_wire(cli: Command, robot: RobotProcess) -> None:
     (tree,) = cli.json("tree")["robots"]
     (wire,) = [process["pid"] for process in tree["processes"] if process["role"] == "wire"]
     os.kill(wire, signal.SIGSTOP)
@@ -88,7 +88,7 @@ def test_saf_018_a_lock_outlives_the_script_and_is_lifted_without_one(cli: Comma
     done = cli.run("resume", "so101")
     assert done.returncode == 0, done.stderr
     assert "e-stop by the command line" in done.stdout
-    assert "no tree of it runs: nothing was energised" in done.stdout
+    assert "the robot is not running, so nothing was energised" in done.stdout
     done = cli.run("resume", "so101")
     assert done.returncode == 2, done.stdout
     with RobotProcess(cli) as robot:
@@ -96,7 +96,7 @@ def test_saf_018_a_lock_outlives_the_script_and_is_lifted_without_one(cli: Comma
 
 
 @pytest.mark.long
-def test_saf_018_resume_all_lifts_what_no_tree_holds(cli: Command) -> None:
+def test_saf_018_resume_all_lifts_a_lock_that_no_tree_holds(cli: Command) -> None:
     with RobotProcess(cli), RobotProcess(cli):
         assert cli.run("estop").returncode == 0
     cli.wait_until_gone()
@@ -116,11 +116,11 @@ def test_saf_018_locks_that_cannot_be_read_keep_no_robot_from_being_resumed(
     done = cli.run("resume", "so101")
     assert done.returncode == 1
     assert "so101: armed" in done.stdout
-    assert "the locks of e-stops: they cannot be read" in done.stderr
+    assert "the locks of e-stops: the locks cannot be read" in done.stderr
     assert robot.call("send_action", MOVE)["status"] == "success"
 
 
-def test_saf_005_a_run_directory_that_cannot_be_used_is_told(cli: Command, robot: RobotProcess) -> None:
+def test_saf_005_an_unusable_run_directory_is_reported(cli: Command, robot: RobotProcess) -> None:
     directory = cli.environment["STRANDS_ACTORS_RUN"]
     os.chmod(directory, 0o755)
     try:
@@ -140,7 +140,7 @@ class Silent:
         return Unreachable(Refused("unconfirmed", "neither wire nor root answers"), ("shoulder_pan", "gripper"))
 
 
-def test_saf_018_an_estop_that_nobody_answers_locks_the_port_too(run_dir: Path) -> None:
+def test_saf_018_an_unanswered_estop_locks_the_port_too(run_dir: Path) -> None:
     """The next tree may get another name, because that of a dead tree may stay taken for a while."""
     note = Note("so101", "so101", 1, [], port="192.0.2.10")
     done, line = trio.run(operate.estop, cast("Directory", Silent()), note)

@@ -27,14 +27,14 @@ COMMANDS = ("stop", "estop", "send", "list", "mesh", "resume")
         ("stop", "stop"),
     ],
 )
-def test_saf_006_a_stop_is_understood_as_it_is_typed(typed: str, meant: str) -> None:
+def test_saf_006_a_typed_stop_is_understood(typed: str, meant: str) -> None:
     assert spelled(typed.split(), COMMANDS) == meant.split()
 
 
 @pytest.mark.parametrize(
     "typed", ["", "list stop", "send stop x=1", "send so101 pan=1 stop", "nonstop so101", "mesh stop"]
 )
-def test_another_command_is_none(typed: str) -> None:
+def test_other_commands_are_not_a_stop(typed: str) -> None:
     assert spelled(typed.split(), COMMANDS) == typed.split()
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from strands_actors.supervisors.gate.messages import Status
 from strands_actors.supervisors.root.messages import TreeReport
-from strands_actors.surfaces.cli.top.feed import Seen
+from strands_actors.surfaces.cli.top.feed import RobotSnapshot
 from strands_actors.surfaces.cli.top.rows import state as top_state
 from strands_actors.surfaces.cli.trees import state_of
 from tests.trees import ATTEMPTS
@@ -30,7 +30,7 @@ def pids(robot: dict[str, Any]) -> dict[str, int]:
     return {process["role"]: process["pid"] for process in robot["processes"]}
 
 
-def test_nobody_is_there(cli: Command) -> None:
+def test_tree_without_a_running_robot(cli: Command) -> None:
     assert cli.json("tree") == {"robots": []}
     assert "no robot" in cli.run("tree").stdout
 
@@ -57,7 +57,7 @@ def test_a_running_robot(cli: Command, robot: RobotProcess) -> None:
     assert by_role["guardian"]["pid"] == pids(tree)["root"]
 
 
-def test_it_follows_a_task_and_a_stop(cli: Command, robot: RobotProcess) -> None:
+def test_tree_follows_a_task_and_a_stop(cli: Command, robot: RobotProcess) -> None:
     for _ in range(ATTEMPTS):  # on a busy machine a rollout may end before the command reads it
         assert robot.call("resume")["status"] == "success"
         assert robot.call("start_task", "wave", None, "localhost", "mock")["status"] == "success"
@@ -101,4 +101,4 @@ def test_an_e_stop_hides_no_state_that_is_not_safe(state: str) -> None:
     for mode, shown in (("disarmed", "e-stopped"), (state, state)):
         status = Status(mode, 1, True, "", "me", "", "", None, -1.0, (), 0, 0, 0, "", None)
         tree = TreeReport("so101", mode, 1, (), ())
-        assert top_state(Seen(0.0, cast(Any, None), tree, status, {})).plain == shown
+        assert top_state(RobotSnapshot(0.0, cast(Any, None), tree, status, {})).plain == shown

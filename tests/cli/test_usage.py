@@ -27,11 +27,11 @@ from .command import Command
         (["demo", "--seconds", "1"], "--seconds"),
         (["demo", "--out", "no/such/folder/demo.png"], "no/such/folder"),
         (["dance"], "dance"),
-        (["echo", "strands/so101/"], "'strands/so101/' is no key"),
-        (["hz", "strands//x", "--seconds", "1"], "'strands//x' is no key"),
-        (["echo", "strands/#"], "'strands/#' is no key"),
+        (["echo", "strands/so101/"], "'strands/so101/' is not a valid key"),
+        (["hz", "strands//x", "--seconds", "1"], "'strands//x' is not a valid key"),
+        (["echo", "strands/#"], "'strands/#' is not a valid key"),
         (["mesh", "keys", "keys", "--days", "99999999"], "--days"),
-        (["matrix", "-o", "no/such/page.md"], "no folder"),
+        (["matrix", "-o", "no/such/page.md"], "does not exist"),
         (["calibrate", "nope", "--port", "x"], "`strands-actors list` has them all"),
         (["calibrate", "so11", "--port", "x"], "'so11' is not known (so101?)"),
         (["calibrate", "ur5e", "--port", "x"], "its maker calibrates it"),
@@ -57,11 +57,11 @@ def test_one_line_and_exit_code_2(
         "strands_actors.drivers.common.twin.process.run_first", lambda priority: None
     )  # not this one
     assert run(arguments) == 2
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.startswith("strands-actors: ")
-    assert told.err.count("\n") == 1
-    assert named in told.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.startswith("strands-actors: ")
+    assert output.err.count("\n") == 1
+    assert named in output.err
 
 
 @pytest.mark.parametrize(
@@ -80,15 +80,15 @@ def test_one_line_and_exit_code_2(
     ],
     ids=lambda arguments: f"{arguments[0]} {arguments[-1]}",
 )
-def test_what_is_no_number_is_below_no_minimum_and_refused(
+def test_nan_and_infinity_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: list[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     for value in ("nan", "inf"):
         assert run([*arguments, value]) == 2
-        told = capsys.readouterr()
-        assert (told.out, told.err.count("\n")) == ("", 1)
-        assert f"'{arguments[-1]}': {value} is no finite number" in told.err
+        output = capsys.readouterr()
+        assert (output.out, output.err.count("\n")) == ("", 1)
+        assert f"'{arguments[-1]}': {value} is not a finite number" in output.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -100,7 +100,7 @@ def test_help_names_every_command(cli: Command) -> None:
             assert f"\n  {command} " in done.stdout
 
 
-def test_list_tells_who_drives_which_robot(cli: Command) -> None:
+def test_list_shows_the_driver_of_each_robot(cli: Command) -> None:
     rows = {row["robot"]: row for row in cli.json("list", "--all")["robots"]}
     needed = "pip install 'lerobot[feetech]'"
     both = {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"], "missing": needed}
@@ -112,7 +112,7 @@ def test_list_tells_who_drives_which_robot(cli: Command) -> None:
     assert "lerobot: pip install" in drawn  # LeRobot could drive it, but is not installed here
 
 
-def test_list_shows_first_what_works_here(cli: Command) -> None:
+def test_list_shows_first_the_robots_that_work_here(cli: Command) -> None:
     robots = {row["robot"] for row in cli.json("list")["robots"]}
     assert robots == set(list_native_drivers())
     left = len(cli.json("list", "--all")["robots"]) - len(robots)
@@ -121,7 +121,7 @@ def test_list_shows_first_what_works_here(cli: Command) -> None:
     assert f"{left} more" in drawn and "--all" in drawn
 
 
-def test_list_names_the_ways_that_nobody_has_seen_on_a_real_robot(cli: Command) -> None:
+def test_list_names_the_experimental_ways_to_connect(cli: Command) -> None:
     drawn = cli.run("list").stdout
     ways = (
         "crazyflie, a port radio:// or usb://",
@@ -168,9 +168,9 @@ def test_with_json_a_problem_is_an_object_too(
     monkeypatch.chdir(tmp_path)
     assert run([*arguments, "--json"]) == 2
     out, err = capsys.readouterr()
-    told = json.loads(out)
-    assert list(told) == ["error"]
-    assert err == f"strands-actors: {told['error']}\n"
+    result = json.loads(out)
+    assert list(result) == ["error"]
+    assert err == f"strands-actors: {result['error']}\n"
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_saf_014_bad_actions_are_refused_by_name(action: dict[str, object], code
 
 
 @pytest.mark.parametrize(
-    ("value", "told"),
+    ("value", "message"),
     [
         ("5", "joint1 is '5', a text."),
         ("", "joint1 is '', a text."),
@@ -71,13 +71,13 @@ def test_saf_014_bad_actions_are_refused_by_name(action: dict[str, object], code
         (None, "joint1 is None, as JSON also has what is infinite or not a number."),
     ],
 )
-def test_saf_014_what_is_no_number_is_shown_as_what_it_is(value: object, told: str) -> None:
+def test_saf_014_a_refusal_shows_the_value_that_is_not_a_number(value: object, message: str) -> None:
     refused = parse({"joint1": value})
     assert isinstance(refused, Refused) and refused.code == "not_finite"
-    assert refused.text == f"{told} send a finite number"
+    assert refused.text == f"{message} send a finite number"
 
 
-def test_two_axes_of_one_name_are_no_table() -> None:
+def test_two_axes_of_one_name_are_refused() -> None:
     with pytest.raises(ValueError, match="joint1"):
         axes_of((Part(PartKind.ARM, ARM), Part(PartKind.ARM, ARM, "left")))
 
@@ -86,14 +86,14 @@ def test_saf_014_past_its_range() -> None:
     gate = past_range(TABLE)
     refused = gate(Candidate((2.5, 0.0, 0.0, 0.0), (0,)), state())
     assert isinstance(refused, Refused)
-    assert refused.text == "joint1 2.5000 rad is past 2.0000. stay within -2.0000..2.0000"
+    assert refused.text == "joint1 2.5000 rad is past 2.0000. Stay within -2.0000..2.0000"
     # the gate checks only axes that the action names
     assert gate(Candidate((2.5, 0.0, 0.0, 0.0), (1,)), state()) is None
     assert gate(Candidate((math.nan, 0.0, 0.0, 0.0), (0,)), state()) is not None
 
 
 @given(st.floats(-10, 10), st.floats(-3, 3), st.floats(0.001, 3))
-def test_what_the_text_allows_is_allowed(value: float, low: float, span: float) -> None:
+def test_the_limits_named_in_a_refusal_are_accepted(value: float, low: float, span: float) -> None:
     axis = Axis(key="a", unit="rad", low=low, high=low + span)
     refused = past_range((axis,))(Candidate((value,), (0,)), state())
     if refused is not None:
@@ -103,7 +103,7 @@ def test_what_the_text_allows_is_allowed(value: float, low: float, span: float) 
                 assert past_range((axis,))(Candidate((end,), (0,)), state()) is None
 
 
-def test_saf_012_an_old_position_is_no_position() -> None:
+def test_saf_012_an_old_position_does_not_count() -> None:
     gate = stale(TABLE, 0.3)
     assert gate(Candidate((0.1,) * 4, (0,)), state(age_ns=200_000_000)) is None
     refused = gate(Candidate((0.1,) * 4, (0,)), state(age_ns=400_000_000))
@@ -142,7 +142,7 @@ def test_saf_014_a_slow_stream_steps_no_further_than_its_longest_period() -> Non
     assert gate(Candidate((0.21, 0.2, 0.0, 0.0), (0,)), slow) is not None
 
 
-def test_what_rounding_on_the_wire_loses_is_within_the_range() -> None:
+def test_the_rounding_error_of_the_wire_is_within_the_range() -> None:
     at_its_end = Candidate((2.0 + 5e-7, 0.2, 0.0, 0.0), (0,))
     assert past_range(TABLE, rounding=1e-6)(at_its_end, state()) is None
     assert past_range(TABLE)(at_its_end, state()) is not None
@@ -181,7 +181,7 @@ def test_saf_014_a_joint_that_is_past_its_end_may_be_held_there_or_brought_back(
         assert gate(Candidate((end * 2.051, 0.2, 0.0, 0.0), (0,)), comes_back) is not None
 
 
-def test_saf_014_a_velocity_that_is_measured_is_no_leave_to_drive_so_fast() -> None:
+def test_saf_014_a_measured_velocity_past_the_range_does_not_allow_that_speed() -> None:
     now_ns = 10**9
     fast = GateState(
         now_ns, Observation(now_ns, (0.0, 0.0, 0.9, 0.0), (now_ns,) * 4), (0.0, 0.0, 0.9, 0.0), 0, False
@@ -189,7 +189,7 @@ def test_saf_014_a_velocity_that_is_measured_is_no_leave_to_drive_so_fast() -> N
     assert past_range(TABLE)(Candidate((0.0, 0.0, 0.9, 0.0), (2,)), fast) is not None
 
 
-def test_saf_014_a_position_that_is_not_known_allows_nothing_past_the_end() -> None:
+def test_saf_014_an_unknown_position_allows_nothing_past_the_end() -> None:
     unknown = beyond(math.nan, math.nan)
     assert past_range(TABLE)(Candidate((2.01, 0.0, 0.0, 0.0), (0,)), unknown) is not None
 

@@ -32,7 +32,7 @@ def test_defaults_and_values() -> None:
     assert read_options("r", Options, plain(read)) == read
 
 
-def test_every_keyword_is_told() -> None:
+def test_every_keyword_has_a_description() -> None:
     assert meanings(Options)["timeout_s"] == "longest wait for an answer; default 10.0"
     assert set(meanings(Options)) == {"baud", "timeout_s", "retries", "activate", "signs", "offset"}
 
@@ -40,7 +40,7 @@ def test_every_keyword_is_told() -> None:
 def test_an_unknown_keyword_names_the_nearest() -> None:
     with pytest.raises(TypeError, match=r"r: unknown option bau \('bau' -> 'baud'\?\)\. Use baud, timeout_s"):
         read_options("r", Options, {"bau": 1})
-    with pytest.raises(TypeError, match="There is none"):
+    with pytest.raises(TypeError, match="This robot takes no options"):
         read_options("r", DriverOptions, {"baud": 1})
 
 
@@ -59,7 +59,7 @@ def test_an_unknown_keyword_names_the_nearest() -> None:
         {"offset": float("inf")},
     ],
 )
-def test_saf_014_a_bad_value_is_refused_with_what_is_accepted(given: dict[str, Any]) -> None:
+def test_saf_014_a_bad_value_is_refused_with_the_accepted_values(given: dict[str, Any]) -> None:
     (name,) = given
     with pytest.raises(ValueError, match=rf"^r: {name} is .*It is: ") as refused:
         read_options("r", Options, given)

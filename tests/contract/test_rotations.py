@@ -20,5 +20,5 @@ def test_a_quaternion_is_the_angles_it_was_made_of(roll: float, pitch: float, ya
     assert [math.degrees(angle) for angle in found] == pytest.approx([roll, pitch, yaw], abs=1e-6)
 
 
-def test_straight_up_is_no_error() -> None:
+def test_straight_up_raises_no_error() -> None:
     assert roll_pitch_yaw((math.sqrt(0.5), 0.0, math.sqrt(0.5) + 1e-9, 0.0))[1] == pytest.approx(math.pi / 2)

@@ -32,7 +32,7 @@ def fine(observation: Observation, now_ns: int) -> Refused | None:
     return None
 
 
-def test_a_drivers_words_are_safe_states_once_it_is_built() -> None:
+def test_texts_in_a_driver_become_safe_states_when_it_is_built() -> None:
     class Worded(FakeDriver):
         fallbacks = dict.fromkeys(Reason, "limp")  # type: ignore[assignment]
         conditions = (Condition(fine, Reason.FAULT, "off"), Condition(fine))  # type: ignore[arg-type]

@@ -64,8 +64,8 @@ def safe() -> Reports:
     return (MotorReport("a", 1, True, True, True),)
 
 
-def failed(why: str, port: Port | None = None) -> Reports:
-    return (MotorReport("a", 1, bool(port and port.written), False, False, why),)
+def failed(reason: str, port: Port | None = None) -> Reports:
+    return (MotorReport("a", 1, bool(port and port.written), False, False, reason),)
 
 
 def run(test: Callable[[], Awaitable[None]]) -> None:
@@ -93,8 +93,8 @@ class Duplicate(DuplicateDescriptor[Robot, Port]):
         port.write(safe_state)
         return safe()
 
-    def failed(self, why: str) -> Reports:
-        return failed(why)
+    def failed(self, reason: str) -> Reports:
+        return failed(reason)
 
 
 def test_the_wires_own_descriptor_is_used_first_and_again() -> None:
@@ -109,19 +109,19 @@ def test_the_wires_own_descriptor_is_used_first_and_again() -> None:
     run(test)
 
 
-def test_saf_020_a_dead_descriptor_is_given_up_and_the_port_opened_anew() -> None:
+def test_saf_020_a_dead_descriptor_is_closed_and_the_port_is_opened_again() -> None:
     async def test() -> None:
         robot = Robot()
         channel = Duplicate(robot, (-1,), VirtualClock())
         assert await channel.make_safe("limp") == safe()
-        assert channel.adopted.closed, "else the adapter comes back under another name"
+        assert channel.adopted.closed, "an open descriptor makes the adapter return under another name"
         robot.ports[0].dead = True
         assert await channel.make_safe("limp") == safe()
         assert robot.ports[0].closed and robot.ports[1].written == ["limp"]
         robot.ports[1].dead, robot.reachable = True, False
         assert await channel.make_safe("limp") == failed("nobody there")
         robot.reachable = True
-        assert await channel.make_safe("limp") == safe(), "the next attempt begins anew"
+        assert await channel.make_safe("limp") == safe(), "the next attempt makes a new connection"
 
     run(test)
 
@@ -139,11 +139,11 @@ class Connecting(ConnectWhenNeeded[Robot, Port]):
             raise WireDown("lost after it was written")
         return safe()
 
-    def failed(self, why: str, port: Port | None = None) -> Reports:
-        return failed(why, port)
+    def failed(self, reason: str, port: Port | None = None) -> Reports:
+        return failed(reason, port)
 
 
-def test_a_connection_is_made_for_each_stop_and_closed_whatever_comes() -> None:
+def test_each_stop_makes_a_connection_and_always_closes_it() -> None:
     async def test() -> None:
         robot = Robot()
         channel = Connecting(robot, (), VirtualClock())
@@ -170,8 +170,8 @@ class Watching(WatchedFirmware[Robot, Port]):
     def order(self, watch: Port, safe_state: str) -> None:
         watch.write(safe_state)
 
-    def failed(self, why: str, port: Port | None = None) -> Reports:
-        return failed(why, port)
+    def failed(self, reason: str, port: Port | None = None) -> Reports:
+        return failed(reason, port)
 
 
 def test_saf_005_firmware_is_watched_until_it_has_stopped_or_the_time_is_over() -> None:
@@ -233,7 +233,7 @@ def test_a_session_is_open_before_it_is_needed_and_replaced_when_it_is_lost() ->
             robot.ports[0].dead = True
             robot.reachable = False
             await trio.sleep(2.0)
-            assert not robot.ports[0].closed, "a lost session is kept until there is another"
+            assert not robot.ports[0].closed, "a lost session is kept until a new one is open"
             robot.reachable = True
             await trio.sleep(1.0)
             assert robot.ports[0].closed and len(robot.ports) == 2
@@ -244,7 +244,7 @@ def test_a_session_is_open_before_it_is_needed_and_replaced_when_it_is_lost() ->
     run(test)
 
 
-def test_saf_002_nobody_else_uses_a_session_once_it_stops_the_robot() -> None:
+def test_saf_002_a_session_has_no_other_user_once_it_stops_the_robot() -> None:
     async def test() -> None:
         robot = Robot()
         channel = Kept(robot, (), VirtualClock())
@@ -252,7 +252,7 @@ def test_saf_002_nobody_else_uses_a_session_once_it_stops_the_robot() -> None:
             await nursery.start(channel.serve)
             assert await channel.make_safe("stop") == safe()
             await trio.sleep(3.0)
-        assert robot.ports[0].written == ["stop"], "nothing keeps it up any more"
+        assert robot.ports[0].written == ["stop"], "no keepalive follows the stop"
 
     run(test)
 
@@ -272,7 +272,7 @@ def test_a_stop_while_the_session_is_being_opened_does_not_wait_for_it() -> None
 
 
 @pytest.mark.parametrize("other_way", [False, True])
-def test_a_link_is_up_without_a_session_only_where_there_is_another_way(other_way: bool) -> None:
+def test_a_link_counts_as_up_without_a_session_only_if_another_way_exists(other_way: bool) -> None:
     async def test() -> None:
         robot = Robot()
         robot.reachable = False

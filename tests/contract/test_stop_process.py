@@ -1,4 +1,4 @@
-"""Test a stop channel in a separate process: whatever the SDK does there, the root gets an answer in time."""
+"""Test a stop channel in a separate process. Any fault of the SDK there leaves the root with an answer in time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.contract.vendor import VendorConfig
 
 AXES = ("a", "b")
 PATIENCE_S = 20.0
-HEARD_S = 5.0
+ACKNOWLEDGE_S = 5.0
 
 
 class Channel(OwnProcess[VendorConfig]):
@@ -33,14 +33,14 @@ class Channel(OwnProcess[VendorConfig]):
     START_S: ClassVar[float] = PATIENCE_S  # for a busy machine
     ANSWER_S: ClassVar[float] = 1.0
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return tuple(MotorReport(axis, at, False, False, False, why) for at, axis in enumerate(self.config.axes))
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return tuple(MotorReport(axis, at, False, False, False, reason) for at, axis in enumerate(self.config.axes))
 
 
 class Patient(Channel):
-    """A channel that does not take a child for frozen when it is late on a busy machine."""
+    """A channel that does not count a child as frozen when it is late on a busy machine."""
 
-    HEARD_S: ClassVar[float] = PATIENCE_S
+    ACKNOWLEDGED_S: ClassVar[float] = PATIENCE_S
 
 
 class Folder:
@@ -88,16 +88,16 @@ def with_channel(
     trio.run(main)
 
 
-def test_what_the_sdk_reports_is_the_answer_and_the_sdk_stays_out_of_the_root(tmp_path: Path) -> None:
+def test_the_sdks_report_is_the_answer_and_the_sdk_is_not_loaded_in_the_root(tmp_path: Path) -> None:
     reading, writing = os.pipe()
 
     async def test(channel: Channel, folder: Folder) -> None:
         reports = await channel.make_safe("land")
         assert [(report.axis, report.safe) for report in reports] == [("a", True), ("b", True)]
-        assert os.read(reading, 100) == b"land", "it was given the descriptor"
+        assert os.read(reading, 100) == b"land", "the child received the descriptor"
         assert os.getpid() not in folder.notes("land")
         await channel.make_safe("off")
-        assert len(folder.notes("began")) == 1, "one child answers again and again"
+        assert len(folder.notes("began")) == 1, "one child answers all requests"
 
     with_channel(tmp_path, test, (writing,))
     os.close(reading)
@@ -117,7 +117,9 @@ def test_saf_003_it_runs_before_other_programs_where_that_is_granted(tmp_path: P
 
 
 @pytest.mark.parametrize("trouble", ["hang", "spin", "crash"])
-def test_saf_003_an_sdk_that_does_not_answer_is_killed_and_another_one_asked(tmp_path: Path, trouble: str) -> None:
+def test_saf_003_an_sdk_that_does_not_answer_is_killed_and_another_one_stops_the_robot(
+    tmp_path: Path, trouble: str
+) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell(trouble)
         reports = await channel.make_safe("stop")
@@ -130,7 +132,7 @@ def test_saf_003_an_sdk_that_does_not_answer_is_killed_and_another_one_asked(tmp
 
 
 @pytest.mark.long
-def test_saf_005_an_sdk_that_always_hangs_is_reported_and_leaves_nobody_behind(tmp_path: Path) -> None:
+def test_saf_005_an_sdk_that_always_hangs_is_reported_and_leaves_no_process(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell("hang-always")
         reports = await channel.make_safe("stop")
@@ -140,25 +142,25 @@ def test_saf_005_an_sdk_that_always_hangs_is_reported_and_leaves_nobody_behind(t
         for pid in folder.notes("began"):
             await gone(pid)
         (folder.path / "hang-always").unlink()
-        assert all(report.safe for report in await channel.make_safe("stop")), "the next attempt begins anew"
+        assert all(report.safe for report in await channel.make_safe("stop")), "the next attempt starts a new child"
 
     with_channel(tmp_path, test)
 
 
-def test_saf_010_an_answer_that_nobody_waited_for_is_nobodys_answer(tmp_path: Path) -> None:
+def test_saf_010_the_answer_to_a_cancelled_order_answers_no_later_order(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell("slow")
         await cancelled(channel, folder, "slow")
         reports = await channel.make_safe("land")
         assert [report.detail for report in reports] == ["land", "land"]
         (only,) = folder.notes("began")
-        assert folder.notes("land") == [only], "it lives on, and was asked again"
-        assert not folder.notes("stop"), "what nobody waited for was ended by the newer order"
+        assert folder.notes("land") == [only], "the same child lives and got the second order"
+        assert not folder.notes("stop"), "the newer order cancelled the order without a waiter"
 
     with_channel(tmp_path, test)
 
 
-def test_saf_010_an_sdk_that_hangs_in_an_order_nobody_waits_for_is_killed_by_the_next(tmp_path: Path) -> None:
+def test_saf_010_an_sdk_that_hangs_in_a_cancelled_order_is_killed_by_the_next_order(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell("hang")
         await cancelled(channel, folder, "hangs")
@@ -208,7 +210,7 @@ def test_saf_016_two_are_ready_before_the_link_counts_as_up_and_one_alone_carrie
         for safe_state in ("hold", "stop"):
             assert all(report.safe for report in await channel.make_safe(safe_state))
             assert folder.notes(safe_state) == ready[:1]
-        assert list(channel.processes) == ready, "both live on"
+        assert list(channel.processes) == ready, "both children still live"
 
     with_two_ready(tmp_path, test, Patient)
 
@@ -226,8 +228,8 @@ def test_saf_016_the_second_one_acts_at_once_when_the_first_is_dead_frozen_or_ha
         else:
             os.kill(first, signal.SIGKILL if fault == "kill" else signal.SIGSTOP)
         assert all(report.safe for report in await channel.make_safe("stop"))
-        assert folder.notes("stop") == [second], "it was there before: no import was waited for"
-        assert set(folder.notes("began")) == set(ready), "nor was another one begun for it"
+        assert folder.notes("stop") == [second], "the second child was ready, so no import delayed the stop"
+        assert set(folder.notes("began")) == set(ready), "no further child was started"
         await gone(first)  # a frozen process that is continued writes nothing
 
     with_two_ready(tmp_path, test)
@@ -236,7 +238,7 @@ def test_saf_016_the_second_one_acts_at_once_when_the_first_is_dead_frozen_or_ha
 def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_the_second_one(
     tmp_path: Path,
 ) -> None:
-    """A guardian does this: it sends one order before the fence and another after it."""
+    """A guardian sends one order before the fence and another after it."""
 
     async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
         first, second = ready
@@ -254,7 +256,7 @@ def test_saf_016_an_order_that_was_cancelled_and_not_acknowledged_is_given_to_th
     with_two_ready(tmp_path, test)
 
 
-def test_saf_016_one_that_has_answered_the_last_look_is_not_silent() -> None:
+def test_saf_016_a_child_that_answered_the_last_check_is_not_silent() -> None:
     """The answer of a child waits in the socket until the next check. A stop comes before that check, and is
     answered after it."""
 
@@ -272,7 +274,7 @@ def test_saf_016_one_that_has_answered_the_last_look_is_not_silent() -> None:
             child = StopChild(SimpleNamespace(pid=os.getpid(), socket=ours), "test:Channel", clock)  # type: ignore[arg-type]
             look = child.send(None)
             answers.send(Answer(look))
-            clock.ahead_ns = round(10 * HEARD_S * 1e9)
+            clock.ahead_ns = round(10 * ACKNOWLEDGE_S * 1e9)
             order = child.send(SafeState.LAND)
 
             async def acknowledge() -> None:
@@ -281,7 +283,7 @@ def test_saf_016_one_that_has_answered_the_last_look_is_not_silent() -> None:
 
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(acknowledge)
-                assert await child.acknowledges(order, HEARD_S)
+                assert await child.acknowledges(order, ACKNOWLEDGE_S)
 
     trio.run(main)
 
@@ -306,7 +308,7 @@ def test_saf_016_when_the_first_is_dead_and_the_second_frozen_another_one_acts(t
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["block", "freeze", "kill"])
-def test_saf_016_an_idle_one_that_is_lost_is_replaced(tmp_path: Path, fault: str) -> None:
+def test_saf_016_a_lost_idle_child_is_replaced(tmp_path: Path, fault: str) -> None:
     async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
         for pid in ready:
             if fault == "block":
@@ -325,7 +327,7 @@ def test_saf_016_an_idle_one_that_is_lost_is_replaced(tmp_path: Path, fault: str
 
 
 @pytest.mark.long
-def test_saf_024_one_that_has_no_file_left_ends_and_the_other_one_acts(tmp_path: Path) -> None:
+def test_saf_024_a_child_without_free_descriptors_ends_and_the_other_one_acts(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell("connect")
         async with trio.open_nursery() as nursery:
@@ -342,7 +344,7 @@ def test_saf_024_one_that_has_no_file_left_ends_and_the_other_one_acts(tmp_path:
     with_channel(tmp_path, test)
 
 
-def test_saf_016_while_both_are_replaced_an_order_waits_for_the_next_one(tmp_path: Path) -> None:
+def test_saf_016_while_both_children_are_replaced_an_order_waits_for_the_next_one(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
         for pid in ready:
             os.kill(pid, signal.SIGKILL)
@@ -354,7 +356,7 @@ def test_saf_016_while_both_are_replaced_an_order_waits_for_the_next_one(tmp_pat
     with_two_ready(tmp_path, test)
 
 
-def test_a_robot_that_cannot_be_reached_from_there_is_told(tmp_path: Path) -> None:
+def test_a_robot_that_the_child_cannot_reach_is_reported(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         folder.tell("unreachable")
         with pytest.raises(WireDown, match="no route to the robot"):
@@ -366,7 +368,7 @@ def test_a_robot_that_cannot_be_reached_from_there_is_told(tmp_path: Path) -> No
 
 
 @pytest.mark.long
-def test_saf_005_an_sdk_that_hangs_as_it_is_loaded_leaves_nobody_behind(tmp_path: Path) -> None:
+def test_saf_005_an_sdk_that_hangs_while_loading_leaves_no_process(tmp_path: Path) -> None:
     class Impatient(Channel):
         START_S: ClassVar[float] = 3.0
 
@@ -383,7 +385,7 @@ def test_saf_005_an_sdk_that_hangs_as_it_is_loaded_leaves_nobody_behind(tmp_path
     trio.run(main)
 
 
-def test_its_end_is_the_end_of_its_child(tmp_path: Path) -> None:
+def test_a_closed_channel_ends_its_child(tmp_path: Path) -> None:
     async def test(channel: Channel, folder: Folder) -> None:
         await channel.make_safe("stop")
         (pid,) = folder.notes("began")

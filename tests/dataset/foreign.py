@@ -1,4 +1,4 @@
-"""Datasets as LeRobot's versions 2.0 and 2.1 lay them out, and as version 3 creates them."""
+"""Write datasets in the layouts of LeRobot's versions 2.0 and 2.1, and as version 3 creates them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TASKS = ("wave", "put the cube down")
 
 
 def write_video(path: Path, frames: int, fps: Fraction = Fraction(30), b_frames: int = 0) -> None:
-    """A video whose pictures say their number. ``b_frames``: pictures that are decoded out of order."""
+    """Write a video with numbered pictures. ``b_frames`` pictures are decoded out of order."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=fps)
@@ -35,7 +35,7 @@ def write_video(path: Path, frames: int, fps: Fraction = Fraction(30), b_frames:
 
 
 def features(channel_first: bool = False) -> dict[str, Any]:
-    """With names as ported datasets have them: nested, and channels first."""
+    """Return features with nested names, and channels first, as in ported datasets."""
     shape = [3, CAMERA.height, CAMERA.width] if channel_first else [CAMERA.height, CAMERA.width, 3]
     names = ["channels", "height", "width"] if channel_first else ["height", "width", "channel"]
     numbers = ("frame_index", "episode_index", "index", "task_index")
@@ -51,7 +51,7 @@ def features(channel_first: bool = False) -> dict[str, Any]:
 def write_older(
     root: Path, version: str = "v2.1", fps: float = 30, b_frames: int = 0, channel_first: bool = False
 ) -> None:
-    """Three episodes of version 2: a parquet and a video each, and what JSON lines count."""
+    """Write three episodes of version 2, each with a parquet file, a video and its JSON lines."""
     rows, stats = [], []
     first = 0
     for number, frames in enumerate(LENGTHS):
@@ -64,8 +64,8 @@ def write_older(
         video = root / f"videos/chunk-000/{KEY}/episode_{number:06d}.mp4"
         write_video(video, frames, Fraction(str(fps)), b_frames)
         values = np.array(table["action"].to_pylist())
-        figures = {name: getattr(values, name)(0).tolist() for name in ("min", "max", "mean", "std")}
-        stats.append({"episode_index": number, "stats": {"action": figures | {"count": [frames]}}})
+        statistics = {name: getattr(values, name)(0).tolist() for name in ("min", "max", "mean", "std")}
+        stats.append({"episode_index": number, "stats": {"action": statistics | {"count": [frames]}}})
         first += frames
     meta = root / "meta"
     meta.mkdir()
@@ -121,7 +121,7 @@ def _lines(path: Path, objects: list[dict[str, Any]]) -> None:
 
 
 def create(root: Path, joints: list[str], cameras: dict[str, list[int]], fps: int = 30, **changed: Any) -> None:
-    """As ``LeRobotDataset.create`` of 0.4 and 0.6 leaves a folder: ``info.json`` and nothing else."""
+    """Write a folder as ``LeRobotDataset.create`` of 0.4 and 0.6 does: with ``info.json`` only."""
     numbers = ("frame_index", "episode_index", "index", "task_index")
     names = ["height", "width", "channels"]
     info = {

@@ -1,4 +1,4 @@
-"""Episodes without a robot: a scene that changes by the number of its picture."""
+"""Make episodes without a robot. Their scene changes with the number of the picture."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LAYOUT = Layout("strands_so101", FPS, JOINTS, (FRONT, WRIST))
 
 
 def scene(camera: CameraShape, number: int) -> Picture:
-    """A white bar, whose place says which picture it is."""
+    """Return a picture with a white bar. The bar's position encodes the number of the picture."""
     picture = np.full((camera.height, camera.width, 3), 40, np.uint8)
     column = bar(camera, number)
     picture[:, column : column + 8] = 255
@@ -65,14 +65,13 @@ def info_of(root: Path) -> dict[str, Any]:
 
 
 def decoded(path: Path) -> list[tuple[float, Picture]]:
-    """Each frame, and when it is shown."""
+    """Return each frame with its time."""
     with av.open(str(path)) as container:
         return [(frame.time or 0.0, frame.to_ndarray(format="rgb24")) for frame in container.decode(video=0)]
 
 
 def check(root: Path) -> int:
-    """Read the dataset as LeRobot does, every file that it would find and every picture; return how
-    many episodes there are."""
+    """Read all files and pictures of the dataset as LeRobot does. Return the number of episodes."""
     info = info_of(root)
     data = sorted(root.glob("data/*/*.parquet"))
     index = [pq.read_table(path) for path in sorted(root.glob("meta/episodes/*/*.parquet"))]

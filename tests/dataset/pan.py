@@ -1,5 +1,5 @@
-"""Somebody's own class of a robot: its gripper is told, and nothing reads it. Imports little: a tree
-does so, too."""
+"""A user's class of a robot. Its gripper takes commands and has no reading. It imports little, because a tree
+imports it, too."""
 
 from __future__ import annotations
 

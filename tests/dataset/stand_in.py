@@ -1,5 +1,4 @@
-"""A recorder's process with stand-ins: cameras that show a scene by its number, a disk as slow as it
-is told."""
+"""A recorder's process with stand-ins: cameras that show numbered pictures, and a disk of a given slowness."""
 
 from __future__ import annotations
 
@@ -36,8 +35,7 @@ class Stale(msgspec.Struct, frozen=True):
 
 
 class SceneCamera:
-    """A picture each 33 ms, counted from the first; ``dark_s``: (from, to) in which there is
-    none."""
+    """A camera that gives a numbered picture each 33 ms, except in the interval ``dark_s`` (from, to)."""
 
     def __init__(self, fps: float = 30.0, dark_s: tuple[float, float] = (0.0, 0.0)) -> None:
         self._period_ns = round(1e9 / fps)
@@ -52,11 +50,11 @@ class SceneCamera:
         return Frame(scene(FRONT, number), self._began_ns + number * self._period_ns, number)
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing, because nothing is open."""
 
 
 class SlowFile:
-    """Each time that it has to take what was written, it takes so long."""
+    """A file whose ``flush`` takes ``slow_s`` seconds."""
 
     def __init__(self, file: IO[bytes], slow_s: float) -> None:
         self._file = file
@@ -71,7 +69,7 @@ class SlowFile:
 
 
 class SlowStorage(Storage):
-    """A disk that is slow at what a running episode writes."""
+    """A disk that is slow for the files of a running episode."""
 
     def __init__(self, slow_s: float) -> None:
         self._slow_s = slow_s

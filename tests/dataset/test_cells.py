@@ -1,4 +1,4 @@
-"""The cells of the tables of others: what lacks a number is damaged, and what differs in type is copied."""
+"""Cells in tables of other programs. A row without a number is damaged. A column of another type is converted."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_frame_without_all_its_numbers_damages_its_episode(
         ("frame_index", pa.int32()),
     ],
 )
-def test_episodes_whose_columns_differ_in_type_and_order_are_converted(
+def test_episodes_with_columns_of_other_types_and_order_are_converted(
     name: str, kind: pa.DataType, tmp_path: Path
 ) -> None:
     root = tmp_path / "older"
@@ -106,15 +106,15 @@ def test_a_column_that_one_file_alone_has_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("version", ["v2.0", "v2.1"])
 def test_a_nan_is_a_value_and_is_copied(version: str, tmp_path: Path) -> None:
-    """Python's ``json``, which LeRobot writes with, has NaN, too."""
+    """LeRobot writes with Python's ``json``, which accepts NaN, too."""
     root = tmp_path / "older"
     write_older(root, version)
     rewrite(root / SECOND, "observation.state", with_third([math.nan, 1.0, math.inf]))
     if version == "v2.1":
-        figures = {name: [math.nan] * 3 for name in ("min", "max", "mean", "std")} | {"count": [14]}
+        statistics = {name: [math.nan] * 3 for name in ("min", "max", "mean", "std")} | {"count": [14]}
         path = root / "meta/episodes_stats.jsonl"
         lines = path.read_text().splitlines()
-        lines[1] = json.dumps({"episode_index": 1, "stats": {"action": figures}})
+        lines[1] = json.dumps({"episode_index": 1, "stats": {"action": statistics}})
         path.write_text("\n".join(lines))
     assert show(root).faults == []
     convert(root, tmp_path / "new")
@@ -128,20 +128,20 @@ POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 99\n"
 
 
 @pytest.mark.parametrize("name", [SECOND, f"videos/chunk-000/{KEY}/episode_000001.mp4"])
-def test_a_pointer_of_git_lfs_is_told(name: str, tmp_path: Path) -> None:
+def test_a_pointer_of_git_lfs_is_reported(name: str, tmp_path: Path) -> None:
     write_older(tmp_path / "older")
     (tmp_path / "older" / name).write_text(POINTER)
     assert (
         show(tmp_path / "older")
         .episodes[1]
-        .damaged.endswith("git-lfs pointer, not the file itself. run: git lfs pull")
+        .damaged.endswith("git-lfs pointer, not the file itself. Run: git lfs pull")
     )
     with pytest.raises(DamagedError, match="git lfs pull"):
         convert(tmp_path / "older", tmp_path / "new")
 
 
 @pytest.mark.parametrize("name", ["meta/tasks.parquet", "meta/episodes/chunk-000/file-000.parquet"])
-def test_a_pointer_in_the_place_of_an_index_is_told(name: str, tmp_path: Path) -> None:
+def test_a_git_lfs_pointer_in_place_of_an_index_is_reported(name: str, tmp_path: Path) -> None:
     write_older(tmp_path / "older")
     convert(tmp_path / "older", tmp_path / "new")
     (tmp_path / "new" / name).write_text(POINTER)
@@ -149,14 +149,14 @@ def test_a_pointer_in_the_place_of_an_index_is_told(name: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["meta/info.json", "meta/episodes.jsonl"])
-def test_a_pointer_in_the_place_of_a_text_is_told(name: str, tmp_path: Path) -> None:
+def test_a_git_lfs_pointer_in_place_of_a_text_file_is_reported(name: str, tmp_path: Path) -> None:
     write_older(tmp_path / "older")
     (tmp_path / "older" / name).write_text(POINTER)
     with pytest.raises(DatasetError, match="git lfs pull"):
         convert(tmp_path / "older", tmp_path / "new")
 
 
-def test_what_a_mac_puts_beside_each_file_damages_nothing(tmp_path: Path) -> None:
+def test_extra_files_of_macos_do_not_count_as_damage(tmp_path: Path) -> None:
     write_older(tmp_path / "older")
     convert(tmp_path / "older", tmp_path / "new")
     names = ["data/chunk-000/._file-000.parquet", "meta/episodes/chunk-000/._file-000.parquet"]

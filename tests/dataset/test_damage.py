@@ -1,7 +1,7 @@
-"""Damage of every kind, at every file: never a traceback, never a wrong count, no good episode lost.
+"""Damage each file in every way. No traceback, no wrong count and no lost good episode may follow.
 
-The oracle is what was written: it reads the files by itself, where they were written, and asks
-nothing of the code that it judges.
+The oracle is the original data. It reads the original files by itself and does not use the code under
+test.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ VIDEO = "videos/observation.images.{}/chunk-000/file-{:03d}.mp4"
 
 
 class Original(msgspec.Struct, frozen=True):
-    """A sound dataset, and what each of its files holds."""
+    """An undamaged dataset and the contents of each of its files."""
 
     root: Path
     frames: tuple[int, ...]
@@ -61,7 +61,7 @@ class Original(msgspec.Struct, frozen=True):
 
 
 def contents_of(root: Path, frames: tuple[int, ...], number: int, data: str, videos: tuple[str, ...]) -> str:
-    """What an episode has, read from where it was written; raise anything when it is not there."""
+    """Return the contents of an episode, read from its original files. Raise an exception if it is missing."""
     rows = [each for each in rows_in(root / data) if each["episode_index"] == number]
     assert [each["frame_index"] for each in rows] == list(range(frames[number]))
     digest = hashlib.sha256(repr(rows).encode())
@@ -74,7 +74,7 @@ def contents_of(root: Path, frames: tuple[int, ...], number: int, data: str, vid
 
 
 def rows_in(path: Path) -> list[dict[str, Any]]:
-    """Each row of the groups that can be read."""
+    """Return the rows of all row groups that can be read."""
     found: list[dict[str, Any]] = []
     with pq.ParquetFile(path) as file:
         for group in range(file.num_row_groups):
@@ -84,7 +84,7 @@ def rows_in(path: Path) -> list[dict[str, Any]]:
 
 
 def pictures_in(path: Path) -> dict[int, bytes]:
-    """Each picture that can be decoded, by its number: those behind a damaged one, too."""
+    """Return each picture that can be decoded, by number, including those after a damaged one."""
     found: dict[int, bytes] = {}
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
@@ -111,7 +111,8 @@ def original(
 
 @pytest.fixture(scope="module")
 def originals(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Original]:
-    """As it was recorded, a file for each episode; as a copy of few files; as version 2.1."""
+    """Return the dataset in three forms: as recorded with a file for each episode, as a copy in few files, and
+    in version 2.1."""
     folder = tmp_path_factory.mktemp("originals")
     dataset = Dataset(folder / "recorded")
     for number, frames in enumerate(FRAMES):
@@ -166,12 +167,12 @@ def cut_video(root: Path) -> None:
 
 
 def swap_videos(root: Path) -> None:
-    """Of the same camera and the same length: only their checksums differ."""
+    """The videos have the same camera and length. Only their checksums differ."""
     exchange(root / VIDEO.format("front", 0), root / VIDEO.format("front", 2))
 
 
 def point_at_the_file_before(root: Path) -> None:
-    """As LeRobot 0.4.0's converter wrote it."""
+    """LeRobot 0.4.0's converter wrote it this way."""
     path = root / INDEX.format(3)
     table = pq.read_table(path)
     at = table.schema.get_field_index("data/file_index")
@@ -200,14 +201,14 @@ def zero_inside_a_video(root: Path) -> None:
 @pytest.mark.parametrize(
     ("damage", "numbers", "frames", "why"),
     [
-        (replace_data, [2], range(30, 31), "has 0 frames of it, the index counts 6"),
-        (cut_video, [3], range(26, 36), "pictures of it, the index counts 11"),
-        (swap_videos, [0, 2], range(36, 37), "not those that were recorded"),
+        (replace_data, [2], range(30, 31), "has 0 frames of the episode, but the index lists 6"),
+        (cut_video, [3], range(26, 36), "pictures of the episode, but the index lists 11"),
+        (swap_videos, [0, 2], range(36, 37), "have changed since they were recorded"),
         (point_at_the_file_before, [3], range(25, 26), r"its frames are in data/chunk-000/file-003.parquet"),
         (cut_parquet, [1], range(27, 28), "cannot be read"),
         (remove_video, [4], range(32, 33), "is missing"),
         (cut_index, [1], range(27, 28), "the index has no row of it"),
-        (zero_inside_a_video, [1], range(36, 37), "not those that were recorded"),
+        (zero_inside_a_video, [1], range(36, 37), "have changed since they were recorded"),
     ],
 )
 def test_damage_is_named_and_not_called_repaired_and_no_copy_loses_a_frame(
@@ -230,27 +231,27 @@ def test_damage_is_named_and_not_called_repaired_and_no_copy_loses_a_frame(
     assert shown.total_frames in frames
     assert commands.show(recorded, False) == 0 and "DAMAGED" in capsys.readouterr().out
     assert commands.repair(recorded, drop=False, as_json=False) == 1
-    told = "".join(capsys.readouterr())
-    assert all(f"episode {number}" in told for number in numbers[:1])
+    output = "".join(capsys.readouterr())
+    assert all(f"episode {number}" in output for number in numbers[:1])
     assert commands.compact(recorded, tmp_path / "copy", False) == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["set"]
-    assert hashes(recorded) == before, "what is damaged was not touched"
+    assert hashes(recorded) == before, "the damaged files are unchanged"
 
 
-def test_a_recording_goes_not_on_in_a_damaged_dataset(recorded: Path) -> None:
+def test_a_damaged_dataset_accepts_no_recording(recorded: Path) -> None:
     remove_video(recorded)
     with pytest.raises(DamagedError, match=r"episode 4 is damaged: .* is missing. Put the file back"):
         Dataset(recorded)
 
 
 def test_nothing_is_put_aside_or_removed_while_an_episode_is_damaged(recorded: Path) -> None:
-    """What nothing counts may be what the damaged episode lacks."""
+    """A file that no episode counts may be the missing part of the damaged episode."""
     aside = recorded / ".staging/uncounted/data/chunk-000/file-009.parquet"
     aside.parent.mkdir(parents=True)
     aside.write_bytes(b"once put aside")
     point_at_the_file_before(recorded)
     report = repair(recorded, drop=True)
-    assert (report.swept, report.dropped, [one.episode for one in report.damaged]) == ([], [], [3])
+    assert (report.moved_strays, report.dropped, [one.episode for one in report.damaged]) == ([], [], [3])
     assert (recorded / DATA.format(3)).exists() and aside.exists()
 
 
@@ -269,7 +270,7 @@ def test_an_episode_beside_a_damaged_one_is_repaired(recorded: Path) -> None:
 def test_figures_that_are_lost_are_written_anew(recorded: Path) -> None:
     before = json.loads((recorded / "meta/stats.json").read_bytes())
     (recorded / "meta/stats.json").write_bytes(b"{")
-    assert show(recorded).faults == ["meta/stats.json cannot be read, or lacks figures"]
+    assert show(recorded).faults == ["meta/stats.json cannot be read, or lacks statistics"]
     assert repair(recorded).is_sound and show(recorded).faults == []
     after = json.loads((recorded / "meta/stats.json").read_bytes())
     assert after.keys() == before.keys() and after["action"]["count"] == [36]
@@ -284,13 +285,13 @@ def test_figures_of_one_feature_that_are_lost_are_written_anew(value: object, re
     path.write_text(
         json.dumps(changed if value is not None else {k: v for k, v in before.items() if k != "action"})
     )
-    assert "lacks figures" in show(recorded).faults[0]
+    assert "lacks statistics" in show(recorded).faults[0]
     assert repair(recorded).is_sound and show(recorded).faults == []
     assert json.loads(path.read_bytes())["action"].keys() == before["action"].keys()
 
 
-def test_in_a_copy_damage_costs_the_episode_in_which_it_is(originals: dict[str, Original], tmp_path: Path) -> None:
-    """All episodes share a file there."""
+def test_in_a_copy_damage_affects_only_its_own_episode(originals: dict[str, Original], tmp_path: Path) -> None:
+    """In a copy, all episodes share one file."""
     root = tmp_path / "set"
     shutil.copytree(originals["copied"].root, root)
     group = pq.ParquetFile(root / DATA.format(0)).metadata.row_group(2).column(0)
@@ -374,7 +375,7 @@ def hashes(root: Path) -> dict[str, str]:
 
 @pytest.mark.quick_cases(21)
 @pytest.mark.parametrize("seed", range(SEEDS))
-def test_after_any_damage_what_is_called_good_is_whole_and_what_is_whole_is_called_good(
+def test_after_any_damage_exactly_the_complete_episodes_are_reported_as_good(
     seed: int, originals: dict[str, Original], tmp_path: Path
 ) -> None:
     rng = random.Random(seed)
@@ -401,7 +402,7 @@ def judge(shown: Shown, root: Path, of: Original, changed: set[str], has_info: b
     affected = set().union(*(of.affected_by(name) for name in changed))
     whole = set(range(len(of.frames))) - affected
     if has_info:
-        assert whole <= set(shown.good), "an episode that is whole is called damaged"
+        assert whole <= set(shown.good), "a complete episode is reported as damaged"
         assert whole | set(shown.good) | set(shown.damaged) == set(range(len(of.frames))) or shown.faults
     elif len(shown.episodes) != len(of.frames):
         assert shown.faults
@@ -415,17 +416,17 @@ def judge(shown: Shown, root: Path, of: Original, changed: set[str], has_info: b
 
 
 def require_whole(root: Path, of: Original, number: int) -> None:
-    """A file of another program has no checksum: there its frames are counted and not compared."""
+    """A file of another program has no checksum, so its frames are counted and not compared."""
     if of.has_checksums:
         found = contents_of(root, of.frames, number, of.data[number], of.videos[number])
-        assert found == of.contents[number], f"{number} is called good, and is not what was recorded"
+        assert found == of.contents[number], f"{number} is reported as good, but differs from the recording"
     else:
         episodes = pq.read_table(root / of.data[number], columns=["episode_index"])["episode_index"].to_pylist()
         assert episodes == [number] * of.frames[number]
 
 
 def judge_repair(root: Path, of: Original, changed: set[str], has_info: bool) -> None:
-    """What is not damaged is there afterwards as before; success means that nothing is damaged."""
+    """Check that undamaged episodes are unchanged. Success means that no episode is damaged."""
     try:
         code = commands.repair(root, drop=False, as_json=False)
     except Problem:
@@ -435,12 +436,12 @@ def judge_repair(root: Path, of: Original, changed: set[str], has_info: bool) ->
         assert contents_of(root, of.frames, number, of.data[number], of.videos[number]) == of.contents[number]
     if code == 0:
         shown = show(root)
-        assert not shown.damaged and not shown.faults and not shown.uncounted
+        assert not shown.damaged and not shown.faults and not shown.stray_files
         assert shown.good == list(range(len(of.frames)))
 
 
 def judge_copy(root: Path, of: Original, tmp_path: Path) -> None:
-    """There is a copy with every frame, or none."""
+    """Check that the copy has every frame, or does not exist."""
     copy = tmp_path / "copy"
     try:
         done = (compact if of.has_checksums else convert)(root, copy)

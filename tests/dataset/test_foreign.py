@@ -1,4 +1,4 @@
-"""Datasets of LeRobot: versions 2.0 and 2.1 are shown and converted, a new one is recorded into."""
+"""LeRobot's datasets of versions 2.0 and 2.1 are shown and converted. A new dataset accepts episodes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_an_older_version_is_converted_frame_by_frame(
 
 
 def test_a_video_of_reordered_pictures_is_one(tmp_path: Path) -> None:
-    """Else the test above shows nothing about their order."""
+    """Otherwise the test above shows nothing about the order of pictures."""
     write_video(tmp_path / "a.mp4", 9, Fraction(30), 2)
     seen = look(tmp_path / "a.mp4")
     assert (seen.count, round(seen.seconds * 30)) == (9, 8)
@@ -88,7 +88,11 @@ def test_a_video_of_reordered_pictures_is_one(tmp_path: Path) -> None:
     ("damage", "number", "why"),
     [
         (lambda root: (root / "data/chunk-000/episode_000001.parquet").unlink(), 1, "is missing"),
-        (lambda root: write_video(root / f"videos/chunk-000/{KEY}/episode_000002.mp4", 5), 2, "5 pictures of it"),
+        (
+            lambda root: write_video(root / f"videos/chunk-000/{KEY}/episode_000002.mp4", 5),
+            2,
+            "5 pictures of the episode",
+        ),
         (lambda root: write_video(root / f"videos/chunk-000/{KEY}/episode_000000.mp4", 10), 0, "10 pictures"),
     ],
     ids=["no-data", "short-video", "long-video"],
@@ -123,19 +127,19 @@ def test_each_command_refuses_the_version_that_it_does_not_write(root: Path, tmp
 
 @pytest.mark.parametrize("name", ["tasks.jsonl", "episodes.jsonl", "episodes_stats.jsonl"])
 @pytest.mark.parametrize("data", [b"", b"[]\n", b'{"task_index": 0, "task": null}\n', b"\xff\xfe\n", b"[" * 9999])
-def test_a_table_of_an_older_version_that_is_no_table_is_named(name: str, data: bytes, root: Path) -> None:
+def test_an_invalid_table_of_an_older_version_is_named(name: str, data: bytes, root: Path) -> None:
     write_older(root)
     (root / "meta" / name).write_bytes(data)
     shown = show(root)
     if name == "episodes_stats.jsonl" and not data:
-        assert shown.good == [0, 1, 2]  # nobody has computed them
+        assert shown.good == [0, 1, 2]  # the dataset has no figures yet
     else:
         assert shown.faults and all(str(root) in fault for fault in shown.faults)
         with pytest.raises(DamagedError, match=str(root)):
             convert(root, root.with_name("copy"))
 
 
-def test_an_episode_whose_row_names_no_task_has_that_of_its_frames(root: Path, tmp_path: Path) -> None:
+def test_an_episode_without_a_task_in_its_row_has_the_task_of_its_frames(root: Path, tmp_path: Path) -> None:
     write_older(root)
     rows = [json.loads(line) for line in (root / "meta/episodes.jsonl").read_text().splitlines()]
     rows[0]["tasks"] = None
@@ -145,7 +149,7 @@ def test_an_episode_whose_row_names_no_task_has_that_of_its_frames(root: Path, t
     assert [one.task for one in show(tmp_path / "copy").episodes] == ["wave", TASKS[1], "wave"]
 
 
-# -- a new one
+# -- a new dataset
 
 
 def test_a_dataset_that_lerobot_has_created_is_shown_and_recorded_into(root: Path) -> None:
@@ -164,7 +168,7 @@ def test_a_dataset_that_lerobot_has_created_is_shown_and_recorded_into(root: Pat
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
-        ({"fps": 25}, "declares 25 fps, this would be 30"),
+        ({"fps": 25}, "declares 25 fps, but this recording has 30"),
         ({"joints": ["a.pos", *JOINTS[1:]]}, "action is float32 .3. a.pos"),
         (
             {"cameras": {"front": [480, 640, 3], "wrist": [80, 64, 3]}},
@@ -185,22 +189,22 @@ def test_a_recording_of_something_else_than_was_declared_is_refused(
 
 
 def test_files_of_a_dataset_that_counts_no_episode_stay(root: Path) -> None:
-    """LeRobot has written them, and has not finished."""
+    """LeRobot has written these files and has not finished the episode."""
     create(root, JOINTS, {})
     path = root / "data/chunk-000/file-000.parquet"
     path.parent.mkdir(parents=True)
     path.write_bytes(b"PAR1 and no footer")
     with pytest.raises(DatasetError, match=r"has no episode in its meta/info.json, and files"):
         Dataset(root)
-    assert path.exists() and show(root).uncounted == ["data/chunk-000/file-000.parquet"]
+    assert path.exists() and show(root).stray_files == ["data/chunk-000/file-000.parquet"]
 
 
-def test_a_rate_that_is_no_whole_number_is_neither_cut_off_nor_recorded_into(root: Path, tmp_path: Path) -> None:
+def test_a_fractional_rate_is_kept_and_not_recorded_into(root: Path, tmp_path: Path) -> None:
     write_older(root, fps=29.97)
     convert(root, tmp_path / "copy")
     assert info_of(tmp_path / "copy")["fps"] == 29.97
     dataset = Dataset(tmp_path / "copy")
-    with pytest.raises(DatasetError, match=r"has 29.97 fps, and a recording has a whole number"):
+    with pytest.raises(DatasetError, match=r"rate is 29.97 fps, and a recording needs a whole number"):
         dataset.codec_for(None)
 
 
@@ -215,7 +219,7 @@ def test_a_name_in_a_file_leads_nowhere_else(key: str, root: Path, tmp_path: Pat
     (root / "meta/info.json").write_text(json.dumps(info))
     before = sorted(tmp_path.rglob("*"))
     for command in (show, lambda root: convert(root, tmp_path / "a/b/copy"), Dataset):
-        with pytest.raises(DatasetError, match="is no name of a folder"):
+        with pytest.raises(DatasetError, match="cannot be the name of a folder"):
             command(root)
     assert sorted(tmp_path.rglob("*")) == before
 
@@ -225,12 +229,12 @@ def test_a_path_in_a_file_is_not_followed(name: str, root: Path) -> None:
     write_older(root)
     info = info_of(root) | {name: "/etc/{episode_index}"}
     (root / "meta/info.json").write_text(json.dumps(info))
-    with pytest.raises(DatasetError, match=r"files that are called '/etc/.* are not read"):
+    with pytest.raises(DatasetError, match=r"the file names '/etc/.* are not supported"):
         show(root)
 
 
-def test_words_of_a_file_are_shown_as_words(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A task is neither markup nor a command to a terminal."""
+def test_texts_of_a_file_are_shown_without_interpretation(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A task's text is shown without interpreting markup or terminal commands."""
     write_older(root)
     rows = [json.loads(line) for line in (root / "meta/episodes.jsonl").read_text().splitlines()]
     for row in rows:

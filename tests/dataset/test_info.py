@@ -1,4 +1,4 @@
-"""``info.json`` of others: read with what it says, or refused by a sentence, never by a traceback."""
+"""An ``info.json`` of another program is read, or refused with a clear message and never with a traceback."""
 
 from __future__ import annotations
 
@@ -48,22 +48,22 @@ def feature(**fields: Any) -> bytes:
         (changed(total_frames="many"), "total_frames"),
         (feature(shape=None), "shape"),
         (feature(shape=[480, 640]), "height, width, channels"),
-        (changed(features={"observation.images.x/../../../y": VIDEO}), "no name of a folder"),
-        (changed(features={"..": VIDEO}), "no name of a folder"),
-        (changed(features={"": VIDEO}), "no name of a folder"),
-        (changed(features={"x" * 300: VIDEO}), "no name of a folder"),
+        (changed(features={"observation.images.x/../../../y": VIDEO}), "cannot be the name of a folder"),
+        (changed(features={"..": VIDEO}), "cannot be the name of a folder"),
+        (changed(features={"": VIDEO}), "cannot be the name of a folder"),
+        (changed(features={"x" * 300: VIDEO}), "cannot be the name of a folder"),
     ],
     ids=lambda given: str(given)[:40],
 )
-def test_what_cannot_be_is_refused_by_name(data: bytes, text: str) -> None:
+def test_an_invalid_info_file_is_refused_by_name(data: bytes, text: str) -> None:
     with pytest.raises(DatasetError, match=text) as refused:
         decode_info(data, "info.json")
     assert str(refused.value).startswith("info.json")
 
 
-def test_what_another_program_leaves_out_is_not_missed() -> None:
-    said = {key: value for key, value in INFO.items() if key != "total_episodes"}
-    found = decode_info(json.dumps(said).encode(), "info.json")
+def test_fields_that_another_program_omits_are_not_required() -> None:
+    fields = {key: value for key, value in INFO.items() if key != "total_episodes"}
+    found = decode_info(json.dumps(fields).encode(), "info.json")
     assert (found.total_episodes, found.total_frames, found.total_tasks) == (None, None, None)
 
 
@@ -76,7 +76,7 @@ def test_what_another_program_leaves_out_is_not_missed() -> None:
         ({"names": None}, "640x480 "),
     ],
 )
-def test_one_without_an_episode_is_shown(
+def test_a_dataset_without_an_episode_is_shown(
     fields: dict[str, Any], size: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "meta").mkdir()

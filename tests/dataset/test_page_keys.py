@@ -1,5 +1,4 @@
-"""The keys of a recorder from elsewhere: from the page of a teleoperation, and from a page of its
-own."""
+"""Control a recorder by the keys of a web page: the page of a teleoperation, or the recorder's own page."""
 
 from __future__ import annotations
 
@@ -37,19 +36,19 @@ def say(socket: ClientConnection, episode: str = "", late_ms: float = 0.0) -> No
 
 
 def next_told(socket: ClientConnection) -> dict[str, Any]:
-    """As a browser: who says nothing loses the seat."""
+    """Return the next message. Send one first, as a browser does, because a silent client loses the seat."""
     say(socket)
     return dict(json.loads(socket.recv(PATIENCE_S)))
 
 
 def shown(socket: ClientConnection, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """What the page is told of the recorder, once it is so."""
+    """Wait until the recorder's status on the page meets the condition, and return it."""
     deadline_s = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline_s:
-        told = next_told(socket).get("episode")
-        if told is not None and condition(told):
-            return dict(told)
-    raise AssertionError(told)
+        status = next_told(socket).get("episode")
+        if status is not None and condition(status):
+            return dict(status)
+    raise AssertionError(status)
 
 
 @pytest.mark.long
@@ -64,14 +63,14 @@ def test_keys_on_the_page_of_a_teleoperation_reach_a_recorder_beside_it(tmp_path
             assert not shown(socket, lambda told: bool(told["text"]))["running"]
             say(socket, "start")
             heard(recorder, "started")
-            assert "episode 0" in shown(socket, lambda told: told["running"])["said"]
+            assert "episode 0" in shown(socket, lambda told: told["running"])["last_event"]
             say(socket, "start")
-            assert "an episode runs" in heard(recorder, "refused")["text"]
-            say(socket, "finish", LATE_MS)  # it was stuck in a network: that is no wish of now
-            assert "finish: that was pressed" in heard(recorder, "refused")["text"]
+            assert "an episode is running" in heard(recorder, "refused")["text"]
+            say(socket, "finish", LATE_MS)  # the network delayed it, so it no longer counts
+            assert "finish: the key press arrived" in heard(recorder, "refused")["text"]
             say(socket, "finish")
             assert heard(recorder, "saved")["frames"] > 0
-            shown(socket, lambda told: not told["running"] and told["said"].endswith("saved"))
+            shown(socket, lambda told: not told["running"] and told["last_event"].endswith("saved"))
             recorder.kill()
             until(
                 lambda: "episode" not in next_told(socket),
@@ -82,13 +81,13 @@ def test_keys_on_the_page_of_a_teleoperation_reach_a_recorder_beside_it(tmp_path
 
 
 @pytest.mark.long
-def test_a_recorder_has_a_page_of_its_own(tmp_path: Path) -> None:
+def test_a_recorder_has_its_own_page(tmp_path: Path) -> None:
     root = tmp_path / "set"
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
     arguments = ("record", "so101", "--dataset", str(root), "--task", "wave", "--episodes", "1", "--keys", "page")
     with Robot("so101", mode="real", transport="twin") as arm:
         assert arm.connect_eagerly() is None
-        with command.start(*arguments) as recorder:  # nobody is at its standard input
+        with command.start(*arguments) as recorder:  # without a terminal at its standard input
             try:
                 assert recorder.stderr is not None
                 address = next(line for line in recorder.stderr if "http" in line).split()[1]
@@ -97,7 +96,7 @@ def test_a_recorder_has_a_page_of_its_own(tmp_path: Path) -> None:
                     say(socket, "start")
                     shown(socket, lambda told: told["running"])
                     say(socket, "discard")
-                    shown(socket, lambda told: told["said"] == "episode 0: discarded")
+                    shown(socket, lambda told: told["last_event"] == "episode 0: discarded")
                     say(socket, "start")
                     shown(socket, lambda told: told["running"])
                     time.sleep(0.5)
@@ -108,8 +107,8 @@ def test_a_recorder_has_a_page_of_its_own(tmp_path: Path) -> None:
     assert check(root) == 1
 
 
-def test_only_what_the_root_notes_is_a_key() -> None:
-    """What merely reached it may be of a policy, which has no operator."""
+def test_only_keys_that_the_root_noted_count() -> None:
+    """Other messages may come from a policy, which has no operator."""
     key = EpisodeKey(7, "start")
     lines = [(Kind.TOOK, key), (Kind.NOTED, Operate(7, True)), (Kind.SENT, key), (Kind.NOTED, key)]
     entries = [
@@ -127,8 +126,8 @@ def test_an_onlooker_sees_an_episode_run_from_its_start_to_its_end() -> None:
         Event("saved", 2, 9),
         Event("refused", 3, text="no"),
     ):
-        onlooker.hear(event)
-        seen.append((onlooker.state.running, onlooker.state.said))
+        onlooker.add_event(event)
+        seen.append((onlooker.state.running, onlooker.state.last_event))
     assert seen == [
         (True, "episode 2: recording"),
         (True, "no"),
@@ -137,18 +136,18 @@ def test_an_onlooker_sees_an_episode_run_from_its_start_to_its_end() -> None:
     ]
     onlooker.show(Progress("recording", 3, 1, 4, 2.0, 30.0, 1, 0, 5 * 10**9))
     assert onlooker.state.running and onlooker.state.text == "1/4 saved, recording 2 s, 30 fps, 1 gaps, 5.0 GB left"
-    assert onlooker.state.said == "no"
+    assert onlooker.state.last_event == "no"
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("-o", "x.mcap", "--keys", "page"), "give --dataset DIR"),
         (("--dataset", "set", "--task", "x", "--keys", "pedal"), "use page, gamepad, phone"),
         (("--dataset", "set", "--task", "x", "--keys", "phone:host:99999"), "cannot listen on 'host:99999'"),
     ],
 )
-def test_a_page_that_there_is_not_is_refused(arguments: tuple[str, ...], told: str, tmp_path: Path) -> None:
+def test_an_unknown_page_is_refused(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
     done = Command(tmp_path).run("record", "so101", *arguments, cwd=tmp_path)
-    assert done.returncode and told in done.stderr
+    assert done.returncode and message in done.stderr
     assert not (tmp_path / "set").exists()

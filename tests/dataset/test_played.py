@@ -1,4 +1,4 @@
-"""An episode of a dataset moves a robot as it was told then, or is refused by name."""
+"""An episode of a dataset replays its recorded actions on a robot, or is refused by name."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def an_arm() -> Driver:
     return Feetech("so101", "", Feetech.resolve("so101", {}))
 
 
-def test_it_is_read_as_it_was_recorded(tmp_path: Path) -> None:
+def test_an_episode_is_read_as_it_was_recorded(tmp_path: Path) -> None:
     played = read_episode(made(tmp_path / "set"), 1)
     assert played.joints == ("shoulder_pan", "elbow_flex", "gripper") and played.units == DEGREES
     assert played.hz == 30.0 and len(played.rows) == 10 and played.task == "put the cube down"
@@ -59,14 +59,14 @@ def test_it_is_read_as_it_was_recorded(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("episode", "says"), [(2, "no episode 2 (there are 0 to 1)"), (-1, "no episode -1"), ("0", "no episode '0'")]
 )
-def test_an_episode_that_there_is_not_is_refused(tmp_path: Path, episode: Any, says: str) -> None:
+def test_a_missing_episode_is_refused(tmp_path: Path, episode: Any, says: str) -> None:
     with pytest.raises(DatasetError) as refused:
         read_episode(made(tmp_path / "set"), episode)
     assert says in str(refused.value)
 
 
-def test_no_dataset_and_one_that_is_damaged_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="there is no dataset"):
+def test_a_missing_dataset_and_a_damaged_one_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="is not a dataset"):
         read_episode(tmp_path / "nothing", 0)
     data = min(made(tmp_path / "set").glob("data/*/*.parquet"))
     table = pq.read_table(data)
@@ -98,18 +98,16 @@ def played(units: tuple[str, ...] = (), joints: tuple[str, ...] = ("shoulder_pan
         (played(), "", "give units='degrees' or 'normalized'"),
         (played(), "radians", "give units='degrees' or 'normalized'"),
         (played(), "normalized", "give the robot calibration="),
-        (played(("rad", "percent")), "", "shoulder_pan is recorded in rad, and so101 has deg"),
+        (played(("rad", "percent")), "", "shoulder_pan was recorded in rad, but so101 uses deg"),
         (
             played(("deg", "percent")),
             "normalized",
-            "units is 'normalized', and the dataset says deg, percent",
+            "units is 'normalized', but the dataset has deg, percent",
         ),
         (played(joints=("joint1", "gripper")), "degrees", "so101 has no joint joint1"),
     ],
 )
-def test_numbers_whose_unit_is_not_known_or_not_the_robots_move_nothing(
-    given: Played, units: str, says: str
-) -> None:
+def test_numbers_with_an_unknown_or_another_unit_move_nothing(given: Played, units: str, says: str) -> None:
     with pytest.raises(DatasetError) as refused:
         rows_for(an_arm(), given, units)
     assert says in str(refused.value)
@@ -125,18 +123,18 @@ def test_lerobots_own_numbers_are_shares_of_the_calibrated_range(monkeypatch: py
     assert rows_for(driver, played(), "degrees")[0] == {"shoulder_pan": 50.0, "gripper": 25.0}
 
 
-def test_what_an_arm_did_it_does_again(arm: Any, twin: Twin, tmp_path: Path) -> None:
+def test_an_arm_repeats_its_recorded_motion(arm: Any, twin: Twin, tmp_path: Path) -> None:
     arm.connect_eagerly()
     with record_dataset(arm, tmp_path / "set", task="wave") as recording, recording.episode():
         json_of(arm.move_to({"shoulder_pan": 20.0}, seconds=1.0))
         json_of(arm.move_to({"shoulder_pan": -20.0}, seconds=1.0))
     json_of(arm.move_to({"shoulder_pan": 0.0, "elbow_flex": 10.0}, seconds=1.0))
     began_ns = time.monotonic_ns()
-    told = json_of(replay_episode(arm, tmp_path / "set"))
-    assert told["rows"] == recording.saved[0]["frames"]
-    assert told["position"]["shoulder_pan"] == pytest.approx(-20.0, abs=3.0)
+    result = json_of(replay_episode(arm, tmp_path / "set"))
+    assert result["rows"] == recording.saved[0]["frames"]
+    assert result["position"]["shoulder_pan"] == pytest.approx(-20.0, abs=3.0)
     path = [goals(entry)[IDS["shoulder_pan"]] for entry in twin.log.host("setpoint", began_ns)]
-    assert 0 < path.index(max(path)) < len(path) - 1, "to one side, and back to the other"
+    assert 0 < path.index(max(path)) < len(path) - 1, "the arm moved to one side and back"
 
 
 def test_the_command_plays_it_on_a_robot_that_runs(arm: Any, twin: Twin, tmp_path: Path) -> None:
@@ -146,8 +144,8 @@ def test_the_command_plays_it_on_a_robot_that_runs(arm: Any, twin: Twin, tmp_pat
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
     done = command.run("dataset", "play", str(root), arm.name, "--episode", "1", "--json")
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["played"] and told["rows"] == 10
+    result = json.loads(done.stdout)
+    assert result["played"] and result["rows"] == 10
     done = command.run("dataset", "play", str(strange), arm.name)
     assert done.returncode == cli.USAGE and "give units='degrees' or 'normalized'" in done.stderr
     done = command.run("dataset", "play", str(strange), arm.name, "--units", "degrees")

@@ -1,4 +1,4 @@
-"""What a killed recorder leaves, and the copy for the Hub."""
+"""Repair the files of a killed recorder, and make a copy for the Hub."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def root(tmp_path: Path) -> Path:
 
 
 def unfinished(root: Path, frames: int, episodes: int = 1) -> Path:
-    """A dataset with counted episodes, and one that was cut off."""
+    """Make a dataset with counted episodes and one unfinished episode."""
     dataset = Dataset(root)
     for _ in range(episodes):
         add_episode(dataset, 10)
@@ -46,17 +46,17 @@ def unfinished(root: Path, frames: int, episodes: int = 1) -> Path:
     return episode.folder
 
 
-def test_an_episode_that_was_cut_off_is_repaired_and_says_so(root: Path) -> None:
+def test_an_unfinished_episode_is_repaired_and_reported(root: Path) -> None:
     unfinished(root, 50)
     report = repair(root)
     assert [one.episode for one in report.repaired] == [1] and report.total_episodes == 2
     assert check(root) == 2
-    marks = Index(root).episodes[1].marks
-    assert marks.repaired and marks.gaps == 1 and Index(root).episodes[1].frames >= 30
+    quality = Index(root).episodes[1].quality
+    assert quality.repaired and quality.gaps == 1 and Index(root).episodes[1].frames >= 30
     assert not (root / ".staging").exists()
 
 
-def test_it_is_dropped_when_it_is_wanted_so(root: Path) -> None:
+def test_an_unfinished_episode_is_dropped_on_request(root: Path) -> None:
     folder = unfinished(root, 50)
     report = repair(root, drop=True)
     assert report.dropped == [folder.name] and report.total_episodes == 1
@@ -64,7 +64,7 @@ def test_it_is_dropped_when_it_is_wanted_so(root: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_files_that_are_cut_off_anywhere_give_what_is_whole(root: Path, seed: int) -> None:
+def test_files_cut_off_at_any_byte_give_their_complete_frames(root: Path, seed: int) -> None:
     folder = unfinished(root, 50)
     rng = random.Random(seed)
     for name in ("frames.arrows", "front.mp4", "wrist.mp4"):
@@ -76,7 +76,7 @@ def test_files_that_are_cut_off_anywhere_give_what_is_whole(root: Path, seed: in
     assert len(report.repaired) == 1 and (report.repaired[0].problem == "") == (report.total_episodes == 2)
 
 
-def test_an_episode_of_which_nothing_is_whole_is_told_and_stays(root: Path) -> None:
+def test_an_episode_without_a_complete_frame_is_reported_and_stays(root: Path) -> None:
     folder = unfinished(root, 5)
     os.truncate(folder / "frames.arrows", 3)
     report = repair(root)
@@ -85,36 +85,36 @@ def test_an_episode_of_which_nothing_is_whole_is_told_and_stays(root: Path) -> N
     assert repair(root, drop=True).dropped == [folder.name] and not folder.exists()
 
 
-def test_nothing_is_repaired_where_there_is_no_dataset(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="is no dataset"):
+def test_a_folder_without_a_dataset_is_not_repaired(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="is not a dataset"):
         repair(tmp_path)
     assert not any(tmp_path.iterdir())
 
 
-def test_a_dataset_shows_what_is_wrong_and_touches_nothing(root: Path) -> None:
+def test_showing_a_dataset_reports_damage_and_changes_no_file(root: Path) -> None:
     folder = unfinished(root, 50, episodes=2)
     os.link(root / "data/chunk-000/file-000.parquet", root / "data/chunk-000/file-007.parquet")
     before = sorted(root.rglob("*"))
     shown = show(root)
     assert sorted(root.rglob("*")) == before
     assert (shown.total_episodes, shown.total_frames, shown.good) == (2, 20, [0, 1])
-    assert shown.uncounted == ["data/chunk-000/file-007.parquet"]
+    assert shown.stray_files == ["data/chunk-000/file-007.parquet"]
     assert [(one.folder, one.task) for one in shown.unfinished] == [(folder.name, "wave")]
     assert shown.cameras == {"front": "96x64 av1", "wrist": "64x80 av1"}
 
 
-def test_what_a_recorder_takes_away_while_somebody_looks_is_not_missed(
+def test_files_that_a_recorder_removes_during_a_look_are_not_reported_missing(
     root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = unfinished(root, 50)
     gone = folder.with_name("episode-1")
-    (root / "meta/stats.json.staged").symlink_to("gone")  # listed, and there no more
+    (root / "meta/stats.json.staged").symlink_to("gone")  # listed, but the file no longer exists
     (folder / "front.final.mp4").symlink_to("gone")
     monkeypatch.setattr("strands_actors.surfaces.dataset.repair.staged_folders", lambda staging: [gone, folder])
     assert [one.folder for one in show(root).unfinished] == [folder.name]
 
 
-def test_a_summary_says_what_was_put_aside_and_where_it_lies(
+def test_a_summary_lists_the_files_put_aside_and_their_folder(
     capsys: pytest.CaptureFixture[str], root: Path
 ) -> None:
     dataset = Dataset(root)
@@ -122,11 +122,11 @@ def test_a_summary_says_what_was_put_aside_and_where_it_lies(
     dataset.close()
     stranger = "data/chunk-000/file-007.parquet"
     os.link(root / "data/chunk-000/file-000.parquet", root / stranger)
-    told = f"not counted, put aside in {root}/.staging/uncounted: {stranger}"
+    message = f"files of no episode, moved to {root}/.staging/uncounted: {stranger}"
     summary = Summary(str(root), "so101", 1.0, [], 1, [stranger], "", "done")
-    assert told in commands._summed_up(summary).splitlines()
+    assert message in commands._summed_up(summary).splitlines()
     assert commands.repair(root, drop=False, as_json=False) == 0
-    assert told in capsys.readouterr().out.splitlines()
+    assert message in capsys.readouterr().out.splitlines()
     assert (root / ".staging/uncounted" / stranger).exists()
 
 
@@ -146,7 +146,7 @@ def test_a_copy_has_the_same_frames_in_few_files(root: Path, tmp_path: Path) -> 
     rows = pq.read_table(copy / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert [each["videos/observation.images.front/from_timestamp"] for each in rows] == [0.0, 33 / 30, 40 / 30]
     assert info_of(copy) == info_of(root) and show(copy).good == [0, 1, 2]
-    again = Dataset(copy)  # and it may grow
+    again = Dataset(copy)  # the copy accepts new episodes
     add_episode(again, 5)
     again.close()
     assert check(copy) == 4
@@ -169,14 +169,14 @@ def test_a_file_is_not_larger_than_lerobot_makes_it(
 def test_a_copy_replaces_nothing(root: Path, tmp_path: Path) -> None:
     dataset = Dataset(root)
     add_episode(dataset, 3)
-    with pytest.raises(DatasetError, match="is there already"):
+    with pytest.raises(DatasetError, match="exists already"):
         compact(root, root)
-    with pytest.raises(DatasetError, match="is no dataset"):
+    with pytest.raises(DatasetError, match="is not a dataset"):
         compact(tmp_path / "none", tmp_path / "copy")
     theirs = tmp_path / "copy.staged/notes.txt"
     theirs.parent.mkdir()
     theirs.write_text("mine")
-    with pytest.raises(DatasetError, match="another copy is being made there, or one was ended"):
+    with pytest.raises(DatasetError, match="another copy is being made, or a copy was interrupted"):
         compact(root, tmp_path / "copy")
     assert theirs.read_text() == "mine" and not (tmp_path / "copy").exists()
 
@@ -212,7 +212,7 @@ def test_a_copy_that_cannot_be_made_leaves_nothing(root: Path, tmp_path: Path) -
 
 
 def test_a_copy_can_be_copied(root: Path, tmp_path: Path) -> None:
-    """As LeRobot's own datasets: several episodes share a file."""
+    """Several episodes share a file in it, as in LeRobot's own datasets."""
     dataset = Dataset(root)
     for frames in (33, 7, 20):
         add_episode(dataset, frames)
@@ -225,20 +225,20 @@ def test_a_copy_can_be_copied(root: Path, tmp_path: Path) -> None:
 
 
 def killed(root: Path, after_lines: int, delay_s: float) -> int:
-    """Kill a process that writes episodes; return how many it said were finished."""
+    """Kill a process that writes episodes. Return how many it had reported as finished."""
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.dataset.writing", str(root)], stdout=subprocess.PIPE, text=True
     )
     assert process.stdout is not None
-    said = 0
+    finished = 0
     try:
         for _ in range(after_lines):
-            said += process.stdout.readline() == "finished\n"
+            finished += process.stdout.readline() == "finished\n"
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(delay_s)
     finally:
         process.send_signal(signal.SIGKILL)
-    return said + process.communicate(timeout=PATIENCE_S)[0].count("finished\n")
+    return finished + process.communicate(timeout=PATIENCE_S)[0].count("finished\n")
 
 
 @pytest.mark.quick_cases(1)
@@ -250,9 +250,9 @@ def test_a_writer_that_is_killed_loses_no_finished_episode(root: Path, seed: int
 
 
 def after_a_kill(root: Path) -> int:
-    """Check what is left, before and after somebody opens it; return how many episodes there are."""
+    """Check the files after a kill, before and after a writer opens them. Return the number of episodes."""
     if (root / "meta/info.json").exists():
-        swept_by_hand = Index(root).uncounted()
+        swept_by_hand = Index(root).stray_files()
         if not swept_by_hand:
             check(root)
     Dataset(root).close()

@@ -1,4 +1,4 @@
-"""A script and its recorder, which somebody else commands as well, which freezes, which dies."""
+"""A script and its recorder: another program also commands the recorder, or the recorder freezes or dies."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ def arm() -> Iterator[Any]:
         yield arm
 
 
-def test_what_a_page_is_answered_is_no_answer_to_a_script(arm: Any, tmp_path: Path) -> None:
+def test_an_answer_to_a_page_does_not_answer_a_script(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with Teleoperator("page") as page:
         json_of(arm.attach_teleop(page))
         address = until(lambda: page.address, "it is served")
         with record_dataset(arm, root, task="wave") as recording, operator(address) as socket:
             say(socket, "finish")
-            shown(socket, lambda told: "no episode runs" in told["said"])
-            recording.start()  # is no refusal of the finish before it
-            with pytest.raises(DatasetError, match="start: an episode runs"):
+            shown(socket, lambda told: "no episode is running" in told["last_event"])
+            recording.start()  # this must not count as a refusal of the earlier finish
+            with pytest.raises(DatasetError, match="start: an episode is running"):
                 recording.start()
             shown(socket, has_frames)
             say(socket, "finish")
-            shown(socket, lambda told: told["said"].endswith("saved"))
-            with pytest.raises(DatasetError, match="finish: no episode runs"):
+            shown(socket, lambda told: told["last_event"].endswith("saved"))
+            with pytest.raises(DatasetError, match="finish: no episode is running"):
                 recording.finish()
             with recording.episode():
                 shown(socket, has_frames)
@@ -51,8 +51,8 @@ def test_what_a_page_is_answered_is_no_answer_to_a_script(arm: Any, tmp_path: Pa
     assert check(root) == len(Index(root).episodes) == 2
 
 
-def has_frames(told: dict[str, Any]) -> bool:
-    return "fps" in told["text"] and ", 0 fps" not in told["text"]
+def has_frames(status: dict[str, Any]) -> bool:
+    return "fps" in status["text"] and ", 0 fps" not in status["text"]
 
 
 def killed(recording: DatasetRecording, how: signal.Signals) -> None:
@@ -62,7 +62,7 @@ def killed(recording: DatasetRecording, how: signal.Signals) -> None:
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("word", ["start", "finish", "discard"])
-def test_a_recorder_that_is_frozen_is_given_up_and_what_it_had_is_repaired(
+def test_a_frozen_recorder_is_dropped_and_its_episode_is_repaired(
     arm: Any, tmp_path: Path, word: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = tmp_path / "set"
@@ -85,7 +85,7 @@ def test_a_recorder_that_is_frozen_is_given_up_and_what_it_had_is_repaired(
     assert repair(root).total_episodes == (word != "start") if (root / ".staging").exists() else word == "start"
 
 
-def test_what_a_block_raises_is_not_lost_with_its_recorder(arm: Any, tmp_path: Path) -> None:
+def test_the_exception_of_a_block_survives_the_death_of_its_recorder(arm: Any, tmp_path: Path) -> None:
     with (
         pytest.raises(ZeroDivisionError),
         record_dataset(arm, tmp_path / "set", task="wave") as recording,
@@ -95,7 +95,7 @@ def test_what_a_block_raises_is_not_lost_with_its_recorder(arm: Any, tmp_path: P
         raise ZeroDivisionError
 
 
-def test_a_recorder_that_was_killed_is_told_with_what_to_do(arm: Any, tmp_path: Path) -> None:
+def test_a_killed_recorder_is_reported_with_a_remedy(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with (
         pytest.raises(DatasetError, match=f"ended with code -9. `strands-actors dataset repair {root}`"),
@@ -105,7 +105,7 @@ def test_a_recorder_that_was_killed_is_told_with_what_to_do(arm: Any, tmp_path: 
         killed(recording, signal.SIGKILL)
 
 
-def test_a_script_is_told_when_its_robot_is_gone(arm: Any, tmp_path: Path) -> None:
+def test_a_script_gets_an_error_when_its_robot_is_gone(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with (
         pytest.raises(DatasetError, match=f"so101: the robot is gone.*not finished.*dataset repair {root}"),
@@ -119,7 +119,7 @@ def test_a_script_is_told_when_its_robot_is_gone(arm: Any, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         *(
             ({"robot": robot}, "robot is .* give a connected robot")
@@ -132,15 +132,15 @@ def test_a_script_is_told_when_its_robot_is_gone(arm: Any, tmp_path: Path) -> No
             for cameras in (5, None, [["w"]], [5], b"w", "", [None])
         ),
         *(({"codec": codec}, "there is no codec .* use av1 or mpeg4") for codec in (["av1"], 5, "", True)),
-        *(({"task": task}, "a dataset needs a task") for task in (5, None, "", ["wave"])),
-        *(({"fps": fps}, "fps .*: a whole number from 1 to 240") for fps in (30.0, "30", None, True, 0)),
+        *(({"task": task}, "task is missing") for task in (5, None, "", ["wave"])),
+        *(({"fps": fps}, "fps is .* give a whole number from 1 to 240") for fps in (30.0, "30", None, True, 0)),
     ],
 )
 def test_a_slip_is_refused_by_name_and_nothing_is_written(
-    given: dict[str, Any], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    given: dict[str, Any], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     arguments: dict[str, Any] = {"robot": "so101", "root": "set", "task": "wave"}
-    with pytest.raises(DatasetError, match=told):
+    with pytest.raises(DatasetError, match=message):
         record_dataset(**arguments | given)
     assert not any(tmp_path.iterdir())

@@ -1,5 +1,4 @@
-"""An SO-101 twin is recorded into a dataset by a process beside it; who is slow there, or dies, costs
-the arm nothing."""
+"""A separate process records an SO-101 twin into a dataset. A slow or dead recorder does not disturb the arm."""
 
 from __future__ import annotations
 
@@ -43,8 +42,7 @@ AXES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll
 
 
 def wave(arm: Any, seconds: float, until: Callable[[], bool] = lambda: False) -> int:
-    """Move, and return how many setpoints were accepted: all but those that a busy machine made
-    late before they were sent."""
+    """Move, and return how many setpoints were accepted. On a busy machine some are late before they are sent."""
     began, count = time.monotonic(), 0
     while not until() and (since := time.monotonic() - began) < seconds:
         answer = arm.send_action({"shoulder_pan": 10 * math.sin(since), "gripper": 30 + 10 * math.cos(since)})
@@ -56,7 +54,7 @@ def wave(arm: Any, seconds: float, until: Callable[[], bool] = lambda: False) ->
 
 @contextmanager
 def stand_in(root: Path, slow_s: float = 0.0) -> Iterator[subprocess.Popen[str]]:
-    """A recorder with a camera of its own, under way."""
+    """Yield a running recorder with its own camera."""
     order = Order("so101", str(root), "wave", 30, ("front",))
     with subprocess.Popen(
         [sys.executable, "-m", "tests.dataset.stand_in", msgspec.json.encode(order).decode(), str(slow_s)],
@@ -91,7 +89,7 @@ def rows_of(root: Path, episode: int = 0) -> list[dict[str, Any]]:
     return found
 
 
-def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_done(arm: Any, tmp_path: Path) -> None:
+def test_a_script_records_episodes_with_requested_and_executed_actions(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with record_dataset(arm, root, task="wave") as recording:
         with recording.episode():
@@ -101,7 +99,7 @@ def test_a_script_records_episodes_and_what_was_asked_stands_beside_what_was_don
         with pytest.raises(ZeroDivisionError), recording.episode():
             wave(arm, 0.1)
             raise ZeroDivisionError
-        with pytest.raises(DatasetError, match="no episode runs"):
+        with pytest.raises(DatasetError, match="no episode is running"):
             recording.finish()
         with recording.episode():
             wave(arm, 0.5)
@@ -123,14 +121,14 @@ def test_an_axis_that_nothing_reads_is_named_and_nothing_is_recorded(tmp_path: P
     register_native_driver("pan", Pan)
     with Robot("pan", mode="real", port="/dev/x") as arm:
         arm.get_observation()
-        with pytest.raises(DatasetError, match="nothing is read of gripper of pan"):
+        with pytest.raises(DatasetError, match="no readings of gripper of pan"):
             record_dataset(arm, tmp_path / "set", task="wave").__enter__()
 
 
-def test_a_script_is_told_when_its_folder_is_moved_away(arm: Any, tmp_path: Path) -> None:
+def test_a_script_gets_an_error_when_its_folder_is_moved_away(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with (
-        pytest.raises(DatasetError, match="is not the folder any more"),
+        pytest.raises(DatasetError, match="was moved, or its disk was unmounted"),
         record_dataset(arm, root, task="wave") as recording,
     ):
         with recording.episode():
@@ -162,8 +160,8 @@ def test_saf_001_a_slow_disk_costs_frames_which_are_counted_and_no_setpoint(
     assert len(written) >= sent > 20, "each left"
     assert not [entry for entry in twin.log.host("safe", began_ns) if entry.t_ns <= ended_ns], "nothing was late"
     (episode,) = Index(root).episodes
-    assert episode.marks.gaps > 0 and saved["frames"] == episode.frames >= 30
-    assert f"{episode.marks.gaps} frames missing" in saved["marks"]
+    assert episode.quality.gaps > 0 and saved["frames"] == episode.frames >= 30
+    assert f"{episode.quality.gaps} frames missing" in saved["marks"]
     assert show(root).good == []
 
 
@@ -183,14 +181,14 @@ def test_saf_003_a_recorder_that_freezes_and_dies_costs_the_arm_nothing_and_its_
         wave(arm, 0.5)
         ended_ns = time.monotonic_ns()
     assert not [entry for entry in twin.log.host("safe", began_ns) if entry.t_ns <= ended_ns]
-    assert not (root / "meta/info.json").exists(), "nothing is counted yet"
+    assert not (root / "meta/info.json").exists(), "no episode is counted yet"
     report = repair(root)
     assert [one.episode for one in report.repaired] == [0] and report.repaired[0].frames >= 15
     pictures = decoded(root / "videos/observation.images.front/chunk-000/file-000.mp4")
     assert [at_s for at_s, _ in pictures] == [number / 30 for number in range(len(rows_of(root)))]
     assert len({picture.tobytes() for _, picture in pictures}) > len(pictures) / 4, "the scene changes"
     assert info_of(root)["features"]["age_ms"]["names"] == ["state", "front"]
-    assert Index(root).episodes[0].marks.repaired
+    assert Index(root).episodes[0].quality.repaired
 
 
 @pytest.mark.long
@@ -207,7 +205,7 @@ def test_the_command_records_by_keys(arm: Any, tmp_path: Path) -> None:
 
         shown(b"30 fps, no cameras")
         shown(b"space: start, finish")
-        terminal.press(b"x d ")  # no key; nothing to discard; start... all of it is obeyed in order
+        terminal.press(b"x d ")  # not a key, nothing to discard, start: all are handled in order
         shown(b"episode 0: recording")
         terminal.press(b"a")
         shown(b"episode 0: discarded")
@@ -225,19 +223,19 @@ def test_the_command_records_by_keys(arm: Any, tmp_path: Path) -> None:
     assert check(root) == 2
 
 
-def test_the_command_records_by_itself_and_tells_in_json(
+def test_the_command_records_without_keys_and_reports_in_json(
     arm: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)  # this process goes on
+    monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)  # keeps the priority
 
     def run(*arguments: str) -> Any:
         code = cli.run([*arguments, "--json"])
-        told = capsys.readouterr()
-        assert code == 0, told.err
-        return json.loads(told.out)
+        output = capsys.readouterr()
+        assert code == 0, output.err
+        return json.loads(output.out)
 
     root = tmp_path / "set"
-    create(root, [f"{axis}.pos" for axis in AXES], {})  # as LeRobot does, and nothing was recorded yet
+    create(root, [f"{axis}.pos" for axis in AXES], {})  # as LeRobot creates it, before the first recording
     said = run("record", "so101", "--dataset", str(root), "--task", "w", "--episodes", "2", "--seconds", "0.5")
     assert said["total_episodes"] == 2 and len(said["episodes"]) == 2 and said["left"] == ""
     assert check(root) == 2
@@ -258,16 +256,16 @@ def test_the_command_records_by_itself_and_tells_in_json(
         (5, 2, "done", "", True),
     ],
 )
-def test_a_robot_that_is_gone_before_the_last_episode_is_no_success(
+def test_a_robot_that_ends_before_the_last_episode_is_not_a_success(
     episodes: int | None, saved: int, ended: str, left: str, achieved: bool
 ) -> None:
-    told = [EpisodeSummary(number, 30, 1.0, 0, "") for number in range(saved)]
-    summary = Summary("set", "so101", 9.0, told, saved, [], left, ended)
+    summaries = [EpisodeSummary(number, 30, 1.0, 0, "") for number in range(saved)]
+    summary = Summary("set", "so101", 9.0, summaries, saved, [], left, ended)
     assert is_achieved(Order("so101", "set", "w", episodes=episodes), summary) is achieved
 
 
 @pytest.mark.long
-def test_the_command_says_by_its_code_that_the_robot_is_gone(arm: Any, tmp_path: Path) -> None:
+def test_the_exit_code_shows_that_the_robot_is_gone(arm: Any, tmp_path: Path) -> None:
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
     arguments = ("--task", "w", "--episodes", "5", "--seconds", "30")
     with command.start("record", "so101", "--dataset", str(tmp_path / "set"), *arguments) as recorder:
@@ -280,7 +278,7 @@ def test_the_command_says_by_its_code_that_the_robot_is_gone(arm: Any, tmp_path:
             recorder.kill()
 
 
-def test_a_page_that_cannot_be_is_told_in_a_line(arm: Any, tmp_path: Path) -> None:
+def test_a_page_that_cannot_be_served_is_refused_in_one_line(arm: Any, tmp_path: Path) -> None:
     command = Command(Path(os.environ["STRANDS_ACTORS_RUN"]))
     done = command.run(
         "record", "so101", "--dataset", str(tmp_path / "set"), "--task", "w", "--keys", "phone:203.0.113.9:8000"
@@ -291,7 +289,7 @@ def test_a_page_that_cannot_be_is_told_in_a_line(arm: Any, tmp_path: Path) -> No
     assert not (tmp_path / "set").exists()
 
 
-def test_a_codec_that_the_dataset_has_not_is_refused_before_anything_is_recorded(
+def test_a_codec_other_than_the_datasets_is_refused_before_recording(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)
@@ -300,28 +298,28 @@ def test_a_codec_that_the_dataset_has_not_is_refused_before_anything_is_recorded
     dataset.close()
     arguments = ("record", "so101", "--dataset", str(tmp_path), "--task", "w", "--codec", "mpeg4")
     assert cli.run(arguments) == cli.USAGE
-    assert "has videos of av1, not mpeg4" in capsys.readouterr().err
+    assert "has videos with the codec av1, not mpeg4" in capsys.readouterr().err
     assert check(tmp_path) == 1
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("record", "so101"), "give -o FILE, or --dataset DIR"),
-        (("record", "so101", "--dataset", "set"), "a dataset needs a task"),
+        (("record", "so101", "--dataset", "set"), "task is missing"),
         (("record", "so101", "--dataset", "set", "--task", "x", "--codec", "h264"), "use av1 or mpeg4"),
         (("record", "nobody", "--dataset", "set", "--task", "x"), "no robot 'nobody'"),
-        (("dataset", "show", "set"), "is no dataset"),
-        (("dataset", "repair", "set"), "is no dataset"),
+        (("dataset", "show", "set"), "is not a dataset"),
+        (("dataset", "repair", "set"), "is not a dataset"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_line(
-    arguments: tuple[str, ...], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+def test_invalid_arguments_are_refused_in_one_line(
+    arguments: tuple[str, ...], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("strands_actors.surfaces.cli.dataset.give_way", lambda: None)
     assert cli.run(arguments) == cli.USAGE
-    said = capsys.readouterr().err
-    assert told in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert message in output and output.count("\n") == 1
     assert not any(tmp_path.iterdir())

@@ -1,5 +1,5 @@
-"""The files: LeRobot's names, types and times; whole or not there; what is not counted is put
-aside."""
+"""The files of a dataset have LeRobot's names, types and times. Each is complete or absent, and files of no
+counted episode are put aside."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from strands_actors.surfaces.dataset.dataset import ASIDE, Dataset
+from strands_actors.surfaces.dataset.dataset import STRAYS, Dataset
 from strands_actors.surfaces.dataset.errors import DatasetError
 from strands_actors.surfaces.dataset.index import Index
 from strands_actors.surfaces.dataset.layout import CameraShape, Layout
 from strands_actors.surfaces.dataset.show import show
 from strands_actors.surfaces.dataset.staging import FINISHED, Row, StagedEpisode
-from strands_actors.surfaces.dataset.statistics import PictureFigures, aggregate, of_column
+from strands_actors.surfaces.dataset.statistics import PictureStatistics, aggregate, of_column
 from strands_actors.surfaces.dataset.storage import Storage
 from strands_actors.surfaces.dataset.video import CODECS, DEFAULT, Encoder
 
@@ -66,10 +66,10 @@ def test_a_new_one_is_its_owners_alone(root: Path) -> None:
     assert root.stat().st_mode & 0o777 == 0o700
     root.chmod(0o755)
     Dataset(root).close()
-    assert root.stat().st_mode & 0o777 == 0o755, "a folder that was there keeps its mode"
+    assert root.stat().st_mode & 0o777 == 0o755, "an existing folder keeps its mode"
 
 
-def test_what_was_given_is_what_is_read(root: Path) -> None:
+def test_the_written_frames_are_read_back(root: Path) -> None:
     dataset = Dataset(root)
     add_episode(dataset, 40)
     table = pq.read_table(root / "data/chunk-000/file-000.parquet")
@@ -86,9 +86,9 @@ def test_what_was_given_is_what_is_read(root: Path) -> None:
     assert info_of(root)["features"]["age_ms"]["names"] == ["state", "front", "wrist"]
 
 
-def test_a_policy_trained_on_it_wants_what_a_robot_has_and_gives_an_action(root: Path) -> None:
-    """LeRobot makes an input of a policy of each feature that begins with ``observation``, and an
-    output of each that begins with ``action``: no robot has an ``observation.age_ms``."""
+def test_a_policy_trained_on_a_dataset_needs_only_inputs_that_a_robot_has(root: Path) -> None:
+    """LeRobot uses each feature that begins with ``observation`` as an input of a policy, and each that begins
+    with ``action`` as an output. No robot has an ``observation.age_ms``."""
     add_episode(Dataset(root), 3)
     names = info_of(root)["features"]
     inputs = {name for name in names if name.startswith("observation")}
@@ -109,7 +109,7 @@ def test_no_time_drifts_however_long_a_dataset_becomes(root: Path) -> None:
 
 
 def test_a_robot_with_one_axis_and_no_camera_has_numbers_for_vectors(root: Path) -> None:
-    """As LeRobot has it, whose loader wants it so."""
+    """LeRobot writes it this way, and its loader requires it."""
     dataset = Dataset(root)
     episode = begin(dataset, layout=Layout("strands_gripper", 10, ("gripper.pos",)))
     for number in range(5):
@@ -137,19 +137,21 @@ def test_every_codec_keeps_every_picture(root: Path, codec: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("camera", "codec", "told"),
+    ("camera", "codec", "message"),
     [
-        (CameraShape("a", 480, 641), "av1", "even sides"),
+        (CameraShape("a", 480, 641), "av1", "even width and height"),
         (CameraShape("a", 48, 64), "av1", "64 pixels or more"),
         (CameraShape("a", 64, 64), "h264", "use av1 or mpeg4"),
     ],
 )
-def test_what_no_encoder_takes_is_refused(root: Path, camera: CameraShape, codec: str, told: str) -> None:
-    with pytest.raises(DatasetError, match=told):
+def test_a_format_that_no_encoder_accepts_is_refused(
+    root: Path, camera: CameraShape, codec: str, message: str
+) -> None:
+    with pytest.raises(DatasetError, match=message):
         begin(Dataset(root), layout=Layout("r", 30, ("a.pos",), (camera,), codec))
 
 
-def test_marks_say_what_is_missing_and_what_was_late(root: Path) -> None:
+def test_marks_name_missing_and_late_values(root: Path) -> None:
     dataset = Dataset(root)
     episode = begin(dataset)
     fill(episode, [row(0), row(1, gap=4), row(2, stale=("wrist",)), row(3, stale=("state", "wrist"))])
@@ -158,9 +160,9 @@ def test_marks_say_what_is_missing_and_what_was_late(root: Path) -> None:
     add_episode(dataset, 5)
     dataset.close()
     first, second = Index(root).episodes
-    assert (first.marks.gaps, first.marks.stale, first.marks.repaired) == (6, {"state": 1, "wrist": 2}, False)
-    assert first.marks.told == "6 frames missing, state late in 1 frames, wrist late in 2 frames"
-    assert second.marks.told == "" and second.marks.began
+    assert (first.quality.gaps, first.quality.stale, first.quality.repaired) == (6, {"state": 1, "wrist": 2}, False)
+    assert first.quality.as_text == "6 frames missing, state late in 1 frames, wrist late in 2 frames"
+    assert second.quality.as_text == "" and second.quality.began
 
 
 # -- figures
@@ -176,7 +178,7 @@ def test_figures_of_a_column_and_of_all_episodes() -> None:
 
 
 def test_figures_without_quantiles_are_merged_as_they_are() -> None:
-    """Another program's, whose dataset goes on here, or is copied."""
+    """Such figures come from another program's dataset that is continued or copied here."""
     parts = [of_column(np.full((count, 1), float(count))) for count in (2, 6)]
     for part in parts:
         del part["q50"]
@@ -187,11 +189,11 @@ def test_figures_without_quantiles_are_merged_as_they_are() -> None:
 def test_figures_of_pictures_are_those_of_their_pixels() -> None:
     rng = np.random.default_rng(4)
     pictures = [rng.integers(10, 200, (60, 80, 3), dtype=np.uint8) for _ in range(3)]
-    figures = PictureFigures()
+    statistics = PictureStatistics()
     for picture in pictures:
-        figures.add(picture)
+        statistics.add(picture)
     pixels = np.concatenate([picture.reshape(-1, 3) for picture in pictures]) / 255
-    found = figures.figures()
+    found = statistics.statistics()
     assert np.allclose(np.ravel(found["mean"]), pixels.mean(0)) and np.allclose(
         np.ravel(found["std"]), pixels.std(0)
     )
@@ -200,11 +202,11 @@ def test_figures_of_pictures_are_those_of_their_pixels() -> None:
     assert np.array(found["mean"]).shape == (3, 1, 1) and found["count"] == [3]
 
 
-# -- what is not counted
+# -- files of no counted episode
 
 
 class PowerCut(Storage):
-    """Ends when the n-th file would get its name."""
+    """Simulate a power cut just before the n-th file gets its final name."""
 
     def __init__(self, after: int) -> None:
         self.after = after
@@ -242,15 +244,15 @@ def test_a_commit_that_was_cut_off_anywhere_loses_nothing_and_leaves_nothing(roo
     assert json.loads((root / "meta/stats.json").read_bytes())["action"]["count"] == [25]
 
 
-def test_what_is_not_counted_is_not_there_for_lerobot_before_the_next_episode_is(root: Path) -> None:
+def test_a_file_that_no_episode_counts_is_put_aside_before_the_next_episode(root: Path) -> None:
     dataset = Dataset(root)
     add_episode(dataset, 12)
     dataset.close()
     stranger = root / "data/chunk-000/file-001.parquet"
     os.link(root / "data/chunk-000/file-000.parquet", stranger)
     again = Dataset(root)
-    assert again.swept == ["data/chunk-000/file-001.parquet"] and not stranger.exists()
-    assert (root / ".staging" / ASIDE / "data/chunk-000/file-001.parquet").exists(), "not ours: kept"
+    assert again.moved_strays == ["data/chunk-000/file-001.parquet"] and not stranger.exists()
+    assert (root / ".staging" / STRAYS / "data/chunk-000/file-001.parquet").exists(), "not ours: kept"
     assert check(root) == 1
 
 
@@ -258,10 +260,10 @@ def test_what_is_not_counted_is_not_there_for_lerobot_before_the_next_episode_is
     "name", ["data/train/mine.parquet", "videos/a/b/mine.mp4", "data/chunk-000/file-000.parquet"]
 )
 @pytest.mark.parametrize("staging", [False, True])
-def test_a_folder_with_somebody_elses_files_is_no_dataset_and_stays_as_it_is(
+def test_a_folder_with_files_of_other_programs_is_refused_and_not_changed(
     root: Path, name: str, staging: bool
 ) -> None:
-    """The last one: a dataset that has lost its ``info.json``."""
+    """The last case is a dataset that has lost its ``info.json``."""
     (root / name).parent.mkdir(parents=True)
     (root / name).write_bytes(b"precious")
     (root / "meta").mkdir()
@@ -269,12 +271,12 @@ def test_a_folder_with_somebody_elses_files_is_no_dataset_and_stays_as_it_is(
     if staging:
         (root / ".staging").mkdir()
     before = files(root)
-    with pytest.raises(DatasetError, match=f"has no meta/info.json, and files .*: {name} .1 files.. give a new"):
+    with pytest.raises(DatasetError, match=f"has no meta/info.json, but files .*: {name} .1 files.. give a new"):
         Dataset(root)
     assert files(root) == before == {name, "meta/notes.staged"}
 
 
-def test_only_what_is_called_like_a_file_of_ours_is_put_aside_and_nothing_that_was_put_aside_is_lost(
+def test_only_files_with_names_of_ours_are_put_aside_and_no_file_put_aside_is_lost(
     root: Path,
 ) -> None:
     dataset = Dataset(root)
@@ -288,11 +290,11 @@ def test_only_what_is_called_like_a_file_of_ours_is_put_aside_and_nothing_that_w
         (root / "data/chunk-000/file-001.parquet").write_text(text)
         again = Dataset(root)
         again.close()
-        assert again.swept == ["data/chunk-000/file-001.parquet"]
+        assert again.moved_strays == ["data/chunk-000/file-001.parquet"]
     assert files(root) >= set(mine)
-    aside = root / ".staging" / ASIDE / "data/chunk-000"
+    aside = root / ".staging" / STRAYS / "data/chunk-000"
     assert [path.read_text() for path in sorted(aside.iterdir())] == ["second", "first"]
-    assert show(root).strange == ["data/train/mine.parquet", "videos/a/b/mine.mp4"] and not show(root).uncounted
+    assert show(root).strange == ["data/train/mine.parquet", "videos/a/b/mine.mp4"] and not show(root).stray_files
 
 
 def test_a_folder_of_an_episode_that_is_counted_already_goes(root: Path) -> None:
@@ -331,7 +333,7 @@ def test_a_folder_that_was_being_removed_means_nothing(root: Path, monkeypatch: 
     assert len(again.episodes) == 1 and not again.recovered and not any(again.staging.iterdir())
 
 
-def test_a_finished_episode_that_was_damaged_keeps_nobody_from_recording(root: Path) -> None:
+def test_a_damaged_finished_episode_does_not_prevent_recording(root: Path) -> None:
     dataset = Dataset(root)
     episode = begin(dataset)
     fill(episode, [row(0), row(1)])
@@ -354,7 +356,7 @@ def test_an_unfinished_episode_stays_in_staging(root: Path) -> None:
     assert not (episode.folder / FINISHED).exists()
 
 
-# -- who may write
+# -- one writer
 
 
 def test_one_writer_at_a_time(root: Path) -> None:
@@ -367,34 +369,34 @@ def test_one_writer_at_a_time(root: Path) -> None:
 
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_folder_that_was_moved_away_gets_no_episode(root: Path, tmp_path: Path, replaced: bool) -> None:
-    """A stick that was taken out leaves its mount point: an empty folder of the same name."""
+    """A USB stick that is removed leaves its mount point, an empty folder of the same name."""
     dataset = Dataset(root)
     add_episode(dataset, 3)
     root.rename(tmp_path / "moved")
     if replaced:
         root.mkdir()
-    with pytest.raises(DatasetError, match="is not the folder any more that was opened"):
+    with pytest.raises(DatasetError, match="was moved, or its disk was unmounted"):
         add_episode(dataset, 4)
-    with pytest.raises(DatasetError, match="is not the folder any more"):
+    with pytest.raises(DatasetError, match="was moved, or its disk was unmounted"):
         dataset.free_bytes()
     assert len(dataset.episodes) == 1 and not (root / "meta").exists() and check(tmp_path / "moved") == 1
     (folder,) = (root / ".staging").iterdir()
-    assert (folder / FINISHED).exists(), "what was recorded since is not lost"
+    assert (folder / FINISHED).exists(), "later recordings are not lost"
 
 
 @pytest.mark.parametrize(
-    ("other", "told"),
+    ("other", "message"),
     [
-        (Layout("strands_koch", 30, LAYOUT.joints, LAYOUT.cameras), "robot_type strands_so101, this"),
-        (Layout("strands_so101", 20, LAYOUT.joints, LAYOUT.cameras), "fps 30, this would be 20"),
+        (Layout("strands_koch", 30, LAYOUT.joints, LAYOUT.cameras), "robot_type strands_so101, but this recording"),
+        (Layout("strands_so101", 20, LAYOUT.joints, LAYOUT.cameras), "fps 30, but this recording has 20"),
         (Layout("strands_so101", 30, LAYOUT.joints, (FRONT,)), "other features"),
         (Layout("strands_so101", 30, ("a.pos", "b.pos", "c.pos"), LAYOUT.cameras), "other features: action is"),
     ],
 )  # fmt: skip
-def test_another_kind_of_episode_is_refused(root: Path, other: Layout, told: str) -> None:
+def test_another_kind_of_episode_is_refused(root: Path, other: Layout, message: str) -> None:
     dataset = Dataset(root)
     add_episode(dataset, 3)
-    with pytest.raises(DatasetError, match=told):
+    with pytest.raises(DatasetError, match=message):
         dataset.require(other)
 
 
@@ -408,7 +410,7 @@ def test_a_codec_that_is_named_is_the_datasets_or_refused(root: Path) -> None:
     dataset.close()
     again = Dataset(root)
     assert again.codec_for(None) == again.codec_for("mpeg4") == "mpeg4"
-    with pytest.raises(DatasetError, match="has videos of mpeg4, not av1"):
+    with pytest.raises(DatasetError, match="has videos with the codec mpeg4, not av1"):
         again.codec_for("av1")
 
 
@@ -416,7 +418,7 @@ IN_DEGREES = ("deg", "deg", "percent")
 
 
 def test_the_units_stand_beside_the_names_and_another_unit_is_refused(root: Path) -> None:
-    """Of one robot the same names may count in radians, degrees, or shares of a range."""
+    """The same axis names of one robot may count in radians, in degrees or in fractions of a range."""
     layout = msgspec.structs.replace(LAYOUT, units=IN_DEGREES)
     dataset = Dataset(root)
     episode = begin(dataset, layout=layout)
@@ -452,7 +454,7 @@ OLDER = '{"codebase_version": "v2.1", "fps": 30, "features": {}}'
 
 
 @pytest.mark.parametrize(
-    ("damage", "told"),
+    ("damage", "expected"),
     [
         (lambda root: (root / "meta/info.json").write_bytes(b"{"), "damaged"),
         (lambda root: (root / "meta/info.json").write_text(OLDER), "version v2.1.*dataset convert"),
@@ -461,16 +463,16 @@ OLDER = '{"codebase_version": "v2.1", "fps": 30, "features": {}}'
         (lambda root: (root / "meta/tasks.parquet").write_bytes(b"PAR1"), "cannot be read"),
     ],
 )  # fmt: skip
-def test_a_damaged_dataset_is_refused_and_not_touched(root: Path, damage: object, told: str) -> None:
+def test_a_damaged_dataset_is_refused_and_not_touched(root: Path, damage: object, expected: str) -> None:
     dataset = Dataset(root)
     add_episode(dataset, 3)
     dataset.close()
     damage(root)  # type: ignore[operator]
     before = files(root)
-    with pytest.raises(DatasetError, match=told):
+    with pytest.raises(DatasetError, match=expected):
         Dataset(root)
     assert files(root) == before
-    with pytest.raises(DatasetError, match=told):  # the lock is free again
+    with pytest.raises(DatasetError, match=expected):  # the lock is free again
         Dataset(root)
 
 
@@ -485,11 +487,11 @@ def test_an_episode_of_no_frame_is_refused(root: Path) -> None:
 
 @pytest.mark.parametrize("codec", CODECS)
 def test_an_encoder_is_run_as_its_caller_is(codec: str, tmp_path: Path) -> None:
-    """Run by root, SVT-AV1 takes SCHED_FIFO 99: no stop of a robot gets a processor beside it."""
+    """If root runs SVT-AV1, it takes SCHED_FIFO 99 and leaves no processor for the stop of a robot."""
     before = set(os.listdir("/proc/self/task"))
 
     def policies() -> set[int]:
-        """Of this thread, and of the encoder's, which live as long as it does."""
+        """Return the scheduling policies of this thread and of the encoder's threads."""
         threads = {*os.listdir("/proc/self/task")} - before
         return {os.sched_getscheduler(0), *(os.sched_getscheduler(int(thread)) for thread in threads)}
 

@@ -1,4 +1,4 @@
-"""A process that writes episodes until it is killed; it says ``finished`` when one is."""
+"""A process that writes episodes until it is killed. It prints ``finished`` after each episode."""
 
 from __future__ import annotations
 

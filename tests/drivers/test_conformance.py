@@ -1,5 +1,5 @@
-"""Run the conformance checks of every driver, with the hardest kill cells on its twin. Drivers whose every cell
-runs in ``tests/kill`` skip their kill cells here."""
+"""Run the conformance checks of every driver, with the hardest kill cells on its twin. Drivers with all cells
+in ``tests/kill`` skip their kill cells here."""
 
 from __future__ import annotations
 

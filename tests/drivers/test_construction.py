@@ -58,7 +58,7 @@ def robot_of(wire: str) -> str:
 
 
 @pytest.mark.parametrize("wire", ADDRESSED)
-def test_what_is_no_address_is_refused_when_the_robot_is_made(wire: str) -> None:
+def test_an_invalid_address_is_refused_when_the_robot_is_made(wire: str) -> None:
     taken = []
     for port in NO_ADDRESS:
         try:
@@ -71,7 +71,7 @@ def test_what_is_no_address_is_refused_when_the_robot_is_made(wire: str) -> None
 
 
 @pytest.mark.parametrize("wire", SERIAL)
-def test_what_is_no_device_is_refused_when_the_robot_is_made(wire: str, tmp_path: Path) -> None:
+def test_an_invalid_device_is_refused_when_the_robot_is_made(wire: str, tmp_path: Path) -> None:
     file = tmp_path / "port"
     file.write_text("/dev/pts/7\n")  # the --port-file of a twin: its content is the port
     for port in (*NO_DEVICE, str(file)):
@@ -80,13 +80,13 @@ def test_what_is_no_device_is_refused_when_the_robot_is_made(wire: str, tmp_path
 
 
 @pytest.mark.parametrize("wire", DRIVERS)
-def test_what_a_page_writes_is_taken(wire: str) -> None:
+def test_examples_of_the_pages_are_accepted(wire: str) -> None:
     for port in GOOD[wire]:
         Robot(robot_of(wire), mode="real", port=port or None)
 
 
 @pytest.mark.parametrize("wire", DRIVERS)
-def test_what_is_no_text_is_a_type_error(wire: str) -> None:
+def test_a_port_that_is_no_text_is_a_type_error(wire: str) -> None:
     for port in (3, True, b"/dev/ttyACM0", ["192.0.2.10"]):
         with pytest.raises(TypeError, match="port is "):
             Robot(robot_of(wire), mode="real", port=port)
@@ -96,7 +96,7 @@ NO_OPTION = (object(), b"x", {1: 2}, math.nan, math.inf, -1e9, 1e30, 10**12)
 
 
 @pytest.mark.parametrize("wire", DRIVERS)
-def test_what_is_no_value_of_an_option_is_refused_under_the_keyword_that_was_given(wire: str) -> None:
+def test_an_invalid_option_is_refused_under_the_given_keyword(wire: str) -> None:
     driver = DRIVERS[wire]
     port = GOOD[wire][0] or None
     for keyword in (*driver.OPTIONS, *driver.SPELLINGS):
@@ -114,5 +114,5 @@ def test_an_address_is_read(text: str, host: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["", ".", "a_", "1.2.3.4.5", "::g", "a b", "x/y", "a" * 64, "٣.2.3.4:80"])
-def test_what_is_no_host(text: str) -> None:
+def test_an_invalid_host(text: str) -> None:
     assert is_host(text) is (text == "a_")

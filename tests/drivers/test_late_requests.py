@@ -23,7 +23,7 @@ from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.xarm import protocol as xarm
 from strands_actors.drivers.xarm.protocol import Mode, Register, State
 from strands_actors.kernel.clock import NS, VirtualClock
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root.stop_channel import settled
 from strands_actors.testing import run_virtual
 from tests.drivers.rby1.rig import World as RBY1World
@@ -44,9 +44,9 @@ async def stopped(
     Returns:
         Seconds until the stop was reported, and the report.
     """
-    owed, clock, began_s = Owed(), VirtualClock(), trio.current_time()
-    owed.ask(round(driver.late_s * NS))
-    owed.cut_off(clock.now_ns())
+    safety_page, clock, began_s = SafetyPage(), VirtualClock(), trio.current_time()
+    safety_page.ask(round(driver.late_s * NS))
+    safety_page.cut_off(clock.now_ns())
 
     async def take_up() -> None:
         await trio.sleep(LATE * driver.late_s)
@@ -54,7 +54,7 @@ async def stopped(
 
     async with trio.open_nursery() as nursery:
         nursery.start_soon(take_up)
-        motors = await settled(owed, clock, partial(channel.make_safe, state))
+        motors = await settled(safety_page, clock, partial(channel.make_safe, state))
     assert all(motor.safe for motor in motors), motors
     return trio.current_time() - began_s, motors
 
@@ -126,18 +126,18 @@ def test_saf_021_an_rby1_that_takes_up_an_arming_late_is_cancelled_again() -> No
     run_virtual(test)
 
 
-def test_saf_021_a_spot_refuses_what_it_takes_up_after_its_estop_was_asserted() -> None:
+def test_saf_021_a_spot_refuses_late_requests_after_its_estop_was_asserted() -> None:
     async def test() -> None:
         world = SpotWorld()
         wire = world.wire()
         await wire.open()
         await wire.arm(Go())
         session, lease, estop = wire.session, wire._lease, wire._estop
-        checked_in = estop.say(spot.StopLevel.NONE)
-        await estop.heard(checked_in)
+        checked_in = estop.send_check_in(spot.StopLevel.NONE)
+        await estop.read_check_in(checked_in)
 
         def ask_late() -> None:
-            estop.say(spot.StopLevel.NONE)  # its challenge dates from before the stop
+            estop.send_check_in(spot.StopLevel.NONE)  # its challenge dates from before the stop
             session.ask("PowerCommand", {"lease": lease.use(), "request": spot.POWER_ON})
             session.ask("RobotCommand", {"lease": lease.use(), "command": spot.stand()})
 

@@ -39,7 +39,7 @@ from tests.conftest import REGISTRY
 
 def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
     listed = list_native_drivers()
-    assert listed["yahboom_m3pro"] == "YahboomM3ProDriver", "the page's word"
+    assert listed["yahboom_m3pro"] == "YahboomM3ProDriver", "the class name on the drivers page"
     assert list(listed) == sorted(listed)
     assert {name: listed[name] for name in ("hope_jr", "open_duck_mini", "so100", "so101")} == dict.fromkeys(
         ("hope_jr", "open_duck_mini", "so100", "so101"), "FeetechDriver"
@@ -49,7 +49,7 @@ def test_the_robots_with_a_driver_are_listed_with_its_name() -> None:
     assert get_native_driver_class("toaster") is None
 
 
-def test_coverage_says_who_drives_what() -> None:
+def test_coverage_lists_the_drivers_of_each_robot() -> None:
     coverage = list_driver_coverage()
     assert coverage["so101"] == ("lerobot", "strands")
     assert coverage["omx"] == ("lerobot",)
@@ -65,7 +65,7 @@ def test_the_kind_of_a_port_is_known_by_name() -> None:
     assert {port_kind(name) for name in list_native_drivers()} == {"serial", "address"}
 
 
-def test_constructor_keywords_are_the_drivers_own_and_ours() -> None:
+def test_constructor_keywords_are_those_of_the_driver_and_ours() -> None:
     ours = ["cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
     assert constructor_keywords(UR) == sorted([*ours, "control", "control_frequency", "model", "rtde_frequency"])
     servos = ["baud", "baud_rate", "calibration", "max_jump", "max_relative_target", "motor_ids", "timeout"]
@@ -85,7 +85,7 @@ def test_constructor_keywords_are_the_drivers_own_and_ours() -> None:
 # -- resolving
 
 
-def test_who_drives_is_asked_for_else_registered_else_native_else_lerobot() -> None:
+def test_the_driver_is_the_requested_else_a_registered_else_a_native_one_else_lerobot() -> None:
     assert resolve_driver("so101") == "strands"
     assert resolve_driver("so101", "lerobot") == "lerobot"
     assert resolve_driver("omx") == "lerobot"
@@ -94,14 +94,18 @@ def test_who_drives_is_asked_for_else_registered_else_native_else_lerobot() -> N
     assert resolve_driver("so101_follower") == "lerobot"
     assert resolve_driver("so101", "strands") == "strands"
     for robot, driver, text in (
-        ("so101", "magic", "driver is 'magic'. use one of 'auto', 'lerobot', 'strands'"),
-        ("omx", "strands", "omx has no native driver. driver='lerobot' runs .* these have one: .*so100, so101"),
+        ("so101", "magic", "driver is 'magic'. Use one of 'auto', 'lerobot', 'strands'"),
+        (
+            "omx",
+            "strands",
+            "omx has no native driver. driver='lerobot' runs .* have a native driver: .*so100, so101",
+        ),
     ):
         with pytest.raises(ValueError, match=text):
             resolve_driver(robot, driver)
 
 
-def test_a_robot_that_is_registered_is_known_by_all_its_names(tmp_path: Path) -> None:
+def test_a_registered_robot_has_all_its_names(tmp_path: Path) -> None:
     class Own(Feetech):
         pass
 
@@ -123,11 +127,11 @@ def test_a_robot_that_is_registered_is_known_by_all_its_names(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("name", "keywords", "text"),
     [
-        ("so101", {}, "so101 is known already. pass overwrite=True"),
+        ("so101", {}, "so101 is known already. Pass overwrite=True"),
         ("new", {"aliases": ["so_arm101"]}, "so_arm101 is known already"),
         ("ability_hand", {}, "ability_hand is known already"),
-        ("new", {"hardware": {"driver": "magic"}}, "hardware driver is 'magic'. use 'strands' or 'lerobot'"),
-        ("new", {"hardware": {"wheels": "4"}}, "hardware has no wheels. it takes driver"),
+        ("new", {"hardware": {"driver": "magic"}}, "hardware driver is 'magic'. Use 'strands' or 'lerobot'"),
+        ("new", {"hardware": {"wheels": "4"}}, "hardware has the unknown key wheels. Give only 'driver'"),
     ],
 )
 def test_a_robot_that_cannot_be_registered_is_not(name: str, keywords: dict[str, Any], text: str) -> None:
@@ -165,7 +169,7 @@ def test_a_class_that_lacks_members_is_refused_by_their_names() -> None:
     assert not {"stop", "tool_name"} & set(missing)
     with pytest.raises(TypeError) as refusal:
         register_native_driver("half", Half)
-    assert str(refusal.value) == f"register_native_driver: Half lacks {', '.join(missing)}"
+    assert str(refusal.value) == f"register_native_driver: the class Half lacks {', '.join(missing)}. add them"
     assert "half" not in list_native_drivers()
 
 
@@ -175,13 +179,11 @@ def test_a_name_is_bound_once_unless_it_is_to_be_replaced() -> None:
     class Other(Feetech):
         pass
 
-    with pytest.raises(ValueError, match="so101 is already served by FeetechDriver"):
+    with pytest.raises(ValueError, match="so101 already has the driver FeetechDriver"):
         register_native_driver("so101", Other)
     register_native_driver("so101", Other, overwrite=True)
     assert list_native_drivers()["so101"] == "Other"
-    with pytest.raises(
-        ValueError, match=r"nobody knows a robot called 'so102'. call register_robot\('so102'\) first"
-    ):
+    with pytest.raises(ValueError, match=r"there is no robot 'so102'. Call register_robot\('so102'\) first"):
         register_native_driver("so102", Other)
     register_robot("so102", aliases=["so102_follower"])
     register_native_driver("SO-102-follower", Other)
@@ -249,8 +251,8 @@ def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("packages")
-def test_another_packages_driver_is_found_and_a_broken_one_is_told_and_survived() -> None:
-    with pytest.warns(UserWarning) as told:
+def test_another_packages_driver_is_found_and_a_broken_one_only_warns() -> None:
+    with pytest.warns(UserWarning) as reported:
         listed = list_native_drivers()
     assert listed["their_arm"] == "Theirs"
     assert listed["so101"] == "FeetechDriver"
@@ -259,7 +261,7 @@ def test_another_packages_driver_is_found_and_a_broken_one_is_told_and_survived(
     assert sorted(broken) == ["gone", "half"]
     assert broken["gone"] == "ModuleNotFoundError: No module named 'no_such_module'"
     assert broken["half"].startswith("TypeError: Half lacks cleanup, get_status")
-    assert [str(warning.message) for warning in told] == [
+    assert [str(warning.message) for warning in reported] == [
         f"driver {name} cannot be used: {why}" for name, why in sorted(broken.items())
     ]
     assert list_native_drivers() == listed  # the warning appears once

@@ -1,5 +1,5 @@
 """SAF-024: a stop imports nothing, because an import opens files and waits for the disk. ``Driver.preload``
-imports what a stop channel needs before the root's first heartbeat."""
+imports the modules of a stop channel before the root's first heartbeat."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 and mode, for editors and type checkers.
 
 ``python -m tests.editors.signatures`` writes the file. Names of robots, keywords, their types and
-services come from what the drivers declare; the keywords of every robot come from ``Robot`` itself.
+services come from the declarations of the drivers. The keywords of every robot come from ``Robot`` itself.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ WIDTH = 116
 
 OF_HARDWARE = ("port", "transport", "sim", "require_drill", "at", "lifetime")
 OF_SIMULATIONS = ("backend", "urdf_path", "position", "orientation", "keyframe", "gated")
-"""Keywords of ``Robot`` that only one of the two takes; the others are of both."""
+"""Keywords that only one of ``Robot`` and ``open_robot`` takes. All others belong to both."""
 NONE: Mapping[str, ToolVerb] = {}
 WITH_ACTION = ("step",)
-"""Services that are given a command to write first."""
+"""Services that take a command, which they write first."""
 
 HEAD = '''\
 # fmt: off
@@ -79,7 +79,7 @@ class Kind(NamedTuple):
 
 
 def kinds() -> list[Kind]:
-    """Return the drivers of this package, whatever was registered meanwhile."""
+    """Return the drivers of this package, without drivers that other packages registered."""
     found = []
     for where in WIRES.values():
         driver: type[Driver] = load(where)
@@ -91,16 +91,16 @@ def kinds() -> list[Kind]:
 
 
 def only_lerobots(known: Iterable[Kind]) -> tuple[str, ...]:
-    """Return the names of robots that LeRobot alone drives."""
+    """Return the names of robots that only LeRobot drives."""
     ours = {name for kind in known for name in kind.robots}
     return tuple(sorted({name for robot, kind in TYPES.items() for name in (robot, kind.type)} - ours))
 
 
-# -- types and values, written down
+# -- types and values as text
 
 
 def written(hint: Any, is_path: bool = False) -> str:
-    """Return a type as the caller may give it: any sequence for a tuple, any mapping for a dict."""
+    """Return the type that a caller may pass: any sequence for a tuple, any mapping for a dict."""
     if isinstance(hint, str):
         return hint
     if hint is types.NoneType:
@@ -136,12 +136,12 @@ def default(value: object) -> str:
 
 
 def packed(head: str, parts: Iterable[str], tail: str) -> str:
-    """Return a definition, its parameters below it where they need more than a line."""
-    told = list(parts)
-    if len(line := f"{head}{', '.join(told)}{tail}") <= WIDTH:
+    """Return a definition, with its parameters on separate lines if they do not fit on one."""
+    parts_list = list(parts)
+    if len(line := f"{head}{', '.join(parts_list)}{tail}") <= WIDTH:
         return line
     lines = [""]
-    for part in told:
+    for part in parts_list:
         if len(lines[-1]) + len(part) + 2 > WIDTH - 4:
             lines.append("")
         lines[-1] += f"{part}, "
@@ -160,7 +160,7 @@ def options_of(driver: type[Driver]) -> Iterator[str]:
     spellings = {own: other for other, own in driver.SPELLINGS.items()}
     for field in msgspec.structs.fields(meanings.options):
         if field.name == "transport":
-            continue  # beside ``twin``, in ``transports``
+            continue  # ``transports`` lists it together with ``twin``
         metas = getattr(hints[field.name], "__metadata__", ())
         is_path = any((meta.extra or {}).get("is_path") for meta in metas)
         for name in (field.encode_name, spellings.get(field.encode_name)):
@@ -181,8 +181,8 @@ def transports(driver: type[Driver]) -> str:
 
 
 def overloads(function: str, known: list[Kind], returns: Mapping[str, str]) -> Iterator[str]:
-    """Yield the overloads of a factory. ``returns``: the handle by kind; ``real`` and ``sim`` of any
-    robot."""
+    """Yield the overloads of a factory. ``returns`` maps each kind, and ``real`` and ``sim`` for any robot, to
+    the returned handle."""
     ours = {"driver": literal(("auto", "strands"))}
     simulated = {"driver": literal(("auto", "strands", "lerobot")), "backend": literal(BACKENDS)}
     others = {transport for kind in known for transport in kind.driver.TRANSPORTS} - {"twin"}
@@ -244,12 +244,12 @@ def command(verb: ToolVerb, is_async: bool) -> str:
         parameters += ["*", "wait: bool = True"]
     if is_async:
         return packed(f"    async def {verb.name}(", parameters, ") -> Answer: ...")
-    text = textwrap.fill(f'        """{verb.says}"""', WIDTH, subsequent_indent=" " * 8)
+    text = textwrap.fill(f'        """{verb.description}"""', WIDTH, subsequent_indent=" " * 8)
     return packed(f"    def {verb.name}(", parameters, ") -> Answer:") + f"\n{text}"
 
 
 def described(kind: Kind) -> tuple[dict[str, Service], dict[str, ToolVerb]]:
-    """Return the services and the commands of a driver's robots, as their objects have them."""
+    """Return the services and commands that are methods of the driver's robots."""
     services: dict[str, Service] = {}
     commands: dict[str, ToolVerb] = {}
     for robot in kind.driver.SUPPORTED_ROBOTS:
@@ -263,8 +263,8 @@ def described(kind: Kind) -> tuple[dict[str, Service], dict[str, ToolVerb]]:
 def handle(
     name: str, base: type, services: Mapping[str, Service], named: str = "", commands: Mapping[str, ToolVerb] = NONE
 ) -> str:
-    """Return a class with services and commands as methods; empty: it would add nothing to its base.
-    ``named``: the base, where that is a class of the file."""
+    """Return a class with services and commands as methods, or an empty text if it adds nothing to its base.
+    ``named`` is the base, if it is a class of this file."""
     is_async = base is AsyncRobot
     methods = {key: service(key, each, is_async) for key, each in services.items() if not hasattr(base, key)}
     for key, verb in commands.items():

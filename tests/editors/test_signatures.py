@@ -1,5 +1,5 @@
-"""What editors and type checkers see of ``Robot(...)``: mypy refuses mistakes and nothing else, and
-jedi, which IPython and many editors complete by, offers the keywords."""
+"""The signatures of ``Robot(...)`` for editors and type checkers. mypy reports mistakes and accepts correct
+calls. jedi, the completion of IPython and many editors, offers the keywords."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_mypy_refuses_each_mistake_and_nothing_that_is_right(tmp_path: Path) -> 
     assert [each for line, each in enumerate(MISTAKES, 2) if line not in lines] == []
 
 
-def test_mypy_takes_what_pages_and_examples_call(tmp_path: Path) -> None:
+def test_mypy_accepts_the_calls_of_pages_and_examples(tmp_path: Path) -> None:
     files = sorted((ROOT / "examples").glob("*.py"))
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     blocks = [block for page in pages for block in BLOCK.findall(page.read_text()) if "import Robot" in block]

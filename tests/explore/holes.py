@@ -1,7 +1,7 @@
-"""Holes of the past, each put back as a change of a few functions.
+"""Put back the bugs of earlier versions, each as a patch of a few functions.
 
-Of the nine of the first attack one is missing: an unreadable note in the run directory is a matter
-of the program that looks for robots, which is not simulated (``tests/mesh/test_notes.py``).
+One of the nine bugs of the first attack is missing. It was an unreadable note in the run directory, and
+concerns the program that looks for robots, which is not simulated (``tests/mesh/test_notes.py``).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from strands_actors.supervisors.gate import failsafe
 from strands_actors.supervisors.gate.failsafe import Event, Mode
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import Release, Released, Stop, StopReport
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root import process
 from strands_actors.supervisors.root.lock_keeper import Kept, LockKeeper
 from strands_actors.supervisors.root.tasks import Tasks
@@ -49,19 +49,19 @@ def a_stop_writes_nothing_on_a_lost_link(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_fault_takes_the_place_of_an_estop(patch: pytest.MonkeyPatch) -> None:
-    """Nobody remembers what was ordered."""
-    patch.setattr(Owed, "order", lambda self, safe_state, lasts=True: SafeState(safe_state))
+    """The gate forgets an e-stop when a fault follows."""
+    patch.setattr(SafetyPage, "order", lambda self, safe_state, lasts=True: SafeState(safe_state))
 
 
 def a_resume_is_obeyed_while_the_tree_ends(patch: pytest.MonkeyPatch) -> None:
-    """The gate knows no end, and a stop that it has confirmed once is taken for the last word."""
+    """The gate does not know that the tree is ending, and it counts the first confirmed stop as final."""
     patch.setattr(failsafe, "ENDING_REASONS", frozenset())
-    patch.setattr(WireProcess, "left_safe", True)
-    patch.setattr(WireProcess, "let_go", lambda self: self.process.kill())
+    patch.setattr(WireProcess, "ended_safe", True)
+    patch.setattr(WireProcess, "close_link", lambda self: self.process.kill())
 
 
 def a_hold_takes_readings_of_any_age(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr(ServoSession, "known", lambda self: dict(self.readings.counts))
+    patch.setattr(ServoSession, "recent_positions", lambda self: dict(self.readings.counts))
 
 
 def a_goal_goes_to_motors_without_torque(patch: pytest.MonkeyPatch) -> None:
@@ -80,11 +80,11 @@ def a_stop_of_a_task_beside_a_dead_wire_ends_the_root(patch: pytest.MonkeyPatch)
             process.os._exit(1)
 
     patch.setattr(Tasks, "_hold", hold)
-    patch.setattr(process.Tree, "_told", told)
+    patch.setattr(process.Tree, "_run_actor", told)
 
 
 def a_task_begins_after_its_deadline(patch: pytest.MonkeyPatch) -> None:
-    """Nobody looks at it, and who asked lets the matter rest."""
+    """The root does not check the deadline, and the requester does not cancel."""
     patch.setattr(Tasks, "_refuse_late", lambda self, message: None)
     patch.setattr(Rollouts, "_never_started", _no_answer)
     init = Tasks.__init__
@@ -103,7 +103,7 @@ def a_lock_ends_with_the_script(patch: pytest.MonkeyPatch) -> None:
 
     def forgetful(self: LockKeeper, locks: Any) -> None:
         init(self, locks)
-        self.found_by = self._wanted = self._done = ""
+        self.initial_operator = self._requested = self._done = ""
         self._kept = Kept("")
 
     patch.setattr(LockKeeper, "__init__", forgetful)
@@ -115,7 +115,7 @@ def a_policy_can_be_the_gate(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_velocity_goes_on_that_nobody_names(patch: pytest.MonkeyPatch) -> None:
-    """The target of what an action does not name is the one before."""
+    """An axis that an action does not name keeps its previous target."""
     patch.setattr(Driver, "parse", _parse_from_the_last)
 
 
@@ -129,12 +129,12 @@ def _parse_from_the_last(self: Driver, action: Mapping[str, float], state: GateS
 
 
 def nobody_looks_at_the_robot_itself(patch: pytest.MonkeyPatch) -> None:
-    """Its conditions are asked before a setpoint only."""
-    patch.setattr(Gate, "_look_at_conditions", lambda *_, **named: None)
+    """The gate checks the robot's conditions only before a setpoint."""
+    patch.setattr(Gate, "_check_conditions", lambda *_, **named: None)
 
 
 def a_stop_of_a_controller_is_not_read_back(patch: pytest.MonkeyPatch) -> None:
-    """What was sent counts as done."""
+    """A stop counts as confirmed once it is sent."""
 
     async def stop(control: Any) -> Any:
         control.send(SET_STATE, bytes((STOPPED,)))
@@ -149,7 +149,7 @@ SET_STATE, STOPPED = 12, 4
 
 
 def a_stop_needs_the_connection_of_the_wire(patch: pytest.MonkeyPatch) -> None:
-    """A controller takes one client only, and keeps room for it after its death."""
+    """The controller accepts one client only, and keeps the connection reserved after that client has died."""
 
     async def connect(self: Any) -> Any:
         await trio.lowlevel.checkpoint()
@@ -159,7 +159,7 @@ def a_stop_needs_the_connection_of_the_wire(patch: pytest.MonkeyPatch) -> None:
 
 
 def legs_are_told_to_let_go_once(patch: pytest.MonkeyPatch) -> None:
-    """A datagram is taken for an order that has arrived."""
+    """One sent datagram counts as a received order."""
 
     async def bring_down(link: Any, safe_state: str, held_by: Any = None) -> tuple[MotorReport, ...]:
         written = link.send(link.safe_frame(False))
@@ -172,11 +172,11 @@ def legs_are_told_to_let_go_once(patch: pytest.MonkeyPatch) -> None:
 
 
 def the_root_has_not_found_the_legs(patch: pytest.MonkeyPatch) -> None:
-    """Its own participant is taken for ready when it is open."""
+    """The root counts its DDS participant as ready as soon as it is open."""
 
     async def make_safe(self: Any, safe_state: str) -> tuple[MotorReport, ...]:
         await trio.lowlevel.checkpoint()
-        return reports(self._config.model, False, "the root has not found the robot")  # type: ignore[no-any-return]
+        return reports(self._config.model, False, "the root has no connection to the robot")  # type: ignore[no-any-return]
 
     patch.setattr("strands_actors.drivers.unitree.stop_channel.UnitreeStopChannel.make_safe", make_safe)
 
@@ -187,7 +187,7 @@ async def _no_answer(self: Rollouts, tasks: Any, failure: Exception) -> Refused:
 
 
 def a_permit_forgets_deadlines(patch: pytest.MonkeyPatch) -> None:
-    """The transport writes a setpoint however late it is."""
+    """The transport writes a setpoint even if it is late."""
     init = transport._Permit.__init__
 
     def forgetful(self: Any, owner: Transport, epoch: int, deadline_ns: int, *others: Any) -> None:
@@ -197,9 +197,9 @@ def a_permit_forgets_deadlines(patch: pytest.MonkeyPatch) -> None:
 
 
 def nobody_waits_for_what_was_asked_before(patch: pytest.MonkeyPatch) -> None:
-    """A stop is confirmed as soon as the robot is seen to be safe, also while an arming is under way."""
-    patch.setattr(Owed, "unsettled_s", lambda self, now_ns: 0.0)
-    patch.setattr(Owed, "is_asking", False)
+    """A stop is confirmed as soon as the robot appears safe, even while it is being armed."""
+    patch.setattr(SafetyPage, "unsettled_s", lambda self, now_ns: 0.0)
+    patch.setattr(SafetyPage, "is_asking", False)
 
 
 def a_root_that_does_not_answer_has_stopped_the_robot(patch: pytest.MonkeyPatch) -> None:
@@ -213,7 +213,7 @@ def a_root_that_does_not_answer_has_stopped_the_robot(patch: pytest.MonkeyPatch)
 
 
 def a_hold_of_a_lost_robot_is_confirmed(patch: pytest.MonkeyPatch) -> None:
-    """Nothing is written, and who asks is told that nothing was to be done."""
+    """The gate writes nothing and reports that no action was needed."""
     transitions = {key: row for key, row in failsafe.TRANSITIONS.items() if key != (Mode.LOST, Event.HOLD)}
     patch.setattr(failsafe, "TRANSITIONS", transitions)
     report_now = Gate._report_now
@@ -233,5 +233,5 @@ def a_hold_of_a_lost_robot_is_confirmed(patch: pytest.MonkeyPatch) -> None:
 
 
 def a_process_stays_that_cannot_stop_the_robot(patch: pytest.MonkeyPatch) -> None:
-    """Nobody keeps anything in hand, or looks whether there is anything left."""
+    """No file descriptors are held in reserve, and no process checks whether any are left."""
     patch.setattr(Reserve, "begin", lambda self, other_acts: None)

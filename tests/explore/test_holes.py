@@ -1,4 +1,4 @@
-"""The explorer finds each of the holes that attack has found, when it is put back."""
+"""The explorer finds each bug of ``holes.py`` when the bug is put back."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
     ),
     (holes.a_permit_forgets_deadlines, "ur5e"): (76, "SAF-001 no setpoint past its deadline"),
 }
-"""A seed below 2 000 that finds it, mostly the first, and what it breaks."""
+"""For each bug, a seed below 2 000 that finds it (mostly the first), and the promise that it breaks."""
 
 
 @pytest.mark.parametrize(("hole", "robot"), FOUND, ids=[f"{hole.__name__}-{robot}" for hole, robot in FOUND])
@@ -57,7 +57,7 @@ def test_a_hole_that_is_put_back_is_found(
     seed, invariant = FOUND[hole, robot]
     plan = plan_of(seed, robot)
     (whole,) = run_apart([plan])
-    assert not whole.violations, "without the hole"
+    assert not whole.violations, "the run without the bug must keep its promises"
     hole(monkeypatch)
     (result,) = run_apart([plan])
     assert invariant in [violation.invariant for violation in result.violations]

@@ -1,4 +1,4 @@
-"""The tree keeps its promises in every run that ever failed, and in many that are drawn."""
+"""The tree keeps its promises in every run that failed in the past, and in many random runs."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ SEEDS = {
     "fake_drone": 390,
     "fake_http": 500,
 }
-"""2 200, 160 s of one core, of which a run of legs takes ten times another's, and one of an SO-101 twice
-a fake's; a search for new ones takes as many as you give it."""
+"""Number of seeds: 2 200, which take 160 s of one core. A run of legs takes ten times as long as another, and one
+of an SO-101 twice as long as a fake's. A search for new failures takes any number."""
 QUICK = {
     "so101": 20,
     "xarm7": 20,
@@ -40,7 +40,7 @@ QUICK = {
     "fake_drone": 30,
     "fake_http": 30,
 }
-"""The first of these: a fifteenth of that time; the others are long."""
+"""Number of seeds in the ordinary run, a fifteenth of that time. The others belong to the long run."""
 DRAWN = [
     *(pytest.param(robot, range(QUICK[robot]), id=robot) for robot in ROBOTS),
     *(
@@ -56,7 +56,7 @@ print(*(result.digest for result in run_seeds(range(3), "so101")))
 
 
 @pytest.mark.parametrize("run", RUNS, ids=[run["found"] for run in RUNS])
-def test_what_was_found_once_stays_repaired(run: dict[str, str]) -> None:
+def test_a_repaired_failure_stays_repaired(run: dict[str, str]) -> None:
     (result,) = run_apart([msgspec.json.decode(run["plan"], type=Plan)])
     assert not result.violations
 
@@ -64,20 +64,20 @@ def test_what_was_found_once_stays_repaired(run: dict[str, str]) -> None:
 @pytest.mark.parametrize(("robot", "seeds"), DRAWN)
 def test_no_drawn_run_breaks_a_promise(robot: str, seeds: range) -> None:
     broken = [result for result in run_seeds(seeds, robot) if result.violations]
-    told = [f"--robot {robot} --seed {result.plan.seed}: {result.violations[0]}" for result in broken]
-    assert not broken, "\n".join(told)
+    lines = [f"--robot {robot} --seed {result.plan.seed}: {result.violations[0]}" for result in broken]
+    assert not broken, "\n".join(lines)
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_run_without_faults_moves_the_robot(robot: str) -> None:
-    """A robot that is never armed keeps every promise."""
+    """Without this test, a robot that is never armed would keep every promise."""
     run = run_here(Plan(1, robot, "stream", ()))
     assert not run.violations
     assert sum(frame.kind == "setpoint" for frame in run.model.frames) > 20
 
 
 def test_the_same_seed_is_the_same_run_in_another_process() -> None:
-    """Whatever order this interpreter gives to sets of strings, and wherever its objects lie."""
+    """The run must not depend on the order of sets of strings, or on the addresses of objects."""
     histories = [
         subprocess.run(
             [sys.executable, "-c", f"held = [bytearray({size}) for _ in range(1000)]\n{HASH}"],
@@ -90,10 +90,10 @@ def test_the_same_seed_is_the_same_run_in_another_process() -> None:
     ]
     here = [result.digest for result in run_seeds(range(3), "so101")]
     assert histories == [here, here]
-    assert len(set(here)) == len(here), "and another seed is another run"
+    assert len(set(here)) == len(here), "another seed gives another run"
 
 
-def test_a_run_depends_on_what_befalls_it() -> None:
+def test_a_run_depends_on_its_faults() -> None:
     plan = plan_of(0, "so101")
     one, other = run_apart([plan, msgspec.structs.replace(plan, events=plan.events[:-1])])
     assert one.digest != other.digest

@@ -1,4 +1,4 @@
-"""A replay can be read on a screen of any width."""
+"""The table of a replay is readable on a screen of any width."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.explorer.table import history_table
 from tests.explorer.world import BEGIN_S, Row
 
 
-def test_when_and_who_stand_in_every_line_of_a_narrow_table() -> None:
+def test_every_line_of_a_narrow_table_has_time_and_process() -> None:
     rows = [Row(BEGIN_S + 0.25, "second operator", "sends", "ask gate " + 40 * "['Stop', 'stop', 'operator'] ")]
     broken = [Violation("SAF-018 a lock is obeyed", BEGIN_S + 0.5, 300 * "x")]
     console = Console(width=70)
@@ -18,4 +18,4 @@ def test_when_and_who_stand_in_every_line_of_a_narrow_table() -> None:
     lines = shown.get().splitlines()
     assert [line.split() for line in lines if "0.2500" in line and "second operator" in line and "ask gate" in line]
     assert [line for line in lines if "0.5000" in line and "BROKEN" in line and "SAF-018" in line]
-    assert len(lines) == 7, "each a line, however long"
+    assert len(lines) == 7, "each event takes one line, at any length"

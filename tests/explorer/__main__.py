@@ -34,7 +34,7 @@ def main(
     """Run a simulated tree of ROBOT under drawn faults and orders; every promise is checked at
     every frame."""
     if robot not in ROBOTS:
-        raise typer.BadParameter(f"{robot} is not modelled. use one of {', '.join(ROBOTS)}", param_hint="--robot")
+        raise typer.BadParameter(f"{robot} is not modelled. Use one of {', '.join(ROBOTS)}", param_hint="--robot")
     gc.disable()
     if seed is not None:
         code = replay(plan_of(seed, robot), whole)

@@ -9,7 +9,7 @@ from typing import Any
 import trio
 
 from strands_actors.kernel.channels.permissions import Channel
-from strands_actors.kernel.health.processor import Life, Standing
+from strands_actors.kernel.health.processor import Life, ProcessorUse
 from strands_actors.kernel.node import Node
 from strands_actors.kernel.processes.process import ChildProcess
 
@@ -190,15 +190,15 @@ class SimOs:
         return getattr(os, name)
 
 
-def suspected(world: World, pid: int) -> Standing | None:
+def suspected(world: World, pid: int) -> ProcessorUse | None:
     """Return whether a process runs, is stopped or waits for a processor. A process with a lag waits."""
     process = world.by_pid(pid)
     if process is None or process.gone:
         return None
     if process.frozen:
-        return Standing(0, 0, False, stopped=True)
+        return ProcessorUse(0, 0, False, stopped=True)
     waited_ns = round((world.now_s if process.lag_s else 0.0) * 1e9)
-    return Standing(0, waited_ns, bool(process.lag_s))
+    return ProcessorUse(0, waited_ns, bool(process.lag_s))
 
 
 class SimStatFile:

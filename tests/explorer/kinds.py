@@ -49,7 +49,7 @@ MOMENTS = {
     "wire": ("Resume", "Setpoint", "Perform", "Stop"),
     "policy": ("Accepted",),
 }
-"""By process: the messages during whose handling a fault may happen."""
+"""For each process, the messages that may have a fault while they are handled."""
 MOST_STEPS = 7
 """Most steps between a message and its fault, as a power of two."""
 BUS = {
@@ -94,7 +94,7 @@ PEER = (*STREAM_PEER,)
 * ``babble``: it sends noise instead of each answer.
 * ``half frame``: an answer ends in its middle, and no further one follows.
 * ``old answers``: it sends the previous answer instead of each answer.
-* ``unasked``: it sends old answers beside the true ones.
+* ``unasked``: it sends old answers in addition to the true ones.
 * ``flood``: it sends so many copies that a reader is busy.
 * ``refuse``: it resets each connection during its handshake.
 """

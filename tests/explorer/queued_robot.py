@@ -83,7 +83,7 @@ class QueuePeer(NotingPeer):
 
     def _switch_on(self, role: str, left_s: float) -> None:
         self._on = True
-        self._model.note("enable", "", self.told, ALL, role, left_s)
+        self._model.note("enable", "", self.last_values, ALL, role, left_s)
 
 
 class QueuedRobot(ServiceRobot):

@@ -35,7 +35,7 @@ class Resources:
         """Take a descriptor.
 
         Raises:
-            OSError: There is none.
+            OSError: No descriptor is free.
         """
         if self.lacks == LEAK and self.freed_files > 0:
             self.freed_files -= 1

@@ -25,7 +25,7 @@ from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.messages import Lease
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root.process import Root
 
 from .askers import PERIOD_S, ROBOT, Asker
@@ -45,7 +45,7 @@ class SimProcesses(TreeProcesses):
 
     start_root: Callable[[str], tuple[SimChild, memoryview]]
 
-    async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
+    async def start(self, background: Callable[[], Awaitable[None]]) -> None:
         self.require_open()
         await trio.sleep(0.001)
         self.require_open()
@@ -54,7 +54,7 @@ class SimProcesses(TreeProcesses):
         from strands_actors.supervisors.root.tasks import Tasks
 
         process, page = type(self).start_root(self.node.address)
-        self._owed = Owed(page)
+        self._safety_page = SafetyPage(page)
         at = addresses.of(self.robot)
         self.gate = self.node.ref(at.gate, Gate, sender=f"{self.node.address}/{self.robot}")
         self.guardian = self.node.ref(at.guardian, Guardian)
@@ -63,7 +63,7 @@ class SimProcesses(TreeProcesses):
         self._scope = trio.CancelScope()
         link: Any = process.link(self.node, channels.of_root(self.robot))
         self._root_process = process
-        self.nursery.start_soon(self._attend, process, link, self._scope, beside)
+        self.nursery.start_soon(self._attend, process, link, self._scope, background)
 
 
 class Script(Asker):

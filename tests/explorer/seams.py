@@ -89,7 +89,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         return world.pages[os.fstat(page).st_ino]
 
     def write(path: object, report: Any) -> None:
-        world.note("standby", "reports", f"confirmed {report.confirmed} attempts {report.attempts}: {report.why}")
+        world.note("standby", "reports", f"confirmed {report.confirmed} attempts {report.attempts}: {report.cause}")
 
     def report_failure(what: str, error: BaseException) -> None:
         world.note(world.current.role, "reports", f"{what} failed: {error!r}")
@@ -156,7 +156,7 @@ def seams(world: World, net: Net, starter: Starter, model: RobotModel) -> Iterat
         (processes, "os", system),
         (rollouts, "START_S", START_S),
         (writer, "os", system),
-        (policy, "gc_freeze", SimpleNamespace(left_alone=contextlib.nullcontext)),
+        (policy, "gc_freeze", SimpleNamespace(frozen_objects=contextlib.nullcontext)),
         *seams_of(world),
         *model.seams(),
     )

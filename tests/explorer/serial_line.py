@@ -52,7 +52,9 @@ class SerialLine:
         """As ``open_serial``."""
         open_file(self.world.current, path)
         if not self.plugged:
-            raise WireDown(f"{path}: cannot open at {baud} baud (no such file). Check port= and who else has it")
+            raise WireDown(
+                f"{path}: cannot open at {baud} baud (no such file). Check port=, and which program uses it"
+            )
         if self._open is not None and self._open.handles and self._open.locked:
             raise WireDown(f"{path}: in use. End that first, or give another port=")
         fd = os.memfd_create("serial")

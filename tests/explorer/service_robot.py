@@ -1,8 +1,8 @@
 """Model robots behind a service, which differ from a position arm on a private bus.
 
-They are a base that keeps its last velocity, a drone that lands, and an arm whose every answer takes
-300 ms. The drivers, wires and stop channels are those of ``fake_kinds``. Their robot is replaced by
-one that records when it is energised, and whose service can be slow or out of reach.
+They are a base that keeps its last velocity, a drone that lands, and an arm that answers after 300 ms.
+The drivers, wires and stop channels are those of ``fake_kinds``. Their robot is replaced by one that records
+when it is energised. Its service can be slow or out of reach.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class NotingPeer(Peer):
     @motors_on.setter
     def motors_on(self, on: bool) -> None:
         if on:
-            self._model.note("enable", "", self.told, ALL)
+            self._model.note("enable", "", self.last_values, ALL)
         elif self._on:
             self._model.log_energised(frozenset())
         self._on = on
@@ -78,7 +78,7 @@ class NotingPeer(Peer):
         if not self.reachable:
             world.note("wire", "loses", f"{world.current.role}: {kind} {safe_state}")
             return
-        before, energised = self.told, self._leaves(kind, safe_state)
+        before, energised = self.last_values, self._leaves(kind, safe_state)
         self.sent.append(Sent(t_ns, kind, tuple(values), safe_state, path))
         self._on = self._on and bool(energised or safe_state not in (SafeState.OFF, SafeState.LAND))
         self._model.note(kind, safe_state, before, energised)
@@ -132,7 +132,7 @@ class ServiceRobot(RobotModel):
         """
         now_s, was = self.world.now_s, self.energised_log[-1][1]
         role, left_s = role or self.world.current.role, left_s or now_s
-        goals, earlier = _numbered(self.peer.told), _numbered(before)
+        goals, earlier = _numbered(self.peer.last_values), _numbered(before)
         self.frames.append(
             Frame(now_s, left_s, role, kind, str(safe_state), goals, earlier, {}, earlier, was, energised)
         )

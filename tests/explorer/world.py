@@ -117,7 +117,7 @@ class World:
 
     @property
     def current(self) -> Process:
-        """The process whose code runs now."""
+        """Return the process that runs now."""
         assert self.running is not None
         return self.running
 

@@ -72,8 +72,8 @@ class HostileSocket(HostileStream):
 
     def _flood(self) -> bytes:
         self._flooded += 1
-        if self._flooded % 8 == 0 and (heard := self._waiting()):
-            return heard
+        if self._flooded % 8 == 0 and (data := self._waiting()):
+            return data
         return self.peer.word
 
     def _told(self, data: bytes) -> bytes:

@@ -205,12 +205,12 @@ class HostileStream:
                 if self._coming and self._coming[0][0] <= trio.current_time():
                     return self._coming.popleft()[1]
                 continue
-            heard = b""
+            data = b""
             with trio.CancelScope() as self._scope:
-                heard = await self.inner.read()
+                data = await self.inner.read()
             self._scope = None
-            if heard and (told := self._told(heard)):
-                return told
+            if data and (chunk := self._told(data)):
+                return chunk
 
     def read_waiting(self) -> bytes | None:
         self._check()
@@ -220,8 +220,8 @@ class HostileStream:
             return data
         if self._coming and self._coming[0][0] <= trio.current_time():
             return self._coming.popleft()[1]
-        heard = self._waiting()
-        return (self._told(heard) or None) if heard else None
+        chunk = self._waiting()
+        return (self._told(chunk) or None) if chunk else None
 
     def take(self) -> bytes:
         return self.read_waiting() or b""
@@ -278,8 +278,8 @@ class HostileStream:
     def _flood(self) -> bytes:
         """Return the next piece. Every ``TRUE_EVERY``-th one is the robot's own."""
         self._flooded += 1
-        if self._flooded % TRUE_EVERY == 0 and (heard := self._waiting()):
-            return heard
+        if self._flooded % TRUE_EVERY == 0 and (data := self._waiting()):
+            return data
         flood = self.peer.flood
         return flood if isinstance(flood, bytes) else flood(self._flooded)
 

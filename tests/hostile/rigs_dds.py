@@ -68,7 +68,7 @@ def _announcement(number: int) -> bytes:
 
 def _goodbye(number: int) -> bytes:
     guid = PREFIX + wire_types.PARTICIPANT
-    key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+    key = discovery.encode_ended(guid, parameters.PARTICIPANT_GUID)
     return said(messages.disposal(SPDP_READER, SPDP_WRITER, 2, guid, key), _announcement(0))
 
 

@@ -101,10 +101,10 @@ def _kuka(peer: HostilePeer) -> Bench:
 def _next_number(data: bytes) -> bytes:
     """Change a message so that it acknowledges the answer after the last one."""
     try:
-        said = decode_monitoring(data)
+        monitoring = decode_monitoring(data)
     except MalformedFrame:
         return data
-    return encode_monitoring(replace(said, reflected=said.reflected + 1 & COUNTER))
+    return encode_monitoring(replace(monitoring, reflected=monitoring.reflected + 1 & COUNTER))
 
 
 _HERE = (0.1,) * JOINTS

@@ -37,7 +37,7 @@ class _HostileLink(Link):
         peer = self._stream.peer
         peer.writes += 1
         self._stream._check()
-        replies = self._air.firmware.hear(peer.garble(packet) if peer.deaf else packet)
+        replies = self._air.firmware.receive(peer.garble(packet) if peer.deaf else packet)
         self._log.append((trio.current_time(), replies.kind))
         self._speaks(self._air)
         self._air.say(*replies.replies)
@@ -67,7 +67,7 @@ def _crazyflie(peer: HostilePeer) -> Bench:
                 await trio.sleep(0.01)
                 firmware.pass_time()
                 for air in speaker:
-                    air.say(*firmware.rows())
+                    air.say(*firmware.reports())
 
         crazyflie_wire.open_link, wire_opens = open_link, crazyflie_wire.open_link
         crazyflie_stop.open_link, stop_opens = open_link, crazyflie_stop.open_link

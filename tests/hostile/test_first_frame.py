@@ -48,7 +48,7 @@ async def stop(situation: Situation, trial: Trial) -> None:
         case Situation.WIRE_ENDS:
             await trial.tree.wire.fence()
         case Situation.ROOT_ENDS:
-            trial.tree.wire.let_go()
+            trial.tree.wire.close_link()
         case _:
             await stopped(trial, Reason.STOP)
 
@@ -61,16 +61,16 @@ async def look(situation: Situation, trial: Trial) -> float:
     """
     await trio.sleep(BETWEEN_S)
     await break_link(situation, trial)
-    asked = trial.ask()
+    request = trial.ask()
     with trio.move_on_after(LOOK_S):
         await stop(situation, trial)
         await trio.sleep_forever()
-    log = trial.bench.log()[asked.entries :]
+    log = trial.bench.log()[request.entries :]
     kinds = [kind for _, kind in log]
     assert "safe" in kinds, "no safe frame"
     first = kinds.index("safe")
     assert "setpoint" not in kinds[first:], "a setpoint after the safe frame"
-    return log[first][0] - asked.t_s
+    return log[first][0] - request.t_s
 
 
 def took_s(rig: Rig, situation: Situation) -> float:

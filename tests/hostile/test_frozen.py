@@ -59,7 +59,7 @@ ROWS = [Frozen(*row) for row in itertools.product(FROZEN, (0.05, 0.25, 0.8), (Tr
 @pytest.mark.parametrize(
     "row", [row if row.is_quick else pytest.param(row, marks=pytest.mark.long) for row in ROWS], ids=str
 )
-def test_saf_002_what_waits_in_a_frozen_robot_is_not_behind_its_stop(row: Frozen) -> None:
+def test_saf_002_a_setpoint_that_waits_in_a_frozen_robot_does_not_follow_its_stop(row: Frozen) -> None:
     async def test(peer: HostilePeer) -> None:
         async with moving(peer, RIGS[row.robot]) as trial:
             await freeze(trial)

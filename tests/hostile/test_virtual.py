@@ -176,8 +176,8 @@ async def ready(trial: Trial) -> None:
     assert isinstance(resumed, Resumed), resumed
     assert isinstance(await writer.acquire(), Lease)
     for service in rig.first:
-        asked = Perform(writer.lease.id, writer.lease.epoch, service, {})
-        answer = await writer.ref.ask(asked, 20.0)
+        request = Perform(writer.lease.id, writer.lease.epoch, service, {})
+        answer = await writer.ref.ask(request, 20.0)
         assert isinstance(answer, Performed), answer
 
 
@@ -277,13 +277,13 @@ def test_saf_022_025_a_hostile_peer_keeps_no_stop_back(fault: Fault, before_s: f
             try:
                 fault.begin(peer)
                 await trio.sleep(before_s)
-                asked = trial.ask()
+                request = trial.ask()
                 answer = await stopped(trial, Reason.STOP)
                 _, most = tracemalloc.get_traced_memory()  # 0 if nothing was traced
             finally:
                 tracemalloc.stop()
             assert most <= MOST_MEMORY, f"it grew by {most >> 20} MB"
-            is_safe(trial, fault, asked, answer)
+            is_safe(trial, fault, request, answer)
             written = len(trial.bench.log())
             peer.end()
             await heal(trial)
@@ -300,8 +300,8 @@ def test_saf_022_025_the_caller_ends_behind_a_hostile_peer(fault: Fault) -> None
         async with moving(peer, fault.rig) as trial:
             fault.begin(peer)
             await trio.sleep(BEFORE_S[0])
-            asked = trial.ask()
-            is_safe(trial, fault, asked, await stopped(trial, Reason.CALLER))
+            request = trial.ask()
+            is_safe(trial, fault, request, await stopped(trial, Reason.CALLER))
 
     run(test)
 
@@ -326,7 +326,7 @@ def test_saf_022_a_connection_that_is_reset_at_a_byte_of_its_handshake(robot: st
                 peer.reset_after = number
                 peer.reset()
                 await trio.sleep(0.05)
-                asked = trial.ask()
-                is_safe(trial, fault, asked, await stopped(trial, Reason.STOP))
+                request = trial.ask()
+                is_safe(trial, fault, request, await stopped(trial, Reason.STOP))
 
     run(test)

@@ -1,7 +1,7 @@
 """Draw docstrings, comments, messages and sentences of the pages for a reader who does not know the project.
 
-``python -m tests.house.samples [SEED]`` prints fifty of each, with their places. The reader says what each one
-means. At least 47 of each fifty should be right at the first reading.
+``python -m tests.house.samples [SEED]`` prints fifty of each, with their places. The reader explains each
+one. At least 47 of each fifty should be right at the first reading.
 """
 
 from __future__ import annotations

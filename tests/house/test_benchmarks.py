@@ -1,5 +1,5 @@
-"""The benchmarks' short form runs, beside the peers that the tests install. No test asserts a
-speed: figures are in docs/benchmarks.md."""
+"""The short form of the benchmarks runs with the peers that the tests install. No test asserts a speed. The
+figures are in docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ FAST = ("tell", "ask", "urgent", "virtual")
 @pytest.mark.long
 @pytest.mark.parametrize("name", FAST)
 def test_a_short_form_gives_the_figures_that_its_goals_judge(name: str) -> None:
-    """How fast is for docs/benchmarks.md to say, and for a quiet machine: here the question has to
-    run."""
+    """The benchmark must run and give its figures. Speeds are measured on a quiet machine only."""
     question = house.questions()[name].among(*INSTALLED)
     assert question.goals and question.short
     verdicts = house.run(question, rounds=1, short=True).verdicts(question.goals)
@@ -61,19 +60,19 @@ def test_rounds_are_interleaved_and_ratios_are_taken_within_a_round() -> None:
     assert result.spread("theirs", "took_us") == house.Spread(6.0, 2.0, 100.0)
 
 
-def test_a_side_that_fails_is_an_error_with_what_it_said() -> None:
+def test_a_failed_side_raises_an_error_with_its_output() -> None:
     with pytest.raises(RuntimeError, match=r"No module named benchmarks.*nobody"):
         house.beside("benchmarks.sides.nobody")
 
 
 def test_a_goal_has_one_bound_and_a_side_that_exists() -> None:
-    with pytest.raises(ValueError, match="exactly one"):
+    with pytest.raises(ValueError, match="Give one"):
         Goal("took_us", "")
-    with pytest.raises(ValueError, match="theirs: not among its sides"):
+    with pytest.raises(ValueError, match="theirs, which are not sides"):
         Question("q", "?", {"ours": lambda short: {}}, (Goal("took_us", "theirs", at_most=1.0),), "")
 
 
-def test_a_result_reads_back_and_its_section_says_what_was_missed(tmp_path: Path) -> None:
+def test_a_result_reads_back_and_its_section_names_missed_goals(tmp_path: Path) -> None:
     question = Question("q", "How?", {"ours": lambda short: {}}, (Goal("took_us", "", at_most=1.0),), "A *limit*.")
     rounds = ({"ours": {"took_us": 2.0}}, {"ours": {"took_us": 4.0}})
     result = Result("q", False, Machine("cpu", 2, "Linux", "3.11", "2026-01-01T00:00+00:00", 0.1), rounds)

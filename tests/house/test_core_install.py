@@ -1,5 +1,5 @@
-"""The core install, without any extra: every public name is there, and one whose extra is missing
-refuses its call with the line that installs it."""
+"""The core install has every public name. A call that needs a missing extra is refused with the command that
+installs it."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .test_public import PUBLIC
 
 
 def needed(name: str, known: dict[str, metadata.Distribution]) -> dict[str, metadata.Distribution]:
-    """Return a distribution and all that it needs without extras."""
+    """Return a distribution and all its requirements without extras."""
     found = metadata.distribution(name)
     known[name] = found
     for line in found.requires or ():
         requirement = Requirement(line)
-        wanted = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
-        if wanted and requirement.name not in known:
+        is_needed = requirement.marker is None or requirement.marker.evaluate({"extra": ""})
+        if is_needed and requirement.name not in known:
             needed(requirement.name, known)
     return known
 
 
 @pytest.fixture(scope="module")
 def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of what ``pip install strands-actors`` brings, as links to what is here."""
+    """Return a folder with the packages of ``pip install strands-actors``, as links to the installed files."""
     folder = tmp_path_factory.mktemp("core")
     (folder / PACKAGE).symlink_to(ROOT / PACKAGE)
     for distribution in needed("strands-actors", {}).values():
@@ -82,7 +82,7 @@ def test_a_public_module_shows_its_members_without_an_extra(core: Path, module: 
     assert run(core, script).strip() == "[]"
 
 
-def test_a_name_that_nobody_has_is_an_attribute_error(core: Path) -> None:
+def test_an_unknown_name_is_an_attribute_error(core: Path) -> None:
     assert run(core, "import strands_actors\nprint(hasattr(strands_actors, 'recrd'))").strip() == "False"
 
 
@@ -95,7 +95,7 @@ def test_a_name_that_nobody_has_is_an_attribute_error(core: Path) -> None:
         ("record_dataset('so101', 'pick', task='pick')", "dataset"),
     ],
 )
-def test_a_call_that_needs_an_extra_says_which(core: Path, call: str, extra: str) -> None:
+def test_a_call_without_its_extra_names_the_extra(core: Path, call: str, extra: str) -> None:
     script = f"""
 import strands_actors
 try:

@@ -1,5 +1,5 @@
-"""Dependencies run one way, downhill: surfaces -> supervisors -> contract, kernel <- drivers. Kept
-by reading the code."""
+"""Dependencies have one direction: surfaces -> supervisors -> contract, kernel <- drivers. The tests read the
+imports of the source code."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Import(NamedTuple):
 
 
 def modules_below(root: Path, package: str) -> dict[str, Path]:
-    """Every module of the package, also behind its links, by its full name."""
+    """Return every module of the package by its full name. Symbolic links are followed."""
     found = {}
     for directory, _, files in os.walk(root / package, followlinks=True):
         for file in files:
@@ -33,8 +33,7 @@ def modules_below(root: Path, package: str) -> dict[str, Path]:
 
 
 def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
-    """Return what a module imports: when it is loaded, later in a function, and for type checkers
-    alone."""
+    """Return the imports of a module: at load time, later in a function, and for type checkers only."""
     package = name if is_package else name.rpartition(".")[0]
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -54,7 +53,7 @@ MODULES = modules_below(ROOT, PACKAGE)
 
 @functools.cache
 def all_imports() -> dict[str, list[Import]]:
-    """Of every module. By a test: whoever only collects the tests need not read the whole package."""
+    """Return the imports of every module. Only a test calls it, so that collecting the tests stays fast."""
     return {
         name: list(imports_of(name, path.name == "__init__.py", path.read_text()))
         for name, path in sorted(MODULES.items())
@@ -62,7 +61,7 @@ def all_imports() -> dict[str, list[Import]]:
 
 
 def module_of(target: str) -> str:
-    """The module an import loads: of ``from a.b import c`` that is a.b.c or a.b."""
+    """Return the module that an import loads: a.b.c or a.b for ``from a.b import c``."""
     return target if target in MODULES else target.rpartition(".")[0]
 
 
@@ -71,7 +70,7 @@ def is_in(module: str, *packages: str) -> bool:
 
 
 def allowed(name: str) -> tuple[str, ...] | None:
-    """The parts of the package that a module may import; None for the surfaces."""
+    """Return the parts of the package that a module may import. None allows all, as for the surfaces."""
     parts = name.split(".")[1:]
     match parts:
         case ["contract" | "kernel", *_]:
@@ -93,7 +92,7 @@ def allowed(name: str) -> tuple[str, ...] | None:
 
 
 def faults(name: str, imports: list[Import]) -> list[str]:
-    """What a module imports and must not."""
+    """Return the imports of a module that are not allowed."""
     found = []
     for line, target in imports:
         if is_in(target, "drivers", "supervisors"):
@@ -110,7 +109,7 @@ def faults(name: str, imports: list[Import]) -> list[str]:
 
 
 def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
-    """One path per loop that a depth-first walk closes."""
+    """Return one path for each loop that a depth-first walk finds."""
     found, done = [], set()
 
     def visit(name: str, path: list[str]) -> None:
@@ -128,7 +127,7 @@ def cycles(graph: dict[str, set[str]]) -> list[list[str]]:
     return found
 
 
-def test_the_walk_sees_the_whole_package() -> None:
+def test_the_import_check_reads_the_whole_package() -> None:
     for name in (
         PACKAGE,
         f"{PACKAGE}.kernel.node",
@@ -143,12 +142,12 @@ def test_the_walk_sees_the_whole_package() -> None:
     assert f"{PACKAGE}.kernel.actor.Actor" in of_gate
 
 
-def test_a_module_imports_only_what_is_below_it() -> None:
+def test_a_module_imports_only_lower_modules() -> None:
     assert [fault for name, imports in all_imports().items() for fault in faults(name, imports)] == []
 
 
 def test_no_module_imports_itself_by_a_detour() -> None:
-    """Not even for type checkers, nor in a function."""
+    """This includes imports for type checkers and imports in functions."""
     graph = {
         name: {module_of(target) for _, target in imports if is_in(target, PACKAGE)} - {name}
         for name, imports in all_imports().items()
@@ -203,7 +202,7 @@ def test_a_fault_is_found(name: str, source: str) -> None:
         ),
     ],
 )
-def test_what_is_allowed_is_no_fault(name: str, source: str) -> None:
+def test_an_allowed_import_is_not_reported(name: str, source: str) -> None:
     assert faults(name, list(imports_of(name, False, source))) == []
 
 
@@ -240,7 +239,7 @@ ROOMS = {
         "twin": {"codecs", "physics", "ports", "rtps", "simulation_control"},
     },
 }
-"""The rooms of a package, and the rooms that each may import."""
+"""The rooms (parts) of a package, with the rooms that each may import."""
 
 
 @pytest.mark.parametrize("package", ROOMS)

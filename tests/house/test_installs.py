@@ -1,5 +1,6 @@
-"""The package installs where robots are: on x86-64 and aarch64, without a compiler, on every Python
-it names. The package index is asked; a part without a wheel fails here, not on somebody's robot."""
+"""The package installs on the computers of robots: x86-64 and aarch64, without a compiler, with every Python
+that it names. These tests ask the package index, so that a dependency without a wheel fails here and not on a
+user's robot."""
 
 from __future__ import annotations
 
@@ -23,20 +24,20 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 MACHINES = ("x86_64", "aarch64")
 GLIBC = "manylinux_2_28"
-"""At most: what Raspberry Pi OS 12 (2.36), JetPack 6 (2.35) and Debian 11 (2.31) take."""
+"""Newest glibc that Raspberry Pi OS 12 (2.36), JetPack 6 (2.35) and Debian 11 (2.31) all have."""
 GLIBC_OF_TESTS = "manylinux_2_36"
-"""Some vendors' clients want a newer one: Debian 12 has it."""
+"""Some vendors' clients need a newer glibc, which Debian 12 has."""
 SOURCES = {"feetech-servo-sdk"}
-"""Of the extra ``test``, pure Python that has no wheel at all: pip builds it without a compiler."""
+"""Packages of the extra ``test`` that are pure Python and have no wheel. pip builds them without a compiler."""
 
 RESOLVE_S = 240.0
 FOR_OTHERS = ("test", "bench", "lerobot", "newton")
-"""Extras that nobody needs on a robot: lerobot brings torch, and Warp has no wheels for glibc below
-2.34 on aarch64."""
+"""Extras that are not needed on a robot: lerobot brings torch, and Warp has no aarch64 wheels for glibc below
+2.34."""
 
 
 def wanted(extras: Iterable[str]) -> list[str]:
-    """Return what the package and these extras need of others."""
+    """Return the requirements of the package and of these extras."""
     lines = [*PROJECT["dependencies"]]
     for extra in extras:
         lines += PROJECT["optional-dependencies"][extra]
@@ -44,8 +45,8 @@ def wanted(extras: Iterable[str]) -> list[str]:
 
 
 def resolve(python: str, machine: str, requirements: list[str], glibc: str = GLIBC) -> set[str]:
-    """Return the names of what would be installed there. What has no wheel fails, with uv's own
-    words: it decides markers for that machine, and takes a tenth of the time that pip does."""
+    """Return the names of the packages that would be installed on that machine. A package without a wheel fails
+    with the message of uv. uv evaluates markers for that machine and takes a tenth of pip's time."""
     command = [sys.executable, "-m", "uv", "pip", "compile", "-", "--quiet", "--no-config", "--no-annotate"]
     command += ["--only-binary", ":all:", "--python", sys.executable, "--python-version", python]
     command += ["--python-platform", f"{machine}-{glibc}", "--no-header"]
@@ -70,7 +71,8 @@ def test_everything_that_a_robot_needs_has_a_wheel(python: str, machine: str) ->
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("python", PYTHONS)
 def test_everything_that_the_tests_need_has_a_wheel_or_is_left_out(python: str, machine: str) -> None:
-    """Of the README's second command; without a wheel, a marker says so (``tests/machines.py``)."""
+    """The README's second command installs them. A marker leaves out a package without a wheel
+    (``tests/machines.py``)."""
     lines = [line for line in wanted(["all", "dataset", "reachy", "test"]) if Requirement(line).name not in SOURCES]
     names = resolve(python, machine, lines, GLIBC_OF_TESTS)
     assert {"pytest", "xarm-python-sdk", "booster-robotics-sdk-python"} <= names
@@ -86,7 +88,7 @@ def test_the_pythons_are_those_that_the_package_names() -> None:
     assert tuple(named) == PYTHONS
 
 
-# -- what is imported is declared
+# -- every imported package is declared
 
 
 def third_party(source: str) -> Iterator[str]:
@@ -105,10 +107,10 @@ BROUGHT = {
     "rclpy": "on the robot", "draccus": "by lerobot", "warp": "by newton",
     "isaacsim": "by who has a card for it", "omni": "by isaacsim",
 }  # fmt: skip
-"""Modules that are declared by whoever brings them."""
+"""Modules that come with a declared package."""
 
 
-def test_whatever_is_imported_is_declared() -> None:
+def test_every_imported_package_is_declared() -> None:
     extras = PROJECT["optional-dependencies"]
     known = declared(PROJECT["dependencies"]).union(*(declared(lines) for lines in extras.values()))
     owners = metadata.packages_distributions()
@@ -135,7 +137,7 @@ def test_an_extra_that_a_message_names_brings_its_modules(extra: str) -> None:
         assert {canonicalize_name(owner) for owner in owners[module]} & brought, module
 
 
-def test_where_ur_rtde_has_no_wheel_its_line_says_so() -> None:
+def test_the_requirement_of_ur_rtde_leaves_out_machines_without_a_wheel() -> None:
     assert install_line("x86_64", (3, 12)) == "pip install 'strands-actors[ur]'"
     assert "no wheel for aarch64 with Python 3.12" in install_line("aarch64", (3, 12))
     assert "no wheel for x86_64 with Python 3.13" in install_line("x86_64", (3, 13))

@@ -1,5 +1,4 @@
-"""No Python is started that imports from the current directory first: a file called ``msgspec.py`` there
-would run in it."""
+"""Each started Python ignores the current directory on import. Otherwise a file ``msgspec.py`` there would run."""
 
 from __future__ import annotations
 

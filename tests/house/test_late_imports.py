@@ -1,5 +1,5 @@
-"""What keeps a robot safe has everything imported before anything is energised: an import waits for
-the disk."""
+"""The processes that keep a robot safe import all modules before a motor is energised, because an import may wait
+for the disk."""
 
 from __future__ import annotations
 
@@ -53,10 +53,12 @@ def test_root_wire_and_standby_import_nothing_once_a_robot_is_armed(tmp_path: Pa
         [sys.executable, "-c", SCRIPT], capture_output=True, text=True, env=environment, timeout=100
     )
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    result = json.loads(done.stdout)
     seen = [line.split() for line in log.read_text().splitlines()]
-    roles = {told["pids"][role]: role for role in ("root", "wire", "standby")}
-    assert set(roles) <= {int(pid) for pid, _, _ in seen}, "the hook is in each of them"
+    roles = {result["pids"][role]: role for role in ("root", "wire", "standby")}
+    assert set(roles) <= {int(pid) for pid, _, _ in seen}, "the import hook must run in each process"
     assert [
-        (roles[int(pid)], name) for pid, at_ns, name in seen if int(pid) in roles and int(at_ns) > told["armed_ns"]
+        (roles[int(pid)], name)
+        for pid, at_ns, name in seen
+        if int(pid) in roles and int(at_ns) > result["armed_ns"]
     ] == []

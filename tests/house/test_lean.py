@@ -1,5 +1,5 @@
-"""Root, wire and standby stay small: no numpy, no mujoco, no screen, under 60 MB each. So does an
-import."""
+"""Root, wire and standby load no numpy, no mujoco and no screen, and take less than 60 MB each. An import of the
+package is small, too."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def test_a_fresh_process_loads_nothing_heavy(what: str) -> None:
 
 
 SPARED = ("asyncio", "importlib.metadata", "numpy", "mujoco", "strands_actors.supervisors.root.process")
-"""What a script loads when it needs it, and not by its first line."""
+"""Modules that a script loads only when it needs them, not at its import of the package."""
 
 
-def test_the_import_of_a_script_brings_only_what_every_robot_needs() -> None:
+def test_importing_the_package_loads_only_modules_that_every_robot_needs() -> None:
     script = "from strands_actors import Robot, open_robot\nimport sys\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     loaded = done.stdout.split()
@@ -87,7 +87,7 @@ def test_the_processes_of_a_live_robot_are_small(monkeypatch: pytest.MonkeyPatch
         pids = {process.role: process.pid for process in report.processes}
         figures = {role: resident_mb(pids[role]) for role in ("root", "wire", "standby")}
         mapped = {role: shared_objects(pids[role]) for role in figures}
-        # The twin has physics in it: what is looked for here can be found.
+        # The twin loads the physics, so this search finds such a library.
         assert any("mujoco" in path for path in shared_objects(pids["twin"]))
     print(", ".join(f"{role}: {figure:.1f} MB" for role, figure in figures.items()))
     assert all(any("zenoh" in path for path in mapped[role]) for role in ("root", "wire"))

@@ -1,5 +1,5 @@
-"""Which Python ``python -m tests lerobot`` makes an environment with. Programs of ours stand in for
-interpreters of a version that no machine has."""
+"""``python -m tests lerobot`` chooses a Python for its environment. Small programs stand in for interpreters of
+a version that no machine has."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def test_a_shim_that_refuses_to_run_is_passed_over_for_the_newest_release_of_pye
     assert interpreter("3.99") == newest
 
 
-def test_one_on_the_path_is_taken_when_it_runs(machine: Path) -> None:
+def test_a_working_python_on_the_path_is_chosen(machine: Path) -> None:
     on_path = put(machine / "path" / "python3.99", RUNS)
     put(machine / "pyenv" / "versions" / "3.99.2" / "bin" / "python", RUNS)
     assert interpreter("3.99") == on_path
 
 
-def test_there_is_none_when_none_runs(machine: Path) -> None:
+def test_no_python_is_chosen_when_none_runs(machine: Path) -> None:
     put(machine / "path" / "python3.99", REFUSES)
     assert interpreter("3.99") is None

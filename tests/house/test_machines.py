@@ -1,4 +1,4 @@
-"""What a machine cannot have is left out by name, and printed: never skipped in silence."""
+"""Tests that a machine cannot run are left out and listed by name. They are never skipped silently."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.machines import why_not
 from .test_imports import ROOT
 
 PATIENCE_S = 240.0
-"""A run takes a second of a free machine."""
+"""Timeout. A run takes a second on a free machine."""
 
 TESTS = """
 import pytest
@@ -34,7 +34,7 @@ def test_a_quick_form():
 
 
 def run(path: Path, *arguments: str) -> str:
-    """Return what pytest prints on a machine that has no program at all."""
+    """Return the output of pytest on a machine without any external program."""
     path.write_text(TESTS)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.machines", "-p", "no:cacheprovider"]
     done = subprocess.run(
@@ -51,19 +51,19 @@ def run(path: Path, *arguments: str) -> str:
 
 
 @pytest.mark.parametrize("workers", [(), ("-p", "xdist", "-n", "1")], ids=["alone", "with workers"])
-def test_what_is_left_out_is_printed_by_name(tmp_path: Path, workers: tuple[str, ...]) -> None:
-    told = run(tmp_path / "test_it.py", *workers)
-    assert "left out: 1 tests of what this machine cannot have" in told
-    assert told.count("test_it.py::test_the_page: Node.js is not installed") == 1
-    assert "2 passed" in told
+def test_tests_that_are_left_out_are_printed_by_name(tmp_path: Path, workers: tuple[str, ...]) -> None:
+    output = run(tmp_path / "test_it.py", *workers)
+    assert "left out: 1 tests of what this machine cannot have" in output
+    assert output.count("test_it.py::test_the_page: Node.js is not installed") == 1
+    assert "2 passed" in output
 
 
-def test_what_would_not_have_run_is_not_in_the_list(tmp_path: Path) -> None:
-    told = run(tmp_path / "test_it.py", "-k", "rest or form", "-m", "not long")
-    assert "left out" not in told and "2 passed" in told, "the quick form is not long here"
+def test_tests_that_were_not_selected_are_not_listed(tmp_path: Path) -> None:
+    output = run(tmp_path / "test_it.py", "-k", "rest or form", "-m", "not long")
+    assert "left out" not in output and "2 passed" in output, "the quick form must not count as a long test"
 
 
-def test_a_marker_of_a_package_decides_whether_it_is_installed_or_not() -> None:
+def test_the_marker_of_a_package_decides_about_its_tests() -> None:
     assert why_not("trio") == ""
     has_wheels = sys.version_info < (3, 13) and platform.machine() != "aarch64"
     assert (why_not("ur-rtde") == "") == has_wheels

@@ -1,5 +1,4 @@
-"""What a message recommends exists: the functions and methods it names, the keywords, the extras,
-the commands."""
+"""The functions, methods, keywords, extras and commands that a message recommends exist."""
 
 from __future__ import annotations
 
@@ -39,14 +38,14 @@ EXTRA = re.compile(r"strands-actors\[(\w+)\]")
 COMMAND = re.compile(r"`strands-actors (\w+)")
 
 NOT_KEYWORDS = {"boundary"}
-"""Of HTTP."""
+"""Methods of HTTP."""
 
 NOT_TOLD = {"serve_threads"}
-"""Functions of ours that an error of our own names, which no user can call."""
+"""Internal functions that a message of an internal error names. Users cannot call them."""
 
 
 def messages(source: str) -> Iterator[str]:
-    """The texts of a module that a user may read: no docstrings, no code, no XML."""
+    """Yield the texts of a module that a user may read, without docstrings, code and XML."""
     tree = ast.parse(source)
     silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
@@ -62,7 +61,7 @@ def all_messages() -> list[tuple[str, str]]:
 
 
 def callables() -> set[str]:
-    """What a user may call: public names, a handle's methods, the drivers' own services."""
+    """Return the names that a user may call: public names, methods of handles, services of drivers."""
     found = {"Robot"}
     for name in PUBLIC:
         found |= set(importlib.import_module(name).__all__)
@@ -119,11 +118,11 @@ def test_every_extra_and_command_that_a_message_names_is_there() -> None:
 @pytest.mark.parametrize(
     ("source", "pattern", "known"),
     [
-        ("raise ValueError(f'{name} leads. use Teleoperator({name!r})')", CALL, {"Robot"}),
-        ("raise ValueError('no camera here. use open_camera() first')", CALL, {"Robot"}),
+        ("raise ValueError(f'{name} leads. Use Teleoperator({name!r})')", CALL, {"Robot"}),
+        ("raise ValueError('no camera here. Use open_camera() first')", CALL, {"Robot"}),
         ("raise ValueError('none there: give prot=, its address')", KEYWORD, {"port"}),
-        ("raise ValueError(\"no cameras. use driver='lerobot'\")", DRIVER, {"strands"}),
+        ("raise ValueError(\"no cameras. Use driver='lerobot'\")", DRIVER, {"strands"}),
     ],
 )
-def test_what_does_not_exist_is_found(source: str, pattern: re.Pattern[str], known: set[str]) -> None:
+def test_a_missing_name_in_a_message_is_found(source: str, pattern: re.Pattern[str], known: set[str]) -> None:
     assert len(unknown([("here", text) for text in messages(source)], pattern, known)) == 1

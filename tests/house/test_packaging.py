@@ -1,4 +1,4 @@
-"""What is installed is what is in the checkout, whether it came by wheel or by source."""
+"""A wheel and a source distribution install the files of the checkout."""
 
 from __future__ import annotations
 
@@ -26,8 +26,7 @@ NEEDED = (
 
 
 def build(kind: str, source: Path, into: Path) -> Path:
-    """As ``python -m build --no-isolation`` does it: the backend, in a process of its own, in
-    ``source``."""
+    """Build as ``python -m build --no-isolation`` does: run the backend in a separate process in ``source``."""
     script = f"import sys; from hatchling.build import build_{kind}; print(build_{kind}(sys.argv[1]))"
     command = [sys.executable, "-c", script, str(into)]
     done = subprocess.run(command, cwd=source, capture_output=True, text=True, check=False)
@@ -69,13 +68,13 @@ def test_a_wheel_has_everything_in_its_installed_place(wheel: Path) -> None:
 
 def test_a_wheel_has_every_file_of_the_checkout(wheel: Path) -> None:
     kept = (".py", ".pyi", ".toml", ".typed")
-    wanted = {
+    expected = {
         str((Path(directory) / file).relative_to(ROOT))
         for directory, _, files in os.walk(ROOT / "strands_actors", followlinks=True)
         for file in files
         if file.endswith(kept)
     }
-    assert wanted - set(names(wheel)) == set()
+    assert expected - set(names(wheel)) == set()
 
 
 def test_a_wheel_built_from_the_sdist_is_the_same(wheel: Path, wheel_of_sdist: Path) -> None:

@@ -1,4 +1,4 @@
-"""The pages' links lead somewhere, and the files and tests that they name exist."""
+"""The targets of the pages' links exist, and so do the files and tests that the pages name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FILES = (
     ),
     re.compile(r"`(tests/[\w/.-]+)`"),
 )
-"""Files of the house, and folders of tests."""
+"""Files of this project and folders of tests."""
 
 
 def prose(page: Path) -> str:
@@ -29,7 +29,7 @@ def prose(page: Path) -> str:
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors that GitHub makes of the headings."""
+    """Return the anchors that GitHub makes from the headings."""
     headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
     plain = [re.sub(r"[^\w\- ]", "", LINK.sub("]", heading).lower()) for heading in headings]
     return {heading.strip().replace(" ", "-") for heading in plain}

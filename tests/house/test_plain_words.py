@@ -1,4 +1,4 @@
-"""Docstrings, comments and pages use the words of the trade."""
+"""Docstrings, comments and pages use standard technical terms."""
 
 from __future__ import annotations
 

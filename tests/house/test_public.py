@@ -1,4 +1,4 @@
-"""What may be imported is in ``__all__``, and what README, docs and examples import is among it."""
+"""``__all__`` lists every public name. README, docs and examples import only public names."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ PUBLIC = (
     f"{PACKAGE}.contract",  # authors of drivers
     f"{PACKAGE}.policies",  # authors of policies
     f"{PACKAGE}.testing",
-    f"{PACKAGE}.surfaces.cameras",  # who looks at pictures
-    f"{PACKAGE}.drivers.earthrover.cameras",  # what one robot has beside its tree
+    f"{PACKAGE}.surfaces.cameras",  # readers of camera pictures
+    f"{PACKAGE}.drivers.earthrover.cameras",  # cameras of one robot that are not part of its tree
 )
 
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -59,7 +59,7 @@ def all_used() -> list[Used]:
 
 
 def problem(used: Used) -> str:
-    """Return why a reader should not import this; empty: all is well."""
+    """Return the reason why users should not import this name, or an empty text."""
     if used.module not in PUBLIC:
         return f"{used.where}: {used.module} is private"
     module = importlib.import_module(used.module)
@@ -68,10 +68,10 @@ def problem(used: Used) -> str:
     return ""
 
 
-def test_what_is_read_of_pages_and_examples_is_public_and_exists() -> None:
+def test_the_imports_of_pages_and_examples_are_public_and_exist() -> None:
     used = all_used()
     assert {one.where for one in used} >= {"README.md", "docs/testing.md", "examples/policy.py"}
-    assert [told for one in used if (told := problem(one))] == []
+    assert [reason for one in used if (reason := problem(one))] == []
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -96,7 +96,7 @@ def test_a_driver_can_be_written_on_the_contract_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("page", "told"),
+    ("page", "message"),
     [
         ("```python\nfrom strands_actors.kernel.node import Node\n```\n", "is private"),
         ("```python\nfrom strands_actors import Robot, Rowboat\n```\n", "no public Rowboat"),
@@ -106,9 +106,9 @@ def test_a_driver_can_be_written_on_the_contract_alone() -> None:
         ("`from strands_actors.contract import Driver, Wire`", ""),
     ],
 )
-def test_a_private_or_missing_name_is_found(page: str, told: str) -> None:
+def test_a_private_or_missing_name_is_found(page: str, message: str) -> None:
     problems = [why for used in imports_of_page("page", page) if (why := problem(used))]
-    assert [told in why for why in problems] == ([True] if told else [])
+    assert [message in why for why in problems] == ([True] if message else [])
 
 
 def test_every_public_module_is_one() -> None:

@@ -1,4 +1,4 @@
-"""Every refusal has a code of a catalogue, every code is used, and ``docs/refusals.md`` has them all.
+"""Every refusal has a code from a catalogue, every code is used, and ``docs/refusals.md`` lists all codes.
 
 ``python -m tests.house.test_refusals`` writes that page.
 """
@@ -39,7 +39,7 @@ def catalogues() -> dict[str, type[RefusalCode]]:
 
 @functools.cache
 def used() -> dict[str, set[str]]:
-    """Return the modules in which each member, ``Class.MEMBER``, stands."""
+    """Return the modules that use each member, ``Class.MEMBER``."""
     where: dict[str, set[str]] = {}
     for name, path in MODULES.items():
         for node in ast.walk(ast.parse(path.read_text())):
@@ -81,7 +81,7 @@ def test_a_refusal_has_a_code_of_a_catalogue() -> None:
     literal = [
         f"{name}: {ast.unparse(node)}"
         for name, path in sorted(MODULES.items())
-        if not name.startswith(f"{PACKAGE}.testing.")  # robots of the tests refuse by codes of their own
+        if not name.startswith(f"{PACKAGE}.testing.")  # test robots have their own codes
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)

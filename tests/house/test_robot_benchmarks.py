@@ -1,4 +1,4 @@
-"""What the benchmarks of robots make of a wire log, and of a peer that is missing."""
+"""The benchmarks of robots: figures from a wire log, and the message for a missing peer."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from benchmarks import peers, wires
 from benchmarks.house import OURS
 from benchmarks.sides.late_answers import LATE_S
 from benchmarks.sides.wire import Frame, Log, delays_us, percentile
-from benchmarks.sides.wires import SAID, is_safe
+from benchmarks.sides.wires import TARGET_READERS, is_safe
 from strands_actors.drivers.kinova import protocol as kinova
 from tests.answers import PATIENCE_S
 
 
-def test_a_setpoint_is_timed_to_the_first_frame_that_says_something_new(tmp_path: Path) -> None:
+def test_a_setpoint_is_timed_to_the_first_frame_with_a_new_target(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
 
     def frame(t_ns: int, data: str) -> None:
@@ -28,7 +28,7 @@ def test_a_setpoint_is_timed_to_the_first_frame_that_says_something_new(tmp_path
 
     def send(number: int) -> int:
         began_ns = time.monotonic_ns()
-        frame(began_ns + 1_000, f"{number:02x}")  # the last target, sent again
+        frame(began_ns + 1_000, f"{number:02x}")  # the last target, repeated
         frame(began_ns + 500_000, f"{number + 1:02x}")
         return began_ns
 
@@ -36,7 +36,7 @@ def test_a_setpoint_is_timed_to_the_first_frame_that_says_something_new(tmp_path
     assert delays_us(send, Log(str(path)), 5, pause_s=0.001) == [500.0] * 5
 
 
-def test_a_log_is_read_up_to_its_last_whole_line(tmp_path: Path) -> None:
+def test_a_log_is_read_up_to_its_last_complete_line(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
     line = json.dumps({"t_ns": 5, "from": "host", "kind": "safe", "hex": "ff"})
     path.write_text(f"{line}\n{line[:20]}")
@@ -54,7 +54,7 @@ def test_percentiles_are_values_that_were_measured() -> None:
     assert percentile([3.0, 1.0, 2.0], 1.0) == 3.0
 
 
-def test_a_peer_that_is_missing_says_what_to_do(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_peer_is_reported_with_a_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(peers, "PLACE", tmp_path)
     with pytest.raises(peers.Missing, match=r"run python -m benchmarks\.peers strands"):
         peers.python("strands")
@@ -66,20 +66,20 @@ def setpoint(data: bytes) -> Frame:
     return Frame(0, "setpoint", data.hex())
 
 
-def test_what_differs_in_every_frame_is_not_taken_for_a_new_target() -> None:
-    xarm = SAID["xarm7"]
+def test_a_counter_that_differs_in_every_frame_is_not_a_new_target() -> None:
+    xarm = TARGET_READERS["xarm7"]
     assert xarm(setpoint(b"\0\1rest")) == xarm(setpoint(b"\0\2rest")) != xarm(setpoint(b"\0\2more"))
-    iiwa = SAID["kuka_iiwa"]
+    iiwa = TARGET_READERS["kuka_iiwa"]
     targets = [setpoint(b"\x0a\x3f\x09" + struct.pack("<d", rad)) for rad in (0.004, 0.004 + 1e-9, 0.005)]
     assert iiwa(targets[0]) == iiwa(targets[1]) != iiwa(targets[2])
     move, recover = (Frame(0, "enable", f"{command}000000") for command in ("01", "05"))
-    assert SAID["panda"](move) and SAID["panda"](recover) is None
+    assert TARGET_READERS["panda"](move) and TARGET_READERS["panda"](recover) is None
 
 
 @pytest.mark.parametrize(("deg_s", "quick"), [(0.0, False), (2.0, False), (-20.0, True)])
 def test_a_kinova_has_a_new_target_when_its_first_joint_is_quick(deg_s: float, quick: bool) -> None:
     speeds = kinova.encode_speeds((deg_s, *(0.0,) * 6))
-    assert SAID["kinova_gen3"](setpoint(speeds)) is quick
+    assert TARGET_READERS["kinova_gen3"](setpoint(speeds)) is quick
 
 
 def test_a_hover_and_the_end_of_a_move_count_as_stops_of_clients() -> None:
@@ -111,6 +111,6 @@ def test_answers_are_late_and_requests_are_not(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_the_short_form_of_a_wire_gives_the_figures_that_its_goals_judge() -> None:
-    found = wires.at_twin("xarm7", OURS, "short")
+    found = wires.run_with_twin("xarm7", OURS, "short")
     assert {f"xarm7_{figure}" for figure in found} >= {goal.figure for goal in wires.goals_of("xarm7")}
     assert all(value > 0 for figure, value in found.items() if not figure.endswith("pct"))

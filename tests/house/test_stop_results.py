@@ -1,4 +1,4 @@
-"""SAF-023 by type: whatever ends motion returns a result that cannot be absent."""
+"""SAF-023 by type: each function that ends motion returns a result, never None."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WHERE = (
 )
 RESULTS = {
     "StopResult",
-    "StopResult | Refused",  # refused: nothing was ended, and nobody was told so
+    "StopResult | Refused",  # refused: no motion was ended, and no robot was reported as stopped
     "StopReport | Refused",
     "TaskEnd",
     "Answer",
@@ -32,24 +32,24 @@ RESULTS = {
     "Outcome",
     "list[Outcome]",
     "tuple[bool, str]",  # whether it is confirmed, and a line for people
-    "list[Told]",
+    "list[RobotResult]",
     "int",  # an exit code
-    "Figure",
+    "StepResult",
 }
-"""What such a function may return."""
+"""Types that such a function may return."""
 NO_ROBOT = {
-    "caller.session.rollouts:Rollouts.end",  # of the bookkeeping: the robot was stopped before
+    "caller.session.rollouts:Rollouts.end",  # removes an entry after the robot was stopped
     "caller.processes.run_directory:Name.release",  # a lock on a file
-    "caller.processes.strays:end",  # a process; its caller never counts that as a robot that is safe
-    "surfaces.cli.__init__:stop",  # end by typer.Exit
+    "caller.processes.strays:end",  # ends a process; its caller never counts that as a safe robot
+    "surfaces.cli.__init__:stop",  # these end by typer.Exit
     "surfaces.cli.__init__:estop",
     "surfaces.cli.demo.watch:Watch.stop",
-    "surfaces.cli.top.rows:_stop",  # how a report is shown
+    "surfaces.cli.top.rows:_stop",  # shows a report
 }
 
 
 def functions(name: str, source: str) -> Iterator[tuple[str, str]]:
-    """Return each function that ends motion by its name, and what it is annotated to return."""
+    """Yield each function with a name that promises an end of motion, and its annotated return type."""
 
     def walk(body: list[ast.stmt], inside: str) -> Iterator[tuple[str, str]]:
         for node in body:
@@ -75,7 +75,7 @@ def all_functions() -> Iterator[tuple[str, str]]:
 
 def test_saf_023_nothing_that_ends_motion_can_return_none() -> None:
     found = list(all_functions())
-    assert {where for where, _ in found} >= NO_ROBOT, "an exception that is none any more"
+    assert {where for where, _ in found} >= NO_ROBOT, "an exception in the list no longer exists"
     assert len(found) > 30
     assert wrong(iter(found)) == []
 

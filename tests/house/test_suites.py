@@ -1,5 +1,5 @@
 """Suites that the ordinary run does not load (``python -m tests lerobot``, ``peers``, ``newton``) import only
-what is there: a name that moves would be found by whoever runs them next."""
+names that exist. Without this test a moved name would fail only when such a suite runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MODULES = modules_below(ROOT, "tests") | modules_below(ROOT, PACKAGE)
 
 
 def names_of(path: Path) -> set[str]:
-    """Return what a module's own lines define, import or assign."""
+    """Return the names that a module defines, imports or assigns."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         match node:
@@ -30,24 +30,24 @@ def names_of(path: Path) -> set[str]:
 
 
 def is_there(target: str) -> bool:
-    """``target``: a module, or a module and a name in it."""
+    """Return True if ``target`` exists. It is a module, or a module and a name in it."""
     if target in MODULES:
         return True
     module, _, name = target.rpartition(".")
-    if is_in(module, *SUITES):  # it may need what is not installed here
+    if is_in(module, *SUITES):  # importing it may need a package that is not installed
         return module in MODULES and name in names_of(MODULES[module])
     return hasattr(importlib.import_module(module), name)
 
 
 def missing(module: str, source: str) -> list[str]:
-    """Return what a module takes from tests and package, and is not there."""
+    """Return the names that a module imports from the tests or the package and that do not exist."""
     is_package = module in MODULES and MODULES[module].name == "__init__.py"
     targets = [each.target for each in imports_of(module, is_package, source)]
     return [target for target in targets if is_in(target, "tests", PACKAGE) and not is_there(target)]
 
 
 @pytest.mark.parametrize("module", sorted(name for name in MODULES if is_in(name, *SUITES)))
-def test_what_a_suite_apart_imports_is_there(module: str) -> None:
+def test_the_imports_of_a_separate_suite_exist(module: str) -> None:
     assert missing(module, MODULES[module].read_text()) == []
 
 

@@ -1,4 +1,4 @@
-"""What a message says to people decides nothing: no program takes its text apart."""
+"""The text of a message is for people only. No program makes a decision by parsing it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TAKES_APART = {
 }
 MATCHES = {"match", "search", "fullmatch", "findall", "finditer"}
 WIRES = f"{PACKAGE}.drivers."
-"""They read what their robots say, in the robots' own words; but no refusal of ours."""
+"""Modules that may parse texts of their robots, but not the texts of our refusals."""
 ALLOWED = {
     "contract.options": "where msgspec found what is wrong stands only in its text",
     "kernel.processes.reserve": "Python has one error for all that a thread may lack",
@@ -35,8 +35,8 @@ ALLOWED = {
 
 
 def read_back(source: str, of_robots: bool = False) -> Iterator[tuple[int, str]]:
-    """Return the line and the expression of each place that takes a message's text apart. ``of_robots``:
-    a text is a robot's, unless it is called a refusal."""
+    """Yield line and expression of each place that parses the text of a message. With ``of_robots``, only texts
+    that are called a refusal count as messages."""
     tree = ast.parse(source)
     caught = {node.name for node in ast.walk(tree) if isinstance(node, ast.ExceptHandler) and node.name}
 
@@ -79,20 +79,20 @@ CASES = [
 
 
 @pytest.mark.parametrize(("source", "found"), CASES)
-def test_what_is_looked_for(source: str, found: bool) -> None:
+def test_code_that_parses_a_message_is_found(source: str, found: bool) -> None:
     assert bool(list(read_back(source))) is found
 
 
-def test_in_a_wire_a_refusal_is_looked_for_by_its_name() -> None:
+def test_in_a_wire_only_texts_of_refusals_count() -> None:
     assert list(read_back("refusal.text.removeprefix('move: ')", of_robots=True))
     assert not list(read_back("event.text.startswith('ready')", of_robots=True))
 
 
-def test_no_program_reads_what_is_written_for_people() -> None:
+def test_no_program_parses_a_text_for_people() -> None:
     found = {
         name: places
         for name, path in sorted(MODULES.items())
         if not name.startswith(f"{PACKAGE}.testing.") and name.removeprefix(f"{PACKAGE}.") not in ALLOWED
         if (places := list(read_back(path.read_text(), name.startswith(WIRES))))
     }
-    assert not found, "decide by a code, and leave the text to people"
+    assert not found, "decide by a code, not by the text of a message"

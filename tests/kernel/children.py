@@ -1,4 +1,4 @@
-"""What the children of these tests run: entries of ``process.start``."""
+"""Entry functions of ``process.start`` that the tests of the kernel run in child processes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Ask(Message, frozen=True):
 
 
 class Give(Message, frozen=True):
-    """A descriptor to write ``text`` to."""
+    """Ask the echo to write ``text`` to the descriptors."""
 
     descriptors: tuple[int, ...]
     text: str
@@ -59,7 +59,7 @@ async def _echo(sock: socket.socket) -> None:
 
 
 def echo(args: dict[str, Any], sock: socket.socket) -> None:
-    """Answers until its parent is gone."""
+    """Answer until the parent has ended."""
     trio.run(_echo, sock)
 
 
@@ -82,7 +82,7 @@ async def _fails() -> None:
 
 
 def ends(args: dict[str, Any], sock: socket.socket) -> None:
-    """Ends as it is told; nothing that still runs or fails to flush may keep it."""
+    """End in the way that ``args`` gives, although a thread still runs and a file cannot be flushed."""
     threading.Thread(target=time.sleep, args=(1000,)).start()
     if args.get("deaf"):
         sys.stderr = open(os.open("/dev/full", os.O_WRONLY), "w")  # noqa: SIM115
@@ -101,31 +101,31 @@ def ends(args: dict[str, Any], sock: socket.socket) -> None:
 
 
 def prints(args: dict[str, Any], sock: socket.socket) -> None:
-    """Prints as Python and as a library of C do, and is killed."""
+    """Print from Python, and directly to the descriptor as a C library does. Then kill this process."""
     print("by Python")
     os.write(1, b"by C\n")
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def speaks(args: dict[str, Any], sock: socket.socket) -> None:
-    """Says what it was given and what it inherited, on the raw socket."""
+    """Send the received arguments and the inherited descriptors over the raw socket."""
     inherited = [os.readlink(f"/proc/self/fd/{fd}") for fd in args["fds"]]
     text = f"{args['word']} {os.getpgid(0) == os.getpid()} {len(inherited)} {args['nested']['a']}"
     sock.sendall(text.encode())
 
 
 def wait(args: dict[str, Any], sock: socket.socket) -> None:
-    """Lives until it is killed."""
+    """Wait until it is killed."""
     time.sleep(1000)
 
 
 def touch(args: dict[str, Any], sock: socket.socket) -> None:
-    """Leaves a mark that it ran."""
+    """Create the file ``path``, as a proof that this ran."""
     Path(args["path"]).touch()
 
 
 def family(args: dict[str, Any], sock: socket.socket) -> None:
-    """A parent of its own: starts an echo, says its pid, and lives on."""
+    """Start an echo as a child of this process, send its pid, and wait."""
     signal.signal(signal.SIGINT, lambda *_: sock.sendall(b"interrupted"))
     child = start(f"{__name__}:echo", {})
     sock.sendall(str(child.pid).encode())
@@ -134,11 +134,11 @@ def family(args: dict[str, Any], sock: socket.socket) -> None:
 
 
 def tell_scheduling(args: dict[str, Any], sock: socket.socket) -> None:
-    """Say how it is run."""
+    """Send this process's scheduling policy."""
     sock.sendall(str(os.sched_getscheduler(0)).encode())
 
 
 def write(args: dict[str, Any], sock: socket.socket) -> None:
-    """To the descriptor that it was given, once its parent has let go of it."""
+    """Write to the received descriptor after the parent has closed its own copy."""
     time.sleep(0.1)
     os.write(args["descriptors"][0], args["text"].encode())

@@ -1,4 +1,4 @@
-"""Shared by the tests of nodes."""
+"""Fixtures of the tests of nodes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
-"""The ways two nodes can be joined. ``here`` asks, ``there`` hosts; ``sever`` makes ``there`` go
-away."""
+"""Connect two nodes in each possible way. ``here`` asks, ``there`` hosts the actors, and ``sever`` cuts
+the connection to ``there``.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, unix_endpoint
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.frames import ASK, TELL, frame, protocol_of
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.kernel.node import Answer, Node, Unreachable, Way
+from strands_actors.kernel.node import Answer, Connection, Node, Unreachable
 
 from .kernel import PATIENCE_S, Alarm, Recorder, local_pair
 
@@ -27,14 +28,13 @@ from .kernel import PATIENCE_S, Alarm, Recorder, local_pair
 class Pair:
     here: Node
     there: Node
-    way: Way  # of here
-    back: Way  # of there
+    connection: Connection  # the side of ``here``
+    back: Connection  # the side of ``there``
     sever: Callable[[], None]
     nursery: trio.Nursery
 
     async def host(self, name: str, factory: Callable[[], Actor], node: Node | None = None) -> Cell:
-        """Run an actor (there, unless said otherwise) and wait until the other node can reach
-        it."""
+        """Run an actor, by default on ``there``. Wait until the other node can reach it."""
         node = node or self.there
         cell = node.cell(f"r/actor/{name}", factory)
         await self.nursery.start(cell.run)
@@ -49,15 +49,15 @@ class Pair:
         return cell, log
 
     def raw(self, data: bytes, to: str | None = None) -> None:
-        """Bytes on the way from here to there, as any peer could send them."""
-        assert self.way.send(to or self.there.address, data)
+        """Send bytes from ``here`` to ``there``, as any peer could."""
+        assert self.connection.send(to or self.there.address, data)
 
     async def ask_raw(
         self, to: str, body: bytes, actor: type[Actor] = Recorder, deadline_s: float = PATIENCE_S
     ) -> Message | None:
-        """An ask whose body nobody checked before it left."""
+        """Ask with a body that is not checked before it is sent."""
         answer = Answer(protocol_of(actor).decode_reply)
-        answer.way = self.way
+        answer.connection = self.connection
         cid = self.here.new_cid()
         self.here.pending[cid] = answer
         self.raw(frame(to, ASK, cid, "raw", self.here.address, msgspec.Raw(body)))
@@ -69,8 +69,7 @@ class Pair:
 
 
 async def reachable(node: Node, address: str) -> None:
-    """Wait until ``address`` answers; which of the two nodes learns of the other first is not
-    told."""
+    """Wait until ``address`` answers. Either of the two nodes may know the other first."""
     with trio.fail_after(PATIENCE_S):
         while True:
             with suppress(Unreachable):

@@ -1,5 +1,6 @@
-"""What the kernel's tests share: running on trio, a few messages, an actor that records what it
-reads."""
+"""Helpers of the kernel's tests: decorators that run a test on trio, messages, and an actor that records
+the messages it handles.
+"""
 
 from __future__ import annotations
 
@@ -36,17 +37,17 @@ def _run(test: AsyncTest, limit_s: float, clock: Callable[[], MockClock] | None)
 
 
 def real_time(test: AsyncTest) -> Callable[..., None]:
-    """Run an async test on trio; one that hangs fails."""
+    """Run an async test on trio. A test that hangs fails."""
     return _run(test, LIMIT_S, None)
 
 
 def virtual_time(test: AsyncTest) -> Callable[..., None]:
-    """Run an async test on trio, in no time: the clock jumps whenever all tasks wait."""
+    """Run an async test on trio without waiting: the clock jumps whenever all tasks wait."""
     return _run(test, 100_000.0, lambda: MockClock(autojump_threshold=0))
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    """Wait for what no event tells."""
+    """Poll a condition that has no event."""
     with trio.fail_after(PATIENCE_S):
         while not condition():  # noqa: ASYNC110
             await trio.sleep(0.001)
@@ -63,7 +64,7 @@ class Newest(Message, frozen=True):
 
 
 class Other(Message, frozen=True):
-    """As ``Newest``, a slot of its own."""
+    """Like ``Newest``, but with its own place in the mailbox."""
 
     lane = "latest"
 
@@ -93,20 +94,20 @@ class Boom(Message, frozen=True):
 
 
 class Table(Message, frozen=True):
-    """With a field that takes anything, as an action of a robot does."""
+    """A message with a field of any content, like an action of a robot."""
 
     rows: dict[str, Any]
     names: tuple[str, ...] = ()
 
 
 class Unwanted(Message, frozen=True):
-    """No actor here takes it."""
+    """A message that no actor of these tests accepts."""
 
     value: int
 
 
 class Recorder(Actor):
-    """Keeps what it handled, in order, across restarts."""
+    """Keep all handled messages in order, across restarts."""
 
     def __init__(self, log: list[Message]) -> None:
         self.log = log
@@ -135,14 +136,14 @@ class Recorder(Actor):
         return None
 
     def answer(self) -> None:
-        """To whoever asked ``Never``."""
+        """Answer all ``Never`` messages."""
         for late in self._late:
             late.send(Number(-1))
 
 
 @asynccontextmanager
 async def running_node(name: str = "n", clock: Clock | None = None) -> AsyncIterator[tuple[Node, trio.Nursery]]:
-    """A node that reaches nobody, and a nursery for its cells."""
+    """Run a node that has no peers. Yield it with a nursery for its cells."""
     node = Node(name, clock or VirtualClock())
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
@@ -152,7 +153,7 @@ async def running_node(name: str = "n", clock: Clock | None = None) -> AsyncIter
 
 @asynccontextmanager
 async def recorder() -> AsyncIterator[tuple[Node, Cell, list[Message]]]:
-    """A node with one recorder."""
+    """Run a node with one recorder."""
     log: list[Message] = []
     async with running_node() as (node, nursery):
         cell = node.cell("r/actor/recorder", lambda: Recorder(log))
@@ -161,7 +162,7 @@ async def recorder() -> AsyncIterator[tuple[Node, Cell, list[Message]]]:
 
 
 def local_pair() -> tuple[LocalNetwork, Node, Node]:
-    """Two nodes on one network in memory; neither runs yet."""
+    """Return two nodes on one network in memory. Neither runs yet."""
     network = LocalNetwork()
     nodes = []
     for name in ("here", "there"):

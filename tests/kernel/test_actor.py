@@ -1,4 +1,4 @@
-"""An actor: its annotation is its protocol, its failure its supervisor's business."""
+"""Actors: the annotation of ``receive`` is the protocol, and a failure goes to the supervisor."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class NoReceive(Actor):
 # -- the protocol
 
 
-def test_the_union_is_the_protocol() -> None:
+def test_the_protocol_is_the_union_in_the_annotation() -> None:
     protocol = protocol_of(Recorder)
     assert {kind.__name__ for kind in protocol.accepts} == {
         "Number", "Newest", "Other", "Alarm", "Block", "Never", "LateAnswer", "Boom", "Table",
@@ -104,7 +104,7 @@ def test_the_union_is_the_protocol() -> None:
         (NotImported, "'OnlyForCheckers' is not defined. import or define what it names at module level"),
     ],
 )
-def test_a_bad_annotation_says_what_to_do(actor: type[Actor], says: str) -> None:
+def test_an_invalid_annotation_is_refused_with_the_remedy(actor: type[Actor], says: str) -> None:
     with pytest.raises(TypeError) as caught:
         protocol_of(actor)
     assert str(caught.value).startswith(f"{actor.__name__}.receive: ")
@@ -112,7 +112,7 @@ def test_a_bad_annotation_says_what_to_do(actor: type[Actor], says: str) -> None
 
 
 @virtual_time
-async def test_a_wrong_type_is_refused_and_counted_and_never_seen() -> None:
+async def test_a_message_of_a_wrong_type_is_refused_and_counted_and_never_handled() -> None:
     async with recorder() as (node, cell, log):
         ref = node.ref(cell.address, Recorder)
         answer = await ref.ask(Unwanted(1), 1.0)
@@ -123,14 +123,14 @@ async def test_a_wrong_type_is_refused_and_counted_and_never_seen() -> None:
         ref.tell(Unwanted(2))
         assert (node.refused_count, node.dead_letter_count) == (2, 2)
         letter = node.dead_letters[-1]
-        assert (letter.to, letter.what, letter.why) == (cell.address, "Unwanted", answer.reason)
+        assert (letter.to, letter.message_type, letter.reason) == (cell.address, "Unwanted", answer.reason)
         assert await ref.ask(Number(1), 1.0) == Number(1)
         assert log == [Number(1)]
         assert cell.incarnations == 1
 
 
 @virtual_time
-async def test_a_subclass_of_what_is_accepted_is_not_accepted() -> None:
+async def test_a_subclass_of_an_accepted_type_is_refused() -> None:
     class Special(Number, frozen=True):
         pass
 
@@ -172,7 +172,7 @@ async def test_a_coroutine_handles_one_message_at_a_time() -> None:
 
 
 @virtual_time
-async def test_an_answer_may_come_later_and_then_only_once() -> None:
+async def test_a_deferred_answer_may_come_later_and_only_once() -> None:
     async with recorder() as (node, cell, _):
         ref = node.ref(cell.address, Recorder)
         answers: list[Message | None] = []
@@ -184,7 +184,7 @@ async def test_an_answer_may_come_later_and_then_only_once() -> None:
             nursery.start_soon(ask)
             await trio.sleep(1)
             assert answers == []
-            assert await ref.ask(Number(2), 1.0) == Number(2)  # it does not block the actor
+            assert await ref.ask(Number(2), 1.0) == Number(2)  # the open ask does not block the actor
             ref.tell(LateAnswer())
         ref.tell(LateAnswer())
         assert await ref.ask(Number(3), 1.0) == Number(3)
@@ -204,12 +204,12 @@ async def test_the_first_answer_counts() -> None:
         await failed.wait()
 
 
-def test_a_deferred_answer_to_a_tell_goes_nowhere() -> None:
+def test_a_deferred_answer_to_a_tell_does_nothing() -> None:
     Deferred(None).send(Number(1))
 
 
 @virtual_time
-async def test_deadlines_are_kept_whatever_their_order() -> None:
+async def test_asks_time_out_at_their_deadlines_in_any_order() -> None:
     async with recorder() as (node, cell, _):
         ref = node.ref(cell.address, Recorder)
         start = trio.current_time()
@@ -242,19 +242,19 @@ async def test_a_cancelled_ask_leaves_nothing_behind() -> None:
 
 
 @virtual_time
-async def test_nobody_there() -> None:
+async def test_an_address_without_an_actor_is_unreachable() -> None:
     async with running_node() as (node, _):
         with pytest.raises(Unreachable, match="the none of r is not running"):
             await node.ref("strands/r/actor/none").ask(Number(1), 1.0)
         node.ref("strands/r/actor/none").tell(Number(1))
-        assert node.dead_letters[-1].why == "nobody hosts it"
+        assert node.dead_letters[-1].reason == "nobody hosts it"
 
 
-# -- timers, tasks, surroundings
+# # -- timers, tasks and addresses
 
 
 @virtual_time
-async def test_timers_tick_beside_a_slow_handler() -> None:
+async def test_timers_tick_during_a_slow_handler() -> None:
     ticks: list[float] = []
 
     class Ticker(Actor):
@@ -270,7 +270,7 @@ async def test_timers_tick_beside_a_slow_handler() -> None:
         start = trio.current_time()
         await nursery.start(node.cell("r/actor/ticker", Ticker).run)
         await trio.sleep(0.65)
-    # The timer goes on while the handler waits; its messages are commands and wait in line.
+    # The timer continues while the handler waits. Its messages are commands and wait in the mailbox.
     assert ticks == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
 
 
@@ -307,7 +307,7 @@ async def test_timers_and_tasks_end_with_the_incarnation() -> None:
 
 
 @virtual_time
-async def test_a_failing_task_of_an_actor_is_the_actors_failure() -> None:
+async def test_a_failing_task_of_an_actor_fails_the_actor() -> None:
     class Starter(Actor):
         async def started(self) -> None:
             self.context.start_soon(self.fail)
@@ -326,7 +326,7 @@ async def test_a_failing_task_of_an_actor_is_the_actors_failure() -> None:
 
 @virtual_time
 async def test_messages_name_their_sender() -> None:
-    """Two actors send setpoints to a third: each has its own place, by its address."""
+    """Two actors send setpoints to a third one, and each has its own place there, by its address."""
 
     class Sender(Actor):
         async def started(self) -> None:
@@ -339,7 +339,7 @@ async def test_messages_name_their_sender() -> None:
 
     async with running_node() as (node, nursery):
         sink = node.cell("r/actor/sink", Sender)
-        node.host(sink)  # and it does not run
+        node.host(sink)  # the actor does not run
         for name in ("a", "b"):
             await nursery.start(node.cell(f"r/actor/{name}", Sender).run)
         for value in (1, 2):
@@ -365,12 +365,12 @@ async def test_an_address_has_one_cell() -> None:
                 await node.cell("r/actor/recorder", Doubler).run()
             await wait_all_tasks_blocked()
             nursery.cancel_scope.cancel()
-        assert downs == []  # the first one lives on
+        assert downs == []  # the first actor still runs
         assert await node.ref(cell.address, Recorder).ask(Number(1), 1.0) == Number(1)
 
 
 @virtual_time
-async def test_what_waits_when_an_address_is_given_up_is_refused() -> None:
+async def test_messages_that_wait_when_an_address_is_released_are_refused() -> None:
     async with running_node() as (node, _):
         cell = node.cell("r/actor/doubler", Doubler)
         node.host(cell)
@@ -384,12 +384,12 @@ async def test_what_waits_when_an_address_is_given_up_is_refused() -> None:
             await wait_all_tasks_blocked()
             node.release(cell)
         assert [answer.code for answer in answers if isinstance(answer, Refused)] == ["gone"]
-        assert node.dead_letters[-1].why == "the actor ended"
+        assert node.dead_letters[-1].reason == "the actor ended"
         node.release(cell)  # harmless
 
 
 @virtual_time
-async def test_a_reference_finds_whoever_has_the_address_now() -> None:
+async def test_a_reference_reaches_the_current_actor_of_its_address() -> None:
     async with running_node() as (node, _):
         first, second = (node.cell("r/actor/doubler", Doubler) for _ in range(2))
         ref = node.ref(first.address)
@@ -402,7 +402,7 @@ async def test_a_reference_finds_whoever_has_the_address_now() -> None:
         ref.tell(Number(3))
         assert first.mailbox.pop() is None
         assert second.mailbox.pop() == (Number(3), None) and second.mailbox.pop() is None
-        assert [letter.why for letter in node.dead_letters] == [
+        assert [letter.reason for letter in node.dead_letters] == [
             "nobody hosts it",
             "the actor ended",
             "nobody hosts it",
@@ -413,7 +413,7 @@ async def test_a_reference_finds_whoever_has_the_address_now() -> None:
 
 
 @virtual_time
-async def test_an_exception_reaches_the_supervisor_and_the_asker_is_told() -> None:
+async def test_an_exception_reaches_the_supervisor_and_the_asker() -> None:
     async with running_node() as (node, nursery):
         log: list[Message] = []
         cell = node.cell("r/actor/recorder", lambda: Recorder(log))

@@ -1,4 +1,4 @@
-"""An ask that leaves in the thread that has it, and is answered to the loop."""
+"""A thread sends an ask itself, and the event loop gets the answer."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ def must(sent: Sent | None) -> Sent:
 
 
 @real_time
-async def test_what_a_thread_asks_is_answered_to_the_loop() -> None:
+async def test_the_loop_gets_the_answer_to_an_ask_of_a_thread() -> None:
     async with trio.open_nursery() as nursery:
         here, _, _ = await linked(nursery)
         ref = here.ref(ADDRESS, Echo)
         sent = must(await trio.to_thread.run_sync(ref.ask_at_once, Number(1)))
         assert await sent.answer(5.0) == Number(1)
         late = must(await trio.to_thread.run_sync(ref.ask_at_once, Number(2)))
-        await trio.sleep(0.05)  # the answer is there before anybody waits for it
+        await trio.sleep(0.05)  # the answer arrives before a task waits for it
         assert await late.answer(5.0) == Number(2)
         assert not here.pending
         nursery.cancel_scope.cancel()
 
 
 @real_time
-async def test_an_answer_that_nobody_waits_for_is_forgotten() -> None:
+async def test_an_answer_without_a_waiting_task_is_forgotten() -> None:
     async with trio.open_nursery() as nursery:
         here, _, _ = await linked(nursery)
         must(here.ref(ADDRESS, Echo).ask_at_once(Number(1)))
@@ -70,7 +70,7 @@ async def test_an_answer_that_nobody_waits_for_is_forgotten() -> None:
 
 
 @real_time
-async def test_it_has_a_deadline() -> None:
+async def test_an_ask_of_a_thread_has_a_deadline() -> None:
     async with trio.open_nursery() as nursery:
         here, there, _ = await linked(nursery)
         there.cells[ADDRESS].work = lambda _: True  # type: ignore[method-assign]
@@ -82,14 +82,14 @@ async def test_it_has_a_deadline() -> None:
 
 
 @real_time
-async def test_nothing_is_sent_where_there_is_no_link_or_something_waits_before_it() -> None:
+async def test_nothing_is_sent_without_a_link_or_behind_waiting_messages() -> None:
     here, there = (Node(name, MonotonicClock()) for name in ("here", "there"))
     ours, theirs = socket.socketpair()
     link = Link(here, ours)
     here.learn(ADDRESS, link, True)
     ref = here.ref(ADDRESS, Echo)
     assert here.ref("strands/r/actor/nobody", Echo).ask_at_once(Number(1)) is None
-    assert ref.ask_at_once(Number(1)) is None, "it does not run yet"
+    assert ref.ask_at_once(Number(1)) is None, "the link does not run yet"
     log: list[Message] = []
     async with trio.open_nursery() as nursery:
         await nursery.start(link.run)
@@ -112,7 +112,7 @@ async def test_nothing_is_sent_where_there_is_no_link_or_something_waits_before_
 
 
 @real_time
-async def test_threads_and_the_loop_send_whole_frames_between_each_others() -> None:
+async def test_threads_and_the_loop_send_whole_frames() -> None:
     threads, each = 4, 300
     async with trio.open_nursery() as nursery:
         here, there, _ = await linked(nursery)
@@ -121,7 +121,7 @@ async def test_threads_and_the_loop_send_whole_frames_between_each_others() -> N
         cell.mailbox.capacity = 100_000
         await nursery.start(cell.run)
         await until(lambda: here.route(cell.address) is not None)
-        ref, told = here.ref(ADDRESS, Echo), here.ref(cell.address, Recorder)
+        ref, log_ref = here.ref(ADDRESS, Echo), here.ref(cell.address, Recorder)
         answered: list[int] = []
 
         def ask(first: int) -> None:
@@ -138,7 +138,7 @@ async def test_threads_and_the_loop_send_whole_frames_between_each_others() -> N
             for number in range(threads):
                 asking.start_soon(trio.to_thread.run_sync, ask, number * each)
             for value in range(2000):
-                told.tell(Number(value))
+                log_ref.tell(Number(value))
                 if value % 20 == 0:
                     await trio.lowlevel.checkpoint()
         await until(lambda: len(log) == 2000)
@@ -149,18 +149,18 @@ async def test_threads_and_the_loop_send_whole_frames_between_each_others() -> N
 
 
 @real_time
-async def test_a_loop_that_does_something_else_holds_nothing_up() -> None:
-    """The other end is a loop of its own."""
-    heard_at_s: list[float] = []
+async def test_a_blocked_loop_delays_no_ask_of_a_thread() -> None:
+    """The peer runs in another event loop."""
+    received_at_s: list[float] = []
 
     class Clerk(Actor):
         def receive(self, message: Number) -> Number:
-            heard_at_s.append(time.monotonic())
+            received_at_s.append(time.monotonic())
             return message
 
     ours, theirs = socket.socketpair()
 
-    async def other() -> None:
+    async def run_peer() -> None:
         node = Node("there", MonotonicClock())
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
@@ -168,7 +168,7 @@ async def test_a_loop_that_does_something_else_holds_nothing_up() -> None:
             await Link(node, theirs).run()
             nursery.cancel_scope.cancel()
 
-    thread = threading.Thread(target=trio.run, args=(other,), daemon=True)
+    thread = threading.Thread(target=trio.run, args=(run_peer,), daemon=True)
     thread.start()
     here = Node("here", MonotonicClock())
     async with trio.open_nursery() as nursery:
@@ -179,9 +179,9 @@ async def test_a_loop_that_does_something_else_holds_nothing_up() -> None:
         sent: list[Sent | None] = []
         asker = threading.Timer(0.1, lambda: sent.append(ref.ask_at_once(Number(1))))
         asker.start()
-        time.sleep(0.6)  # noqa: ASYNC251  # the loop that does something else
+        time.sleep(0.6)  # noqa: ASYNC251  # this loop is blocked
         over_s = time.monotonic()
-        assert heard_at_s and heard_at_s[0] < over_s - 0.2
+        assert received_at_s and received_at_s[0] < over_s - 0.2
         assert await must(sent[0]).answer(5.0) == Number(1)
         nursery.cancel_scope.cancel()
     await trio.to_thread.run_sync(thread.join)

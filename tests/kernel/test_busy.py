@@ -1,4 +1,4 @@
-"""A computer that is too busy is named where a deadline was missed."""
+"""Messages about a missed deadline say so if this computer is too busy."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from strands_actors.kernel.health.busy import IDLE, Machine, assumed, explained,
 STARVED = Machine(20.2, 2)
 
 
-def test_a_busy_computer_stands_between_what_happened_and_what_to_do() -> None:
+def test_the_busy_computer_is_named_between_the_problem_and_the_remedy() -> None:
     why = "read: so101 is silent for 530 ms. Check power and cable"
     with assumed(STARVED):
-        told = explained(why)
-        assert explained(told) == told, "once is enough"
-    assert told == (
+        text = explained(why)
+        assert explained(text) == text, "the explanation is added only once"
+    assert text == (
         "read: so101 is silent for 530 ms (this computer is busy: load 20 on 2 cores). Check power and cable"
     )
     with assumed(IDLE):
@@ -35,7 +35,7 @@ def test_load_and_pressure_both_count(seen: Machine, is_busy: bool, text: str) -
     assert (seen.busy, seen.text) == (is_busy, text)
 
 
-def test_this_computer_can_be_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_load_of_this_computer_can_be_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(busy, "_assumed", None)
     seen = machine()
     assert seen.load >= 0 and seen.cores >= 1

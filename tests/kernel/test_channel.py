@@ -1,4 +1,6 @@
-"""SAF-017: a link speaks for the addresses it was given, and what comes over it is known by it."""
+"""SAF-017: a link sends only in the name of the addresses that its channel permits, and each message
+carries the channel that it came over.
+"""
 
 from __future__ import annotations
 
@@ -50,16 +52,16 @@ class Gate(Actor):
 
 
 class Rig(NamedTuple):
-    """A process in the middle that was given two others: what hosts the gate, and a policy."""
+    """A node in the middle with links to two others: to the wire, which hosts the gate, and to a policy."""
 
     middle: Node
     wire: Node
     policy: Node
-    to_policy: Link  # of the middle
-    from_policy: Link  # of the policy
-    log: list[Message]  # of the gate of the wire
+    to_policy: Link  # at the middle
+    from_policy: Link  # at the policy
+    log: list[Message]  # of the wire's gate
 
-    def say(self, data: bytes) -> None:
+    def send(self, data: bytes) -> None:
         assert self.from_policy.send_at_once(data)
 
 
@@ -86,11 +88,11 @@ async def joined(nursery: trio.Nursery, one: Node, other: Node, channel: Channel
     return links
 
 
-def test_saf_017_a_link_announces_nobody_but_those_it_was_given() -> None:
+def test_saf_017_a_link_can_announce_only_the_addresses_of_its_channel() -> None:
     async def main() -> None:
         async with rig() as world:
-            world.say(frame("", HOSTS, 1, GATE, GATE, None))
-            world.say(frame("", HOSTS, 1, POLICY, POLICY, None))
+            world.send(frame("", HOSTS, 1, GATE, GATE, None))
+            world.send(frame("", HOSTS, 1, POLICY, POLICY, None))
             await until(lambda: world.middle.route(POLICY) is not None)
             assert world.middle.route(GATE) is not world.to_policy
             assert await world.middle.ref(GATE, Gate).ask(Ping(), 5.0) == Pong("the gate")
@@ -98,8 +100,8 @@ def test_saf_017_a_link_announces_nobody_but_those_it_was_given() -> None:
     trio.run(main)
 
 
-def test_saf_017_an_answer_counts_only_from_where_it_was_asked() -> None:
-    """Whoever guesses the number of a question must not answer it."""
+def test_saf_017_an_answer_counts_only_over_the_link_of_its_ask() -> None:
+    """A peer that guesses the number of an ask must not be able to answer it."""
 
     async def main() -> None:
         async with rig() as world:
@@ -109,13 +111,13 @@ def test_saf_017_an_answer_counts_only_from_where_it_was_asked() -> None:
                 answers.append(await world.middle.ref(GATE, Gate).ask(Ping(), 5.0))
 
             gate = world.wire.cells[GATE].actor
-            gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # not yet
+            gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # no answer yet
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(ask)
                 await until(lambda: bool(world.middle.pending))
                 (cid,) = world.middle.pending
                 refused = world.middle.refused_count
-                world.say(frame(world.middle.address, REPLY, cid, "", "", Pong("the policy")))
+                world.send(frame(world.middle.address, REPLY, cid, "", "", Pong("the policy")))
                 await until(lambda: world.middle.refused_count > refused)
                 assert not answers
                 assert list(world.middle.pending) == [cid]
@@ -125,24 +127,24 @@ def test_saf_017_an_answer_counts_only_from_where_it_was_asked() -> None:
 
 
 @pytest.mark.parametrize("kind", [TELL, ASK, WATCH, DOWN])
-def test_saf_017_a_frame_in_the_name_of_another_is_refused(kind: int) -> None:
+def test_saf_017_a_frame_with_the_address_of_another_sender_is_refused(kind: int) -> None:
     async def main() -> None:
         async with rig() as world:
             log: list[Message] = []
             async with trio.open_nursery() as nursery:
                 await nursery.start(world.middle.cell("r/actor/tasks", lambda: Gate(log)).run)
                 refused = world.middle.refused_count
-                world.say(frame("strands/r/actor/tasks", kind, 5, GATE, world.policy.address, Newest(1)))
+                world.send(frame("strands/r/actor/tasks", kind, 5, GATE, world.policy.address, Newest(1)))
                 await until(lambda: world.middle.refused_count > refused)
                 assert not log
-                assert world.middle.dead_letters[-1].why == f"{GATE} does not speak over this channel"
+                assert world.middle.dead_letters[-1].reason == f"this channel may not send in the name of {GATE}"
                 nursery.cancel_scope.cancel()
 
     trio.run(main)
 
 
-def test_saf_017_a_channel_reaches_only_whom_it_may() -> None:
-    """And says so to whoever asked."""
+def test_saf_017_a_channel_reaches_only_the_addresses_that_it_permits() -> None:
+    """An ask to another address gets a refusal."""
 
     async def main() -> None:
         async with rig() as world, trio.open_nursery() as nursery:
@@ -162,12 +164,12 @@ def test_saf_017_a_channel_reaches_only_whom_it_may() -> None:
 
 @pytest.mark.parametrize("claimed", ["", "policy 8", "policy 7"])
 @pytest.mark.parametrize("channel", [OF_POLICY, None])
-def test_saf_017_over_which_channel_it_came_is_not_the_senders_word(claimed: str, channel: Channel | None) -> None:
+def test_saf_017_the_sender_cannot_choose_the_channel_in_its_message(claimed: str, channel: Channel | None) -> None:
     async def main() -> None:
         async with rig(channel) as world, trio.open_nursery() as nursery:
             log: list[Message] = []
             await nursery.start(world.middle.cell("r/actor/gate", lambda: Gate(log)).run)
-            world.say(frame(GATE, TELL, 0, POLICY, world.policy.address, Ping(claimed)))
+            world.send(frame(GATE, TELL, 0, POLICY, world.policy.address, Ping(claimed)))
             await until(lambda: len(log) == 1)
             assert log == [Ping("" if channel is None else "policy 7")]
             nursery.cancel_scope.cancel()
@@ -175,7 +177,7 @@ def test_saf_017_over_which_channel_it_came_is_not_the_senders_word(claimed: str
     trio.run(main)
 
 
-def test_saf_017_who_lives_behind_a_link_is_not_looked_for_on_a_mesh() -> None:
+def test_saf_017_a_linked_address_is_not_looked_up_on_the_mesh() -> None:
     async def main() -> None:
         network, log = LocalNetwork(), list[Message]()
         here, stranger = Node("here", MonotonicClock()), Node("stranger", MonotonicClock())

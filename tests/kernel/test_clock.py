@@ -1,5 +1,4 @@
-"""Time: ticks keep to their grid and skip what was missed, in virtual time exactly, in real time
-nearly."""
+"""Clocks: ticks keep to their grid and skip missed ones, exactly in virtual time and nearly in real time."""
 
 from __future__ import annotations
 
@@ -20,18 +19,18 @@ MS = 1_000_000
 
 @pytest.fixture(params=["timerfd", "trio"])
 def real_clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Clock:
-    """As on Linux, and as on a system without timerfd."""
+    """Return the real clock, with timerfd as on Linux and without it as on other systems."""
     if request.param == "trio":
         monkeypatch.setattr(clock_module, "_timerfd", lambda period_s: None)
     return MonotonicClock()
 
 
 @virtual_time
-async def test_virtual_ticks_stand_on_their_grid() -> None:
+async def test_virtual_ticks_keep_to_their_grid() -> None:
     clock = VirtualClock()
     start_ns = clock.now_ns()
     seen: list[int] = []
-    # How long each tick is worked on: short, exactly a period, two and a half, many.
+    # The work after each tick: short, exactly one period, two and a half, and many.
     work_s = iter([0.001, 0.0, 0.01, 0.025, 0.0, 0.0, 0.1005, 0.0, 0.0])
     async with aclosing(clock.ticks(0.01)) as source:
         async for now_ns in source:
@@ -65,23 +64,22 @@ async def test_real_ticks_do_not_drift(real_clock: Clock) -> None:
             if len(seen) == 25:
                 break
             await trio.sleep(0.025)
-    # 24 periods are 1.2 s; with the work added they would be 1.8 s. A busy machine may skip a few
-    # ticks.
+    # 24 periods are 1.2 s. With the work added they would be 1.8 s. A busy machine may skip a few ticks.
     assert 1150 * MS <= seen[-1] - seen[0] < 1500 * MS
 
 
 @real_time
-async def test_real_ticks_that_were_missed_are_not_made_up_for(real_clock: Clock) -> None:
+async def test_missed_real_ticks_are_skipped(real_clock: Clock) -> None:
     seen: list[int] = []
     async with aclosing(real_clock.ticks(0.1)) as source:
         async for now_ns in source:
             seen.append(now_ns)
             if len(seen) == 1:
-                time.sleep(0.52)  # noqa: ASYNC251  # a loop that is held up
+                time.sleep(0.52)  # noqa: ASYNC251  # the loop is blocked
             if len(seen) == 4:
                 break
-    assert seen[1] - seen[0] >= 520 * MS  # the one that was due, late
-    assert seen[3] - seen[1] >= 50 * MS  # and then no burst of five
+    assert seen[1] - seen[0] >= 520 * MS  # the tick that was due comes late
+    assert seen[3] - seen[1] >= 50 * MS  # the missed ticks do not follow
 
 
 @real_time
@@ -93,7 +91,7 @@ async def test_the_first_tick_comes_after_one_period(real_clock: Clock) -> None:
 
 
 @real_time
-async def test_a_ticker_that_is_cancelled_frees_its_timer(real_clock: Clock) -> None:
+async def test_a_cancelled_ticker_frees_its_timer(real_clock: Clock) -> None:
     async def tick() -> None:
         async for _ in real_clock.ticks(10.0):
             pass
@@ -124,11 +122,11 @@ async def test_real_sleep_until() -> None:
     await clock.sleep_until_ns(start_ns + 50 * MS)
     assert 50 * MS <= clock.now_ns() - start_ns < 2000 * MS
     with trio.fail_after(2):
-        await clock.sleep_until_ns(start_ns)  # in the past: at once
+        await clock.sleep_until_ns(start_ns)  # a time in the past returns at once
 
 
 @real_time
-async def test_the_clock_is_the_one_other_processes_read() -> None:
+async def test_other_processes_read_the_same_clock() -> None:
     before = time.clock_gettime_ns(time.CLOCK_MONOTONIC)
     now_ns = MonotonicClock().now_ns()
     assert before <= now_ns <= time.clock_gettime_ns(time.CLOCK_MONOTONIC)

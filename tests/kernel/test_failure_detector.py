@@ -1,4 +1,4 @@
-"""Frozen, spinning, or starved: told apart in virtual time."""
+"""The failure detector tells frozen, spinning and starved processes apart. In virtual time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import time
 import pytest
 
 from strands_actors.kernel.health.failure_detector import LONGEST_S, FailureDetector
-from strands_actors.kernel.health.processor import Standing, standing, suspected
+from strands_actors.kernel.health.processor import ProcessorUse, processor_use, suspected
 
 MS = 1_000_000
 TTL_S = 0.1
@@ -28,18 +28,25 @@ def lost_after_ms(
     stopped: bool = False,
     stolen: tuple[float, ...] = (),
 ) -> int:
-    """When a peer that has fallen silent counts as lost, from the share of its time it computes and
-    stands in line. ``counted``: the system counts waits as they go, not only once they are over.
-    ``stolen``: the share of each processor's time that the hypervisor takes, told in its steps."""
+    """Return after how many ms a silent peer counts as lost.
+
+    Args:
+        computes: Share of the time in which the peer computes.
+        waits: Share of the time in which it waits for a processor.
+        ready: Whether it can run.
+        counted: Whether the system counts a wait while it lasts, not only when it is over.
+        stopped: Whether a signal has stopped it.
+        stolen: Share of each processor's time that the hypervisor takes, counted in its steps.
+    """
     now_ms = 0
 
-    def look() -> Standing:
+    def look() -> ProcessorUse:
         waited = round(waits * now_ms * MS) if counted else 0
         taken = tuple(int(share * now_ms) // 10 * 10 * MS for share in stolen)
-        return Standing(round(computes * now_ms * MS), waited, ready, stopped, taken)
+        return ProcessorUse(round(computes * now_ms * MS), waited, ready, stopped, taken)
 
     failure_detector = FailureDetector(TTL_S, TICK_S, look)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     while now_ms < 10_000:
         now_ms += TICK_MS
         if failure_detector.tick(now_ms * MS + 1):
@@ -55,121 +62,133 @@ def test_a_spinning_process_is_lost_in_time() -> None:
     assert lost_after_ms(1.0, 0.0, ready=True) == 110
 
 
-def test_what_it_stood_in_line_for_is_not_counted() -> None:
+def test_time_in_which_the_peer_waits_for_a_processor_is_not_counted() -> None:
     assert lost_after_ms(0.0, 0.5, ready=False) == pytest.approx(160, abs=20)
     assert lost_after_ms(0.5, 0.5, ready=True) == pytest.approx(160, abs=20)
 
 
 @pytest.mark.parametrize("counted", [True, False])
-def test_a_starved_process_has_longer_and_not_for_ever(counted: bool) -> None:
+def test_a_starved_process_gets_more_time_but_not_unlimited_time(counted: bool) -> None:
     after_ms = lost_after_ms(0.0, 1.0, ready=True, counted=counted)
     assert LONGEST_S * 1e3 < after_ms <= LONGEST_S * 1e3 + TICK_MS
 
 
-def test_what_the_hypervisor_took_from_a_processor_is_not_counted() -> None:
-    """A thread that sleeps there does not wake, and is not in line either."""
+def test_time_that_the_hypervisor_takes_from_a_processor_is_not_counted() -> None:
+    """A thread that sleeps on that processor does not wake, but does not wait for a processor either."""
     assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.0, 0.0)) == 110
     assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.0, 0.5)) == pytest.approx(160, abs=20)
-    assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.25, 0.25)) == pytest.approx(120, abs=10), "not their sum"
+    assert lost_after_ms(0.0, 0.0, ready=False, stolen=(0.25, 0.25)) == pytest.approx(120, abs=10), (
+        "the largest share counts, not the sum"
+    )
 
 
-def test_a_machine_that_is_taken_away_is_not_waited_for_for_ever() -> None:
+def test_a_paused_virtual_machine_gets_no_unlimited_time() -> None:
     assert LONGEST_S * 1e3 < lost_after_ms(0.0, 0.0, ready=False, stolen=(1.0,)) <= LONGEST_S * 1e3 + TICK_MS
 
 
-def test_a_stopped_process_is_lost_in_time_on_a_machine_that_is_taken_away() -> None:
+def test_a_stopped_process_is_lost_in_time_on_a_paused_virtual_machine() -> None:
     assert lost_after_ms(0.0, 0.5, ready=False, stopped=True, stolen=(1.0,)) == 110
 
 
 @pytest.mark.parametrize(
     ("before", "after", "says"),
     [
-        (Standing(0, 0, False), Standing(0, 0, False), "it computed for 0 and stood in line for 0"),
-        (Standing(0, 0, True), Standing(50 * MS, 0, False), "it computed for 50 and stood in line for 0"),
-        (Standing(0, 0, True), Standing(10 * MS, 40 * MS, False), "it computed for 10 and stood in line for 40"),
+        (ProcessorUse(0, 0, False), ProcessorUse(0, 0, False), "it computed for 0 and stood in line for 0"),
+        (ProcessorUse(0, 0, True), ProcessorUse(50 * MS, 0, False), "it computed for 50 and stood in line for 0"),
         (
-            Standing(0, 0, False, False, (70 * MS, 0)),
-            Standing(0, 0, False, False, (90 * MS, 10 * MS)),
+            ProcessorUse(0, 0, True),
+            ProcessorUse(10 * MS, 40 * MS, False),
+            "it computed for 10 and stood in line for 40",
+        ),
+        (
+            ProcessorUse(0, 0, False, False, (70 * MS, 0)),
+            ProcessorUse(0, 0, False, False, (90 * MS, 10 * MS)),
             "it computed for 0 and stood in line for 0; this virtual machine lost a processor for 20",
         ),
         (
-            Standing(0, 0, False, False, (0,)),
-            Standing(0, 0, False, True, (20 * MS,)),
+            ProcessorUse(0, 0, False, False, (0,)),
+            ProcessorUse(0, 0, False, True, (20 * MS,)),
             "it computed for 0 and stood in line for 0: it is stopped",
         ),
     ],
 )
-def test_what_a_silent_process_did_is_told(before: Standing, after: Standing, says: str) -> None:
+def test_the_description_of_a_silence_tells_what_the_process_did(
+    before: ProcessorUse, after: ProcessorUse, says: str
+) -> None:
     now_ms = 0
     failure_detector = FailureDetector(TTL_S, TICK_S, lambda: before if now_ms < 100 else after)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     for now_ms in range(10, 120, 10):
         failure_detector.tick(now_ms * MS + 1)
-    assert failure_detector.told(now_ms * MS + 1) == f"silent for 110 ms; in the last 50 {says}"
+    assert failure_detector.describe_silence(now_ms * MS + 1) == f"silent for 110 ms; in the last 50 {says}"
 
 
-def test_where_nobody_tells_only_the_silence_is_told() -> None:
+def test_without_processor_data_only_the_silence_is_described() -> None:
     failure_detector = FailureDetector(TTL_S, TICK_S)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     for ms in range(10, 120, 10):
         failure_detector.tick(ms * MS + 1)
-    assert failure_detector.told(110 * MS + 1) == "silent for 110 ms"
+    assert failure_detector.describe_silence(110 * MS + 1) == "silent for 110 ms"
 
 
-def test_where_nobody_can_tell_silence_is_silence() -> None:
+def test_without_processor_data_only_the_silence_counts() -> None:
     failure_detector = FailureDetector(TTL_S, TICK_S)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     assert [failure_detector.tick(ms * MS) for ms in range(10, 120, 10)] == [False] * 10 + [True]
 
 
-def test_a_pause_of_our_own_is_not_the_peers() -> None:
+def test_a_pause_of_this_process_does_not_count_for_the_peer() -> None:
     failure_detector = FailureDetector(TTL_S, TICK_S)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     assert [failure_detector.tick((1000 + 10 * n) * MS) for n in range(10)] == [False] * 9 + [True]
 
 
-def test_a_tick_of_ours_counts_for_no_more_than_its_period() -> None:
-    """Ours come as late as the peer's: only as many as its lifetime has make it silent."""
+def test_a_late_tick_counts_for_no_more_than_its_period() -> None:
+    """The ticks of this process are as late as those of the peer. Only as many ticks as its time to live
+    has make it silent.
+    """
     failure_detector = FailureDetector(TTL_S, TICK_S)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     assert [failure_detector.tick(17 * n * MS) for n in range(1, 11)] == [False] * 9 + [True]
 
 
-def test_a_pause_of_the_machine_before_the_first_look_is_no_silence() -> None:
-    """Legs, as it was seen: the machine paused for 25 ms; then the peer, which had stood in line meanwhile,
-    computed for 17 of 25 ms before it beat. The first look comes too late to see that wait."""
+def test_a_pause_of_the_machine_before_the_first_look_is_not_a_silence() -> None:
+    """Observed on a robot with legs: the machine paused for 25 ms. Then the peer, which had waited for a
+    processor meanwhile, computed for 17 of 25 ms before its heartbeat. The first look came too late to
+    see that wait.
+    """
     ms_computed = 0
 
-    def look() -> Standing:
-        return Standing(ms_computed * MS, 0, True)
+    def look() -> ProcessorUse:
+        return ProcessorUse(ms_computed * MS, 0, True)
 
     failure_detector = FailureDetector(0.02, 0.002, look)
-    failure_detector.heard(1)
+    failure_detector.note_heartbeat(1)
     assert not failure_detector.tick(25 * MS)
     lost_at = []
     for ms in range(27, 61, 2):
         ms_computed = ms - 25
         lost_at += [ms] if failure_detector.tick(ms * MS) else []
-    assert lost_at[0] == 43, "by our own ticks it was silent for 22 ms then, and spins"
+    assert lost_at[0] == 43, "in ticks of this process the peer was silent for 22 ms, and it spins"
 
 
-def test_a_word_begins_anew() -> None:
+def test_a_heartbeat_restarts_the_time() -> None:
     looks: list[int] = []
 
-    def look() -> Standing:
+    def look() -> ProcessorUse:
         looks.append(1)
-        return Standing(0, 0, False)
+        return ProcessorUse(0, 0, False)
 
     failure_detector = FailureDetector(TTL_S, TICK_S, look)
-    assert not failure_detector.tick(10_000 * MS)  # nobody has been heard yet: nobody can be lost
+    assert not failure_detector.tick(10_000 * MS)  # no heartbeat has arrived yet, so no peer can be lost
     for ms in range(10, 2000, 10):
         if ms % 40 == 0:
-            failure_detector.heard(ms * MS)
+            failure_detector.note_heartbeat(ms * MS)
         assert not failure_detector.tick(ms * MS)
-    assert not looks, "a peer that answers is not looked at"
+    assert not looks, "a peer with heartbeats is not examined"
 
 
-# -- the real thing
+# # -- real processes
 
 
 def test_a_sleeping_a_stopped_and_a_spinning_process() -> None:
@@ -193,23 +212,22 @@ def test_a_sleeping_a_stopped_and_a_spinning_process() -> None:
     assert after.computed_ns + after.waited_ns - before.computed_ns - before.waited_ns > passed_ns // 3
 
 
-def settled(pid: int, ready: bool, stopped: bool = False) -> Standing:
+def settled(pid: int, ready: bool, stopped: bool = False) -> ProcessorUse:
     until_s = time.monotonic() + 10.0
-    while (now := standing(pid)) is None or (now.ready, now.stopped) != (ready, stopped):
+    while (now := processor_use(pid)) is None or (now.ready, now.stopped) != (ready, stopped):
         assert time.monotonic() < until_s, now
         time.sleep(0.005)
     return now
 
 
-def test_of_one_thread() -> None:
-    here = standing(os.getpid(), threading.get_native_id())
-    assert here is not None
-    assert here.ready
+def test_the_processor_use_of_one_thread() -> None:
+    use = processor_use(os.getpid(), threading.get_native_id())
+    assert use is not None
+    assert use.ready
 
 
-def test_a_suspected_process_comes_with_what_the_hypervisor_took_from_each_processor() -> None:
-    """As proc(5) tells it: the eighth figure behind a processor's name, in hundredths of a
-    second."""
+def test_a_suspected_process_is_reported_with_the_stolen_time_of_each_processor() -> None:
+    """proc(5) gives it as the eighth number behind a processor's name, in hundredths of a second."""
     with open("/proc/stat") as stat:
         rows = [line.split() for line in stat if line.startswith("cpu") and line[3].isdigit()]
     seen = suspected(os.getpid())
@@ -218,7 +236,7 @@ def test_a_suspected_process_comes_with_what_the_hypervisor_took_from_each_proce
     assert all(0 <= now - int(row[8]) * tick_ns < 10**9 for now, row in zip(seen.stolen_ns, rows, strict=True))
 
 
-def test_nobody_stands_where_there_is_no_process() -> None:
+def test_a_process_that_has_ended_has_no_processor_use() -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as ended:
         ended.wait()
-        assert standing(ended.pid) is None and suspected(ended.pid) is None
+        assert processor_use(ended.pid) is None and suspected(ended.pid) is None

@@ -1,4 +1,4 @@
-"""Beats that two processes note on a page both have."""
+"""Heartbeats that two processes write to a shared page."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ while True:
 """
 
 
-def test_each_end_hears_the_other_and_not_itself() -> None:
+def test_each_process_receives_the_others_heartbeat_and_not_its_own() -> None:
     one, other = pair()
-    assert one.heard_ns == other.heard_ns == 0
+    assert one.last_received_ns == other.last_received_ns == 0
     one.beat(7)
-    assert (one.heard_ns, other.heard_ns) == (0, 7)
+    assert (one.last_received_ns, other.last_received_ns) == (0, 7)
     other.beat(2**62)
-    assert (one.heard_ns, other.heard_ns) == (2**62, 7)
+    assert (one.last_received_ns, other.last_received_ns) == (2**62, 7)
     one.forget()
-    assert (one.heard_ns, other.heard_ns) == (0, 7)
+    assert (one.last_received_ns, other.last_received_ns) == (0, 7)
 
 
-def test_a_page_outlives_its_descriptor_and_begins_without_a_beat() -> None:
+def test_a_page_outlives_its_descriptor_and_starts_without_a_heartbeat() -> None:
     fd = new_page()
     one, other = Heartbeat(words_of(fd), 0, 1), Heartbeat(words_of(fd), 1, 0)
     os.close(fd)
-    assert one.heard_ns == other.heard_ns == 0
+    assert one.last_received_ns == other.last_received_ns == 0
     other.beat(11)
-    assert one.heard_ns == 11
+    assert one.last_received_ns == 11
 
 
-def test_places_of_a_page_do_not_touch_each_other() -> None:
+def test_the_words_of_a_page_do_not_overlap() -> None:
     fd = new_page()
     words = words_of(fd)
     os.close(fd)
@@ -51,20 +51,20 @@ def test_places_of_a_page_do_not_touch_each_other() -> None:
     assert [place.get() for place in places] == [-number for number in range(8)]
 
 
-def test_a_process_is_heard_until_it_is_stopped_and_when_it_goes_on() -> None:
+def test_heartbeats_of_a_process_end_when_it_is_stopped_and_continue_afterwards() -> None:
     fd = new_page()
     heartbeat = Heartbeat(words_of(fd), 0, 1)
     began_ns = time.monotonic_ns()
     with subprocess.Popen([sys.executable, "-c", BEATING, str(fd)], pass_fds=(fd,)) as child:
         try:
-            until(lambda: heartbeat.heard_ns > began_ns, "it beats")
+            until(lambda: heartbeat.last_received_ns > began_ns, "heartbeats arrive")
             child.send_signal(signal.SIGSTOP)
             os.waitid(os.P_PID, child.pid, os.WSTOPPED)
-            last_ns = heartbeat.heard_ns
+            last_ns = heartbeat.last_received_ns
             time.sleep(0.05)
-            assert heartbeat.heard_ns == last_ns <= time.monotonic_ns()
+            assert heartbeat.last_received_ns == last_ns <= time.monotonic_ns()
             child.send_signal(signal.SIGCONT)
-            until(lambda: heartbeat.heard_ns > last_ns, "it goes on")
+            until(lambda: heartbeat.last_received_ns > last_ns, "heartbeats arrive again")
         finally:
             child.kill()
             os.close(fd)

@@ -1,5 +1,6 @@
-"""Actors that are run in the turn of who sent them mail: the same messages, the same order, their
-own failures."""
+"""The loop can run an actor in the turn of the sender of a message. Messages, order and failures stay the
+same as without this.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ def new_node() -> Node:
 
 
 class Chain(Actor):
-    """Says what it reads, and passes it on."""
+    """Log each message, and send it to the next actor."""
 
     def __init__(self, name: str, log: list[str], next_address: str = "") -> None:
         self.name, self.log, self.next = name, log, next_address
@@ -37,7 +38,7 @@ class Chain(Actor):
 
 
 class Passes(trio.abc.Instrument):
-    """Counts steps of tasks."""
+    """Count the steps of tasks."""
 
     def __init__(self) -> None:
         self.steps = 0
@@ -54,7 +55,7 @@ async def chain_of(node: Node, nursery: trio.Nursery, names: str, log: list[str]
 
 
 @real_time
-async def test_a_chain_is_run_in_one_turn_and_no_handler_within_another() -> None:
+async def test_a_chain_runs_in_one_turn_and_no_handler_runs_inside_another() -> None:
     node, passes = new_node(), Passes()
     log: list[str] = []
     async with trio.open_nursery() as nursery:
@@ -64,7 +65,7 @@ async def test_a_chain_is_run_in_one_turn_and_no_handler_within_another() -> Non
         trio.lowlevel.add_instrument(passes)
         with node.dispatch:
             node.ref("strands/t/actor/a").tell(Number(1))
-            assert log == [], "not before the turn is over"
+            assert log == [], "no handler runs before the turn is over"
         trio.lowlevel.remove_instrument(passes)
         assert log == ["a+1", "a-1", "b+1", "b-1", "c+1", "c-1"]
         assert passes.steps == 0
@@ -72,7 +73,7 @@ async def test_a_chain_is_run_in_one_turn_and_no_handler_within_another() -> Non
 
 
 @real_time
-async def test_order_of_a_sender_and_the_urgent_lane_are_kept() -> None:
+async def test_the_order_of_a_sender_and_the_urgent_lane_are_kept() -> None:
     node = new_node()
     log: list[str] = []
     async with trio.open_nursery() as nursery:
@@ -95,8 +96,8 @@ class Fragile(Actor):
 
 
 @real_time
-async def test_what_a_helped_actor_raises_is_its_own() -> None:
-    """The asker hears of it, the helper goes on, and the actor's own task fails with it."""
+async def test_an_exception_in_an_inline_actor_fails_only_that_actor() -> None:
+    """The asker gets a refusal, the sender's turn continues, and the actor's own task fails."""
     node = new_node()
     failed: list[str] = []
     cell = node.cell("t/actor/fragile", Fragile)
@@ -120,7 +121,7 @@ async def test_what_a_helped_actor_raises_is_its_own() -> None:
 
 
 class Echo(Actor):
-    """Two that never stop telling each other."""
+    """One of two actors that send messages to each other without end."""
 
     def __init__(self, other: str) -> None:
         self.other, self.count = other, 0
@@ -131,7 +132,7 @@ class Echo(Actor):
 
 
 @real_time
-async def test_a_turn_without_end_gives_way() -> None:
+async def test_an_endless_turn_lets_other_tasks_run() -> None:
     node = new_node()
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
@@ -148,7 +149,7 @@ async def test_a_turn_without_end_gives_way() -> None:
 
 
 @real_time
-async def test_who_asks_and_asks_lets_others_run_too() -> None:
+async def test_a_task_that_asks_without_pause_lets_others_run() -> None:
     node = new_node()
     log: list[str] = []
     async with trio.open_nursery() as nursery:
@@ -161,15 +162,16 @@ async def test_who_asks_and_asks_lets_others_run_too() -> None:
             ran.append(len(log))
 
         nursery.start_soon(other)
-        for value in range(2 * PROMPT):  # the first time trio may take us up again before the other
+        for value in range(2 * PROMPT):  # trio may run this task again before the other one at first
             await node.ref("strands/t/actor/a", Chain).ask(Number(value), 5.0)
         assert ran
         nursery.cancel_scope.cancel()
 
 
 class Slow(Actor):
-    """Asynchronous; prompt for numbers, unless they are negative. Keeps what it was told, and in
-    whose task."""
+    """An asynchronous actor that is prompt for numbers that are not negative. It logs each message, and
+    whether its own task handled it.
+    """
 
     def __init__(self, log: list[tuple[int, bool]], liar: bool = False) -> None:
         self.log, self.liar = log, liar
@@ -188,7 +190,7 @@ class Slow(Actor):
 
 
 @real_time
-async def test_an_asynchronous_actor_is_helped_as_long_as_it_is_prompt() -> None:
+async def test_an_asynchronous_actor_runs_inline_as_long_as_it_is_prompt() -> None:
     node: Node = new_node()
     log: list[tuple[int, bool]] = []
     async with trio.open_nursery() as nursery:
@@ -207,7 +209,7 @@ async def test_an_asynchronous_actor_is_helped_as_long_as_it_is_prompt() -> None
 
 
 @real_time
-async def test_one_that_calls_itself_prompt_and_waits_fails() -> None:
+async def test_an_actor_that_claims_to_be_prompt_but_waits_fails() -> None:
     node = new_node()
     with pytest.raises(ExceptionGroup) as caught:
         async with trio.open_nursery() as nursery:

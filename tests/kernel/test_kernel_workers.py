@@ -1,4 +1,6 @@
-"""The kernel's workers run early where that is permitted, and nobody else of the kernel does."""
+"""The kernel's worker threads get real-time priority where that is permitted, and no other kernel threads
+do.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ def raised(monkeypatch: pytest.MonkeyPatch) -> Raised:
 
 @pytest.fixture
 def kernel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[dict[int, str]], None]:
-    """Sets the threads of a kernel, by number and name."""
+    """Return a function that sets the kernel's threads, by number and name."""
     proc = tmp_path / "proc"
     monkeypatch.setattr(kernel_workers, "_PROC", proc)
 
@@ -53,7 +55,7 @@ def kernel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[dict[in
 
 
 @virtual_time
-async def test_workers_of_no_processor_run_early_and_new_ones_are_found(
+async def test_unbound_workers_get_priority_and_new_ones_are_found(
     raised: Raised, kernel: Callable[[dict[int, str]], None]
 ) -> None:
     kernel(
@@ -68,12 +70,12 @@ async def test_workers_of_no_processor_run_early_and_new_ones_are_found(
     assert raised[2:] == [(15, os.SCHED_FIFO, KERNEL_PRIORITY)]
 
 
-def test_they_stay_behind_what_keeps_a_robot_safe_and_before_twins() -> None:
+def test_kernel_workers_rank_below_processes_that_keep_a_robot_safe_and_above_twins() -> None:
     assert TWIN_PRIORITY < KERNEL_PRIORITY < WIRE_PRIORITY < ROOT_PRIORITY < STANDBY_PRIORITY
 
 
 @virtual_time
-async def test_who_may_not_asks_once(
+async def test_a_process_without_the_permission_tries_once(
     monkeypatch: pytest.MonkeyPatch, raised: Raised, kernel: Callable[[dict[int, str]], None]
 ) -> None:
     def refuse(pid: int, policy: int, param: os.sched_param) -> None:
@@ -88,11 +90,11 @@ async def test_who_may_not_asks_once(
 
 
 @virtual_time
-async def test_a_container_shows_none_and_a_process_like_others_asks_for_nothing(
+async def test_without_visible_workers_or_without_real_time_priority_nothing_is_changed(
     monkeypatch: pytest.MonkeyPatch, raised: Raised, kernel: Callable[[dict[int, str]], None]
 ) -> None:
     with trio.move_on_after(LOOK_S / 10):
-        await keep_them_early()  # no such file
+        await keep_them_early()  # the file does not exist
     kernel({12: "kworker/u8:0"})
     monkeypatch.setattr(kernel_workers, "runs_first", lambda: False)
     with trio.fail_after(LOOK_S / 2):
@@ -103,7 +105,7 @@ async def test_a_container_shows_none_and_a_process_like_others_asks_for_nothing
 @pytest.mark.parametrize(
     ("function", "worker"), [("__flush_work", True), ("flush_work", True), ("usb_control_msg", False)]
 )
-def test_who_waits_for_a_worker_stands_in_line_and_who_waits_for_a_device_does_not(
+def test_a_wait_for_a_kernel_worker_counts_as_waiting_and_a_wait_for_a_device_does_not(
     function: str, worker: bool, tmp_path: Path
 ) -> None:
     (tmp_path / "wchan").write_text(function)

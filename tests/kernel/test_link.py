@@ -1,4 +1,4 @@
-"""A link in one process: descriptors, bounds, and how it ends."""
+"""A link between two nodes in one process: descriptors, limits, and its end."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def two_nodes() -> tuple[Node, Node, Link, Link]:
 
 
 @real_time
-async def test_what_is_hosted_before_the_other_end_speaks_is_known_to_it() -> None:
-    """A child needs a tenth of a second to come up; its parent does not wait with new actors."""
+async def test_actors_hosted_before_the_other_end_starts_are_known_to_it() -> None:
+    """A child needs a tenth of a second to start, and its parent may host new actors meanwhile."""
     here, there, ours, theirs = two_nodes()
     log: list[Message] = []
     async with trio.open_nursery() as nursery:
@@ -58,10 +58,10 @@ async def test_a_peer_that_does_not_read_costs_neither_time_nor_memory() -> None
         while not ours.dropped:
             ours.send(cell.address, frame(cell.address, TELL, 0, "a", here.address, Number(sent)))
             sent += 1
-        lost = sent - 1  # the last one
-        await nursery.start(theirs.run)  # now it reads
+        lost = sent - 1  # the last message
+        await nursery.start(theirs.run)  # the peer reads now
         await until(lambda: len(log) == lost)
-        assert log == [Number(value) for value in range(lost)]  # what was kept arrives, in order
+        assert log == [Number(value) for value in range(lost)]  # kept messages arrive in order
         ours.send(cell.address, frame(cell.address, TELL, 0, "a", here.address, Number(-1)))
         await until(lambda: log[-1] == Number(-1))
         assert ours.dropped == 1
@@ -69,7 +69,7 @@ async def test_a_peer_that_does_not_read_costs_neither_time_nor_memory() -> None
 
 
 @real_time
-async def test_a_packet_that_can_never_be_kept_does_not_spoil_the_stream() -> None:
+async def test_a_packet_larger_than_the_backlog_does_not_damage_the_stream() -> None:
     here, there, ours, theirs = two_nodes()
     log: list[Message] = []
     async with trio.open_nursery() as nursery:
@@ -79,7 +79,7 @@ async def test_a_packet_that_can_never_be_kept_does_not_spoil_the_stream() -> No
         await nursery.start(there.cell("r/actor/recorder", lambda: Recorder(log)).run)
         await wait_all_tasks_blocked(0.05)
         for size in (BACKLOG_BYTES - 100, BACKLOG_BYTES, BACKLOG_BYTES + 1, 900_000, 2_000_000):
-            # Right behind each other: the second finds the socket full.
+            # One directly after the other, so that the second finds the socket full.
             for _ in range(2):
                 ours.send("strands/r/actor/recorder", b"x" * size)
             await until(lambda: not ours._backlog)
@@ -92,7 +92,7 @@ async def test_a_packet_that_can_never_be_kept_does_not_spoil_the_stream() -> No
 
 @real_time
 async def test_large_answers_pass() -> None:
-    """The limit is for what is asked of an actor, from outside; its own answer may be larger."""
+    """The limit is for messages to an actor. Its answers may be larger."""
 
     class Library(Actor):
         def receive(self, message: Number) -> Table:
@@ -115,11 +115,11 @@ async def test_large_answers_pass() -> None:
 
 @pytest.mark.parametrize("how", ["close", "cancel", "peer closes", "peer resets"])
 @real_time
-async def test_the_end_of_a_link_is_told_once_and_leaves_no_descriptor(how: str) -> None:
+async def test_the_end_of_a_link_is_reported_once_and_leaves_no_descriptor(how: str) -> None:
     before = len(os.listdir("/proc/self/fd"))
     _, _, ours, theirs = two_nodes()
     ended: list[str] = []
-    ours._on_closed = lambda: ended.append("closed")  # as given to the constructor
+    ours._on_closed = lambda: ended.append("closed")  # like the argument of the constructor
     read, write = os.pipe()
     async with trio.open_nursery() as nursery:
         inner = trio.CancelScope()
@@ -133,7 +133,7 @@ async def test_the_end_of_a_link_is_told_once_and_leaves_no_descriptor(how: str)
         await wait_all_tasks_blocked()
         assert not ours.closed
         if how == "peer resets":
-            theirs._socket.recv(100)  # what is sent now is unread when it closes
+            theirs._socket.recv(100)  # bytes that are sent now are unread when the peer closes
         ours.send("x", b"y" * 1000, (write,))
         while ours.send("x", b"y" * 1000, (write,)) and not ours.dropped:
             pass  # the backlog holds duplicates
@@ -158,7 +158,7 @@ async def test_the_end_of_a_link_is_told_once_and_leaves_no_descriptor(how: str)
 
 @pytest.mark.parametrize("junk", [b"\xff\xff\xff\xff\x00", b"\x00\x00\x20\x00\x00" + b"x" * 100])
 @real_time
-async def test_a_length_beyond_all_bounds_ends_the_link(junk: bytes) -> None:
+async def test_an_impossible_length_ends_the_link(junk: bytes) -> None:
     _, _, ours, theirs = two_nodes()
     ended = trio.Event()
     theirs._on_closed = ended.set
@@ -170,7 +170,7 @@ async def test_a_length_beyond_all_bounds_ends_the_link(junk: bytes) -> None:
 
 
 @real_time
-async def test_packets_are_put_together_from_any_pieces() -> None:
+async def test_packets_are_assembled_from_pieces_of_any_size() -> None:
     here, there, ours, theirs = two_nodes()
     log: list[Message] = []
     async with trio.open_nursery() as nursery:

@@ -1,4 +1,4 @@
-"""Lanes, places, bounds: a mailbox by itself, against a model, and under an actor."""
+"""A mailbox with its lanes, places and limits: alone, compared with a model, and in an actor."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .kernel import (
 
 
 class Reply:
-    """Keeps what it was answered."""
+    """Keep the answers."""
 
     def __init__(self) -> None:
         self.answers: list[Message | None] = []
@@ -42,7 +42,7 @@ def drain(mailbox: Mailbox) -> list[Message]:
     return messages
 
 
-def test_urgent_comes_before_ten_thousand() -> None:
+def test_an_urgent_message_comes_before_ten_thousand_others() -> None:
     mailbox = Mailbox(capacity=10_000)
     for value in range(10_000):
         assert mailbox.put(Number(value), None, "a")
@@ -52,7 +52,7 @@ def test_urgent_comes_before_ten_thousand() -> None:
     assert drain(mailbox) == [Alarm(1), *map(Number, range(10_000))]
 
 
-def test_a_full_command_lane_refuses_and_an_urgent_message_still_goes_in() -> None:
+def test_a_full_command_lane_refuses_and_still_accepts_an_urgent_message() -> None:
     mailbox = Mailbox(capacity=3)
     assert [mailbox.put(Number(value), None, "a") for value in range(4)] == [True, True, True, False]
     assert not mailbox.put(Newest(1), None, "a")
@@ -62,7 +62,7 @@ def test_a_full_command_lane_refuses_and_an_urgent_message_still_goes_in() -> No
     assert mailbox.put(Number(4), None, "a")
 
 
-def test_a_full_mailbox_still_takes_a_newer_one_of_what_waits() -> None:
+def test_a_full_mailbox_still_accepts_a_newer_message_of_a_waiting_type() -> None:
     mailbox = Mailbox(capacity=2)
     mailbox.put(Newest(1), None, "a")
     mailbox.put(Number(1), None, "a")
@@ -70,7 +70,7 @@ def test_a_full_mailbox_still_takes_a_newer_one_of_what_waits() -> None:
     assert drain(mailbox) == [Newest(2), Number(1)]
 
 
-def test_the_urgent_lane_is_bounded_too() -> None:
+def test_the_urgent_lane_has_a_limit_too() -> None:
     mailbox = Mailbox(capacity=2)
     assert [mailbox.put(Alarm(value), None, "a") for value in range(3)] == [True, True, False]
 
@@ -87,7 +87,7 @@ def test_latest_has_one_place_per_sender_and_type() -> None:
     assert drain(mailbox) == [Newest(9)]
 
 
-def test_a_superseded_ask_is_answered_and_the_newest_keeps_its_own() -> None:
+def test_a_superseded_ask_is_answered_and_the_newest_stays_open() -> None:
     mailbox = Mailbox()
     older, newer = Reply(), Reply()
     mailbox.put(Newest(1), older, "a")
@@ -107,8 +107,9 @@ def test_a_mailbox_holds_a_thousand_by_default() -> None:
 
 
 class MailboxAgainstModel(RuleBasedStateMachine):
-    """Any mix of senders and lanes: order per sender, newest of the latest, nothing lost or
-    doubled."""
+    """With any mix of senders and lanes, each sender's order is kept, the latest lane keeps the newest
+    message, and no message is lost or doubled.
+    """
 
     def __init__(self) -> None:
         super().__init__()
@@ -134,18 +135,18 @@ class MailboxAgainstModel(RuleBasedStateMachine):
         entry = (message, reply)
         taken = self.mailbox.put(message, reply, sender)
         key = (sender, kind) if message.lane == "latest" else None
-        known = next((index for index, place in enumerate(self.places) if key and place[0] == key), None)
+        waiting_index = next((index for index, place in enumerate(self.places) if key and place[0] == key), None)
         if message.lane == "urgent":
             assert taken is (len(self.urgent) < 6)
             if taken:
                 self.urgent.append(entry)
-        elif known is not None:
+        elif waiting_index is not None:
             assert taken
-            old = self.places[known][1][1]
+            old = self.places[waiting_index][1][1]
             if isinstance(old, Reply):
                 self.waiting.remove(old)
                 self.superseded.append(old)
-            self.places[known] = (key, entry)
+            self.places[waiting_index] = (key, entry)
         else:
             assert taken is (len(self.places) < 6)
             if taken:
@@ -182,12 +183,12 @@ async def test_waiting_ends_with_a_message_and_survives_cancellation() -> None:
             nursery.start_soon(mailbox.wait)
             await wait_all_tasks_blocked()
             mailbox.put(message, None, "a")
-        await mailbox.wait()  # at once: one is there
+        await mailbox.wait()  # returns at once, because a message waits
         assert drain(mailbox) == [message]
 
 
 @virtual_time
-async def test_lanes_are_looked_at_before_each_message_of_a_burst() -> None:
+async def test_the_urgent_lane_is_checked_before_each_message_of_a_burst() -> None:
     handled: list[Message] = []
 
     class Reader(Actor):
@@ -208,7 +209,7 @@ async def test_lanes_are_looked_at_before_each_message_of_a_burst() -> None:
 
 
 @virtual_time
-async def test_a_stop_from_elsewhere_waits_for_one_burst_at_most() -> None:
+async def test_a_stop_of_another_sender_waits_for_one_burst_at_most() -> None:
     log: list[Message] = []
 
     class Reader(Actor):
@@ -226,12 +227,12 @@ async def test_a_stop_from_elsewhere_waits_for_one_burst_at_most() -> None:
         before = len(log)
         node.ref(cell.address).tell(Alarm(0))
         await wait_all_tasks_blocked()
-    assert 0 < before <= 2 * BURST  # trio may take up the reader twice before us
+    assert 0 < before <= 2 * BURST  # trio may run the reader twice before this task
     assert log[before] == Alarm(0)
 
 
 @virtual_time
-async def test_a_full_mailbox_answers_and_lets_a_stop_through() -> None:
+async def test_a_full_mailbox_refuses_an_ask_and_accepts_a_stop() -> None:
     async with recorder() as (node, cell, log):
         ref = node.ref(cell.address, Recorder)
         ref.tell(Block())
@@ -242,7 +243,7 @@ async def test_a_full_mailbox_answers_and_lets_a_stop_through() -> None:
         assert isinstance(answer, Refused)
         assert answer.code == "mailbox_full"
         assert node.refused_count == 1
-        assert node.dead_letters[-1].what == "Number"
+        assert node.dead_letters[-1].message_type == "Number"
         ref.tell(Alarm(0))
         assert isinstance(cell.actor, Recorder)
         cell.actor.release.set()

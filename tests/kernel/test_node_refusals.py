@@ -1,5 +1,4 @@
-"""What one node refuses of the other, and what becomes of descriptors, however the two are
-joined."""
+"""What a node refuses of its peer, and whether descriptors are closed, for each kind of connection."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ encode = msgspec.msgpack.encode
 BIG = Table({}, ("x" * (MAX_MESSAGE_BYTES + 1),))
 
 
-# -- what is refused
+# # -- refusals
 
 
 @pytest.mark.parametrize(
@@ -31,11 +30,11 @@ BIG = Table({}, ("x" * (MAX_MESSAGE_BYTES + 1),))
         pytest.param(encode(Unwanted(1)), "malformed", id="unknown type"),
         pytest.param(encode(["Number", "one"]), "malformed", id="wrong field"),
         pytest.param(encode(["Number"]), "malformed", id="missing field"),
-        pytest.param(encode({"type": "Number"}), "malformed", id="no array"),
-        pytest.param(encode(None), "malformed", id="nothing"),
+        pytest.param(encode({"type": "Number"}), "malformed", id="not an array"),
+        pytest.param(encode(None), "malformed", id="nil"),
         pytest.param(encode(float("nan")), "malformed", id="a number"),
         pytest.param(b"\x92\xa6Number\xa3\xff\xff\xff", "malformed", id="not unicode"),
-        pytest.param(b"\x93\xa5Table\x81\xa1a\x81\x80\x01\x90", "malformed", id="no key"),
+        pytest.param(b"\x93\xa5Table\x81\xa1a\x81\x80\x01\x90", "malformed", id="unhashable key"),
         pytest.param(encode(BIG), "oversized", id="too large"),
     ],
 )
@@ -55,7 +54,7 @@ async def test_a_bad_message_is_refused_and_counted(joint: Joint, body: bytes, c
 
 
 @real_time
-async def test_a_refusal_says_what_would_be_accepted(joint: Joint) -> None:
+async def test_a_refusal_names_the_accepted_types_and_sizes(joint: Joint) -> None:
     async with joint() as pair:
         cell, _ = await pair.record()
         answer = await pair.ask_raw(cell.address, encode(Unwanted(1)))
@@ -65,7 +64,7 @@ async def test_a_refusal_says_what_would_be_accepted(joint: Joint) -> None:
 
 
 @real_time
-async def test_too_large_a_message_is_refused_where_it_is_sent(joint: Joint) -> None:
+async def test_a_message_that_is_too_large_is_refused_by_the_sending_node(joint: Joint) -> None:
     async with joint() as pair:
         cell, log = await pair.record()
         ref = pair.here.ref(cell.address, Recorder)
@@ -79,7 +78,7 @@ async def test_too_large_a_message_is_refused_where_it_is_sent(joint: Joint) -> 
 
 
 @real_time
-async def test_a_message_for_nobody_there_is_refused(joint: Joint) -> None:
+async def test_a_message_to_an_unknown_address_is_refused(joint: Joint) -> None:
     async with joint() as pair:
         answer = await pair.ask_raw("strands/r/actor/none", encode(Number(1)))
         assert code_of(answer) == "unknown_address"
@@ -88,7 +87,7 @@ async def test_a_message_for_nobody_there_is_refused(joint: Joint) -> None:
 
 
 NOT_FRAMES = {
-    "nothing": b"",
+    "empty": b"",
     "zeros": bytes(40),
     "text": b"GET / HTTP/1.1\r\n\r\n",
     "short": encode(["a", 0]),
@@ -103,7 +102,7 @@ NOT_FRAMES = {
 
 @pytest.mark.parametrize("data", NOT_FRAMES.values(), ids=NOT_FRAMES)
 @real_time
-async def test_what_is_no_frame_is_counted_and_harmless(joint: Joint, data: bytes) -> None:
+async def test_bytes_that_are_not_a_frame_are_counted_and_harmless(joint: Joint, data: bytes) -> None:
     async with joint() as pair:
         cell, log = await pair.record()
         pair.raw(data)
@@ -116,8 +115,8 @@ async def test_what_is_no_frame_is_counted_and_harmless(joint: Joint, data: byte
 
 @pytest.mark.parametrize("back", ["", "/", "a//b", "a#b", "**", "strands/**", "$*", "?", "é/\x00", "x" * 5000])
 @real_time
-async def test_an_answer_to_nowhere_is_harmless(joint: Joint, back: str) -> None:
-    """Where an answer goes is the asker's word, and may be no address at all."""
+async def test_an_invalid_reply_address_is_harmless(joint: Joint, back: str) -> None:
+    """The peer chooses the address for the answer. It may be invalid."""
     async with joint() as pair:
         cell, log = await pair.record()
         for to in (cell.address, "strands/r/actor/none"):
@@ -130,17 +129,17 @@ async def test_an_answer_to_nowhere_is_harmless(joint: Joint, back: str) -> None
 
 
 @real_time
-async def test_an_answer_is_never_sent_to_many(joint: Joint) -> None:
+async def test_an_answer_is_never_sent_to_several_addresses(joint: Joint) -> None:
     async with joint() as pair:
         cell, _ = await pair.record()
         pair.raw(frame(cell.address, ASK, 1, "raw", "strands/node/*", Number(1)))
         assert await pair.here.ref(cell.address, Recorder).ask(Number(2), 5.0) == Number(2)
-        # Over a link it goes back to whoever asked, whatever address that named.
-        assert pair.here.dead_letter_count == isinstance(pair.way, Link)
+        # Over a link, the answer returns to the peer that asked, for any given address.
+        assert pair.here.dead_letter_count == isinstance(pair.connection, Link)
 
 
 @real_time
-async def test_an_answer_that_cannot_be_read_is_a_refusal(joint: Joint) -> None:
+async def test_an_answer_of_the_wrong_type_is_a_refusal(joint: Joint) -> None:
     class Liar(Actor):
         def receive(self, message: Alarm | Number) -> Alarm | None:
             return Number(1) if isinstance(message, Number) else message  # type: ignore[return-value]
@@ -155,16 +154,16 @@ async def test_an_answer_that_cannot_be_read_is_a_refusal(joint: Joint) -> None:
 
 
 @real_time
-async def test_an_answer_nobody_asked_for_is_a_dead_letter(joint: Joint) -> None:
+async def test_an_answer_without_an_ask_is_a_dead_letter(joint: Joint) -> None:
     async with joint() as pair:
         pair.raw(frame(pair.there.address, REPLY, 12345, "", "", Number(1)))
         await until(lambda: pair.there.dead_letter_count == 1)
-        assert pair.there.dead_letters[-1].why == "the asker no longer waits"
+        assert pair.there.dead_letters[-1].reason == "the asker no longer waits"
 
 
 @pytest.mark.parametrize("name", ["local", "zenoh"])
 @real_time
-async def test_on_a_mesh_nobody_can_claim_an_address(name: str) -> None:
+async def test_on_a_mesh_no_peer_can_claim_an_address(name: str) -> None:
     async with JOINTS[name]() as pair:
         pair.raw(frame("", HOSTS, 1, "strands/r/actor/gate", "", None))
         await until(lambda: pair.there.refused_count == 1)
@@ -185,7 +184,7 @@ class Received(Message, frozen=True):
 
 
 class Writer(Actor):
-    """Writes to what it is given, and closes it."""
+    """Write to the received descriptors, and close them."""
 
     def receive(self, message: Carries | Alarm) -> Received | Alarm:
         if isinstance(message, Alarm):
@@ -206,12 +205,12 @@ async def test_descriptors_arrive_as_duplicates_or_not_at_all(joint: Joint) -> N
         cell = await pair.host("writer", Writer)
         carried = joint is not JOINTS["zenoh"]
         before = open_descriptors()
-        for node in (pair.here, pair.there):  # from the other node, and from its own
+        for node in (pair.here, pair.there):  # from the other node, and from the actor's own node
             if node is pair.there:
                 carried = True
             read, write = os.pipe()
             answer = await node.ref(cell.address, Writer).ask(Carries((write, write), "hello"), 5.0)
-            os.close(write)  # still ours
+            os.close(write)  # the sender's descriptor is still open
             assert answer == Received(2 if carried else 0)
             assert os.read(read, 100) == (b"hellohello" if carried else b"")
             os.close(read)
@@ -230,11 +229,11 @@ async def test_descriptors_that_are_refused_are_closed(joint: Joint) -> None:
                 cell.mailbox.capacity = 0
                 answer = await node.ref(address, Writer).ask(Carries((write,)), 5.0)
                 assert code_of(answer) in ("malformed", "wrong_type", "mailbox_full")
-        pair.way.send(pair.there.address, b"rubbish", (write,))
+        pair.connection.send(pair.there.address, b"rubbish", (write,))
         unasked = frame(recorder.address, ASK, 0, "raw", pair.here.address, Number(1))
-        pair.way.send(recorder.address, unasked, (write,))
+        pair.connection.send(recorder.address, unasked, (write,))
         await reachable(pair.here, recorder.address)
         assert open_descriptors() == before
         os.close(write)
-        assert os.read(read, 1) == b""  # nobody else holds it
+        assert os.read(read, 1) == b""  # no other copy of it is open
         os.close(read)

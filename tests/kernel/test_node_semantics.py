@@ -1,4 +1,4 @@
-"""Two nodes behave the same however they are joined: in memory, by zenoh, by a link."""
+"""Two nodes behave in the same way for each kind of connection: in memory, by zenoh, and by a link."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ BIG = Table({}, ("x" * (MAX_MESSAGE_BYTES + 1),))
 
 
 class Watcher(Actor):
-    """Watches one address and keeps what it hears."""
+    """Watch one address and keep the messages about its end."""
 
     def __init__(self, address: str) -> None:
         self._address = address
         self.downs: list[Down] = []
-        self.heard = trio.Event()
+        self.received = trio.Event()
 
     async def started(self) -> None:
         self.context.watch(self._address)
@@ -52,15 +52,15 @@ class Watcher(Actor):
         if isinstance(message, Alarm):
             return message
         self.downs.append(message)
-        self.heard.set()
+        self.received.set()
         return None
 
 
 async def watch(pair: Pair, address: str) -> Watcher:
-    """A watcher here, whose request has arrived there."""
+    """Host a watcher on this node, and wait until its request has reached the other node."""
     watcher = Watcher(address)
     await pair.host("watcher", lambda: watcher, pair.here)
-    await reachable(pair.here, pair.there.address)  # sent after the request, answered after it
+    await reachable(pair.here, pair.there.address)  # sent after the watch request, so it is answered after it
     return watcher
 
 
@@ -117,35 +117,35 @@ async def test_an_answer_after_the_deadline_is_a_dead_letter(joint: Joint) -> No
         assert pair.here.pending == {}
         ref.tell(LateAnswer())
         await until(lambda: pair.here.dead_letter_count > 0)
-        assert pair.here.dead_letters[-1].why == "the asker no longer waits"
+        assert pair.here.dead_letters[-1].reason == "the asker no longer waits"
         assert await ref.ask(Number(1), 5.0) == Number(1)
 
 
 @real_time
-async def test_nobody_hosts_it(joint: Joint) -> None:
+async def test_an_address_that_no_node_hosts_is_unreachable(joint: Joint) -> None:
     async with joint() as pair:
         ref = pair.here.ref("strands/r/actor/none", Recorder)
         with pytest.raises(Unreachable, match="the none of r is not running"):
             await ref.ask(Number(1), 5.0)
         ref.tell(Number(1))
-        assert [letter.why for letter in pair.here.dead_letters] == ["nobody hosts it"]
+        assert [letter.reason for letter in pair.here.dead_letters] == ["nobody hosts it"]
         assert pair.here.pending == {}
 
 
 @real_time
-async def test_an_address_given_up_is_unreachable(joint: Joint) -> None:
+async def test_a_released_address_is_unreachable(joint: Joint) -> None:
     async with joint() as pair:
         cell, _ = await pair.record()
         ref = pair.here.ref(cell.address, Recorder)
         pair.there.release(cell)
         with trio.fail_after(5), pytest.raises(Unreachable):
             while True:
-                with suppress(AskTimeout):  # what was under way meanwhile may be lost
+                with suppress(AskTimeout):  # an ask that is on its way meanwhile may be lost
                     await ref.ask(Number(1), 0.1)
 
 
 @real_time
-async def test_a_crash_is_told_to_the_asker(joint: Joint) -> None:
+async def test_the_asker_gets_the_failure_of_an_actor_as_a_refusal(joint: Joint) -> None:
     async with joint() as pair:
         log: list[Message] = []
         cell = pair.there.cell("r/actor/recorder", lambda: Recorder(log))
@@ -183,7 +183,7 @@ async def test_messages_of_one_sender_keep_their_order(joint: Joint) -> None:
 
 
 @real_time
-async def test_of_the_latest_only_the_newest_is_read(joint: Joint) -> None:
+async def test_in_the_latest_lane_only_the_newest_message_is_read(joint: Joint) -> None:
     async with joint() as pair:
         cell, log = await pair.record()
         assert isinstance(cell.actor, Recorder)
@@ -233,7 +233,7 @@ async def test_urgent_overtakes_and_a_full_queue_refuses_the_rest(joint: Joint) 
 
 
 @real_time
-async def test_the_end_of_an_actor_is_told_with_its_reason(joint: Joint) -> None:
+async def test_a_watcher_gets_the_reason_when_an_actor_ends(joint: Joint) -> None:
     async with joint() as pair:
         log: list[Message] = []
         cell = pair.there.cell("r/actor/recorder", lambda: Recorder(log))
@@ -249,24 +249,24 @@ async def test_the_end_of_an_actor_is_told_with_its_reason(joint: Joint) -> None
         watcher = await watch(pair, cell.address)
         assert watcher.downs == []
         pair.here.ref(cell.address).tell(Boom("no fuse"))
-        await watcher.heard.wait()
+        await watcher.received.wait()
         assert watcher.downs == [Down(cell.address, "ValueError: no fuse")]
 
 
 @real_time
-async def test_the_end_of_a_node_is_told(joint: Joint) -> None:
+async def test_a_watcher_gets_the_end_of_a_node(joint: Joint) -> None:
     async with joint() as pair:
         cell, _ = await pair.record()
         watcher = await watch(pair, cell.address)
         pair.sever()
-        await watcher.heard.wait()
+        await watcher.received.wait()
         assert watcher.downs == [Down(cell.address, "unreachable")]
         with pytest.raises(Unreachable):
             await pair.here.ref(cell.address, Recorder).ask(Number(1), 5.0)
 
 
 @real_time
-async def test_what_a_node_had_told_is_read_before_its_end(joint: Joint) -> None:
+async def test_messages_that_a_node_sent_are_read_before_its_end(joint: Joint) -> None:
     async with joint() as pair:
         cell, _ = await pair.record()
         log: list[Message] = []
@@ -282,43 +282,43 @@ async def test_what_a_node_had_told_is_read_before_its_end(joint: Joint) -> None
         heir = await pair.host("heir", Heir, pair.here)
         await reachable(pair.here, pair.there.address)
         log.clear()
-        told = [Number(number) for number in range(900)]  # more than the mesh reads at a time
-        for number in told:
+        sent = [Number(number) for number in range(900)]  # more than the mesh reads at a time
+        for number in sent:
             pair.there.ref(heir.address).tell(number)
         pair.sever()
-        time.sleep(0.3)  # noqa: ASYNC251  # nobody's loop runs, and what comes waits
+        time.sleep(0.3)  # noqa: ASYNC251  # no loop of either node runs, so the messages wait
         await until(lambda: any(isinstance(message, Down) for message in log))
         await trio.sleep(0.1)
-        heard = len(log) - 1  # what had not left when it was severed is lost
-        assert heard > 0
-        assert log == [*told[:heard], Down(cell.address, "unreachable")]
+        received = len(log) - 1  # messages that were not sent before the connection was cut are lost
+        assert received > 0
+        assert log == [*sent[:received], Down(cell.address, "unreachable")]
 
 
 @real_time
-async def test_an_answer_that_came_before_the_end_counts() -> None:
-    """However much came before it, and however late all of it is read."""
+async def test_an_answer_that_arrived_before_the_end_counts() -> None:
+    """It counts even if many messages came before it and all of them are read late."""
     async with by_zenoh() as pair:
         cell, log = await pair.record()
         listener = await pair.host("listener", lambda: Recorder([]), pair.here)
-        asked = pair.here.ref(cell.address, Recorder)
+        ref = pair.here.ref(cell.address, Recorder)
 
         async def answer_and_go() -> None:
             await until(lambda: Never() in log)
             talker = pair.there.ref(listener.address)
-            for number in range(900):  # more than the mesh reads at a time, no more than a mailbox holds
+            for number in range(900):  # more than the mesh reads at a time, but not more than a mailbox holds
                 talker.tell(Number(number))
             assert isinstance(cell.actor, Recorder)
             cell.actor.answer()
             pair.sever()
-            time.sleep(0.3)  # noqa: ASYNC251  # nobody's loop runs, and what comes waits
+            time.sleep(0.3)  # noqa: ASYNC251  # no loop of either node runs, so the messages wait
 
         pair.nursery.start_soon(answer_and_go)
-        assert await asked.ask(Never(), PATIENCE_S) == Number(-1)
+        assert await ref.ask(Never(), PATIENCE_S) == Number(-1)
 
 
 @real_time
-async def test_who_has_asked_is_told_that_the_node_is_gone(joint: Joint) -> None:
-    """And does not wait for its deadline. What others were asked is still answered."""
+async def test_an_ask_fails_at_once_when_the_asked_node_ends(joint: Joint) -> None:
+    """The asker does not wait for its deadline. Asks to other actors are still answered."""
     async with joint() as pair:
         cell, log = await pair.record()
         other, _ = await pair.record("other")
@@ -340,17 +340,17 @@ async def test_who_has_asked_is_told_that_the_node_is_gone(joint: Joint) -> None
 
 
 @real_time
-async def test_who_asks_somebody_else_goes_on_waiting(joint: Joint) -> None:
+async def test_the_end_of_another_actor_does_not_end_an_ask(joint: Joint) -> None:
     async with joint() as pair:
         cell, log = await pair.record()
-        gone, _ = await pair.record("gone")
+        released, _ = await pair.record("gone")
 
         async def leave() -> None:
             await until(lambda: Never() in log)
-            pair.there.release(gone)
+            pair.there.release(released)
             with suppress(AskTimeout, Unreachable):
                 while True:
-                    await pair.here.ref(gone.address, Recorder).ask(Number(1), 0.1)
+                    await pair.here.ref(released.address, Recorder).ask(Number(1), 0.1)
             pair.here.ref(cell.address).tell(LateAnswer())
 
         pair.nursery.start_soon(leave)
@@ -358,16 +358,16 @@ async def test_who_asks_somebody_else_goes_on_waiting(joint: Joint) -> None:
 
 
 @real_time
-async def test_who_watches_nobody_is_told_at_once(joint: Joint) -> None:
+async def test_a_watcher_of_an_address_without_an_actor_gets_its_end_at_once(joint: Joint) -> None:
     async with joint() as pair:
         watcher = Watcher("strands/r/actor/none")
         await pair.host("watcher", lambda: watcher, pair.here)
-        await watcher.heard.wait()
+        await watcher.received.wait()
         assert watcher.downs == [Down("strands/r/actor/none", "nobody hosts it")]
 
 
 @real_time
-async def test_a_down_nobody_asked_for_is_not_delivered(joint: Joint) -> None:
+async def test_a_down_message_without_a_watch_is_not_delivered(joint: Joint) -> None:
     async with joint() as pair:
         cell, _ = await pair.record()
         watcher = Watcher(pair.here.cells.get("", cell).address)
@@ -382,7 +382,7 @@ async def test_a_down_nobody_asked_for_is_not_delivered(joint: Joint) -> None:
 
 
 @virtual_time
-async def test_a_cut_node_is_gone_for_both_sides_until_it_is_healed() -> None:
+async def test_a_disconnected_node_is_unreachable_for_both_sides_until_it_is_connected_again() -> None:
     network, here, there = local_pair()
     async with trio.open_nursery() as nursery:
         logs: dict[str, list[Message]] = {}
@@ -396,22 +396,22 @@ async def test_a_cut_node_is_gone_for_both_sides_until_it_is_healed() -> None:
             await nursery.start(node.cell(f"r/actor/watch-{node.name}", lambda watcher=watcher: watcher).run)
         network.cut(there)
         for node, other in ((here, there), (there, here)):
-            await watchers[node.name].heard.wait()
+            await watchers[node.name].received.wait()
             assert watchers[node.name].downs == [Down(f"strands/r/actor/{other.name}", "unreachable")]
             with pytest.raises(Unreachable):
                 await node.ref(f"strands/r/actor/{other.name}", Recorder).ask(Number(1), 1.0)
             node.ref(f"strands/r/actor/{other.name}").tell(Number(2))
-            assert node.dead_letters[-1].why == "nobody hosts it"
+            assert node.dead_letters[-1].reason == "nobody hosts it"
         network.heal(there)
         for node, other in ((here, there), (there, here)):
             answer = await node.ref(f"strands/r/actor/{other.name}", Recorder).ask(Number(3), 1.0)
             assert answer == Number(3)
-            assert logs[other.name] == [Number(3)]  # what was lost is not replayed
+            assert logs[other.name] == [Number(3)]  # lost messages are not sent again
         nursery.cancel_scope.cancel()
 
 
 @virtual_time
-async def test_a_closed_mesh_is_gone_for_those_who_watch() -> None:
+async def test_watchers_get_the_end_of_actors_on_a_closed_mesh() -> None:
     _, here, there = local_pair()
     async with trio.open_nursery() as nursery:
         log: list[Message] = []
@@ -419,6 +419,6 @@ async def test_a_closed_mesh_is_gone_for_those_who_watch() -> None:
         watcher = Watcher("strands/r/actor/recorder")
         await nursery.start(here.cell("r/actor/watcher", lambda: watcher).run)
         there.mesh.close()  # type: ignore[union-attr]
-        await watcher.heard.wait()
+        await watcher.received.wait()
         assert watcher.downs == [Down("strands/r/actor/recorder", "unreachable")]
         nursery.cancel_scope.cancel()

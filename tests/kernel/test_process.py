@@ -1,4 +1,4 @@
-"""Real children: how they start, what passes between, and how every end of theirs is seen."""
+"""Real child processes: how they start and exchange messages, and how the parent learns of each kind of end."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ async def child(entry: str, **args: object) -> AsyncIterator[ChildProcess]:
 
 @asynccontextmanager
 async def linked() -> AsyncIterator[tuple[ChildProcess, Ref, Link, Node]]:
-    """A child that echoes, and a reference to its actor, answering."""
+    """Start a child with an echo actor. Yield a reference to the actor when it answers."""
     node = Node("parent", MonotonicClock())
     async with child("echo") as process, trio.open_nursery() as nursery:
         link = process.link(node)
@@ -87,19 +87,19 @@ async def test_descriptors_arrive_usable() -> None:
         answer = await ref.ask(Give((write, write), "hello"), 5.0)
         os.close(write)
         assert answer == Told("hello", process.pid)
-        assert await read_all(read) == b"hellohello"  # and the child has closed what it was given
+        assert await read_all(read) == b"hellohello"  # both copies are closed in the child, too
         os.close(read)
 
 
 @real_time
-async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> None:
+async def test_descriptors_are_inherited_only_when_they_are_passed() -> None:
     read, write = os.pipe()
-    fd = fcntl.fcntl(write, fcntl.F_DUPFD, 200)  # a number the child has no other use for
+    fd = fcntl.fcntl(write, fcntl.F_DUPFD, 200)  # a number that is free in the child
     os.close(write)
     args = {"fds": [fd], "word": "hello", "nested": {"a": [1, 2]}}
     process = start(f"{children.__name__}:speaks", args, pass_fds=[fd])
     assert await process.wait() == 0
-    assert process.socket.recv(100) == b"hello True 1 [1, 2]"  # True: a process group of its own
+    assert process.socket.recv(100) == b"hello True 1 [1, 2]"  # True: the child has its own process group
     process.socket.close()
     assert os.get_inheritable(fd)
     async with child("speaks", **args) as process:
@@ -128,7 +128,7 @@ async def test_descriptors_are_inherited_when_asked_for_and_not_otherwise() -> N
     ids=str,
 )
 @real_time
-async def test_a_child_ends_with_its_code_whatever_still_runs_in_it(
+async def test_a_child_ends_with_its_code_even_if_threads_still_run(
     args: dict[str, object], code: int, capfd: pytest.CaptureFixture[str]
 ) -> None:
     async with child("ends", **args) as process:
@@ -136,25 +136,25 @@ async def test_a_child_ends_with_its_code_whatever_still_runs_in_it(
             assert await process.wait() == code
         assert await process.wait() == code
         assert not process.alive
-    said = capfd.readouterr().err
-    assert ("RuntimeError: a fault of the child" in said) is str(args["how"]).startswith("raise")
-    assert ("no fuse" in said) is (args.get("code") == "no fuse")
+    errors = capfd.readouterr().err
+    assert ("RuntimeError: a fault of the child" in errors) is str(args["how"]).startswith("raise")
+    assert ("no fuse" in errors) is (args.get("code") == "no fuse")
 
 
 @real_time
-async def test_a_child_that_fails_says_where_and_reads_no_source_for_it(capfd: pytest.CaptureFixture[str]) -> None:
+async def test_a_failing_child_prints_its_traceback_without_source_lines(capfd: pytest.CaptureFixture[str]) -> None:
     async with child("ends", how="raise in a task") as process:
         with trio.fail_after(PATIENCE_S):
             assert await process.wait() == 1
-    said = capfd.readouterr().err
-    assert re.search(r'File ".*/children.py", line \d+, in _fails\n +RuntimeError: a fault of the child', said)
-    assert "ExceptionGroup: Exceptions from Trio nursery" in said
-    assert "start_soon(" not in said and 'raise RuntimeError("' not in said
-    assert "KeyError" not in said  # raised ``from None``
+    errors = capfd.readouterr().err
+    assert re.search(r'File ".*/children.py", line \d+, in _fails\n +RuntimeError: a fault of the child', errors)
+    assert "ExceptionGroup: Exceptions from Trio nursery" in errors
+    assert "start_soon(" not in errors and 'raise RuntimeError("' not in errors
+    assert "KeyError" not in errors  # because it is raised ``from None``
 
 
 @real_time
-async def test_standard_output_is_the_programs_own(capfd: pytest.CaptureFixture[str]) -> None:
+async def test_the_standard_output_of_a_child_is_not_redirected(capfd: pytest.CaptureFixture[str]) -> None:
     async with child("prints") as process:
         with trio.fail_after(PATIENCE_S):
             assert await process.wait() == -signal.SIGKILL
@@ -163,7 +163,9 @@ async def test_standard_output_is_the_programs_own(capfd: pytest.CaptureFixture[
 
 @pytest.mark.parametrize("entry", [f"{children.__name__}:none", "there.is.none:main"])
 @real_time
-async def test_an_entry_that_is_not_there_is_code_one(entry: str, capfd: pytest.CaptureFixture[str]) -> None:
+async def test_an_entry_that_does_not_exist_ends_with_code_one(
+    entry: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     process = start(entry, {})
     assert await process.wait() == 1
     process.socket.close()
@@ -172,7 +174,7 @@ async def test_an_entry_that_is_not_there_is_code_one(entry: str, capfd: pytest.
 
 @pytest.mark.parametrize("sig", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 @real_time
-async def test_a_signal_is_the_end_and_is_seen_at_once(sig: signal.Signals) -> None:
+async def test_a_signal_ends_the_child_and_the_parent_learns_it_at_once(sig: signal.Signals) -> None:
     async with linked() as (process, _, link, _):
         killed_at = trio.current_time()
         process.kill(sig)
@@ -185,7 +187,7 @@ async def test_a_signal_is_the_end_and_is_seen_at_once(sig: signal.Signals) -> N
 
 
 @real_time
-async def test_everybody_who_waits_is_told() -> None:
+async def test_every_waiting_task_gets_the_end() -> None:
     async with linked() as (process, _, _, _):
         codes: list[int] = []
 
@@ -199,7 +201,7 @@ async def test_everybody_who_waits_is_told() -> None:
             await trio.testing.wait_all_tasks_blocked()
             process.kill()
         assert codes == [-9, -9, -9]
-        await wait_for_end_of(process.pid)  # of one that is long gone: at once
+        await wait_for_end_of(process.pid)  # returns at once, because the process has ended
 
 
 @real_time
@@ -208,23 +210,23 @@ async def test_a_fence_ends_even_a_frozen_child_and_waits_for_it() -> None:
         process.kill(signal.SIGSTOP)
         with trio.CancelScope() as scope:
             scope.cancel()
-            await process.fence()  # even when whoever fences is cancelled
+            await process.fence()  # even if the fencing task is cancelled
         assert not process.alive
         assert await process.wait() == -signal.SIGKILL
 
 
 @real_time
-async def test_a_child_that_is_dropped_before_its_end_was_seen_is_not_left_behind_dead() -> None:
+async def test_a_child_that_is_dropped_before_its_end_leaves_no_zombie() -> None:
     async with linked() as (process, _, _, _):
         await process.drop(within_s=0.0)
         await until(lambda: not os.path.exists(f"/proc/{process.pid}"))
 
 
 @real_time
-async def test_a_child_without_descriptors_of_processes_is_awaited_too(
+async def test_a_child_is_awaited_without_pidfd_open_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """As on macOS."""
+    """macOS has no ``pidfd_open``."""
     monkeypatch.delattr(os, "pidfd_open")
     async with linked() as (process, _, _, _):
         process.kill()
@@ -232,7 +234,7 @@ async def test_a_child_without_descriptors_of_processes_is_awaited_too(
 
 
 @real_time
-async def test_the_end_of_the_parent_is_the_end_of_the_link() -> None:
+async def test_a_child_ends_when_its_parent_ends() -> None:
     async with child("family") as parent:
         grandchild = int(parent.socket.recv(100))
         assert os.getpgid(grandchild) == grandchild
@@ -254,12 +256,12 @@ async def test_an_interrupt_of_the_terminal_reaches_only_the_parent() -> None:
             assert parent.alive
             with trio.move_on_after(0.2) as scope:
                 await trio.lowlevel.wait_readable(fd)
-            assert scope.cancelled_caught  # the grandchild lives
+            assert scope.cancelled_caught  # the grandchild still runs
         finally:
             os.close(fd)
 
 
-# -- a peer that is frozen
+# # -- a frozen peer
 
 
 @real_time
@@ -281,7 +283,7 @@ async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
         process.kill(signal.SIGCONT)
         answer = None
         with trio.fail_after(PATIENCE_S):
-            while answer is None:  # the backlog goes out first; until then more is dropped
+            while answer is None:  # the backlog is sent first, and more messages are dropped until then
                 with suppress(AskTimeout):
                     answer = await ref.ask(Ask("hello"), 0.5)
         assert answer == Told("hello", process.pid)
@@ -289,11 +291,12 @@ async def test_a_frozen_child_costs_neither_time_nor_memory() -> None:
 
 
 @real_time
-async def test_an_end_is_told_before_the_child_is_reaped_and_by_another_thread(
+async def test_saf_003_the_end_is_reported_before_the_child_is_reaped_in_another_thread(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """SAF-003: to reap a process may take the kernel long; a root that runs before everything else
-    does not wait for that before it makes safe."""
+    """To reap a process may take the kernel long. A root with real-time priority makes the robot safe
+    without waiting for it.
+    """
     monkeypatch.setattr(process_module, "runs_first", lambda: True)
     async with child("echo") as process:
         process.kill()
@@ -305,15 +308,15 @@ async def test_an_end_is_told_before_the_child_is_reaped_and_by_another_thread(
 
 
 def state_of(pid: int) -> str:
-    """The letter of /proc; empty when there is no such process."""
+    """Return the process's state letter in /proc, or "" if the process does not exist."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][:1]
     except (FileNotFoundError, ProcessLookupError):
         return ""
 
 
-def test_a_child_imports_nothing_that_lies_in_the_current_directory(tmp_path: Path) -> None:
-    """Whoever can write there would run code in the processes of a robot."""
+def test_a_child_imports_nothing_from_the_current_directory(tmp_path: Path) -> None:
+    """Otherwise any user with write access there could run code in the processes of a robot."""
     (tmp_path / "msgspec.py").write_text("open('ran', 'w')\nraise SystemExit(3)\n")
     (tmp_path / "elsewhere").mkdir()
     script = tmp_path / "elsewhere" / "script.py"
@@ -331,4 +334,4 @@ def test_a_child_imports_nothing_that_lies_in_the_current_directory(tmp_path: Pa
 
 
 def do_nothing(args: dict[str, Any], sock: socket.socket) -> None:
-    """Entry of a child."""
+    """Do nothing, as the entry of a child."""

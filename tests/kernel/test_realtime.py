@@ -1,4 +1,4 @@
-"""A process that asks to run before others, and children of it that do not."""
+"""A process that asks for real-time priority, and its children, which do not get it."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ print(scheduling())
 
 
 @pytest.mark.parametrize("cores", ["all", "one"])
-def test_it_runs_first_where_that_is_permitted_and_says_so(cores: str) -> None:
+def test_a_process_gets_real_time_priority_where_permitted_and_reports_it(cores: str) -> None:
     pin = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n" if cores == "one" else ""
     done = subprocess.run([sys.executable, "-c", pin + ASK], capture_output=True, text=True, check=True)
-    before, asked, after = done.stdout.splitlines()
+    before, during, after = done.stdout.splitlines()
     assert before == after
     assert before.startswith("ordinary: ")
     if cores == "one":
-        assert asked == "ordinary: SCHED_FIFO needs a second core"
+        assert during == "ordinary: SCHED_FIFO needs a second core"
     else:
-        assert asked == "SCHED_FIFO 3" or asked == before  # not everybody may
+        assert during == "SCHED_FIFO 3" or during == before  # not every user has the permission
 
 
 SPIN = """
@@ -44,14 +44,14 @@ print(asked, scheduling())
 """
 
 
-def test_who_computes_without_a_pause_gives_way() -> None:
+def test_a_process_that_computes_without_a_pause_loses_its_priority() -> None:
     done = subprocess.run([sys.executable, "-c", SPIN], capture_output=True, text=True, check=True)
-    asked, _, told = done.stdout.strip().partition(" ")
-    if asked == "True":  # not everybody may
-        assert told == "ordinary: it computed for 0.5 s without a pause"
+    permitted, _, result = done.stdout.strip().partition(" ")
+    if permitted == "True":  # not every user has the permission
+        assert result == "ordinary: it computed for 0.5 s without a pause"
         assert "does not run first any more" in done.stderr
     else:
-        assert told.startswith("ordinary: SCHED_FIFO")
+        assert result.startswith("ordinary: SCHED_FIFO")
 
 
 MEMORY = """
@@ -67,7 +67,7 @@ print(memory() == "locked", locked_kb())
 """
 
 
-def test_it_stays_in_memory_where_that_is_permitted_and_who_only_asks_does_not() -> None:
+def test_memory_is_locked_where_permitted_and_the_check_alone_locks_nothing() -> None:
     done = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, check=True)
     (may, before_kb), (locked, after_kb) = (line.split() for line in done.stdout.splitlines())
     assert locked == may
@@ -85,11 +85,13 @@ print(start("tests.kernel.children:tell_scheduling", {{}}).socket.recv(8).decode
 
 
 @pytest.mark.parametrize(("policy", "priority", "kept"), [("SCHED_IDLE", 0, True), ("SCHED_FIFO", 1, False)])
-def test_a_child_is_run_as_its_user_wants_but_never_first(policy: str, priority: int, kept: bool) -> None:
-    """Who may not leave SCHED_IDLE, under ``chrt -i``, could start no robot at all."""
+def test_a_child_keeps_the_users_scheduling_policy_but_not_real_time_priority(
+    policy: str, priority: int, kept: bool
+) -> None:
+    """A process without the right to leave SCHED_IDLE, as under ``chrt -i``, could otherwise start no robot."""
     code = KEPT.format(policy=policy, priority=priority)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     if not kept and "PermissionError" in done.stderr:
-        return  # not everybody may run first
+        return  # not every user may set a real-time priority
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) == (getattr(os, policy) if kept else os.SCHED_OTHER)

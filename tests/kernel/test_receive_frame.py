@@ -1,4 +1,4 @@
-"""Bytes of any kind into a node: nothing raises, nothing restarts, every frame is accounted for."""
+"""A node receives arbitrary bytes: nothing raises or restarts, and every frame is counted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ADDRESS = "strands/r/actor/recorder"
 
 
 class Wall:
-    """A way that keeps what is sent and reaches nobody; to a node it is its mesh."""
+    """A connection that keeps all sent bytes and has no peer. The node uses it as its mesh."""
 
     def __init__(self) -> None:
         self.channel = None
@@ -36,7 +36,7 @@ class Wall:
         return False
 
     def ask(self, *_: object) -> Message | None:
-        raise AssertionError("nobody asks here")
+        raise AssertionError("no thread asks in these tests")
 
     def forget(self, to: str, why: str) -> None:
         pass
@@ -137,8 +137,8 @@ def test_every_unreadable_body_is_refused_once_with_an_answer(values: list[Any])
     feed(frames, check)
 
 
-def test_who_asks_to_watch_what_is_not_here_is_told() -> None:
-    """The address may have been given up while the request was under way."""
+def test_a_watch_of_an_address_that_is_not_hosted_is_answered() -> None:
+    """The address may have been released while the request was on its way."""
 
     def check(node: Node, wall: Wall, log: list[Message]) -> None:
         to, kind, _, sender, _, body = msgspec.msgpack.decode(wall.sent[-1])
@@ -149,7 +149,7 @@ def test_who_asks_to_watch_what_is_not_here_is_told() -> None:
 
 
 @pytest.mark.parametrize("size", [MAX_MESSAGE_BYTES + 1, 10 * MAX_MESSAGE_BYTES])
-def test_the_limit_is_of_the_frame_as_it_came(size: int) -> None:
+def test_the_size_limit_applies_to_the_received_frame(size: int) -> None:
     empty = len(frame(ADDRESS, ASK, 1, "s", "strands/node/x", Table({}, ("",))))
     fits = frame(ADDRESS, ASK, 1, "s", "strands/node/x", Table({}, ("x" * (MAX_MESSAGE_BYTES - empty - 10),)))
     too_large = frame(ADDRESS, ASK, 2, "s", "strands/node/x", Table({}, ("x" * size,)))

@@ -1,5 +1,6 @@
-"""SAF-024: what a process holds in reserve for a stop, and when it ends for want of it. Limits bind a
-whole process, so each test has one of its own."""
+"""SAF-024: the resources that a process keeps in reserve for a stop, and its end when they are missing.
+Limits apply to a whole process, so each test has its own.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +55,7 @@ def succeeds(script: str) -> str:
     return done.stdout
 
 
-def test_saf_024_a_process_with_all_files_in_use_opens_what_a_stop_needs() -> None:
+def test_saf_024_a_process_with_all_files_in_use_can_open_the_files_of_a_stop() -> None:
     assert succeeds("""
 RESERVE.begin(lambda: True)
 use_all_files()
@@ -66,7 +67,7 @@ print(RESERVE.check())
 """).startswith("no file can be opened")
 
 
-def test_saf_024_a_process_without_memory_has_some_for_a_stop() -> None:
+def test_saf_024_a_process_without_memory_has_a_reserve_for_a_stop() -> None:
     succeeds("""
 RESERVE.begin(lambda: True)
 use_all_memory()
@@ -81,7 +82,7 @@ with RESERVE.freed():
 """)
 
 
-def test_saf_024_without_a_free_file_in_the_whole_system_those_in_reserve_are_kept_and_used() -> None:
+def test_saf_024_if_the_whole_system_has_no_free_file_the_reserve_is_kept_and_used() -> None:
     succeeds("""
 RESERVE.begin(lambda: True)
 whole_system_has_no_file()
@@ -95,7 +96,7 @@ assert RESERVE.check() == ""
 """)
 
 
-def test_saf_024_who_lost_its_reserve_to_the_whole_system_ends_when_another_process_acts() -> None:
+def test_saf_024_a_process_that_lost_its_reserve_ends_if_another_process_acts() -> None:
     script = """
 RESERVE.begin(lambda: {other})
 whole_system_has_no_file()
@@ -115,7 +116,7 @@ os._exit(0)
     assert stays.returncode == 0, stays.stderr
 
 
-def test_saf_024_the_reserve_is_there_again_after_a_stop() -> None:
+def test_saf_024_the_reserve_is_filled_again_after_a_stop() -> None:
     succeeds("""
 RESERVE.begin(lambda: True)
 before = len(os.listdir("/proc/self/fd"))
@@ -130,7 +131,7 @@ assert RESERVE.check() == ""
 
 
 @pytest.mark.parametrize("limit", ["NOFILE", "AS"])
-def test_saf_024_who_lacks_it_ends_when_another_process_acts(limit: str) -> None:
+def test_saf_024_a_process_without_a_reserve_ends_if_another_process_acts(limit: str) -> None:
     done = run(f"""
 RESERVE.begin(lambda: True)
 resource.setrlimit(resource.RLIMIT_{limit}, (0, resource.RLIM_INFINITY if "{limit}" == "AS" else 200))
@@ -142,7 +143,7 @@ RESERVE.end_if_short()
     assert "Another process of the robot makes it safe" in done.stderr
 
 
-def test_saf_024_an_error_for_want_of_files_ends_a_process_in_a_stop_alone() -> None:
+def test_saf_024_an_error_for_lack_of_files_ends_a_process_only_during_a_stop() -> None:
     script = """
 RESERVE.begin(lambda: {other})
 use_all_files()
@@ -157,10 +158,10 @@ except OSError as error:
 os._exit(0)
 """
     assert run(script.format(other=True)).returncode == EXIT_SHORT
-    assert run(script.format(other=False)).returncode == 0, "the last process stays, and goes on trying"
+    assert run(script.format(other=False)).returncode == 0, "the last process stays and tries again"
 
 
-def test_saf_024_who_lacks_nothing_and_who_has_not_begun_goes_on() -> None:
+def test_saf_024_a_process_with_its_reserve_or_without_a_robot_continues() -> None:
     succeeds("""
 RESERVE.end_if_short()
 with RESERVE.freed():
@@ -180,7 +181,7 @@ print(resource.getrlimit(resource.RLIMIT_NOFILE), resource.getrlimit(resource.RL
 """).split() == ["(128,", "128)", "True"]
 
 
-def test_saf_024_a_full_disk_keeps_no_standby_from_its_lock(tmp_path: Path) -> None:
+def test_saf_024_a_full_disk_does_not_prevent_the_lock_of_a_standby(tmp_path: Path) -> None:
     path = str(tmp_path / "so101.standby.life")
     assert succeeds(f"""
 from pathlib import Path
@@ -191,7 +192,7 @@ print(holder(Path({path!r})) is not None)
 """).split() == ["True"]
 
 
-def test_how_a_process_ended_is_told() -> None:
+def test_the_end_of_a_process_is_described() -> None:
     assert how_ended(-9) == "signal 9"
     assert how_ended(4) == "code 4"
     assert how_ended(EXIT_SHORT).startswith(f"code {EXIT_SHORT}: it had no file")

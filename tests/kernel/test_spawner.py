@@ -1,5 +1,6 @@
-"""The process that starts others: what it starts, and what becomes of a start when it is frozen or
-dead."""
+"""The spawner is the process that starts the others of a tree. These tests start children with it, also
+when the spawner is frozen or dead.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ import pytest
 import trio
 
 from strands_actors.kernel.processes import spawner as spawner_module
-from strands_actors.kernel.processes.fork import ForkedAhead
+from strands_actors.kernel.processes.fork import UNKNOWN, ForkedAhead
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.processes.spawner import Spawner
 
@@ -21,7 +22,7 @@ from . import children
 from .kernel import PATIENCE_S, real_time, until
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-"""A root forks its spawner while it has one thread; who runs tests may have more."""
+"""A root forks its spawner while it has one thread. The process that runs the tests may have more."""
 
 
 @asynccontextmanager
@@ -40,7 +41,7 @@ async def end(child: ChildProcess) -> None:
 
 
 @real_time
-async def test_a_child_is_started_signalled_and_its_code_told() -> None:
+async def test_a_child_is_started_and_gets_a_signal_and_its_exit_code_is_known() -> None:
     async with spawner() as made:
         child = await made.start(f"{children.__name__}:wait", {})
         assert child.alive
@@ -48,18 +49,30 @@ async def test_a_child_is_started_signalled_and_its_code_told() -> None:
         with trio.fail_after(PATIENCE_S):
             assert await child.wait() == -signal.SIGTERM
         assert not child.alive
-        child.kill()  # harmless: it names that process, whoever has its number now
+        child.kill()  # harmless: it refers to the ended process, even if its number is in use again
         await end(child)
 
 
 @real_time
-async def test_a_child_has_descriptors_of_its_own_of_what_it_is_given(tmp_path: Path) -> None:
-    """Its own, so that it writes when its parent has closed the file."""
+async def test_saf_023_an_exit_code_that_is_lost_with_the_spawner_is_not_success() -> None:
+    async with spawner() as made:
+        child = await made.start(f"{children.__name__}:wait", {})
+        os.kill(made._server.process.pid, signal.SIGKILL)
+        child.kill()
+        with trio.fail_after(PATIENCE_S):
+            assert await child.wait() == UNKNOWN != 0
+        assert not child.alive
+        child.socket.close()
+
+
+@real_time
+async def test_a_child_has_its_own_duplicates_of_the_descriptors(tmp_path: Path) -> None:
+    """So it can still write after its parent has closed the file."""
     mark = tmp_path / "written"
     async with spawner() as made:
-        for at in ("first", "second"):
+        for text in ("first", "second"):
             with mark.open("ab") as file:
-                child = await made.start(f"{children.__name__}:write", {"text": at}, descriptors=(file.fileno(),))
+                child = await made.start(f"{children.__name__}:write", {"text": text}, descriptors=(file.fileno(),))
             with trio.fail_after(PATIENCE_S):
                 assert await child.wait() == 0
             await end(child)
@@ -79,7 +92,7 @@ async def test_saf_010_a_frozen_spawner_starts_nothing_later(
         with pytest.raises(OSError, match="did not answer"):
             await made.start(f"{children.__name__}:touch", {"path": str(mark)})
         await until(lambda: not Path(f"/proc/{frozen}").exists())
-        child = await made.start(f"{children.__name__}:wait", {})  # by the one that replaces it
+        child = await made.start(f"{children.__name__}:wait", {})  # started by the new spawner
         assert child.alive and made._server.process.pid != frozen
         assert not mark.exists()
         await end(child)
@@ -89,14 +102,14 @@ async def test_saf_010_a_frozen_spawner_starts_nothing_later(
 async def test_a_dead_spawner_is_replaced() -> None:
     async with spawner() as made:
         made._server.process.kill()
-        await until(lambda: made._server.gone)
+        await until(lambda: made._server.has_ended)
         child = await made.start(f"{children.__name__}:wait", {})
         assert child.alive
         await end(child)
 
 
 @real_time
-async def test_a_spawner_that_dies_while_it_is_asked_is_no_reason_to_wait() -> None:
+async def test_a_start_does_not_wait_for_a_spawner_that_dies() -> None:
     async with spawner() as made:
         os.kill(made._server.process.pid, signal.SIGSTOP)
 
@@ -112,8 +125,9 @@ async def test_a_spawner_that_dies_while_it_is_asked_is_no_reason_to_wait() -> N
 
 @real_time
 async def test_saf_021_a_child_that_waits_for_its_work_has_its_own_name() -> None:
-    """Until a robot is connected, its standby waits to be told what to run: who kills the root by its
-    name must not get that one."""
+    """Until a robot is connected, its standby waits for its task. A command that kills the root by name
+    must not match the standby.
+    """
     ahead = ForkedAhead(("so101", "standby", ""))
     assert ahead._child is not None
     command = Path(f"/proc/{ahead._child.pid}/comm")

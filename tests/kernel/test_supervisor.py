@@ -1,5 +1,6 @@
-"""Supervision in virtual time: who is started again, when, how often, and in which order all
-ends."""
+"""Supervision in virtual time: which children are restarted, when and how often, and in which order all
+of them end.
+"""
 
 from __future__ import annotations
 
@@ -25,34 +26,35 @@ class Failed(Exception):
 
 @dataclass
 class Life:
-    """One incarnation: up at once, or after ``up_s``; ends after ``lasts_s``, with or without an
-    error."""
+    """One incarnation of a child. It is up after ``up_s`` and ends after ``lasts_s``, with or without an
+    error.
+    """
 
     lasts_s: float = float("inf")
     error: BaseException | None = None
     up_s: float = 0.0
-    leaves_s: float = 0.0  # how long it takes to go when it is cancelled
+    leaves_s: float = 0.0  # time to end after it is cancelled
 
 
 @dataclass
 class Stage:
-    """Keeps what happens, and when."""
+    """Log the events of the children with their times."""
 
     log: list[tuple[float, str]] = field(default_factory=list)
     start_s: float = 0.0
 
-    def note(self, what: str) -> None:
-        self.log.append((round(trio.current_time() - self.start_s, 3), what))
+    def note(self, event: str) -> None:
+        self.log.append((round(trio.current_time() - self.start_s, 3), event))
 
-    def told(self, what: str) -> list[float]:
-        return [when for when, said in self.log if said == what]
+    def times_of(self, event: str) -> list[float]:
+        return [time_s for time_s, entry in self.log if entry == event]
 
     @property
-    def said(self) -> list[str]:
-        return [said for _, said in self.log]
+    def events(self) -> list[str]:
+        return [entry for _, entry in self.log]
 
     def child(self, name: str, *lives: Life, restart: Restart = "permanent", shutdown_s: float = 2.0) -> ChildSpec:
-        """A child that lives these lives, and then one without end."""
+        """Make a child that has these lives, and then one without end."""
         script: Iterator[Life] = iter(lives)
 
         async def run(task_status: trio.TaskStatus[None]) -> None:
@@ -76,7 +78,7 @@ class Stage:
 
 
 async def run_for(stage: Stage, supervisor: Supervisor, seconds: float) -> bool:
-    """Run the supervisor that long at most; whether it ended by itself."""
+    """Run the supervisor for at most so many seconds. Return whether it ended by itself."""
     stage.start_s = trio.current_time()
     with trio.move_on_after(seconds) as scope:
         await supervisor.run()
@@ -95,15 +97,15 @@ async def run_for(stage: Stage, supervisor: Supervisor, seconds: float) -> bool:
     ],
 )
 @virtual_time
-async def test_who_is_started_again_with_whom(strategy: Strategy, expected: str) -> None:
+async def test_the_strategy_decides_which_siblings_are_restarted_too(strategy: Strategy, expected: str) -> None:
     stage = Stage()
     specs = [stage.child("a"), stage.child("b", Life(1.0, Failed("x"))), stage.child("c")]
     supervisor = Supervisor(specs, strategy)
     assert not await run_for(stage, supervisor, 5)
-    assert stage.said == expected.replace("| ", "").split()
+    assert stage.events == expected.replace("| ", "").split()
     members = {"one_for_one": "b", "rest_for_one": "bc", "one_for_all": "abc"}[strategy]
     assert supervisor.restarts == {name: int(name in members) for name in "abc"}
-    assert stage.told("+b") == [0, 1]
+    assert stage.times_of("+b") == [0, 1]
 
 
 @virtual_time
@@ -150,7 +152,7 @@ async def test_a_supervisor_ends_with_its_last_child() -> None:
 
 @pytest.mark.parametrize("order", ["ab", "ba"])
 @virtual_time
-async def test_two_ends_at_once_are_both_dealt_with(order: str) -> None:
+async def test_two_ends_at_the_same_time_are_both_handled(order: str) -> None:
     stage = Stage()
     made = {
         "a": stage.child("a", Life(1.0), restart="temporary"),
@@ -172,14 +174,14 @@ async def test_a_temporary_child_is_not_started_again_with_its_siblings() -> Non
     supervisor = Supervisor(specs, "one_for_all")
     assert not await run_for(stage, supervisor, 5)
     assert supervisor.restarts == {"a": 0, "b": 0, "c": 1}
-    assert stage.told("-b") == [2]
+    assert stage.times_of("-b") == [2]
 
 
 # -- the budget
 
 
 @virtual_time
-async def test_a_spent_budget_ends_all_children_and_says_why() -> None:
+async def test_a_spent_budget_ends_all_children_and_gives_the_reason() -> None:
     stage = Stage()
     lives = [Life(1.0, Failed(f"x{number}")) for number in range(9)]
     supervisor = Supervisor([stage.child("a"), stage.child("b", *lives), stage.child("c")])
@@ -188,7 +190,7 @@ async def test_a_spent_budget_ends_all_children_and_says_why() -> None:
     with pytest.RaisesGroup(pytest.RaisesExc(BudgetSpent, match=match)) as caught:
         await supervisor.run()
     assert isinstance(caught.value.exceptions[0].__cause__, Failed)
-    assert stage.told("+b") == [0, 1, 2, 3]
+    assert stage.times_of("+b") == [0, 1, 2, 3]
     assert stage.log[-3:] == [(4, "-b"), (4, "-c"), (4, "-a")]
 
 
@@ -202,7 +204,7 @@ async def test_failures_far_apart_do_not_add_up() -> None:
 
 
 @virtual_time
-async def test_no_budget_at_all_gives_up_at_the_first_failure() -> None:
+async def test_a_budget_of_zero_gives_up_at_the_first_failure() -> None:
     stage = Stage()
     supervisor = Supervisor([stage.child("a", Life(1.0, Failed("x")))], budget=Budget(restarts=0))
     with pytest.RaisesGroup(pytest.RaisesExc(BudgetSpent, match="a failed 1 times in 5 s: Failed: x")):
@@ -211,12 +213,12 @@ async def test_no_budget_at_all_gives_up_at_the_first_failure() -> None:
 
 
 @virtual_time
-async def test_the_pause_doubles_up_to_its_bound_and_begins_anew() -> None:
+async def test_the_pause_doubles_up_to_its_limit_and_is_reset() -> None:
     stage = Stage()
     lives = [Life(0.1, Failed("x")) for _ in range(6)] + [Life(60.0, Failed("x"))] * 2
     budget = Budget(restarts=20, within_s=50.0, backoff_s=0.5, backoff_max_s=3.0)
     assert not await run_for(stage, Supervisor([stage.child("a", *lives)], budget=budget), 200)
-    ended, begun = stage.told("-a"), stage.told("+a")
+    ended, begun = stage.times_of("-a"), stage.times_of("+a")
     pauses = [round(start - end, 3) for end, start in zip(ended, begun[1:], strict=False)]
     assert pauses == [0.5, 1.0, 2.0, 3.0, 3.0, 3.0, 0.5, 0.5]
 
@@ -230,7 +232,7 @@ async def test_a_supervisor_can_be_stopped_during_a_pause() -> None:
     assert stage.log == [(0, "+a"), (0, "+b"), (1, "-b"), (10, "-a")]
 
 
-# -- coming up
+# # -- the start
 
 
 @virtual_time
@@ -260,14 +262,14 @@ async def test_a_child_that_fails_before_it_is_up_is_started_again(alone: bool) 
 @virtual_time
 async def test_a_child_that_never_comes_up_spends_the_budget() -> None:
     stage = Stage()
-    told: list[tuple[str, str]] = []
+    restarts: list[tuple[str, str]] = []
     lives = [Life(0, Failed(f"x{number}")) for number in range(9)]
     specs = [stage.child("a", *lives), stage.child("b")]
-    supervisor = Supervisor(specs, "one_for_all", on_restart=lambda name, why: told.append((name, why)))
+    supervisor = Supervisor(specs, "one_for_all", on_restart=lambda name, why: restarts.append((name, why)))
     with pytest.RaisesGroup(pytest.RaisesExc(BudgetSpent, match="a failed 4 times in 5 s: Failed: x3")):
         await supervisor.run()
-    assert stage.said.count("+a") == stage.said.count("+b") == 4
-    assert told == [("a", "Failed: x0"), ("a", "Failed: x1"), ("a", "Failed: x2")]
+    assert stage.events.count("+a") == stage.events.count("+b") == 4
+    assert restarts == [("a", "Failed: x0"), ("a", "Failed: x1"), ("a", "Failed: x2")]
 
 
 @virtual_time
@@ -310,7 +312,7 @@ async def test_each_child_has_its_own_deadline_to_end() -> None:
 
 
 @virtual_time
-async def test_what_a_child_raises_while_it_is_stopped_changes_nothing() -> None:
+async def test_an_exception_of_a_child_that_is_stopped_changes_nothing() -> None:
     ended: list[str] = []
 
     async def bad(task_status: trio.TaskStatus[None]) -> None:
@@ -332,29 +334,29 @@ async def test_what_a_child_raises_while_it_is_stopped_changes_nothing() -> None
     assert ended == ["good"]
 
 
-# -- what else a supervisor may be given
+# # -- callbacks, nested supervisors and actors
 
 
 @virtual_time
-async def test_the_callback_hears_who_and_why() -> None:
+async def test_the_callback_gets_the_name_and_the_reason() -> None:
     stage = Stage()
-    told: list[tuple[float, str, str]] = []
+    restarts: list[tuple[float, str, str]] = []
 
     def on_restart(name: str, why: str) -> None:
-        stage.note("told")
-        told.append((round(trio.current_time() - stage.start_s, 3), name, why))
+        stage.note("restart reported")
+        restarts.append((round(trio.current_time() - stage.start_s, 3), name, why))
 
     specs = [stage.child("a", Life(1.0, Failed("no fuse")), Life(1.0)), stage.child("b", Life(1.5, Failed()))]
     supervisor = Supervisor(specs, on_restart=on_restart)
     assert not await run_for(stage, supervisor, 5)
-    assert told == [(1, "a", "Failed: no fuse"), (1.5, "b", "Failed"), (2, "a", "ended")]
-    assert stage.said[3:5] == ["+a", "told"]  # after it is up again
+    assert restarts == [(1, "a", "Failed: no fuse"), (1.5, "b", "Failed"), (2, "a", "ended")]
+    assert stage.events[3:5] == ["+a", "restart reported"]  # after the child is up again
 
 
 @virtual_time
-async def test_supervisors_nest_and_a_spent_budget_is_the_parents_matter() -> None:
+async def test_a_spent_budget_of_a_nested_supervisor_is_a_failure_in_its_parent() -> None:
     stage = Stage()
-    told: list[str] = []
+    restarts: list[str] = []
     inner_runs = 0
 
     async def inner(task_status: trio.TaskStatus[None]) -> None:
@@ -367,10 +369,10 @@ async def test_supervisors_nest_and_a_spent_budget_is_the_parents_matter() -> No
     outer = Supervisor(
         [stage.child("first"), ChildSpec("inner", inner), stage.child("last")],
         "rest_for_one",
-        on_restart=lambda name, why: told.append(f"{name}: {why}"),
+        on_restart=lambda name, why: restarts.append(f"{name}: {why}"),
     )
     assert not await run_for(stage, outer, 10)
-    assert told == ["inner: BudgetSpent: b failed 2 times in 5 s: Failed: x"]
+    assert restarts == ["inner: BudgetSpent: b failed 2 times in 5 s: Failed: x"]
     assert stage.log == [
         (0, "+first"), (0, "+a"), (0, "+b"), (0, "+last"),
         (1, "-b"), (1, "+b"),
@@ -382,8 +384,9 @@ async def test_supervisors_nest_and_a_spent_budget_is_the_parents_matter() -> No
 
 @virtual_time
 async def test_an_actor_keeps_its_mailbox_and_loses_its_state() -> None:
-    """What waited is handled by the next incarnation; the message that broke it is not tried
-    again."""
+    """Waiting messages are handled by the next incarnation. The message that made the actor fail is not
+    handled again.
+    """
     async with running_node() as (node, nursery):
         logs: list[list[Message]] = []
 
@@ -398,7 +401,7 @@ async def test_an_actor_keeps_its_mailbox_and_loses_its_state() -> None:
         for message in (Number(1), Boom("x"), Number(2), Number(3)):
             ref.tell(message)
         await trio.sleep(0.5)
-        ref.tell(Number(4))  # while nobody is there to read it
+        ref.tell(Number(4))  # while no incarnation runs
         assert cell.state == "stopped"
         assert len(logs) == 1
         answer = await ref.ask(Number(5), 5.0)

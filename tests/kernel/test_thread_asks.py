@@ -1,5 +1,6 @@
-"""A thread asks an actor of another process by itself, and has the answer to its own question or
-none."""
+"""A thread sends an ask to an actor of another process without the event loop. It gets the answer to its
+own ask, or an error.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +54,7 @@ decode = protocol_of(There).decode_reply
 
 
 class World:
-    """The asks of this process, and what has left."""
+    """The open asks of this process, and the frames that it has sent."""
 
     def __init__(self) -> None:
         self.asks = ThreadAsks(OWN)
@@ -69,7 +70,7 @@ class World:
         return self.asks.ask(self.put, to, "me", message, decode, deadline_s)
 
     def soon(self, message: Message, to: str = TO) -> tuple[Frame, Future[Message | None]]:
-        """Asked in a thread of its own."""
+        """Ask in another thread. Return the sent frame and the future answer."""
         before = len(self.sent)
         future = soon(lambda: self.ask(message, to=to))
         until_s = time.monotonic() + PATIENCE_S
@@ -95,52 +96,52 @@ def soon(function: Callable[[], Message | None]) -> Future[Message | None]:
     return future
 
 
-def test_a_thread_has_the_answer_to_its_own_question_whatever_else_comes() -> None:
+def test_a_thread_gets_the_answer_to_its_own_ask_among_other_frames() -> None:
     world = World()
     for number in range(1, 4):
-        head, asked = world.soon(Ping("hello"))
+        head, future = world.soon(Ping("hello"))
         assert (head.to, head.kind, head.sender, head.reply_to) == (TO, ASK, "me", OWN)
         for noise in (b"", b"\xc1", b"\x96\x01", bytes(300)):
             world.asks.take(noise)
         world.answer(head.cid + 7, Pong(-1))
         world.answer(head.cid, Pong(-2), TELL)
-        assert not asked.done()
+        assert not future.done()
         world.answer(head.cid, Pong(number))
         world.answer(head.cid, Pong(-3))  # twice
-        assert asked.result(PATIENCE_S) == Pong(number)
+        assert future.result(PATIENCE_S) == Pong(number)
 
 
 def test_threads_that_ask_at_once_get_their_own_answers_in_any_order() -> None:
     world = World()
-    asked = [world.soon(Ping(str(number))) for number in range(8)]
-    for number, (head, _) in reversed([*enumerate(asked)]):
+    futures = [world.soon(Ping(str(number))) for number in range(8)]
+    for number, (head, _) in reversed([*enumerate(futures)]):
         world.answer(head.cid, Pong(number))
-    assert [future.result(PATIENCE_S) for _, future in asked] == [Pong(number) for number in range(8)]
+    assert [future.result(PATIENCE_S) for _, future in futures] == [Pong(number) for number in range(8)]
 
 
-def test_saf_010_what_is_not_answered_in_time_is_never_answered() -> None:
-    """The late answer must not be taken for that to the next question."""
+def test_saf_010_an_ask_that_timed_out_is_never_answered() -> None:
+    """The late answer must not be used as the answer to the next ask."""
     world = World()
     began_s = time.monotonic()
     with pytest.raises(AskTimeout, match=r"0\.05 s"):
         world.ask(Ping(), 0.05)
     assert time.monotonic() - began_s >= 0.05
-    head, asked = world.soon(Ping())
+    head, future = world.soon(Ping())
     world.answer(world.sent[0].cid, Pong(1))
     time.sleep(0.02)
-    assert not asked.done()
+    assert not future.done()
     world.answer(head.cid, Pong(2))
-    assert asked.result(PATIENCE_S) == Pong(2)
+    assert future.result(PATIENCE_S) == Pong(2)
 
 
-def test_nobody_there_is_said_at_once() -> None:
+def test_an_ask_to_an_address_without_an_actor_fails_at_once() -> None:
     world = World()
     world.there = False
     with pytest.raises(Unreachable, match="the there of r is not running"):
         world.ask(Ping())
 
 
-def test_who_waits_for_an_actor_that_is_gone_is_told_and_nobody_else() -> None:
+def test_the_end_of_an_actor_fails_the_asks_to_it_and_no_others() -> None:
     world = World()
     _, lost = world.soon(Ping())
     head, other = world.soon(Ping(), to=OTHER)
@@ -151,7 +152,7 @@ def test_who_waits_for_an_actor_that_is_gone_is_told_and_nobody_else() -> None:
     assert other.result(PATIENCE_S) == Pong(1)
 
 
-def test_when_the_session_ends_who_waits_is_told_and_who_asks_later_too() -> None:
+def test_the_end_of_the_session_fails_open_asks_and_later_ones() -> None:
     world = World()
     waiting = [world.soon(Ping(), to)[1] for to in (TO, OTHER, TO)]
     world.asks.close("the mesh was left")
@@ -161,16 +162,16 @@ def test_when_the_session_ends_who_waits_is_told_and_who_asks_later_too() -> Non
         world.ask(Ping())
 
 
-def test_an_answer_of_no_known_type_is_refused_by_name() -> None:
+def test_an_answer_of_an_unknown_type_is_refused() -> None:
     world = World()
-    head, asked = world.soon(Ping())
+    head, future = world.soon(Ping())
     world.answer(head.cid, Ping("what"))
-    answer = asked.result(PATIENCE_S)
+    answer = future.result(PATIENCE_S)
     assert isinstance(answer, Refused)
     assert answer.code == "malformed_reply"
 
 
-def test_what_is_too_long_is_refused_and_not_sent() -> None:
+def test_a_message_that_is_too_long_is_refused_and_not_sent() -> None:
     world = World()
     answer = world.ask(Ping("x" * MAX_MESSAGE_BYTES))
     assert isinstance(answer, Refused)
@@ -178,7 +179,7 @@ def test_what_is_too_long_is_refused_and_not_sent() -> None:
     assert not world.sent
 
 
-def test_a_wait_that_is_interrupted_leaves_nothing_behind() -> None:
+def test_an_interrupted_wait_leaves_nothing_behind() -> None:
     world = World()
 
     def interrupted(to: str, data: bytes) -> bool:
@@ -189,7 +190,7 @@ def test_a_wait_that_is_interrupted_leaves_nothing_behind() -> None:
     assert not world.asks._waiting
 
 
-def test_a_forked_process_keeps_off_its_parents_session() -> None:
+def test_a_forked_process_does_not_use_its_parents_session() -> None:
     world = World()
     child = os.fork()
     if child == 0:
@@ -203,8 +204,12 @@ def test_a_forked_process_keeps_off_its_parents_session() -> None:
 
 
 @real_time
-async def test_saf_006_a_stop_that_a_thread_asks_for_is_urgent_on_its_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one that the loop asks for is: it overtakes what waits, and waits for no batch."""
+async def test_saf_006_a_stop_that_a_thread_sends_is_sent_with_urgent_priority(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It has the same priority as one that the loop sends: it overtakes waiting messages and is not
+    delayed for a batch.
+    """
     seen: list[tuple[str, zenoh.Priority, bool]] = []
     take = ZenohMesh._on_sample
 
@@ -216,7 +221,7 @@ async def test_saf_006_a_stop_that_a_thread_asks_for_is_urgent_on_its_way(monkey
 
     monkeypatch.setattr(ZenohMesh, "_on_sample", spy)
     async with by_zenoh() as pair:
-        ours = pair.way
+        ours = pair.connection
         assert isinstance(ours, ZenohMesh)
         ours.serve_threads()
         cell = await pair.host("there", There)
@@ -224,19 +229,20 @@ async def test_saf_006_a_stop_that_a_thread_asks_for_is_urgent_on_its_way(monkey
         await ref.ask(Alarm(1), PATIENCE_S)  # by the loop
         await trio.to_thread.run_sync(ref.ask_here, Alarm(2), PATIENCE_S)
         await trio.to_thread.run_sync(ref.ask_here, Ping(), PATIENCE_S)
-    asked = [(priority, express) for key, priority, express in seen if key == cell.address]
-    by_loop, by_thread, ordinary = asked[-3:]
+    received = [(priority, express) for key, priority, express in seen if key == cell.address]
+    by_loop, by_thread, ordinary = received[-3:]
     assert by_thread == by_loop == (zenoh.Priority.REAL_TIME, True)
     assert ordinary == (zenoh.Priority.INTERACTIVE_HIGH, False)
 
 
 @real_time
-async def test_over_zenoh_a_thread_is_answered_and_told_of_the_end() -> None:
+async def test_over_zenoh_a_thread_gets_answers_and_the_end_of_an_actor() -> None:
     async with by_zenoh() as pair:
-        ours = pair.way
+        ours = pair.connection
         assert isinstance(ours, ZenohMesh)
         ours.serve_threads()
-        curious = ours._session.declare_subscriber("strands/**", lambda sample: None)  # hosts nothing
+        # a subscriber that hosts no actor
+        curious = ours._session.declare_subscriber("strands/**", lambda sample: None)
         cells = await pair.host("quick", There), await pair.host("silent", lambda: There(silent=True))
         quick, silent = (pair.here.ref(cell.address, There) for cell in cells)
         with trio.fail_after(PATIENCE_S):
@@ -252,25 +258,25 @@ async def test_over_zenoh_a_thread_is_answered_and_told_of_the_end() -> None:
             await trio.to_thread.run_sync(silent.ask_here, Ping(), 0.05)
         assert await trio.to_thread.run_sync(quick.ask_here, Ping("seven.."), PATIENCE_S) == Pong(7)
         async with trio.open_nursery() as nursery:
-            asked = trio.Event()
+            started = trio.Event()
 
             async def end() -> None:
-                await asked.wait()
+                await started.wait()
                 await trio.sleep(0.1)
                 await trio.to_thread.run_sync(pair.sever)
 
             nursery.start_soon(end)
-            asked.set()
+            started.set()
             began_s = time.monotonic()
             with pytest.raises(Unreachable, match="went away"):
                 await trio.to_thread.run_sync(silent.ask_here, Ping(), PATIENCE_S)
             assert time.monotonic() - began_s < PATIENCE_S / 2
         for ask in (silent.ask_here, quick.ask_here):
-            with trio.fail_after(PATIENCE_S):  # it is told of each actor's end by itself
+            with trio.fail_after(PATIENCE_S):  # the end of each actor arrives by itself
                 while True:
-                    with pytest.raises(Unreachable) as gone:
+                    with pytest.raises(Unreachable) as error:
                         await trio.to_thread.run_sync(ask, Ping(), PATIENCE_S)
-                    if "is not running" in str(gone.value):
+                    if "is not running" in str(error.value):
                         break
         with pytest.raises(Unreachable, match="is not running"):
             await quick.ask(Ping(), PATIENCE_S)

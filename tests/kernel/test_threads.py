@@ -1,4 +1,4 @@
-"""A call in a thread: what it gives, raises, and leaves behind when nobody waits any more."""
+"""A call in a thread: its result, its exception, and a cancelled wait for it."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from .kernel import real_time, until
 
 
 @real_time
-async def test_it_gives_what_the_call_gives_and_raises_what_it_raises() -> None:
-    def add(one: int, other: int) -> tuple[int, int]:
-        return one + other, threading.get_ident()
+async def test_a_call_returns_its_result_and_raises_its_exception() -> None:
+    def add(first: int, second: int) -> tuple[int, int]:
+        return first + second, threading.get_ident()
 
     value, thread = await call_in_thread(add, 1, 2)
     assert value == 3
@@ -26,7 +26,7 @@ async def test_it_gives_what_the_call_gives_and_raises_what_it_raises() -> None:
 
 
 @real_time
-async def test_the_loop_goes_on_meanwhile() -> None:
+async def test_the_loop_continues_during_a_call() -> None:
     over = threading.Event()
     async with trio.open_nursery() as nursery:
         nursery.start_soon(call_in_thread, over.wait, 20.0)
@@ -35,7 +35,7 @@ async def test_the_loop_goes_on_meanwhile() -> None:
 
 
 @real_time
-async def test_many_at_a_time_are_not_in_each_others_way() -> None:
+async def test_many_calls_run_at_the_same_time() -> None:
     meeting = threading.Barrier(60)  # more than trio's own limiter lets in
     async with trio.open_nursery() as nursery:
         for _ in range(60):
@@ -43,7 +43,7 @@ async def test_many_at_a_time_are_not_in_each_others_way() -> None:
 
 
 @real_time
-async def test_who_is_cancelled_does_not_wait_and_hears_no_more_of_it() -> None:
+async def test_a_cancelled_wait_ends_at_once_and_the_call_is_ignored() -> None:
     over, ended = threading.Event(), threading.Event()
 
     def call() -> int:
@@ -62,7 +62,7 @@ async def test_who_is_cancelled_does_not_wait_and_hears_no_more_of_it() -> None:
 
 
 @real_time
-async def test_nothing_is_begun_for_who_is_cancelled_already() -> None:
+async def test_a_cancelled_task_starts_no_call() -> None:
     begun = threading.Event()
     with trio.CancelScope() as scope:
         scope.cancel()
@@ -72,7 +72,7 @@ async def test_nothing_is_begun_for_who_is_cancelled_already() -> None:
     assert not begun.is_set()
 
 
-def test_a_call_that_outlives_its_loop_harms_nobody(capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_call_that_outlives_its_loop_does_no_harm(capfd: pytest.CaptureFixture[str]) -> None:
     over, ended = threading.Event(), threading.Event()
 
     def call() -> None:

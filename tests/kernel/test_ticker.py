@@ -1,5 +1,4 @@
-"""A ticker that something else ticks for: it stands back meanwhile, and is there when that stays
-away."""
+"""A ticker pauses while another source ticks for it, and starts again when that source stops."""
 
 from __future__ import annotations
 
@@ -19,7 +18,7 @@ PERIOD_S = 0.01
 
 @asynccontextmanager
 async def running(ticker: Ticker) -> AsyncIterator[list[float]]:
-    """When it has ticked, in milliseconds since now."""
+    """Run a ticker. Yield its tick times in milliseconds from now."""
     began_ns, seen = VirtualClock().now_ns(), []
     async with trio.open_nursery() as nursery:
         nursery.start_soon(ticker.run, lambda now_ns: seen.append(round((now_ns - began_ns) * 1e3 / NS, 3)))
@@ -34,37 +33,37 @@ async def bring(ticker: Ticker, times: int, every_s: float) -> None:
 
 
 @virtual_time
-async def test_it_ticks_by_itself_when_nothing_is_brought() -> None:
+async def test_the_ticker_ticks_by_itself_without_another_source() -> None:
     async with running(Ticker(VirtualClock(), PERIOD_S)) as seen:
         await trio.sleep(0.035)
     assert seen == [10, 20, 30]
 
 
 @virtual_time
-async def test_it_does_not_tick_while_ticks_are_brought_and_is_there_when_they_stay_away() -> None:
+async def test_the_ticker_pauses_during_external_ticks_and_continues_after_them() -> None:
     ticker = Ticker(VirtualClock(), PERIOD_S)
     async with running(ticker) as seen:
         await trio.sleep(0.015)
         await bring(ticker, 100, 0.008)
-        assert seen == [10, 20]  # the first was brought at 23
+        assert seen == [10, 20]  # the first external tick came at 23
         await trio.sleep(0.036)
-    assert seen == [10, 20, 830, 840, 850]  # the last at 815
+    assert seen == [10, 20, 830, 840, 850]  # the last external tick came at 815
 
 
 @virtual_time
 @pytest.mark.parametrize("late_s", [0.0149, 0.0151, 0.03])
-async def test_a_stream_that_comes_and_goes_is_never_waited_for_longer_than_it_says(late_s: float) -> None:
+async def test_an_irregular_source_delays_a_tick_by_no_more_than_the_limit(late_s: float) -> None:
     ticker = Ticker(VirtualClock(), PERIOD_S)
     async with running(ticker) as seen:
         for _ in range(20):
             await bring(ticker, 5, PERIOD_S)
-            await trio.sleep(late_s - PERIOD_S)  # the sixth comes so late
+            await trio.sleep(late_s - PERIOD_S)  # the sixth tick is late
     silent = late_s > 0.015
     assert (len(seen) > 15) is silent, seen
 
 
 @real_time
-async def test_in_real_time_it_stands_back_and_comes_again() -> None:
+async def test_in_real_time_the_ticker_pauses_and_continues() -> None:
     ticker = Ticker(MonotonicClock(), 0.05)
     ticks: list[int] = []
     async with trio.open_nursery() as nursery:
@@ -76,5 +75,5 @@ async def test_in_real_time_it_stands_back_and_comes_again() -> None:
         brought = len(ticks)
         await trio.sleep(0.5)
         nursery.cancel_scope.cancel()
-    assert brought <= 3  # on a machine that pauses: one
+    assert brought <= 3  # one tick on a machine that pauses
     assert 5 <= len(ticks) - brought <= 10

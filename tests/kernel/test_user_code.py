@@ -1,4 +1,4 @@
-"""What is said of an exception that a user's code raised."""
+"""The description of an exception that the user's code raised."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def exits() -> None:
         (partial(create_policy, "no such provider"), r"[^)]"),
     ],
 )
-def test_the_line_that_is_named_is_never_one_of_the_thread_that_called(call: Callable[[], Any], place: str) -> None:
+def test_the_named_line_is_never_one_of_the_calling_thread(call: Callable[[], Any], place: str) -> None:
     async def fail() -> str:
         try:
             await trio.to_thread.run_sync(contained, call)

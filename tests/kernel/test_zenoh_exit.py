@@ -1,5 +1,6 @@
-"""A script that ends while threads of it, or zenoh's own, are about to enter Python ends with its own exit
-code. Without ``zenoh_exit`` nearly every such run was aborted (exit code 134)."""
+"""A script ends with its own exit code, even if its threads or those of zenoh are about to enter Python.
+Without ``zenoh_exit`` nearly every such run was aborted (exit code 134).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ mesh = portal().node.mesh
 key = mesh._threads.reply_to
 mesh._alive.add(key)
 
-def flood():  # each question calls zenoh on this thread, and comes back on one of zenoh's
+def flood():  # each query calls zenoh in this thread, and its answer arrives in one of zenoh's
     while True:
         mesh._put_question(key, b"x" * 100)
 

@@ -1,8 +1,8 @@
-"""A caller that is cut off: it prints its run directory's tree, then calls one verb of a stopped
-robot as soon as a line comes.
+"""A caller that the tests kill. It prints ``ready``, and then calls one verb of a stopped robot when a
+line arrives.
 
 Arguments: robot, port, keywords of the robot in JSON, the verb (``resume``, ``connect_eagerly``, or the
-name of a service), then the services that come before it, after a resume.
+name of a service), then the services that must run before it, after a resume.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any
 from strands_actors import Robot
 
 START_S = 60.0
-"""For a robot to be ready, on a busy machine."""
+"""Timeout for a robot to be ready, on a busy machine."""
 
 
 def succeed(call: Any, *arguments: Any) -> None:
-    """Call a verb until it succeeds: a process may be late enough to count as frozen."""
+    """Call a verb until it succeeds. On a busy machine a process may be late enough to count as frozen."""
     deadline_s = time.monotonic() + START_S
     while True:
         answer = call(*arguments)

@@ -1,4 +1,4 @@
-"""A policy that ends at its first step, in an exception."""
+"""A policy that raises an exception at its first step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Break the disk of one directory: its path is gone, it is full, or nothing can be written to it."""
+"""Break the disk of one directory: its path is missing, it is full, or it is read-only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 CAP_SYS_ADMIN = 21
 SIZE = "256k"
 FILES = 400
-"""Of a small disk."""
+"""Number of files of a small disk."""
 
 
 class Disk(enum.StrEnum):
@@ -31,7 +31,7 @@ def can_mount() -> bool:
 
 @contextlib.contextmanager
 def small(path: Path) -> Iterator[None]:
-    """Put a small disk in the place of an empty directory."""
+    """Mount a small disk over an empty directory."""
     options = f"size={SIZE},nr_inodes={FILES},mode=0700"
     subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(path)], check=True)
     try:
@@ -42,7 +42,7 @@ def small(path: Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def broken(path: Path, how: Disk) -> Iterator[None]:
-    """Break the disk of a directory. One that becomes full has to be ``small``."""
+    """Break the disk of a directory. A disk that becomes full must be ``small``."""
     match how:
         case Disk.GONE:
             aside = path.with_name(f"{path.name}-aside")
@@ -66,7 +66,7 @@ def broken(path: Path, how: Disk) -> Iterator[None]:
 
 
 def fill(path: Path) -> None:
-    """Use up all bytes, then all files, of a small disk."""
+    """Use up first all bytes and then all files of a small disk."""
     with contextlib.suppress(OSError), (path / "filler").open("wb", buffering=0) as filler:
         while filler.write(bytes(4096)):
             pass

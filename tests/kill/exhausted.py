@@ -33,8 +33,8 @@ from strands_actors.testing.cells import (
     persevere,
     read,
     require_motion,
-    told,
     until_safe,
+    with_story,
 )
 
 from .full_table import sitecustomize as full_table
@@ -49,7 +49,7 @@ REPLACED_S = 20.0
 READY_S = 4.0
 """Time until the next standby has its stop channel."""
 GROUPS = Path("/sys/fs/cgroup")
-_GROUP = f"strands-tests-{secrets.token_hex(4)}"  # the pid of another container may be the same
+_GROUP = f"strands-tests-{secrets.token_hex(4)}"  # in another container the same pid may exist
 
 
 class Roles(enum.StrEnum):
@@ -62,13 +62,13 @@ class Roles(enum.StrEnum):
 class Lacks(enum.StrEnum):
     """The exhausted resource."""
 
-    LEAK = "free files"  # all free descriptors are taken; the reserve of the process is not
+    LEAK = "free files"  # all free descriptors are in use, but the reserve of the process is not
     FILES = "files"  # a limit of 0, so that a closed descriptor cannot be reused either
     TABLE = "system files"  # the whole system's table of open files is full
-    MEMORY = "memory"  # of address space
+    MEMORY = "memory"  # address space
     THREADS = "threads"  # and processes
     DISK = "disk"  # no file may grow
-    CPU = "cpu"  # its signal, SIGXCPU
+    CPU = "cpu"  # the signal SIGXCPU
     GROUP_MEMORY = "cgroup memory"
     GROUP_CPU = "cgroup cpu"
 
@@ -110,7 +110,7 @@ def take(lacks: Lacks, pid: int) -> None:
         case Lacks.DISK:
             _limit(pid, resource.RLIMIT_FSIZE, 0)
         case Lacks.CPU:
-            os.kill(pid, signal.SIGXCPU)  # as the kernel does when RLIMIT_CPU is used up
+            os.kill(pid, signal.SIGXCPU)  # the kernel does the same when RLIMIT_CPU is used up
         case Lacks.GROUP_MEMORY:
             _join("memory", pid, {"memory.limit_in_bytes": 1 << 16})
         case Lacks.GROUP_CPU:
@@ -136,7 +136,7 @@ def _join(controller: str, pid: int, settings: dict[str, int]) -> None:
 def leave_groups() -> None:
     """Remove the control groups whose processes have ended."""
     for group in GROUPS.glob(f"*/{_GROUP}-*"):
-        with contextlib.suppress(OSError):  # its process is still ending
+        with contextlib.suppress(OSError):  # the process is still ending
             group.rmdir()
 
 
@@ -169,8 +169,8 @@ def processes(caller: Caller, role: Roles) -> list[int]:
 
 
 def _children(parent: int, name: str) -> list[int]:
-    found = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    return [int(pid) for pid in found if Path(f"/proc/{pid}/comm").read_text().startswith(name)]
+    pids = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    return [int(pid) for pid in pids if Path(f"/proc/{pid}/comm").read_text().startswith(name)]
 
 
 def motion_of(driver: Driver) -> str:
@@ -205,7 +205,7 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
     killed = [pid for role in KILLED[row.role] for pid in processes(caller, role)]
     queue = bench.queue(caller)
     exhausted_ns = monotonic_ns()
-    if row.lacks is Lacks.LEAK:  # No process can open a file in another one.
+    if row.lacks is Lacks.LEAK:  # A process cannot open files in another process.
         await ask_to_break(caller, row.role, "leak")
     else:
         for pid in processes(caller, row.role):
@@ -215,32 +215,32 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
         await _replaced(caller)
     killed_ns = monotonic_ns()
     for pid in killed:
-        with contextlib.suppress(ProcessLookupError):  # the exhaustion has ended it
+        with contextlib.suppress(ProcessLookupError):  # the process has already ended
             os.kill(pid, signal.SIGKILL)
     await until_safe(bench.log, exhausted_ns, queue)
-    stood_ms = queue.stood_ms()
+    waited_ms = queue.waited_ms()
     bound_s = bound_s_of(bench.driver, row.lacks)
     await trio.sleep(settle_s + bound_s)
     require_motion(bench.log, exhausted_ns)
     fallbacks = bench.driver.fallbacks
     states = tuple(dict.fromkeys(fallbacks[reason] for reason in (Reason.WIRE, Reason.ROOT, Reason.FAULT)))
     if row.lacks is Lacks.LEAK and row.role is Roles.ROOT:
-        assert life_of(caller.pid(row.role)) == Life(), "the root needs nobody else"
-        assert exists(caller.pid(row.role)), "the root needs nobody else"
+        assert life_of(caller.pid(row.role)) == Life(), "the root acts itself"
+        assert exists(caller.pid(row.role)), "the root acts itself"
     expected = Expected(row.role, row.lacks, states, bound_s * 1e3)
-    return told(read(bench.log, expected, exhausted_ns, killed_ns, 0.0, stood_ms), bench.log, exhausted_ns)
+    return with_story(read(bench.log, expected, exhausted_ns, killed_ns, 0.0, waited_ms), bench.log, exhausted_ns)
 
 
 async def _replaced(caller: Caller) -> None:
     """Wait for the next standby, if the exhausted one ends."""
     before, root = caller.pid(Roles.STANDBY), caller.pid(Roles.ROOT)
-    gone = False
+    has_ended = False
     with trio.move_on_after(GONE_S):
         await wait_for_end_of(before)
-        gone = True
-    if gone:
+        has_ended = True
+    if has_ended:
         with trio.fail_after(REPLACED_S):
-            while not _standby_of(root):  # noqa: ASYNC110  # another process's doing: there is no event
+            while not _standby_of(root):  # noqa: ASYNC110  # another process changes this, so there is no event
                 await trio.sleep(0.02)
         await trio.sleep(READY_S)
 
@@ -248,7 +248,7 @@ async def _replaced(caller: Caller) -> None:
 def _standby_of(root: int) -> bool:
     """Return whether a root has a standby: its child, or its spawner's."""
     for child in (root, *map(int, Path(f"/proc/{root}/task/{root}/children").read_text().split())):
-        with contextlib.suppress(OSError):  # it has ended meanwhile
+        with contextlib.suppress(OSError):  # the process has ended meanwhile
             if _children(child, "strands-standby"):
                 return True
     return False

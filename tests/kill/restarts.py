@@ -32,7 +32,7 @@ def private_kb(pid: int) -> int:
 
 
 class Ended(ChildProcess):
-    """A policy process that ends as soon as it is started."""
+    """A policy process that ends immediately after its start."""
 
     def __init__(self, number: int) -> None:
         self.pid = number

@@ -1,4 +1,4 @@
-"""A policy that has the robot stay where it is."""
+"""A policy that keeps the robot at its position."""
 
 from __future__ import annotations
 

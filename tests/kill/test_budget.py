@@ -1,5 +1,6 @@
-"""SAF-003, SAF-008: a wire process that keeps dying ends with a safe robot that stays so until
-asked."""
+"""SAF-003, SAF-008: a wire process is killed again and again. At the end the robot is safe and stays so
+until a resume.
+"""
 
 from __future__ import annotations
 

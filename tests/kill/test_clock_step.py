@@ -1,9 +1,9 @@
 """The wall clock is set by an hour while a robot moves, in the caller and all processes of its tree.
 
-``time.time`` and ``time.time_ns`` are replaced in each process, because a test must not set the
-machine's clock. (``test_no_part_of_the_tree_reads_the_wall_clock`` finds other readers of it.) The
-kernel's timestamps of datagrams from legged robots keep the old time here. This is harder than a
-real change of the clock.
+``time.time`` and ``time.time_ns`` are replaced in each process, because a test must not set the machine's
+clock. (``test_no_part_of_the_tree_reads_the_wall_clock`` finds other readers of it.) The kernel's
+timestamps of datagrams from robots with legs keep the old time here. This is harder than a real change of
+the clock.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int]
     It returns the pids that were started by exec with this clock. Their forks have it, too.
     """
     execute_what_is_started_here(monkeypatch)
-    at = tmp_path / "by_s"
-    at.write_text("0")
+    offset_file = tmp_path / "by_s"
+    offset_file.write_text("0")
     (tmp_path / "site").mkdir()
-    code = SET.format(at=str(at))
-    (tmp_path / "site" / "sitecustomize.py").write_text(code + SAY_SO.format(at=str(at)))
+    code = SET.format(at=str(offset_file))
+    (tmp_path / "site" / "sitecustomize.py").write_text(code + SAY_SO.format(at=str(offset_file)))
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
     monkeypatch.setattr(time, "time", time.time)
     monkeypatch.setattr(time, "time_ns", time.time_ns)
@@ -61,8 +61,8 @@ def set_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int]
     def set_by(step_s: int) -> list[int]:
         new = tmp_path / "new"
         new.write_text(str(step_s))
-        new.rename(at)
-        return list(map(int, Path(f"{at}.pids").read_text().split()))
+        new.rename(offset_file)
+        return list(map(int, Path(f"{offset_file}.pids").read_text().split()))
 
     return set_by
 
@@ -100,7 +100,7 @@ def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
         assert robot.resume()["status"] == "success"  # each command expires after 100 ms
         answer = robot.send_action({"left_knee": robot.get_observation()["left_knee"]})
         assert answer["status"] == "success", answer
-        until(lambda: robot.get_status()["content"][0]["json"]["state"] == "disarmed", "it has expired")
+        until(lambda: robot.get_status()["content"][0]["json"]["state"] == "disarmed", "the command has expired")
     assert robot.get_status()["content"][0]["json"]["observation_age_s"] < PATIENCE_S
     robot.stop()
     assert len([entry for entry in twin.log.host("setpoint") if entry.t_ns > began_ns]) >= 3
@@ -110,7 +110,7 @@ def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
 @pytest.mark.parametrize("robot", ["xarm7", "spot"])
 @pytest.mark.parametrize("step_s", [-3600, 3600])
 @pytest.mark.parametrize("killed", [("root", "wire"), ("wire",), ("root",)], ids="+".join)
-def test_saf_024_whoever_stops_the_robot_does_so_after_the_clock_was_set(
+def test_saf_024_each_process_can_stop_the_robot_after_the_clock_was_set(
     strands_robot: Start,
     set_clock: Callable[[int], list[int]],
     killed: tuple[str, ...],
@@ -126,10 +126,10 @@ def test_saf_024_whoever_stops_the_robot_does_so_after_the_clock_was_set(
     assert moved["status"] == "success", moved
     set_clock(step_s)
     killed_ns = time.monotonic_ns()
-    found = pids(arm)
+    processes = pids(arm)
     for role in killed:
-        os.kill(found[role], signal.SIGKILL)
-    until(lambda: twin.log.first_safe(killed_ns), "nobody made it safe")
+        os.kill(processes[role], signal.SIGKILL)
+    until(lambda: twin.log.first_safe(killed_ns), "a process makes the robot safe")
     time.sleep(SETTLE_S)
     twin.log.no_setpoint_after_safe(killed_ns)
 
@@ -144,6 +144,6 @@ def setpoints_go_on(twin: Twin, since_ns: int) -> int:
     """Wait for twenty setpoints after ``since_ns``, and return the time."""
     until_s = time.monotonic() + PATIENCE_S
     while sum(entry.t_ns > since_ns for entry in twin.log.host("setpoint")) < 20:
-        assert time.monotonic() < until_s, "it does not move"
+        assert time.monotonic() < until_s, "the robot does not move"
         time.sleep(0.02)
     return time.monotonic_ns()

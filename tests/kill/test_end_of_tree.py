@@ -31,8 +31,9 @@ from tests.answers import alive, until
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 DELAYS_S = (0.0, 0.004, 0.008, 0.012, 0.016)
-"""Times from the first limp frame of the end to a resume. At these times most resumes were once
-accepted."""
+"""Times from the first limp frame of the end to a resume. At these times an earlier version accepted most
+resumes.
+"""
 
 
 class Operator(threading.Thread):
@@ -129,13 +130,13 @@ def test_saf_018_a_root_stays_for_a_motor_that_is_not_confirmed(bench: tuple[Ben
     bench[0].twin.fault("garbage:5")
     time.sleep(0.1)
     os.kill(pids["caller"], signal.SIGKILL)
-    until(lambda: json.loads(note.read_bytes()).get("unconfirmed") == ["wrist_roll"], "the note says so")
+    until(lambda: json.loads(note.read_bytes()).get("unconfirmed") == ["wrist_roll"], "the note names the motor")
     time.sleep(1.0)
-    assert Path(f"/proc/{pids['root']}").exists(), "it has not ended: it has a robot to make safe"
+    assert Path(f"/proc/{pids['root']}").exists(), "the root still tries to make the robot safe"
     assert not Path(f"/proc/{pids['wire']}").exists()
     healed_ns = time.monotonic_ns()
     bench[0].twin.fault("ok")
-    until(lambda: not alive(pids["root"]), "it ends")
+    until(lambda: not alive(pids["root"]), "the root ends")
     assert bench[0].log.first_safe(healed_ns) is not None
     assert json.loads(note.read_bytes())["unconfirmed"] == []
     bench[0].drop()
@@ -152,12 +153,12 @@ def test_saf_018_a_wire_without_a_root_stays_for_a_motor_that_is_not_confirmed(
     time.sleep(0.1)
     killed_ns = time.monotonic_ns()
     os.kill(pids["root"], signal.SIGKILL)
-    until(lambda: bench[0].log.first_safe(killed_ns), "it makes safe")
+    until(lambda: bench[0].log.first_safe(killed_ns), "the wire makes the robot safe")
     time.sleep(5.0)
-    assert alive(pids["wire"]), "it has not ended: it has a robot to make safe"
+    assert alive(pids["wire"]), "the wire still tries to make the robot safe"
     healed_ns = time.monotonic_ns()
     bench[0].twin.fault("ok")
-    until(lambda: not alive(pids["wire"]), "it ends")
+    until(lambda: not alive(pids["wire"]), "the wire ends")
     assert bench[0].log.first_safe(healed_ns) is not None
     bench[0].log.no_setpoint_after_safe(killed_ns)
     bench[0].drop()

@@ -33,7 +33,11 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 
 FIRST = {"feetech": "so101"}  # the policy of the bench moves an SO-100 past its travel
 ROBOTS = [FIRST.get(wire, load(where).SUPPORTED_ROBOTS[0]) for wire, where in WIRES.items()]
-GROUPED = [lacks for lacks, at in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu")) if can_group(at)]
+GROUPED = [
+    lacks
+    for lacks, controller in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu"))
+    if can_group(controller)
+]
 """Only where this user may make control groups of version 1."""
 PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
 ROWS = [Row(role, lacks) for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY) for lacks in (*PLAIN, *GROUPED)]
@@ -45,8 +49,8 @@ EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
 
 QUICK = {
     ("so101", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
-    ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded: it ends
-    ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware: it ends
+    ("xarm7", Roles.ROOT, Lacks.FILES),  # ConnectWhenNeeded; the root ends
+    ("panda", Roles.ROOT, Lacks.FILES),  # WatchedFirmware; the root ends
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
     ("xarm7", Roles.ROOT, Lacks.TABLE),  # ConnectWhenNeeded: a descriptor that it closes cannot be opened again
     ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
@@ -83,7 +87,9 @@ def bench_of(robot: str, benches: dict[str, Bench]) -> Bench:
 
 
 @pytest.mark.parametrize(("robot", "row"), CELLS)
-def test_saf_024_one_is_exhausted_and_the_wire_is_safe(robot: str, row: Row, benches: dict[str, Bench]) -> None:
+def test_saf_024_one_process_is_exhausted_and_the_wire_is_safe(
+    robot: str, row: Row, benches: dict[str, Bench]
+) -> None:
     outcome = run_exhausted(bench_of(robot, benches), row)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
@@ -106,9 +112,9 @@ def test_saf_024_a_standby_that_lacks_files_is_replaced_and_motion_goes_on(stran
     began_ns = time.monotonic_ns()
     take(Lacks.FILES, before["standby"])
     after = until(
-        lambda: now if (now := pids(arm)).get("standby", 0) not in (0, before["standby"]) else None, "another"
+        lambda: now if (now := pids(arm)).get("standby", 0) not in (0, before["standby"]) else None, "a new standby"
     )
-    until(lambda: status(arm)["standby"] == "ready", "it is ready")
+    until(lambda: status(arm)["standby"] == "ready", "the standby is ready")
     assert {role: after[role] for role in ("root", "wire")} == {role: before[role] for role in ("root", "wire")}
     assert twin.log.first_safe(began_ns) is None
 
@@ -118,13 +124,13 @@ def test_saf_024_a_wire_that_lacks_files_is_not_armed(strands_robot: Start) -> N
     assert arm.stop()["status"] == "success"
     wire = pids(arm)["wire"]
     before = resource.prlimit(wire, resource.RLIMIT_NOFILE)
-    asked_ns = time.monotonic_ns()
+    requested_ns = time.monotonic_ns()
     take(Lacks.FILES, wire)
     assert "no file can be opened" in why(arm.resume())
-    assert twin.log.host("enable", asked_ns) == []
+    assert twin.log.host("enable", requested_ns) == []
     resource.prlimit(wire, resource.RLIMIT_NOFILE, before)
     resumed(arm)
-    assert twin.log.host("enable", asked_ns)
+    assert twin.log.host("enable", requested_ns)
 
 
 KILLS = (("root", "wire"), ("wire",), ("root",))
@@ -150,14 +156,14 @@ def test_saf_024_without_a_run_directory_the_wire_is_safe(
     """No note, lock or report can be written."""
     arm, twin = strands_robot("robotiq_2f85")
     assert arm.send_action({"gripper": arm.get_observation()["gripper"] + 0.05})["status"] == "success"
-    found = pids(arm)
+    processes = pids(arm)
     with broken(strands_run_dir, run_disk):
         with pytest.raises(OSError):
             (strands_run_dir / "another").touch()
         killed_ns = time.monotonic_ns()
         for role in killed:
-            os.kill(found[role], signal.SIGKILL)
-        safe = until(lambda: twin.log.first_safe(killed_ns), "nobody made it safe")
+            os.kill(processes[role], signal.SIGKILL)
+        safe = until(lambda: twin.log.first_safe(killed_ns), "a process makes the robot safe")
         assert safe.safe_state == "hold"
         time.sleep(SETTLE_S)
         twin.log.no_setpoint_after_safe(killed_ns)

@@ -78,7 +78,7 @@ def test_saf_003_a_policy_out_of_memory_ends_in_a_hold(strands_robot: Start) -> 
     assert arm.send_action({"shoulder_pan": 1.0})["status"] == "success"
 
 
-TOLD = {
+READERS = {
     "supervisors/mesh/telemetry.py",
     "supervisors/mesh/answers.py",
     "supervisors/mesh/commands.py",
@@ -91,8 +91,9 @@ TOLD = {
     "supervisors/mesh/pictures.py",
     "supervisors/root/audit.py",
 }
-"""Files that may read the wall clock. They publish its time, or they check a wall-clock
-timestamp from the operating system for plausibility."""
+"""Files that may read the wall clock. They publish its time, or they check a wall-clock timestamp from
+the operating system for plausibility.
+"""
 
 
 def test_no_part_of_the_tree_reads_the_wall_clock() -> None:
@@ -101,14 +102,14 @@ def test_no_part_of_the_tree_reads_the_wall_clock() -> None:
     assert list(wall_clock_calls("import time\ntime.time()")) == ["time.time"]
     assert list(wall_clock_calls("datetime.datetime.now()")) == ["datetime.datetime.now"]
     assert all((PACKAGE / part).is_dir() for part in TREE), "a part has moved"
-    found = {
+    readers = {
         str(path.relative_to(PACKAGE)): calls
         for part in TREE
         for directory, _, files in os.walk(PACKAGE / part, followlinks=True)
         for path in (Path(directory) / file for file in files if file.endswith(".py"))
         if (calls := list(wall_clock_calls(path.read_text())))
     }
-    assert found.keys() <= TOLD
+    assert readers.keys() <= READERS
 
 
 def wall_clock_calls(source: str) -> Iterator[str]:

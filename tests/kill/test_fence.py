@@ -27,8 +27,9 @@ Start = Callable[..., tuple[RealRobot, Twin]]
 def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The target is latched and its caller is alive. Without the fence the wire process would send the
-    target again."""
+    """The target is latched and its caller is alive. Without the fence the wire process would resend the
+    target.
+    """
     log = WireLog(tmp_path / "wire.ndjson")
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     with Robot("so101", mode="real", transport="twin") as arm:
@@ -48,19 +49,19 @@ def test_saf_002_a_frozen_wire_is_fenced_before_the_root_writes(
         assert not Path(f"/proc/{wire}").exists()
 
 
-def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_robot: Start) -> None:
+def test_saf_016_a_root_that_dies_while_it_fences_a_frozen_wire_has_written(strands_robot: Start) -> None:
     """The root is killed at the moment when the fenced wire process ends. The safe frame that the root
     writes before the fence has been sent."""
     arm, twin = strands_robot("so101")
     assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
-    known = pids(arm)
-    wire = os.pidfd_open(known["wire"])
+    processes = pids(arm)
+    wire = os.pidfd_open(processes["wire"])
     frozen_ns = time.monotonic_ns()
-    os.kill(known["wire"], signal.SIGSTOP)
+    os.kill(processes["wire"], signal.SIGSTOP)
     poll = select.poll()
     poll.register(wire, select.POLLIN)
-    assert poll.poll(5000.0), "it was not fenced"
-    os.kill(known["root"], signal.SIGKILL)
+    assert poll.poll(5000.0), "the wire was not fenced"
+    os.kill(processes["root"], signal.SIGKILL)
     os.close(wire)
     time.sleep(0.5)  # No process is left that could write.
     safe = twin.log.first_safe(frozen_ns)
@@ -68,7 +69,7 @@ def test_saf_016_a_root_that_dies_as_it_ends_a_frozen_wire_has_written(strands_r
     twin.log.no_setpoint_after_safe(frozen_ns)
 
 
-def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(strands_robot: Start) -> None:
+def test_saf_003_stopping_a_task_while_the_wire_is_dead_does_not_end_the_root(strands_robot: Start) -> None:
     """Neither the policy nor the gate answers the root. The root must not fail, because its
     stop channel is needed at that moment."""
     arm, twin = strands_robot("so101")
@@ -88,5 +89,5 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_does_not_end_the_root(stran
 
 
 def with_policy(arm: RealRobot) -> dict[str, int] | None:
-    found = pids(arm)
-    return found if "policy" in found and arm.get_task_status()["content"][0]["json"]["steps"] else None
+    processes = pids(arm)
+    return processes if "policy" in processes and arm.get_task_status()["content"][0]["json"]["steps"] else None

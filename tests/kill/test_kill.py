@@ -1,9 +1,9 @@
-"""SAF-002, SAF-003, SAF-004, SAF-005, SAF-008, SAF-012, SAF-015: any one process, or the robot
-itself, breaks in any way, and the wire shows the safe state. The short form of the kill matrix:
-each cell once.
+"""SAF-002, SAF-003, SAF-004, SAF-005, SAF-008, SAF-012, SAF-015: one process of a robot, or the robot
+itself, fails in each possible way, and the wire log must show the safe state. This is the short form of
+the kill matrix, with each cell once.
 
-Real processes, real wires. The bounds are the published ones, but for the time for which processes
-stood in line for a processor. ``strands-actors matrix --repeats 50`` measures them.
+Processes and wires are real. The bounds are the published ones, plus the time for which processes waited
+for a processor. ``strands-actors matrix --repeats 50`` measures them.
 """
 
 from __future__ import annotations
@@ -17,15 +17,18 @@ from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import spoils
 
 GONE_MS = 500.0
-"""For a caller to end, with the interpreter's own end."""
+"""Time for a caller to end, with the end of its interpreter."""
 SETTLE_S = 0.2
 WHOLE = ("so101", "unitree_g1")
-"""A serial bus, and a wire of 500 Hz. Of the other drivers the seven hardest cells are run with their
-conformance; the whole matrix is measured by hand."""
+"""A serial bus, and a wire at 500 Hz. The conformance tests of the other drivers run the seven hardest
+cells. The whole matrix is measured by hand.
+"""
 
 
 def quick(robot: str, cell: Cell) -> bool:
-    """A 500 Hz wire takes a processor: of its cells those of processes that are gone, or frozen."""
+    """Return whether a cell belongs to the ordinary run. A wire at 500 Hz needs a whole processor, so
+    only its killed and frozen processes do.
+    """
     return robot == WHOLE[0] or cell.fault in (Faults.KILL, Faults.FREEZE)
 
 
@@ -39,8 +42,7 @@ CELLS = [
 
 @pytest.fixture(scope="module")
 def benches() -> Iterator[dict[str, Bench]]:
-    """The one bench in use. Cells come robot by robot: the one before is ended when the next
-    begins."""
+    """Hold the one bench in use. Cells are ordered by robot, and a bench ends when the next begins."""
     benches: dict[str, Bench] = {}
     yield benches
     for bench in benches.values():
@@ -48,7 +50,7 @@ def benches() -> Iterator[dict[str, Bench]]:
 
 
 @pytest.mark.parametrize(("robot", "cell"), CELLS)
-def test_saf_003_one_breaks_and_the_wire_is_safe(robot: str, cell: Cell, benches: dict[str, Bench]) -> None:
+def test_saf_003_one_process_fails_and_the_wire_is_safe(robot: str, cell: Cell, benches: dict[str, Bench]) -> None:
     if robot not in benches:
         for other in list(benches):
             benches.pop(other).__exit__(None, None, None)
@@ -57,7 +59,7 @@ def test_saf_003_one_breaks_and_the_wire_is_safe(robot: str, cell: Cell, benches
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
     assert outcome.on_time, outcome.story
-    # SAF-015: nothing of ours keeps a caller that ends.
+    # SAF-015: this library does not delay the end of a caller.
     assert outcome.gone_ms <= GONE_MS
 
 
@@ -65,20 +67,22 @@ def test_saf_003_one_breaks_and_the_wire_is_safe(robot: str, cell: Cell, benches
     ("victim", "fault", "spoilt"),
     [
         (Victims.CALLER, Faults.FREEZE, True),
-        (Victims.WIRE, Faults.KILL, False),  # the root starts another
+        (Victims.WIRE, Faults.KILL, False),  # the root starts another wire
         ("standby", Faults.KILL, False),
         ("recorder", Faults.KILL, False),
-        ("camera/eye", Faults.KILL, True),  # it is waited for longer each time
-        ("camera/eye", Faults.FREEZE, False),  # it is let go afterwards
+        ("camera/eye", Faults.KILL, True),  # the pause before its restart becomes longer each time
+        ("camera/eye", Faults.FREEZE, False),  # it is released afterwards
         ("spawner", Faults.KILL, True),
         ("standby/stop", Faults.KILL, True),
     ],
 )
-def test_a_tree_is_broken_again_only_when_it_is_whole_again(victim: str, fault: Faults, spoilt: bool) -> None:
+def test_a_tree_is_used_for_the_next_cell_only_if_it_is_complete_again(
+    victim: str, fault: Faults, spoilt: bool
+) -> None:
     assert spoils(victim, fault) is spoilt
 
 
-def test_every_victim_and_every_fault_is_a_cell_or_says_why_not() -> None:
+def test_every_victim_and_fault_is_a_cell_or_has_a_reason_why_not() -> None:
     cells = list(cells_of(driver_of("robotiq_2f85")))
     assert {(cell.victim, cell.fault) for cell in cells} == {(v, f) for v in Victims for f in Faults}
     for cell in cells:

@@ -28,7 +28,7 @@ from typing import Any
 import pytest
 import trio
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.simulation_control import protocol
 from strands_actors.drivers.common.simulation_control.client import SimulationClient
 from strands_actors.testing import Twin
@@ -74,7 +74,7 @@ class Row:
 ENERGISING = ("enable", "setpoint")
 
 
-def told_last(trial: Trial) -> bool:
+def energised_last(trial: Trial) -> bool:
     """Return whether the host's last energising or safe frame is an energising one.
 
     This serves robots that stay energised after a stop.
@@ -101,25 +101,25 @@ ROWS = [
     few("koch", "resume"),
     few("xarm7", "resume", queue_s=0.05, quick=("wire",)),
     few("xarm7", "connect_eagerly"),
-    # A stop leaves these two ready to move, so a resume asks for nothing.
-    few("robotiq_2f85", "connect_eagerly", fresh=True, energised=told_last, begun=wrote("enable")),
-    few("rby1", "connect_eagerly", fresh=True, energised=told_last, begun=wrote("enable")),
-    few("kinova_gen3", "resume", queue_s=0.02, energised=told_last, begun=wrote("enable")),
+    # A stop leaves these two ready to move, so a resume sends no request.
+    few("robotiq_2f85", "connect_eagerly", fresh=True, energised=energised_last, begun=wrote("enable")),
+    few("rby1", "connect_eagerly", fresh=True, energised=energised_last, begun=wrote("enable")),
+    few("kinova_gen3", "resume", queue_s=0.02, energised=energised_last, begun=wrote("enable")),
     few("spot", "stand", queue_s=0.05),
-    few("spot", "connect_eagerly", energised=told_last, begun=wrote("config")),
-    few("reachy_mini", "wake", energised=told_last, begun=wrote("setpoint")),
-    few("reachy_mini", "motors", energised=told_last, begun=wrote("other")),
+    few("spot", "connect_eagerly", energised=energised_last, begun=wrote("config")),
+    few("reachy_mini", "wake", energised=energised_last, begun=wrote("setpoint")),
+    few("reachy_mini", "motors", energised=energised_last, begun=wrote("other")),
     few("booster_t1", "enable_upper_body", queue_s=0.05, quick=("wire",)),
-    few("unitree_go2", "release_sport_mode", queue_s=0.05, energised=told_last, begun=wrote("config")),
+    few("unitree_go2", "release_sport_mode", queue_s=0.05, energised=energised_last, begun=wrote("config")),
     few("crazyflie", "takeoff", queue_s=0.05),
-    few("microduck", "enable", energised=told_last, begun=wrote("other")),
-    few("panda", "connect_eagerly", energised=told_last, begun=wrote("config")),
-    # Answers energise nothing. The arm is held by a session that commands it.
-    few("kuka_iiwa", "resume", energised=told_last, begun=wrote("safe")),
-    few("kuka_iiwa", "connect_eagerly", energised=told_last, begun=wrote("safe"), quick=("root",)),
-    few("stretch3", "resume", energised=told_last, begun=wrote("safe")),
-    few("yahboom_m3pro", "resume", energised=told_last, begun=wrote("safe")),
-    few("earthrover", "resume", energised=told_last, begun=wrote("safe")),
+    few("microduck", "enable", energised=energised_last, begun=wrote("other")),
+    few("panda", "connect_eagerly", energised=energised_last, begun=wrote("config")),
+    # Answers energise nothing. The arm holds its position while a session commands it.
+    few("kuka_iiwa", "resume", energised=energised_last, begun=wrote("safe")),
+    few("kuka_iiwa", "connect_eagerly", energised=energised_last, begun=wrote("safe"), quick=("root",)),
+    few("stretch3", "resume", energised=energised_last, begun=wrote("safe")),
+    few("yahboom_m3pro", "resume", energised=energised_last, begun=wrote("safe")),
+    few("earthrover", "resume", energised=energised_last, begun=wrote("safe")),
 ]
 
 
@@ -143,7 +143,7 @@ class Trial:
         self._run = directory / "run"
         self._errors = directory / "caller.err"
         self._twin_errors = directory / "twin.err"
-        self._said = b""
+        self._received = b""
         if row.queue_s:
             self._order("late 0 0")
         if row.fresh:
@@ -178,13 +178,13 @@ class Trial:
         """Return the next line of the caller, decoded from JSON."""
         assert self._caller.stdout is not None
         deadline_s = time.monotonic() + within_s
-        while b"\n" not in self._said:
+        while b"\n" not in self._received:
             ready, _, _ = select.select([self._caller.stdout], [], [], max(0.0, deadline_s - time.monotonic()))
-            assert ready, f"the caller said nothing for {within_s:g} s"
+            assert ready, f"the caller printed nothing for {within_s:g} s"
             data = os.read(self._caller.stdout.fileno(), 65536)
             assert data, self._errors.read_text()
-            self._said += data
-        text, _, self._said = self._said.partition(b"\n")
+            self._received += data
+        text, _, self._received = self._received.partition(b"\n")
         return json.loads(text) if text.startswith((b"{", b'"')) else self.line(within_s)
 
     def begin(self, line: str = "go") -> None:
@@ -197,7 +197,7 @@ class Trial:
 
         A child that was just forked still has its parent's name, so it is left out.
         """
-        mark, found = f"STRANDS_ACTORS_RUN={self._run}".encode(), dict[str, int]()
+        mark, pids_by_role = f"STRANDS_ACTORS_RUN={self._run}".encode(), dict[str, int]()
         for entry in Path("/proc").iterdir():
             try:
                 if not entry.name.isdigit() or mark not in (entry / "environ").read_bytes():
@@ -209,9 +209,9 @@ class Trial:
             if state not in "ZX":
                 role = "caller" if int(entry.name) == self._caller.pid else name.removeprefix("strands-")
                 role = role.partition("-")[0].partition("/")[0]
-                if int(parent) != found.get(role):
-                    found[role] = int(entry.name)
-        return found
+                if int(parent) != pids_by_role.get(role):
+                    pids_by_role[role] = int(entry.name)
+        return pids_by_role
 
     def kill(self, victim: str) -> list[str]:
         """Kill the victims, and return their roles.
@@ -239,7 +239,7 @@ class Trial:
         try:
             await client.call(protocol.Handshake(0), protocol.Axes, ANSWER_S)
             sample = await client.call(protocol.Read(0), protocol.Sample, ANSWER_S)
-            return Hand.WIRE in sample.hands
+            return Commander.WIRE in sample.commanders
         finally:
             client.close()
 
@@ -250,7 +250,7 @@ class Trial:
     def late_enables(self) -> int:
         """Return the number of enabling frames behind the last safe frame."""
         kinds = self.kinds("enable", "safe")
-        last = max((at for at, kind in enumerate(kinds) if kind == "safe"), default=-1)
+        last = max((index for index, kind in enumerate(kinds) if kind == "safe"), default=-1)
         return kinds[last:].count("enable") if last >= 0 else 0
 
     def end(self) -> None:
@@ -330,7 +330,7 @@ def queued_s(pid: int) -> float:
     """Return for how long a process has waited for a processor since its start (s)."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
-    except OSError:  # it has ended
+    except OSError:  # the process has ended
         return 0.0
 
 
@@ -350,7 +350,7 @@ def test_saf_021_nothing_is_energised_after_a_kill_during_the_verb(
             story = f"{killed} killed {after_s * 1e3:.0f} ms after {row.verb}"
             if "caller" in killed or "root" in killed:
                 ends(trial, GONE_S + late_s, story)
-            else:  # The tree lives on, and a state that it confirms must last.
+            else:  # The tree still runs, and a state that it has confirmed must last.
                 trial.line(60.0)
                 trial.begin("stop")
                 answer = trial.line(60.0)

@@ -32,15 +32,15 @@ def start(arm: RealRobot) -> dict[str, Any]:
 
 
 def task(arm: RealRobot) -> dict[str, Any]:
-    told: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
-    return told
+    progress: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
+    return progress
 
 
 def spawner_of(arm: RealRobot) -> int:
     """Return the pid of the root's child that is not listed in the tree."""
-    known = pids(arm)
-    children = Path(f"/proc/{known['root']}/task/{known['root']}/children").read_text().split()
-    (spawner,) = {int(pid) for pid in children} - set(known.values())
+    processes = pids(arm)
+    children = Path(f"/proc/{processes['root']}/task/{processes['root']}/children").read_text().split()
+    (spawner,) = {int(pid) for pid in children} - set(processes.values())
     return spawner
 
 
@@ -52,19 +52,19 @@ def test_saf_010_a_task_is_not_started_by_a_spawner_that_was_frozen(strands_robo
     refused = start(arm)
     assert refused["status"] == "error" and "starts others did not answer" in str(refused), refused
     with pytest.raises(ProcessLookupError):
-        for _ in range(200):  # It has ended, so it cannot be thawed.
+        for _ in range(200):  # The process has ended, so it cannot continue.
             os.kill(spawner, signal.SIGCONT)
             time.sleep(0.01)
     time.sleep(LATE_S)
     assert twin.log.host("setpoint", began_ns) == []
     assert not task(arm)["running"]
-    started = start(arm)  # by the spawner that replaces it
+    started = start(arm)  # by the next spawner
     assert started["status"] == "success", started
     arm.stop_task()
     assert not task(arm)["running"]
 
 
-def test_saf_010_a_task_whose_caller_has_given_up_moves_nothing(
+def test_saf_010_a_task_whose_caller_has_timed_out_moves_nothing(
     strands_robot: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The root answers too late. The policy that it has started by then is ended and gets no lease.

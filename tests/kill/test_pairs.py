@@ -17,8 +17,8 @@ from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import Faults, Victims
 from strands_actors.testing.pair_trials import run_pair
 from strands_actors.testing.pairs import (
+    Combination,
     Pair,
-    Ways,
     expected_safe_states,
     pair_bound_s,
     pair_named,
@@ -49,7 +49,7 @@ def benches() -> Iterator[dict[str, Bench]]:
 
 @pytest.mark.quick_cases(10)
 @pytest.mark.parametrize(("robot", "pair"), CELLS, ids=str)
-def test_saf_016_two_break_and_the_wire_is_safe(robot: str, pair: Pair, benches: dict[str, Bench]) -> None:
+def test_saf_016_two_processes_fail_and_the_wire_is_safe(robot: str, pair: Pair, benches: dict[str, Bench]) -> None:
     if robot not in benches:
         for other in list(benches):
             benches.pop(other).__exit__(None, None, None)
@@ -60,12 +60,12 @@ def test_saf_016_two_break_and_the_wire_is_safe(robot: str, pair: Pair, benches:
     assert outcome.on_time, outcome.story
 
 
-def test_every_two_in_every_way_are_a_pair_or_say_why_not() -> None:
+def test_each_two_processes_in_each_way_are_a_pair_or_have_a_reason_why_not() -> None:
     pairs = list(pairs_of(driver_of("so101"), ROLES))
     for first, second in permutations(ROLES, 2):
-        for way in (Ways.KILLS, Ways.FREEZES):
-            assert any(set(pair.members) == {first, second} and pair.way is way for pair in pairs)
-        assert Pair((first, second), Ways.FREEZE_AND_KILL, "", ("SAF-002", "SAF-016")) in pairs
+        for way in (Combination.KILLS, Combination.FREEZES):
+            assert any(set(pair.members) == {first, second} and pair.combination is way for pair in pairs)
+        assert Pair((first, second), Combination.FREEZE_AND_KILL, "", ("SAF-002", "SAF-016")) in pairs
     assert len(pairs) == len(set(pairs)) == 36 + 72 + 36 + 1
     gripper = driver_of("robotiq_2f85")
     for pair in pairs_of(gripper, ROLES):
@@ -73,16 +73,16 @@ def test_every_two_in_every_way_are_a_pair_or_say_why_not() -> None:
 
 
 @pytest.mark.parametrize("pair", [*pairs_of(driver_of("so101"), ROLES)], ids=str)
-def test_a_pair_is_found_by_what_its_trials_are_called(pair: Pair) -> None:
-    found = cell_named(pair.victim, pair.fault)
-    assert isinstance(found, Pair) and (found.members, found.way) == (pair.members, pair.way)
-    assert pair_named(pair.victim, pair.fault) == found
+def test_a_pair_is_found_by_the_names_of_its_trials(pair: Pair) -> None:
+    cell = cell_named(pair.victim, pair.fault)
+    assert isinstance(cell, Pair) and (cell.members, cell.combination) == (pair.members, pair.combination)
+    assert pair_named(pair.victim, pair.fault) == cell
 
 
-def test_a_stop_counts_for_more_than_a_hold_and_a_bystander_for_nothing() -> None:
+def test_a_stop_outranks_a_hold_and_an_uninvolved_process_does_not_count() -> None:
     arm = driver_of("so101")
 
-    def of(*members: str, way: Ways = Ways.FREEZES) -> tuple[tuple[str, ...], float]:
+    def of(*members: str, way: Combination = Combination.FREEZES) -> tuple[tuple[str, ...], float]:
         pair = Pair(members, way)
         return expected_safe_states(arm, pair), round(pair_bound_s(arm, pair), 3)
 
@@ -92,14 +92,14 @@ def test_a_stop_counts_for_more_than_a_hold_and_a_bystander_for_nothing() -> Non
     assert of(Victims.ROOT, "standby") == (("limp",), 0.15)
     assert of(Victims.WIRE, "a kind that is new") == (("limp",), 0.15)
     assert of("standby", "spawner") == (("limp",), 0.05), "a stop ends the trial"
-    assert of(Victims.POLICY, Victims.ROOT, way=Ways.FREEZE_AND_KILL) == (("limp",), 0.05)
-    assert of(Victims.WIRE, Victims.ROOT, way=Ways.KILLS) == (("limp",), 0.05)
+    assert of(Victims.POLICY, Victims.ROOT, way=Combination.FREEZE_AND_KILL) == (("limp",), 0.05)
+    assert of(Victims.WIRE, Victims.ROOT, way=Combination.KILLS) == (("limp",), 0.05)
     both_s = round(0.05 + silent_s(arm.timing) + look_s(arm.timing), 3)
     assert of(Victims.WIRE, Victims.ROOT) == of(Victims.ROOT, Victims.WIRE) == (("limp",), both_s)
-    assert of(way=Ways.PKILL) == (("limp",), 0.05)
+    assert of(way=Combination.PKILL) == (("limp",), 0.05)
 
 
-def test_what_is_done_to_whom() -> None:
-    pair = Pair((Victims.ROOT, Victims.WIRE), Ways.FREEZE_AND_KILL)
+def test_the_faults_of_a_pair_are_assigned_to_its_members() -> None:
+    pair = Pair((Victims.ROOT, Victims.WIRE), Combination.FREEZE_AND_KILL)
     assert pair.faults == ((Victims.ROOT, Faults.FREEZE), (Victims.WIRE, Faults.KILL))
     assert f"{pair}" == "root+wire-freeze+kill"

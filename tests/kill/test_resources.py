@@ -34,7 +34,7 @@ policy sessions that it accepts, and by 0.15 MB in the next three hundred."""
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 
-def only_those_it_has(pid: int) -> tuple[int, int]:
+def use_up_descriptors(pid: int) -> tuple[int, int]:
     """Let a process open no more descriptors, and return its previous limits."""
     numbers = [int(name) for name in os.listdir(f"/proc/{pid}/fd")]
     free = next(number for number in range(len(numbers) + 1) if number not in numbers)
@@ -49,12 +49,12 @@ def test_saf_003_a_root_without_free_descriptors_makes_safe_and_stays_so(strands
     arm, twin = strands_robot("so101")
     assert arm.send_action({"shoulder_pan": 10.0})["status"] == "success"
     root, wire = pids(arm)["root"], pids(arm)["wire"]
-    before = only_those_it_has(root)
+    before = use_up_descriptors(root)
     began_ns = time.monotonic_ns()
     os.kill(wire, signal.SIGKILL)
-    safe = until(lambda: twin.log.first_safe(began_ns), "nobody made it safe")
+    safe = until(lambda: twin.log.first_safe(began_ns), "the root makes the robot safe")
     assert safe.safe_state == "limp"
-    until(lambda: (arm.tree() or {}).get("state") == "failed", "it was not given up")
+    until(lambda: (arm.tree() or {}).get("state") == "failed", "the root gives up")
     assert arm.send_action({"shoulder_pan": 20.0})["status"] == "error"
     twin.log.no_setpoint_after_safe(began_ns)
     resource.prlimit(root, resource.RLIMIT_NOFILE, before)
@@ -65,7 +65,7 @@ def test_saf_003_a_root_without_free_descriptors_makes_safe_and_stays_so(strands
 
 def test_saf_006_a_caller_without_free_descriptors_moves_and_stops(strands_robot: Start) -> None:
     arm, twin = strands_robot("so101")
-    before = only_those_it_has(os.getpid())
+    before = use_up_descriptors(os.getpid())
     try:
         moved = arm.send_action({"shoulder_pan": 10.0})
         began_ns = time.monotonic_ns()
@@ -79,14 +79,14 @@ def test_saf_006_a_caller_without_free_descriptors_moves_and_stops(strands_robot
 
 
 @pytest.mark.long
-def test_restarts_of_a_policy_process_leave_root_and_wire_as_they_were(strands_robot: Start) -> None:
+def test_restarts_of_a_policy_process_do_not_change_root_and_wire(strands_robot: Start) -> None:
     arm, _ = strands_robot("so101")
     roles = ("root", "wire")
 
     def run_policies(count: int) -> dict[str, int]:
         for _ in range(count):
             assert arm.start_task("fall", policy_provider="tests.kill.brief:Brief")["status"] == "success"
-            until(lambda: not arm.get_task_status()["content"][0]["json"]["running"], "it goes on")
+            until(lambda: not arm.get_task_status()["content"][0]["json"]["running"], "the policy ends")
             if arm.send_action({"shoulder_pan": 0.0})["status"] != "success":
                 assert arm.resume()["status"] == "success"
         return {role: private_kb(pids(arm)[role]) for role in roles}
@@ -100,7 +100,7 @@ def test_restarts_of_a_policy_process_leave_root_and_wire_as_they_were(strands_r
         assert after[role] <= before[role] * GROWTH, role
 
 
-def test_restarts_of_a_policy_leave_the_memory_of_gate_and_tasks_as_it_was() -> None:
+def test_restarts_of_a_policy_do_not_increase_the_memory_of_gate_and_tasks() -> None:
     """Run in a child process, because the test runner's own memory must not be counted."""
     done = subprocess.run(
         [sys.executable, "-m", "tests.kill.restarts", str(RESTARTS)],

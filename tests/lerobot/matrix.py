@@ -37,17 +37,19 @@ AWAY_S = 3.0
 INTRODUCTION = """\
 # Kill matrix of LeRobot's own robot classes
 
-Measured as [kill-matrix.md](kill-matrix.md), whose columns explain themselves there, and on the
-same twins; but the wire process has LeRobot's own object (`driver="lerobot"`), and LeRobot's own
-code writes to the bus: torque off servo by servo, of which the last counts as the safe frame, and a
-hold by goals, which is a frame that gives all servos the positions they have just told.
-This page was made by `python -m tests.lerobot.matrix so101,koch --repeats {repeats}
--o docs/kill-matrix-lerobot.md`, in the environments of `python -m tests lerobot`. What cannot be
-promised of such a robot stands in [lerobot.md](lerobot.md).
+This page is measured like [kill-matrix.md](kill-matrix.md), which explains the columns, and on the
+same simulated robots. Here the wire process contains an object of LeRobot's robot class
+(`driver="lerobot"`), and LeRobot's own code writes to the servo bus. LeRobot turns the torque off
+servo by servo, and the last servo's frame counts as the safe frame. To hold, it sends one frame
+that gives all servos their last measured positions as goals. The command `python -m
+tests.lerobot.matrix so101,koch --repeats {repeats} -o docs/kill-matrix-lerobot.md` made this page,
+in the environments of `python -m tests lerobot`. The page [lerobot.md](lerobot.md) lists what this
+package cannot promise for such a robot.
 
-The bounds are those of a process that holds torch: the driver's own is a second and not 50 ms, and
-0.3 s without a heartbeat are frozen, not 0.1 s. The robot is frozen, and its cable out, for three
-seconds and not for one: only after a second without a reading is it lost.
+The bounds are longer than in kill-matrix.md, because the wire process imports torch. The bound of
+the driver is one second instead of 50 ms, and a process counts as frozen after 0.3 s without a
+heartbeat instead of 0.1 s. The robot is frozen or unplugged for three seconds instead of one,
+because its link counts as lost only after a second without a reading.
 """
 
 

@@ -1,5 +1,5 @@
-"""A subscriber as written for strands-robots, with its keys and field names. It uses only one thing of ours:
-the note with the robot's address."""
+"""A subscriber as written for strands-robots, with its keys and field names. Of this project it uses only the
+note with the robot's address."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Certificates decide who may do what, and what nobody may do costs the robot nothing."""
+"""Certificates decide which commands a sender may send. A refused command does not disturb the robot."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .world import Samples, code, robot_on_mesh, run, tls, until
 
 @pytest.fixture(scope="module")
 def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ours, and a set of somebody else's with the same names."""
+    """Make a set of keys, and a second set with the same names from another authority."""
     directory = tmp_path_factory.mktemp("keys")
     make(directory / "ours", ("operator", "viewer", "alice", "bob"), robots=("so101", "arm-b"))
     make(directory / "theirs")
@@ -49,7 +49,7 @@ def port() -> int:
 
 
 def served(keys: Path, port: int, access: Access | None = None) -> Callable[[str], MeshConfig]:
-    """With a certificate of the robot's own."""
+    """Return a function that gives a robot a mesh configuration with its own certificate."""
 
     def config_of(robot: str) -> MeshConfig:
         make(keys / "ours", (), robots=[robot])
@@ -60,7 +60,7 @@ def served(keys: Path, port: int, access: Access | None = None) -> Callable[[str
 
 
 def away(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From now on this process sees no robot of its own host."""
+    """Point this process at an empty run directory, so that it finds no robot on its own host."""
     elsewhere = run_dir / "elsewhere"
     elsewhere.mkdir(mode=0o700)
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(elsewhere))
@@ -108,7 +108,7 @@ def test_a_viewer_reads_an_operator_commands_a_stranger_is_kept_out(
     run(test)
 
 
-def test_a_robot_whose_address_is_taken_does_not_start(keys: Path, port: int) -> None:
+def test_a_robot_with_an_address_in_use_does_not_start(keys: Path, port: int) -> None:
     async def test() -> None:
         taken = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "so101"))
         async with robot_on_mesh(config=served(keys, port)):
@@ -121,11 +121,11 @@ def test_a_robot_whose_address_is_taken_does_not_start(keys: Path, port: int) ->
     run(test)
 
 
-# -- who plays a robot
+# -- a client that pretends to be a robot
 
 
 class Impostor:
-    """A server that says to be ``robots``, and answers every e-stop and stop for each: safe."""
+    """A server that claims to be each of ``robots`` and answers every stop with "safe"."""
 
     def __init__(self, port: int, tls_of: TLS, robots: Sequence[str]) -> None:
         settings = MeshConfig(tls=tls_of).settings()
@@ -142,13 +142,13 @@ class Impostor:
         if not key.endswith(("/estop", "broadcast", "/cmd")):
             return
         self.heard.append(key)
-        asked = json.loads(sample.payload.to_bytes())
+        request = json.loads(sample.payload.to_bytes())
         motors = [{"axis": "shoulder_pan", "id": 1, "safe": True, "detail": ""}]
         for robot in self.robots:
             result = {"outcome": "safe", "safe_state": "limp", "path": "wire", "motors": motors, "locked": True}
-            answer = {"type": "response", "responder_id": robot, "turn_id": asked["turn_id"], "timestamp": 0.0}
+            answer = {"type": "response", "responder_id": robot, "turn_id": request["turn_id"], "timestamp": 0.0}
             self._session.put(
-                f"strands/{asked['sender_id']}/response/{robot}/{asked['turn_id']}",
+                f"strands/{request['sender_id']}/response/{robot}/{request['turn_id']}",
                 json.dumps({**answer, "result": result}),
             )
 
@@ -156,7 +156,7 @@ class Impostor:
         self._session.close()  # type: ignore[no-untyped-call]
 
 
-def test_saf_017_who_watches_or_commands_cannot_be_a_server(keys: Path, port: int) -> None:
+def test_saf_017_a_viewer_or_operator_cannot_be_a_server(keys: Path, port: int) -> None:
     async def test() -> None:
         impostor = Impostor(port, tls(keys / "ours", "viewer"), ["so101"])
         endpoint = f"tls/localhost:{port}"
@@ -173,10 +173,10 @@ def test_saf_017_who_watches_or_commands_cannot_be_a_server(keys: Path, port: in
 
 
 @pytest.mark.long
-def test_saf_017_one_robots_certificate_speaks_for_no_other(
+def test_saf_017_a_robots_certificate_is_not_valid_for_another_robot(
     keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Beside the true one, and for one that there never was."""
+    """The forged robot has the name of a running robot, or of a robot that does not exist."""
 
     async def test() -> None:
         here = served(keys, port)
@@ -194,10 +194,10 @@ def test_saf_017_one_robots_certificate_speaks_for_no_other(
                     assert operator.robots == [robot]
                     outcomes = {each.robot: each for each in await operator.estop(within_s=5.0)}
                     assert set(outcomes) == {robot, false}
-                    assert len(outcomes[robot].motors) == len(tree.driver.axes), "the forged answer names one"
+                    assert len(outcomes[robot].motors) == len(tree.driver.axes), "the forged answer names one motor"
                     assert outcomes[false].outcome == "unreachable" and "arm-b" in outcomes[false].detail
-                    told = await operator.stop(robot)
-                    assert (told.outcome, len(told.motors)) == ("safe", len(tree.driver.axes))
+                    answer = await operator.stop(robot)
+                    assert (answer.outcome, len(answer.motors)) == ("safe", len(tree.driver.axes))
             finally:
                 impostor.close()
 
@@ -205,8 +205,8 @@ def test_saf_017_one_robots_certificate_speaks_for_no_other(
 
 
 @pytest.mark.long
-def test_saf_017_a_handle_on_a_robot_hears_that_robot_alone(keys: Path, port: int) -> None:
-    """Nothing is told to who has another robot's certificate."""
+def test_saf_017_a_handle_connects_only_to_its_own_robot(keys: Path, port: int) -> None:
+    """The handle sends nothing to a server that has another robot's certificate."""
     impostor = Impostor(port, tls(keys / "ours", "arm-b"), ["so101"])
     mesh = MeshConfig(tls=tls(keys / "ours", "operator"))
     arm = Robot("so101", mode="real", at=f"tls/localhost:{port}", mesh=mesh)
@@ -235,14 +235,14 @@ def test_safe_without_a_motor_is_not_safe() -> None:
     assert outcome_of("so101", {"outcome": "safe", "motors": [{"axis": "a", "safe": True}]}).outcome == "safe"
 
 
-# -- who plays an operator
+# -- a client that pretends to be another operator
 
 
-def test_saf_017_one_operator_speaks_for_no_other_and_overhears_none(
+def test_saf_017_an_operator_cannot_send_for_another_or_read_its_answers(
     keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The names of a robot's clock and of a lease are told to who asked alone, and without them
-    nothing is done in a sender's name."""
+    """Only the client that asks receives the names of the robot's clock and of its lease. A command without
+    them is refused."""
 
     async def test() -> None:
         hardware = FakeHardware()
@@ -269,8 +269,8 @@ def test_saf_017_one_operator_speaks_for_no_other_and_overhears_none(
                     for clock in ("", "0" * 32):
                         move = {"action": "move", "targets": {"a": 3.0}, "lease": arm._lease, "epoch": epoch}
                         await bob.post(robot, {**move, "clock": clock or "x", "deadline_ns": 1 << 60})  # type: ignore[arg-type]
-                    for asked in ("ping", "sync", "status"):  # never heard: not even what needs no lease
-                        assert code(await bob.request(robot, {"action": asked}, 0.3)) == "no_answer"
+                    for action in ("ping", "sync", "status"):  # ignored, although these requests need no lease
+                        assert code(await bob.request(robot, {"action": action}, 0.3)) == "no_answer"
                     resumed = bob.request(robot, {"action": "resume", "clock": "x", "deadline_ns": 1 << 60}, 0.3)
                     assert isinstance(await resumed, Refused)
                     assert {written.values for written in hardware.of("setpoint")} == {(1.0, 0.0)}
@@ -279,8 +279,10 @@ def test_saf_017_one_operator_speaks_for_no_other_and_overhears_none(
     run(test)
 
 
-def test_saf_017_nor_at_the_gateway(keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A node's name begins with its certificate's; what is asked under another is not heard."""
+def test_saf_017_the_gateway_accepts_only_names_of_the_senders_certificate(
+    keys: Path, port: int, run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A node's name must begin with the name in its certificate. The gateway ignores all other requests."""
 
     async def test() -> None:
         here = served(keys, port, Access(operators=["alice", "bob"]))
@@ -343,23 +345,22 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 
 def stop_s(robot: RealRobot, twin: Twin) -> float:
-    """From the call to the safe frame on the wire."""
+    """Return the time from the call to the safe frame on the wire."""
     began_ns = time.monotonic_ns()
-    assert robot.stop()["status"] == "success"  # it is no pending answer here
+    assert robot.stop()["status"] == "success"  # the answer is final, not pending
     return twin.log.safe_within(began_ns, 10.0)
 
 
 @pytest.mark.quick_cases(1)
-@pytest.mark.parametrize(("who", "verb"), [("viewer", "put"), ("operator", "put"), ("operator", "get")])
+@pytest.mark.parametrize(("role", "verb"), [("viewer", "put"), ("operator", "put"), ("operator", "get")])
 def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
-    who: str, verb: str, keys: Path, port: int, twin: Twin
+    role: str, verb: str, keys: Path, port: int, twin: Twin
 ) -> None:
-    """Of a viewer, who may send none of them, and of an operator, who may: they are forged all the
-    same."""
+    """A viewer may send no commands. An operator may, but these commands name a lease that it does not hold."""
     seconds = float(os.environ.get("STRANDS_ACTORS_FLOOD_S", "2"))
     here = MeshConfig(listen=f"tls/127.0.0.1:{port}", tls=tls(keys / "ours", "so101"))
     robot = Robot("so101", mode="real", port=twin.port, mesh=here)
-    settings = MeshConfig(tls=tls(keys / "ours", who)).settings()
+    settings = MeshConfig(tls=tls(keys / "ours", role)).settings()
     try:
         assert robot.connect_eagerly() is None
         before = robot.get_observation()
@@ -392,13 +393,13 @@ def test_saf_006_a_flood_of_forged_commands_moves_nothing_and_delays_no_stop(
         took.sort()
         figures = ", ".join(f"{1e3 * each:.1f}" for each in (calm_s, took[len(took) // 2], took[-1]))
         print(
-            f"{who}, {verb}: {sent / seconds:.0f} commands/s for {seconds:g} s; ms to the safe frame: "
+            f"{role}, {verb}: {sent / seconds:.0f} commands/s for {seconds:g} s; ms to the safe frame: "
             f"calm, median, worst of {len(took)}: {figures}"
         )
         assert twin.log.host("setpoint", began_ns) == []
         tree = robot.tree()
         assert tree is not None
-        assert {each["role"]: each["restarts"] for each in tree["processes"]}["wire"] == 0, "no wire was lost"
+        assert {each["role"]: each["restarts"] for each in tree["processes"]}["wire"] == 0, "the wire restarted"
         after = robot.get_observation()
         assert abs(after["shoulder_pan"] - before["shoulder_pan"]) < 3.0
         assert took[-1] < 0.5  # for a busy machine; 20 ms on a free one

@@ -26,30 +26,30 @@ def every_core_taken() -> Iterator[None]:
         yield
 
 
-def all_there(heard: list[str], sent: list[str]) -> bool:
-    return heard[-len(sent) :] == sent
+def all_there(received: list[str], sent: list[str]) -> bool:
+    return received[-len(sent) :] == sent
 
 
 @pytest.mark.usefixtures("every_core_taken")
-def test_commands_put_in_a_row_all_arrive_although_nobody_has_a_core_to_send_them() -> None:
+def test_a_burst_of_commands_arrives_complete_on_a_busy_machine() -> None:
     async def test() -> None:
         name = Name("burst")
         endpoint = unix_endpoint(name.socket("mesh"))
         there, here = await PubSub.open([endpoint]), await PubSub.open([], [endpoint])
-        heard: list[str] = []
-        there.subscribe("strands/bench/cmd", lambda received: heard.append(received.payload.decode()))
+        messages: list[str] = []
+        there.subscribe("strands/bench/cmd", lambda received: messages.append(received.payload.decode()))
         async with trio.open_nursery() as nursery:
             await nursery.start(there.run)
             await nursery.start(here.run)
             await until(lambda: here.connections, "a connection")
-            while not heard:  # the subscription has arrived as well
+            while not messages:  # wait until the subscription is active, too
                 here.put("strands/bench/cmd", b"first", "command")
                 await trio.sleep(0.02)
             for burst in range(ROUNDS):
                 sent = [f"{burst}.{number}" for number in range(BURST)]
                 for text in sent:
                     here.put("strands/bench/cmd", text.encode(), "command")
-                await until(partial(all_there, heard, sent), f"{sent}, heard {heard}", 5.0)
+                await until(partial(all_there, messages, sent), f"{sent}, heard {messages}", 5.0)
             here.close()
             there.close()
         name.release()

@@ -1,4 +1,4 @@
-"""Commands over the mesh reach the gate typed, leased and in time, or are refused by name."""
+"""Commands over the mesh reach the gate with a type, a lease and in time, or are refused by name."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_saf_014_the_drivers_refusals_come_back_typed() -> None:
     run(test)
 
 
-def test_what_is_guarded_needs_an_operator_on_the_mesh_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_guarded_command_needs_an_operator_on_the_mesh_too(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(FakeDriver, "GUARDED", ("a",))
 
     async def test() -> None:
@@ -70,7 +70,7 @@ def test_what_is_guarded_needs_an_operator_on_the_mesh_too(monkeypatch: pytest.M
 BASE = (Axis(key="a", unit="m/s", low=-9.0, high=9.0, mode=AxisMode.VELOCITY),)
 
 
-def test_a_zero_of_a_velocity_and_what_goes_out_on_an_allowed_topic_need_no_operator(
+def test_a_zero_velocity_and_a_command_on_an_allowed_topic_need_no_operator(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(FakeDriver, "GUARDED", ("a",))
@@ -133,8 +133,8 @@ def test_saf_001_a_stale_or_undated_move_is_refused() -> None:
 
 @pytest.mark.parametrize("skew_s", [-3600.0, 7.0, 1e6])
 def test_a_sender_on_another_clock_is_understood(skew_s: float) -> None:
-    """Between hosts: the deadline that counts is the robot's, and it is never later than was
-    meant."""
+    """The hosts have different clocks. The deadline counts in the robot's clock, and is never later than the
+    sender intended."""
 
     async def test() -> None:
         def theirs_ns() -> int:
@@ -158,7 +158,7 @@ def test_saf_001_a_streams_setpoint_expires_and_the_mesh_must_resume() -> None:
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client, control(client, robot) as arm:
             assert not isinstance(await arm.send_action({"a": 2.0}, ttl_s=0.2), Refused)
-            await tree.until("holding")  # is what the gate has ordered; the frame follows
+            await tree.until("holding")  # the gate has ordered the hold; its frame follows
             held_ns = (await until(lambda: hardware.of("safe"), "the hold"))[-1].t_ns
             assert code(await arm.send_action({"a": 3.0}, ttl_s=0.2)) == "stale_epoch"
             refused = await arm.acquire()
@@ -175,16 +175,16 @@ def test_a_sender_that_stops_beating_loses_a_latched_target() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             async with control(client, robot) as arm:
                 await arm.send_action({"a": 2.0})
-                await trio.sleep(1.3)  # longer than a lease that nobody beats
+                await trio.sleep(1.3)  # longer than a lease lives without heartbeats
                 assert (await tree.status()).mode == "armed"
-            await tree.until("holding")  # given up: held before the robot moves on
+            await tree.until("holding")  # the lease has ended: the robot holds before a new motion
             assert (await tree.status()).holder == ""
 
     run(test)
 
 
-def test_who_gave_its_lease_back_left_the_robot_to_others() -> None:
-    """The robot's own program by ``release()``, and then one on the mesh after the other."""
+def test_a_released_lease_leaves_the_robot_to_others() -> None:
+    """The robot's own program calls ``release()``. Then two programs on the mesh take the lease in turn."""
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
@@ -216,7 +216,7 @@ def test_who_gave_its_lease_back_left_the_robot_to_others() -> None:
         ),
     ],
 )
-def test_saf_014_what_cannot_be_obeyed_is_answered_and_counted(payload: bytes, refused: str) -> None:
+def test_saf_014_an_invalid_command_is_answered_and_counted(payload: bytes, refused: str) -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, _, _), mesh() as client:
             answers = Samples(client, f"strands/{client.sender}/response/{robot}/x")
@@ -234,7 +234,7 @@ def test_saf_014_what_cannot_be_obeyed_is_answered_and_counted(payload: bytes, r
     run(test)
 
 
-def test_saf_014_garbage_is_counted_and_harms_nobody() -> None:
+def test_saf_014_garbage_is_counted_and_has_no_other_effect() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             health = Samples(client, f"strands/{robot}/health")
@@ -265,8 +265,8 @@ def test_saf_025_one_operators_flood_has_no_command_of_another_refused(how: str)
                 if how == "asks":
                     await flooder.request(robot, mesh_json.Status())
                 else:
-                    said = {"sender_id": operator.sender, "turn_id": f"t{turn}", "command": {"action": "status"}}
-                    await raw(flooder, robot, json.dumps(said).encode())
+                    message = {"sender_id": operator.sender, "turn_id": f"t{turn}", "command": {"action": "status"}}
+                    await raw(flooder, robot, json.dumps(message).encode())
             for _ in range(COMMANDS_PER_S // 2):
                 assert not isinstance(answer := await operator.request(robot, mesh_json.Status()), Refused), answer
 

@@ -1,4 +1,4 @@
-"""What opens a robot to others, and what does not."""
+"""The settings that open a robot to other hosts and users, and those that do not."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("config", "told"),
+    ("config", "message"),
     [
-        (MeshConfig(listen="tcp/0.0.0.0:7447"), "leaves this host"),
-        (MeshConfig(listen="tcp/192.0.2.1:7447"), "leaves this host"),
-        (MeshConfig(connect="tcp/robot.example:7447"), "leaves this host"),
-        (MeshConfig(listen="tcp/[::]:7447"), "leaves this host"),
+        (MeshConfig(listen="tcp/0.0.0.0:7447"), "everyone in its network"),
+        (MeshConfig(listen="tcp/192.0.2.1:7447"), "everyone in its network"),
+        (MeshConfig(connect="tcp/robot.example:7447"), "everyone in its network"),
+        (MeshConfig(listen="tcp/[::]:7447"), "everyone in its network"),
         (MeshConfig(listen="tcp/127.0.0.1:7447"), "every user of this host"),
         (MeshConfig(listen="tcp/localhost:0"), "every user of this host"),
         (MeshConfig(connect="tcp/[::1]:7447"), "every user of this host"),
         (
             MeshConfig(listen="tls/0.0.0.0:7447"),
-            r"needs certificates: mesh=MeshConfig\(\.\.\., tls=TLS\(ca, certificate, key\)\)",
+            r"needs certificates. Give mesh=MeshConfig\(\.\.\., tls=TLS\(ca, certificate, key\)\)",
         ),
-        (MeshConfig(listen="udp/127.0.0.1:7447"), "no endpoint"),
-        (MeshConfig(listen="tls/0.0.0.0"), "no endpoint"),
-        (MeshConfig(connect="tls/:7447"), "no endpoint"),
-        (MeshConfig(connect=["tls/arm.example:port"]), "no endpoint"),
-        (MeshConfig(connect="tls/arm.example:70000#bind=lo"), "no endpoint"),
-        (MeshConfig(listen="7447"), "no endpoint"),
+        (MeshConfig(listen="udp/127.0.0.1:7447"), "is not an endpoint"),
+        (MeshConfig(listen="tls/0.0.0.0"), "is not an endpoint"),
+        (MeshConfig(connect="tls/:7447"), "is not an endpoint"),
+        (MeshConfig(connect=["tls/arm.example:port"]), "is not an endpoint"),
+        (MeshConfig(connect="tls/arm.example:70000#bind=lo"), "is not an endpoint"),
+        (MeshConfig(listen="7447"), "is not an endpoint"),
         (MeshConfig(listen="tls/0.0.0.0:1", tls=TLS("no.pem", "no.pem", "no.key")), "cannot be read"),
     ],
 )
-def test_what_would_open_a_robot_unasked_is_refused(config: MeshConfig, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_an_open_or_invalid_endpoint_is_refused(config: MeshConfig, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         config.check()
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         Robot("so101", mode="real", transport="twin", mesh=config)
 
 
@@ -63,35 +63,35 @@ FILES = {"ca": "a", "certificate": "b", "key": "c"}
 
 
 @pytest.mark.parametrize(
-    ("fields", "told"),
+    ("fields", "expected"),
     [
-        ({"listen": "tcp/127.0.0.1:7447", "insecure": "false"}, "insecure is 'false'. give True or False"),
-        ({"listen": "tcp/127.0.0.1:7447", "insecure": 1}, "insecure is 1. give True or False"),
-        ({"listen": 5}, "listen is 5. give an endpoint like 'tls/0.0.0.0:7447', or a list of them"),
+        ({"listen": "tcp/127.0.0.1:7447", "insecure": "false"}, "insecure is 'false'. Give True or False"),
+        ({"listen": "tcp/127.0.0.1:7447", "insecure": 1}, "insecure is 1. Give True or False"),
+        ({"listen": 5}, "listen is 5. Give an endpoint like 'tls/0.0.0.0:7447', or a list of them"),
         ({"listen": None}, "listen is None. give"),
         ({"listen": b"tls/0.0.0.0:1"}, "listen is b'tls/0.0.0.0:1'. give"),
         ({"listen": {"tcp/127.0.0.1:1": 2}}, "listen is {'tcp/127.0.0.1:1': 2}. give"),
         ({"connect": [5]}, "connect is [5]. give"),
         ({"tls": FILES}, "give TLS(ca, certificate, key)"),
-        ({"tls": TLS(5, 5, 5)}, "tls.ca is 5. give a path"),  # type: ignore[arg-type]
-        ({"access": {"viewers": "v"}}, "access is {'viewers': 'v'}. give Access(viewers, operators)"),
-        ({"access": Access(operators=7)}, "access.operators is 7. give a name, or a list"),  # type: ignore[arg-type]
+        ({"tls": TLS(5, 5, 5)}, "tls.ca is 5. Give a path"),  # type: ignore[arg-type]
+        ({"access": {"viewers": "v"}}, "access is {'viewers': 'v'}. Give Access(viewers, operators)"),
+        ({"access": Access(operators=7)}, "access.operators is 7. Give a name, or a list"),  # type: ignore[arg-type]
     ],
 )
-def test_saf_014_a_field_of_another_kind_opens_nothing(fields: dict[str, Any], told: str) -> None:
+def test_saf_014_a_field_of_another_kind_opens_nothing(fields: dict[str, Any], expected: str) -> None:
     with pytest.raises(ValueError) as refused:
         Robot("so101", mode="real", transport="twin", mesh=MeshConfig(**fields))
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
 
 
 @pytest.mark.parametrize("path", [5, None, b"mesh.toml", ["mesh.toml"]])
-def test_what_is_no_path_is_told_so(path: Any) -> None:
-    with pytest.raises(ValueError, match=r"mesh: the file is .*\. give its path, as text"):
+def test_a_value_that_is_no_path_is_refused(path: Any) -> None:
+    with pytest.raises(ValueError, match=r"mesh: the file is .*\. give the path of a TOML file, as text"):
         MeshConfig.load(path)
 
 
 def test_tcp_beside_tls_is_a_way_around_it(keys: Path) -> None:
-    with pytest.raises(ValueError, match="way around"):
+    with pytest.raises(ValueError, match="would accept commands without TLS"):
         MeshConfig(listen=["tls/0.0.0.0:7447", "tcp/127.0.0.1:7448"], tls=tls(keys, "robot")).check()
 
 
@@ -100,13 +100,15 @@ def test_a_key_that_others_may_read_is_refused(keys: Path) -> None:
     key = keys / "robot.key"
     for mode in (0o644, 0o640, 0o604, 0o620):
         key.chmod(mode)
-        with pytest.raises(ValueError, match=rf"can be read by others \(mode {mode:03o}\).*chmod 600"):
+        with pytest.raises(
+            ValueError, match=r"other users can read the private key " rf".* \(mode {mode:03o}\).*chmod 600"
+        ):
             config.check()
     key.chmod(0o600)
     config.check()
 
 
-def test_the_users_own_word_is_accepted(keys: Path) -> None:
+def test_safe_and_explicitly_insecure_settings_are_accepted(keys: Path) -> None:
     MeshConfig().check()
     MeshConfig(listen=["tcp/127.0.0.1:7447", "tcp/localhost:0", "tcp/[::1]:0"], insecure=True).check()
     MeshConfig(listen="tcp/0.0.0.0:7447", insecure=True).check()
@@ -121,7 +123,7 @@ def test_by_default_nothing_listens_beyond_a_socket_of_the_user() -> None:
     assert rules["subjects"] == [{"id": "local", "link_protocols": ["unixsock-stream"]}]
 
 
-def test_a_file_says_the_same(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_gives_the_same_settings(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = keys / "robot.toml"
     file.write_text(
         'listen = "tls/0.0.0.0:7447"\n[tls]\nca = "ca.pem"\ncertificate = "robot.pem"\nkey = "robot.key"\n'
@@ -141,24 +143,26 @@ def test_a_file_says_the_same(keys: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ('listne = "x"', "`listne`. there are listen, connect, tls, access, insecure"),
         ('[tls]\nca = "a"\ncertificate = "b"\nkey = "c"\ncert = "d"', "there are ca, certificate, key"),
         ('[access]\nviewer = "x"', "there are viewers, operators"),
-        ('listen = "tls/0.0.0.0:1"', "needs certificates: a table [tls] with ca, certificate and key"),
+        ('listen = "tls/0.0.0.0:1"', "needs certificates. Give a table [tls] with ca, certificate and key"),
         (
             'connect = "tcp/arm.example:1"',
-            "use tls/ and a table [tls] with ca, certificate and key, or say insecure = true",
+            "use tls/ and a table [tls] with ca, certificate and key, or set insecure = true",
         ),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_in_its_words(tmp_path: Path, text: str, told: str) -> None:
+def test_a_mistake_in_a_file_is_reported_with_the_names_of_the_file(
+    tmp_path: Path, text: str, expected: str
+) -> None:
     file = tmp_path / "mesh.toml"
     file.write_text(text)
     with pytest.raises(ValueError) as refused:
         MeshConfig.load(file)
-    assert told in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_a_set_of_keys(keys: Path) -> None:
@@ -178,16 +182,21 @@ def test_a_set_of_keys(keys: Path) -> None:
     assert stat.S_IMODE(keys.stat().st_mode) == 0o700
     with pytest.raises(FileExistsError):
         make(keys)
-    make(keys, (), robots=["later"])  # one more, of the same authority
+    make(keys, (), robots=["later"])  # one more certificate of the same authority
     x509.load_pem_x509_certificate((keys / "later.pem").read_bytes()).verify_directly_issued_by(ca)
 
 
 @pytest.mark.parametrize(
-    ("names", "robots", "told"),
-    [(["a/b"], [], "no name"), ([], ["a*"], "no name"), (["ca"], [], "no name"), (["x"], ["x"], "robot's name")],
+    ("names", "robots", "expected"),
+    [
+        (["a/b"], [], "not valid"),
+        ([], ["a*"], "not valid"),
+        (["ca"], [], "not valid"),
+        (["x"], ["x"], "name of a robot"),
+    ],
 )
-def test_names_that_cannot_be_one(tmp_path: Path, names: list[str], robots: list[str], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_invalid_names_are_refused(tmp_path: Path, names: list[str], robots: list[str], expected: str) -> None:
+    with pytest.raises(ValueError, match=expected):
         make(tmp_path / "keys", names, robots=robots)
     assert not (tmp_path / "keys").exists()
 
@@ -196,24 +205,26 @@ def test_a_name_is_read_from_a_certificate_and_from_nothing_else(keys: Path, tmp
     other = tmp_path / "other.pem"
     for content in (b"", b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----", b"\xff" * 100):
         other.write_bytes(content)
-        with pytest.raises(ValueError, match="no certificate"):
+        with pytest.raises(ValueError, match="is not a certificate"):
             common_name(str(other))
     whole = (keys / "robot.pem").read_bytes().split(b"\n")
     der = base64.b64decode(b"".join(whole[1:-2]))
     for cut in range(0, len(der), 7):
         cut_off = base64.encodebytes(der[:cut])
         other.write_bytes(b"-----BEGIN CERTIFICATE-----\n" + cut_off + b"-----END CERTIFICATE-----\n")
-        with contextlib.suppress(ValueError):  # the name stands before the key, which need not be whole
+        with contextlib.suppress(ValueError):  # the name precedes the key, which may be cut off
             assert common_name(str(other)) == "robot"
 
 
 @pytest.mark.parametrize(
-    ("operators", "told"),
-    [(["alice", "alice.smith"], "could hear"), (["a*"], "no name"), (["x" * 41], "longer")],
+    ("operators", "expected"),
+    [(["alice", "alice.smith"], "could receive"), (["a*"], "not valid"), (["x" * 41], "too long")],
 )
-def test_operators_who_could_overhear_each_other_are_refused(keys: Path, operators: list[str], told: str) -> None:
+def test_operator_names_that_could_receive_each_others_answers_are_refused(
+    keys: Path, operators: list[str], expected: str
+) -> None:
     access = Access(operators=operators)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=expected):
         MeshConfig(listen="tls/0.0.0.0:7447", tls=tls(keys, "robot"), access=access).check()
 
 
@@ -242,7 +253,7 @@ def test_an_operator_may_put_orders_and_nothing_else() -> None:
     ]
 
 
-def test_an_operator_asks_under_its_own_name_alone() -> None:
+def test_an_operator_sends_only_under_its_own_name() -> None:
     (questions,) = [rule for rule in granted("operator") if "query" in rule["messages"]]
     assert sorted(questions["key_exprs"]) == [
         "strands/*/actor/gateway/from/operator.$*",

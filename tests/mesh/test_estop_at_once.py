@@ -1,4 +1,4 @@
-"""An e-stop from the mesh reaches the gate whatever the loop of the robot's root is doing."""
+"""An e-stop from the mesh reaches the gate even while the loop of the robot's root is blocked."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ HELD_UP_S = 0.6
 
 
 class Gate(Actor):
-    """Of another process: what it was told, and when."""
+    """The gate, in another process. It records the received messages with their times."""
 
-    def __init__(self, told: list[tuple[float, Stop]]) -> None:
-        self._told = told
+    def __init__(self, received: list[tuple[float, Stop]]) -> None:
+        self._told = received
 
     def receive(self, message: Stop | GetStatus) -> StopReport | None:
         if not isinstance(message, Stop):
@@ -47,14 +47,14 @@ class Gate(Actor):
 
 def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(HARDWARE, ROBOT, FakeHardware())
-    told: list[tuple[float, Stop]] = []
+    received: list[tuple[float, Stop]] = []
     ours, theirs = socket.socketpair()
 
     async def wire() -> None:
         node = Node("wire", MonotonicClock())
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
-            await nursery.start(node.cell(addresses.of(ROBOT).path("gate"), lambda: Gate(told)).run)
+            await nursery.start(node.cell(addresses.of(ROBOT).path("gate"), lambda: Gate(received)).run)
             await Link(node, theirs).run()
             nursery.cancel_scope.cancel()
 
@@ -78,18 +78,18 @@ def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.Monk
                 mesh_json.response_key("the-button", ROBOT, "press-1"),
                 lambda sample: answers.append(json.loads(sample.payload.to_bytes())),
             )
-            await trio.sleep(0.5)  # until the two sessions know of each other's subscriptions
+            await trio.sleep(0.5)  # until the two sessions have exchanged their subscriptions
             order = {"sender_id": "the-button", "turn_id": "press-1", "by": "the button"}
             press = threading.Timer(0.1, session.put, (mesh_json.ESTOP_KEY, json.dumps(order).encode()))
             press.start()
-            time.sleep(HELD_UP_S)  # noqa: ASYNC251  # the loop, which would have read it
+            time.sleep(HELD_UP_S)  # noqa: ASYNC251  # block the loop, which would have read it
             over_s = time.monotonic()
-            assert told, "nobody told the gate"
-            at_s, stop = told[0]
+            assert received, "the gate did not receive the e-stop"
+            at_s, stop = received[0]
             assert at_s < over_s - HELD_UP_S / 3
             assert (stop.reason, stop.by, stop.lock) == (Reason.ESTOP, "the button", True)
             await until(lambda: answers, "who pressed is told what became of it")
-            assert len(told) == 1, "and nobody stops it twice"
+            assert len(received) == 1, "the gate received a second e-stop"
             subscriber.undeclare()
             await trio.to_thread.run_sync(session.close)
             service.close()
@@ -100,10 +100,10 @@ def test_saf_007_an_estop_waits_for_no_loop_of_the_root(monkeypatch: pytest.Monk
     thread.join(20.0)
 
 
-def test_what_was_done_at_once_is_told_to_the_loop_and_nothing_else_waits_for_it() -> None:
-    """In zenoh's thread; in the order in which the samples came."""
+def test_an_early_handler_passes_its_result_to_the_loop_and_delays_no_other_message() -> None:
+    """The early handler runs in zenoh's thread. The loop then gets the samples in their order."""
     by_thread: list[int] = []
-    heard: list[tuple[str, str | None, int]] = []
+    messages: list[tuple[str, str | None, int]] = []
 
     def at_once(received: Received) -> str | None:
         by_thread.append(threading.get_ident())
@@ -111,7 +111,7 @@ def test_what_was_done_at_once_is_told_to_the_loop_and_nothing_else_waits_for_it
         return f"did {text}" if text.startswith("urgent") else None
 
     def handle(received: Received) -> None:
-        heard.append((received.payload.decode(), received.done, threading.get_ident()))
+        messages.append((received.payload.decode(), received.done, threading.get_ident()))
 
     async def test() -> None:
         name = Name("topics")
@@ -122,18 +122,18 @@ def test_what_was_done_at_once_is_told_to_the_loop_and_nothing_else_waits_for_it
             await nursery.start(there.run)
             await nursery.start(here.run)
             await until(lambda: here.connections, "a connection")
-            while not heard:
+            while not messages:
                 here.put("strands/bench/cmd", b"first", "command")
                 await trio.sleep(0.02)
             for text in ("urgent 1", "later", "urgent 2"):
                 here.put("strands/bench/cmd", text.encode(), "command")
-            await until(lambda: heard[-1][0] == "urgent 2", "all of them")
+            await until(lambda: messages[-1][0] == "urgent 2", "all of them")
             here.close()
             there.close()
         name.release()
 
     run(test)
     me = threading.get_ident()
-    wanted = [("urgent 1", "did urgent 1", me), ("later", None, me), ("urgent 2", "did urgent 2", me)]
-    assert heard[-3:] == wanted
+    expected = [("urgent 1", "did urgent 1", me), ("later", None, me), ("urgent 2", "did urgent 2", me)]
+    assert messages[-3:] == expected
     assert me not in by_thread

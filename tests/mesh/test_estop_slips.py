@@ -1,4 +1,4 @@
-"""An e-stop leaves, and is answered, whatever a program says with it."""
+"""An e-stop is sent and answered even if its other arguments or fields are invalid."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Mute:
         raise RuntimeError("no words")
 
 
-def test_saf_007_an_estop_leaves_whatever_is_said_with_it() -> None:
+def test_saf_007_an_estop_is_sent_despite_invalid_arguments() -> None:
     slips: list[dict[str, Any]] = [{"within_s": value} for value in (0, 0.001, -1, NAN, None, "x", 10**400)]
     slips += [{"by": value} for value in (None, 5, LONG, b"raw", "\udc80", Mute())]
 
@@ -49,7 +49,7 @@ def test_saf_007_an_estop_leaves_whatever_is_said_with_it() -> None:
 
 
 @pytest.mark.parametrize("by", [LONG, 5, None])
-def test_saf_007_the_button_leaves_whoever_presses(by: Any) -> None:
+def test_saf_007_the_button_sends_with_any_name_of_the_presser(by: Any) -> None:
     def press() -> list[Any]:
         with estop_button(by=by) as button:
             return button()
@@ -66,15 +66,15 @@ def test_saf_007_the_button_leaves_whoever_presses(by: Any) -> None:
 
 
 def unusable(directory: Path) -> list[tuple[Any, str, str]]:
-    """What somebody may give as ``mesh=`` and nobody can use: with it, who was not looked for, and why."""
+    """Return unusable values of ``mesh=``, each with the robots that were not looked for and the reason."""
     (directory / "words.toml").write_text("listen = tcp")
     others, odd = "the robots of other hosts", "tcp/127.0.0.1:1#a;b?"
     return [
         (str(directory / "no.toml"), others, "no.toml cannot be read: No such file"),
         (directory / "words.toml", others, "words.toml: "),
         (MeshConfig(connect="tls/arm.example:7447"), others, "needs certificates"),
-        (MeshConfig(connect="tls/127.0.0.1:1", tls="keys"), others, "tls is 'keys'. give TLS("),  # type: ignore[arg-type]
-        (5, others, "it is 5. give MeshConfig(...), or the path of its TOML file"),
+        (MeshConfig(connect="tls/127.0.0.1:1", tls="keys"), others, "tls is 'keys'. Give TLS("),  # type: ignore[arg-type]
+        (5, others, "mesh is 5. Give MeshConfig(...), or the path of a TOML file"),
         (True, others, "it is True. give"),
         ({}, others, "it is {}. give"),
         (MeshConfig(connect=odd, insecure=True), odd, f"mesh: {odd}: "),  # zenoh cannot read it
@@ -108,7 +108,7 @@ def test_saf_007_a_mesh_that_cannot_be_used_keeps_no_stop_from_the_robots_of_thi
                 assert far["responder_id"] == who and why in far["error"]
                 assert (await tree.status()).mode == "disarmed"
                 assert not isinstance(await client.resume(robot), Refused)
-                with pytest.raises(ValueError) as refused:  # who only reads is told, and reads nothing
+                with pytest.raises(ValueError) as refused:  # a read with this mesh raises an error
                     await trio.to_thread.run_sync(partial(get_peers, mesh=given))
                 assert why in str(refused.value)
             monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "no.toml"))
@@ -121,23 +121,23 @@ def test_saf_007_a_mesh_that_cannot_be_used_keeps_no_stop_from_the_robots_of_thi
 
 
 @pytest.mark.parametrize(
-    ("verb", "told"),
+    ("verb", "message"),
     [
-        (lambda: tell(["so101"], "wave"), "tell: the robot is ['so101']. give the name of one, as text"),  # type: ignore[arg-type]
-        (lambda: tell(5, "wave"), "tell: the robot is 5. give the name of one"),  # type: ignore[arg-type]
-        (lambda: resume(["so101"]), "resume: the robot is ['so101']. give the name of one"),  # type: ignore[arg-type]
+        (lambda: tell(["so101"], "wave"), "tell: the robot is ['so101']. Give the name of a robot, as text"),  # type: ignore[arg-type]
+        (lambda: tell(5, "wave"), "tell: the robot is 5. Give the name of a robot"),  # type: ignore[arg-type]
+        (lambda: resume(["so101"]), "resume: the robot is ['so101']. Give the name of a robot"),  # type: ignore[arg-type]
         (
             lambda: tell("so101", "wave", polcy_provider="mock"),
-            "there is no option 'polcy_provider' ('policy_provider'?). there are policy_provider, policy_host, "
+            "there is no option 'polcy_provider' ('policy_provider'?). Use policy_provider, policy_host, "
             "policy_port, duration, n_steps, control_frequency",
         ),
         (lambda: tell("so101", "wave", clock="x"), "there is no option 'clock'"),
     ],
 )
-def test_what_is_no_robot_and_no_option_is_refused_with_what_there_is(verb: Callable[[], Any], told: str) -> None:
+def test_an_unknown_robot_or_option_is_refused_with_the_known_ones(verb: Callable[[], Any], message: str) -> None:
     with pytest.raises(TypeError) as refused:
         verb()
-    assert told in str(refused.value)
+    assert message in str(refused.value)
 
 
 def test_a_mesh_may_be_the_path_of_its_file(tmp_path: Path) -> None:
@@ -147,13 +147,13 @@ def test_a_mesh_may_be_the_path_of_its_file(tmp_path: Path) -> None:
         (outcome,) = estop(mesh=given)
         assert (outcome.robot, outcome.detail) == (
             "tcp/127.0.0.1:1",
-            "it is not connected: who is there is not known",
+            "there is no connection to this endpoint",
         )
 
 
 @pytest.mark.parametrize("order", [{"by": LONG}, {"by": 7}, {"by": None}, {"target_id": 3}], ids=str)
-def test_saf_007_the_robot_answers_whoever_can_be_answered(order: dict[str, Any]) -> None:
-    """A program of others that says what our own would not."""
+def test_saf_007_the_robot_answers_an_estop_with_invalid_fields(order: dict[str, Any]) -> None:
+    """The order comes from a third-party program, with fields that our own program would not send."""
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
@@ -161,14 +161,14 @@ def test_saf_007_the_robot_answers_whoever_can_be_answered(order: dict[str, Any]
             await trio.sleep(0.1)
             envelope = {"sender_id": "their-button", "turn_id": "1", **order}
             await raw(client, robot, json.dumps(envelope).encode(), mesh_json.ESTOP_KEY)
-            (told, *_) = await answers.wait()
-            assert told["result"]["outcome"] == "safe"
+            (reply, *_) = await answers.wait()
+            assert reply["result"]["outcome"] == "safe"
             assert (await tree.status()).locked_by == (LONG[:256] if order.get("by") == LONG else "their-button")
 
     run(test)
 
 
-def test_an_estop_for_one_robot_leaves_the_others_whoever_it_is_by() -> None:
+def test_an_estop_for_one_robot_by_any_sender_leaves_the_others() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             envelope = {"sender_id": "their-button", "turn_id": "1", "target_id": "another", "by": LONG}
@@ -182,7 +182,7 @@ def test_an_estop_for_one_robot_leaves_the_others_whoever_it_is_by() -> None:
 @pytest.mark.parametrize(
     ("given", "waited_s"), [(0, 0.25), (-1.0, 0.25), (NAN, 0.25), (None, 0.25), ("x", 0.25), (3, 3.0), ("2", 2.0)]
 )
-def test_who_asks_is_told_in_its_time_and_no_sooner_than_all_have_heard(given: Any, waited_s: float) -> None:
+def test_the_timeout_of_an_estop_is_limited_from_below(given: Any, waited_s: float) -> None:
     assert patience_s(given) == waited_s
 
 

@@ -1,5 +1,5 @@
-"""One e-stop, one robot of every driver: read from what each twin heard. As many at a time as two
-cores carry, an SO-101 among them each time."""
+"""One e-stop stops one robot of every driver, judged by the wire log of each twin. They run in batches that
+two cores can carry, each with an SO-101."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ from tests.answers import status, until, why
 pytestmark = pytest.mark.real_time
 
 AT_ONCE = 2
-"""No neighbours in the list: beside a G1 a Go2's twin got no processor for half a second, and its stop
-was told as not confirmed."""
+"""Pairs that never run in the same batch. Together with a G1, a Go2's twin got no processor for half a second,
+and its stop was reported as not confirmed."""
 BESIDE = "so101"
 BOUND_S = 3.0
-"""From the call to the safe frame of each; far above what is measured, for a busy machine."""
+"""Longest time from the call to the safe frame of each robot. It is far above the measured time, for a busy
+machine."""
 
 
 @contextlib.contextmanager
@@ -42,7 +43,7 @@ def fleet(kinds: list[str], directory: Path) -> Iterator[dict[str, tuple[Twin, R
         for robot in robots:
             stack.callback(robot.cleanup)
         for robot in robots:
-            problem = robot.connect_eagerly() and robot.connect_eagerly()  # a busy machine has two goes
+            problem = robot.connect_eagerly() and robot.connect_eagerly()  # a second attempt, for a busy machine
             assert problem is None, f"{robot.name}: {problem}"
         yield {twin.robot: (twin, robot) for twin, robot in zip(twins, robots, strict=True)}
 
@@ -52,7 +53,7 @@ def is_in(robot: RealRobot, field: str, value: str) -> bool:
 
 
 def armed(robot: RealRobot) -> bool:
-    """Legs that a busy machine made late were let go."""
+    """Return True if the robot is armed. Legs with late setpoints on a busy machine are released."""
     return is_in(robot, "state", "armed") or robot.resume()["status"] == "success"
 
 

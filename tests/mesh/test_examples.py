@@ -1,4 +1,4 @@
-"""The examples run unchanged, and print what their text announces."""
+"""The examples run unchanged and print the output that their text announces."""
 
 from __future__ import annotations
 
@@ -77,6 +77,6 @@ def test_a_robot_is_moved_without_us_and_a_refusal_is_shown() -> None:
             assert '"result": {"commanded": {"a": 5.0}, "unit": "units"}' in done.stdout
             assert hardware.of("setpoint")[0].values == (5.0, 0.0)
             done = await trio.to_thread.run_sync(start, "command.py", robot, "nose=5")
-            assert done.returncode == 1 and "nose is no axis" in done.stderr, done.stdout
+            assert done.returncode == 1 and "nose is not an axis" in done.stderr, done.stdout
 
     run(test)

@@ -1,4 +1,4 @@
-"""One e-stop, four robots of four kinds on their real wires: read from what each twin heard."""
+"""One e-stop stops four robots of four kinds on their real wires, judged by the wire log of each twin."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ MOVES = {
     "ur5e": ("shoulder_pan_joint", 0.01),
     "robotiq_2f85": ("gripper", 0.5),
 }
-"""What each is told to do: a joint, and by how much from where it is (the gripper: to where)."""
+"""The motion of each robot: a joint, and the distance from its present position (for the gripper, the target)."""
 SAFE_STATES = {"so101": "limp", "koch": "limp", "robotiq_2f85": "hold"}
 BOUND_S = 1.0
-"""From the call to the safe frame of each; far above what is measured, for a busy machine."""
+"""Longest time from the call to the safe frame of each robot. It is far above the measured time, for a busy
+machine."""
 
 
 BUSY_S = 0.5
 
 
 async def busy() -> None:
-    """Keeps the caller's loop for a while."""
+    """Blocks the caller's loop for some time."""
     time.sleep(BUSY_S)  # noqa: ASYNC251
 
 
@@ -69,7 +70,7 @@ def move(kind: str, robot: RealRobot) -> str:
 
 
 def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member]) -> None:
-    for member in fleet.values():  # a link may have been lost while the others started
+    for member in fleet.values():  # its link may have been lost while the others started
         resumed(member.robot)
     assert {kind: move(kind, member.robot) for kind, member in fleet.items()} == dict.fromkeys(fleet, "")
 
@@ -86,7 +87,7 @@ def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member
         assert member.twin.log.setpoints_after_safe(began_ns) == 0
     assert {kind: outcomes[kind].safe_state for kind in SAFE_STATES} == SAFE_STATES
 
-    # joined in advance, and pressed in a thread while the loop is busy with something else
+    # The mesh is joined in advance. The e-stop comes from a thread while the loop is busy.
     resume("so101")
     assert move("so101", fleet["so101"].robot) == ""
     with estop_button(by="the red one") as press:
@@ -99,9 +100,9 @@ def test_saf_007_one_estop_stops_every_robot_on_the_mesh(fleet: dict[str, Member
     assert took_s < BUSY_S / 2
     assert outcomes.keys() == fleet.keys()
     assert "e-stopped by the red one" in move("so101", fleet["so101"].robot)
-    with pytest.raises(RuntimeError, match="has been left"):
+    with pytest.raises(RuntimeError, match="has ended"):
         press()
 
     resume("so101")
     assert move("so101", fleet["so101"].robot) == ""
-    assert "e-stopped" in move("koch", fleet["koch"].robot)  # each is resumed by itself
+    assert "e-stopped" in move("koch", fleet["koch"].robot)  # each robot needs its own resume

@@ -1,5 +1,5 @@
-"""The gateway: what comes from another host reaches the gate dated, in time, from its own sender,
-or not at all."""
+"""The gateway passes a message from another host to the gate only with a valid deadline, in time, and from
+its authenticated sender."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from strands_actors.caller.processes.run_directory import notes
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Reason, Service
 from strands_actors.kernel.actor import Actor
-from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, asked_key
+from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, request_key
 from strands_actors.kernel.frames import TELL, frame
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import Node, Unreachable
@@ -52,7 +52,7 @@ ASK_S = 10.0
 
 @dataclasses.dataclass
 class Caller:
-    """On another host, as far as the robot can tell; with the same clock, as it happens."""
+    """A caller that the robot sees as on another host. Its clock is the same."""
 
     robot: str
     node: Node
@@ -73,7 +73,7 @@ class Caller:
         return await self.ask(Dated(self.session if session is None else session, deadline_ns, message))
 
     async def acquire(self) -> Lease:
-        """Again, if it has one."""
+        """Take the lease, or renew the one that the caller has."""
         lease = await self.dated(Acquire("me", again=self.lease))
         assert isinstance(lease, Lease), lease
         self.lease = lease.id
@@ -134,7 +134,7 @@ def test_a_caller_of_another_host_writes_stops_and_resumes() -> None:
     run(test)
 
 
-def test_what_is_guarded_needs_an_operator_from_another_host_too_and_a_zero_does_not(
+def test_a_guarded_command_from_another_host_needs_an_operator_and_a_zero_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(FakeDriver, "GUARDED", ("a",))
@@ -171,15 +171,15 @@ def test_a_guarded_service_needs_an_operator_from_another_host_too(monkeypatch: 
     run(test)
 
 
-def test_saf_009_a_lease_that_nobody_waits_for_is_given_to_nobody() -> None:
+def test_saf_009_a_cancelled_request_gets_no_lease() -> None:
     async def test() -> None:
         async with world() as (_, tree, one, two):
             at = addresses.of(one.robot)
             gateway: Any = tree.node.cells[at.gateway].actor
-            taken = gateway._shared.taken
+            taken = gateway._shared.received
             deadline_ns = time.monotonic_ns() + 5_000 * MS
             one.node.ref(at.gateway, Gateway).tell(Dated(one.session, deadline_ns, Acquire("me")))
-            await until(lambda: gateway._shared.taken > taken, "it has come")
+            await until(lambda: gateway._shared.received > taken, "it has come")
             await two.acquire()
 
     run(test)
@@ -195,11 +195,11 @@ def test_saf_001_nothing_is_accepted_that_is_not_dated_by_a_reading_of_the_clock
                 assert code(await one.dated(command, session="f" * 32)) == "clock"
                 assert code(await one.dated(command, ahead_ms=-1.0)) == "expired"
                 assert code(await one.dated(command, ahead_ms=60_000.0)) == "too_distant"
-            assert code(await one.dated(target(lease, -1.0, a=1.0))) == "expired", "the gate's own look at it"
+            assert code(await one.dated(target(lease, -1.0, a=1.0))) == "expired", "the gate checks it, too"
             await one.dated(Release(lease.id), ahead_ms=-1.0)
-            assert isinstance(await one.dated(target(lease, 5000.0, a=2.0)), Accepted), "the lease was not given up"
+            assert isinstance(await one.dated(target(lease, 5000.0, a=2.0)), Accepted), "the lease is still valid"
             await until(lambda: hardware.of("setpoint"), "it is written")
-            # It is written again and again while it lives: none of the others is.
+            # The accepted setpoint is written repeatedly while it is valid. No other setpoint is written.
             assert {written.values[0] for written in hardware.of("setpoint")} == {2.0}
 
     run(test)
@@ -213,7 +213,7 @@ def test_saf_017_a_lease_is_good_for_the_caller_that_was_given_it_alone() -> Non
             for command in (target(lease, a=1.0), Release(lease.id), over, Perform(lease.id, lease.epoch, "x", {})):
                 assert code(await two.dated(command)) == "lease"
             for theirs in (Acquire("other"), Acquire("me"), Acquire("me", again=lease.id)):
-                assert "me (caller.one)" in str(await two.dated(theirs)), "neither its name nor its number"
+                assert "me (caller.one)" in str(await two.dated(theirs)), "only its own session may use a lease"
             assert isinstance(await one.dated(over), Lease)
             assert not hardware.of("setpoint")
             assert (await tree.status()).mode == "armed"
@@ -222,7 +222,7 @@ def test_saf_017_a_lease_is_good_for_the_caller_that_was_given_it_alone() -> Non
 
 
 def test_saf_017_a_session_counts_for_the_name_that_opened_it() -> None:
-    """Whoever comes to know the session of another asks under a name of its own, all the same."""
+    """A caller that learns another's session still sends under its own name."""
 
     async def test() -> None:
         async with world() as (hardware, _, one, two):
@@ -230,21 +230,21 @@ def test_saf_017_a_session_counts_for_the_name_that_opened_it() -> None:
             assert code(await two.dated(target(lease, a=1.0), session=one.session)) == "clock"
             again = await two.ask(Sync(one.session))
             assert isinstance(again, Synced) and again.session != one.session
-            assert isinstance(await one.dated(target(lease, a=0.5)), Accepted), "it has lost nothing"
+            assert isinstance(await one.dated(target(lease, a=0.5)), Accepted), "the owner still has its lease"
             await until(lambda: hardware.of("setpoint"), "it is written")
             assert {each.values[0] for each in hardware.of("setpoint")} == {0.5}
 
     run(test)
 
 
-def test_saf_017_what_is_put_to_the_gateway_is_not_heard() -> None:
+def test_saf_017_a_put_to_the_gateway_is_ignored() -> None:
     async def test() -> None:
         async with world() as (hardware, tree, one, _):
             mesh, lease = one.node.mesh, await one.acquire()
             assert isinstance(mesh, ZenohMesh)
             gateway = addresses.of(one.robot).gateway
             dated = Dated(one.session, time.monotonic_ns() + 5000 * MS, target(lease, a=1.0))
-            for key in (gateway, asked_key(gateway, "caller.one")):
+            for key in (gateway, request_key(gateway, "caller.one")):
                 mesh._session.put(key, frame(gateway, TELL, 0, "", one.node.address, dated))
             assert isinstance(await one.ask(GetStatus()), Status)
             await trio.sleep(0.1)
@@ -261,7 +261,7 @@ def test_a_beat_of_another_or_a_late_one_keeps_no_lease_alive() -> None:
             assert isinstance(await one.dated(latched), Accepted)
             began_s = time.monotonic()
             while (await tree.status()).mode == "armed":
-                assert time.monotonic() - began_s < 5.0, "the lease lives on"
+                assert time.monotonic() - began_s < 5.0, "the lease is still valid"
                 await two.dated(Beat(lease.id))
                 await one.dated(Beat(lease.id), ahead_ms=-1.0)
                 await trio.sleep(0.02)
@@ -270,7 +270,7 @@ def test_a_beat_of_another_or_a_late_one_keeps_no_lease_alive() -> None:
     run(test)
 
 
-def test_who_comes_back_to_a_robot_that_holds_must_resume_it() -> None:
+def test_a_caller_that_returns_to_a_holding_robot_must_resume_it() -> None:
     async def test() -> None:
         async with world() as (_, tree, one, _):
             lease = await one.acquire()
@@ -284,7 +284,7 @@ def test_who_comes_back_to_a_robot_that_holds_must_resume_it() -> None:
     run(test)
 
 
-def test_the_hold_with_which_a_rollout_ends_is_no_loss() -> None:
+def test_the_hold_at_the_end_of_a_rollout_does_not_count_as_a_loss() -> None:
     async def test() -> None:
         async with world() as (_, tree, one, _):
             lease = await one.acquire()
@@ -298,8 +298,8 @@ def test_the_hold_with_which_a_rollout_ends_is_no_loss() -> None:
     run(test)
 
 
-def test_saf_002_a_release_after_a_loss_is_no_resume() -> None:
-    """Of a lease that has lapsed, of one that is held still, and of a rollout that was late."""
+def test_saf_002_a_release_after_a_loss_does_not_count_as_a_resume() -> None:
+    """The cases are an expired lease, a lease on a robot that holds, and a rollout that was late."""
 
     async def test() -> None:
         async with world() as (_, tree, one, _):
@@ -317,9 +317,9 @@ def test_saf_002_a_release_after_a_loss_is_no_resume() -> None:
     run(test)
 
 
-@pytest.mark.parametrize("who", ["guardian", "transport", "gate", "tasks", "root", "safety"])
-def test_saf_017_from_another_host_nobody_but_the_gateway_is_reached(who: str) -> None:
-    """By its own key, and by the gateway's with another address inside."""
+@pytest.mark.parametrize("role", ["guardian", "transport", "gate", "tasks", "root", "safety"])
+def test_saf_017_another_host_reaches_only_the_gateway(role: str) -> None:
+    """Messages go to the actor's own key, and to the gateway's key with another address inside."""
 
     async def test() -> None:
         async with world() as (hardware, tree, one, _):
@@ -329,8 +329,8 @@ def test_saf_017_from_another_host_nobody_but_the_gateway_is_reached(who: str) -
             assert isinstance(mesh, ZenohMesh)
             lease = await one.acquire()
             for message in (forged, Stop(Reason.STOP, "forged"), target(lease, a=1.0), Resume("forged")):
-                data = frame(at.address(who), TELL, 0, at.gate, one.node.address, message)
-                for key in (at.address(who), at.gateway, at.gateway_stop):
+                data = frame(at.address(role), TELL, 0, at.gate, one.node.address, message)
+                for key in (at.address(role), at.gateway, at.gateway_stop):
                     mesh._session.put(key, data)
             for address in (at.gateway, at.gateway_stop):
                 for message in (forged, target(lease, a=1.0), Resume("forged")):
@@ -344,7 +344,7 @@ def test_saf_017_from_another_host_nobody_but_the_gateway_is_reached(who: str) -
 
 
 @pytest.mark.parametrize("reason", list(Reason))
-def test_a_stop_from_another_host_ends_no_tree_and_is_no_mere_hold(reason: Reason) -> None:
+def test_a_stop_from_another_host_ends_no_tree_and_is_more_than_a_hold(reason: Reason) -> None:
     async def test() -> None:
         async with world() as (_, tree, one, _):
             address = addresses.of(one.robot).gateway_stop
@@ -357,14 +357,14 @@ def test_a_stop_from_another_host_ends_no_tree_and_is_no_mere_hold(reason: Reaso
 
 
 def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
-    """They wait below the interpreter; of each round few are read."""
+    """Commands wait in zenoh's buffers. Each round reads only a few of them."""
 
     async def test() -> None:
         async with world() as (_, tree, one, _):
             mesh, over = one.node.mesh, trio.Event()
             assert isinstance(mesh, ZenohMesh)
             gateway = addresses.of(one.robot).gateway
-            key = asked_key(gateway, "caller.one")
+            key = request_key(gateway, "caller.one")
             junk = frame(gateway, TELL, 0, "x", one.node.address, Sync())
             nobody: Any = zenoh.handlers.Callback(lambda reply: None, indirect=False)
 
@@ -386,19 +386,20 @@ def test_saf_006_a_stop_waits_for_no_flood_of_commands() -> None:
 
 
 async def codes_of_a_burst(caller: Caller) -> set[str]:
-    """More at once than a caller may in a second: what became of them, whatever the machine's speed."""
+    """Send more commands at once than one caller may send in a second. Return the answers, which do not depend
+    on the speed of the machine."""
     codes: set[str] = set()
 
     async def ask() -> None:
         codes.add(getattr(await caller.dated(Acquire("me")), "code", ""))
 
     async with trio.open_nursery() as nursery:
-        for _ in range(COMMANDS_PER_S + 10):  # as many as wait in the ring
+        for _ in range(COMMANDS_PER_S + 10):  # as many as the ring holds
             nursery.start_soon(ask)
     return codes
 
 
-def test_a_caller_that_asks_too_often_is_told_so() -> None:
+def test_a_caller_with_too_many_requests_is_refused() -> None:
     async def test() -> None:
         async with world() as (_, _, one, _):
             codes = await codes_of_a_burst(one)

@@ -1,4 +1,5 @@
-"""What goes on by itself: what comes late, or for longer than the robot keeps a command."""
+"""Motion over the mesh that lasts after its command: late commands, and poses that last longer than the robot
+keeps one command."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ def approved(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STRANDS_ACTORS_ALLOW", "set_joints")
 
 
-def test_saf_001_what_had_to_wait_until_it_was_late_is_not_done() -> None:
+def test_saf_001_a_command_that_waited_past_its_deadline_is_dropped() -> None:
     async def test() -> None:
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client:
@@ -43,13 +44,13 @@ def test_saf_001_what_had_to_wait_until_it_was_late_is_not_done() -> None:
             async def ask() -> None:
                 answers.append(await client.dated(robot, make, 0.5, 5.0))
 
-            async with trio.open_nursery() as nursery, motion._turn:  # as by a command that takes its time
+            async with trio.open_nursery() as nursery, motion._turn:  # as a slow command would hold it
                 nursery.start_soon(ask)
                 await trio.sleep(0.8)
             assert code(answers[0]) == "expired" and answers[0].verb == "set_joints"
             assert hardware.of("setpoint") == []
             assert not isinstance(await client.dated(robot, make, 0.5, 5.0), Refused)
-            await until(lambda: hardware.of("setpoint"), "it is written")  # it was accepted first
+            await until(lambda: hardware.of("setpoint"), "it is written")  # the first command was accepted
 
     run(test)
 
@@ -57,7 +58,7 @@ def test_saf_001_what_had_to_wait_until_it_was_late_is_not_done() -> None:
 def test_saf_014_no_pose_is_kept_for_longer_than_the_robot_keeps_one_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A base would drive on, legs would stand on one frame."""
+    """Otherwise a base would continue to drive, and legs would stand in one fixed pose."""
     timing = Timing(control_hz=50.0, keepalive_s=0.02, oneshot_ttl_s=0.3)
     monkeypatch.setattr(FakeDriver, "timing", timing)
 
@@ -72,7 +73,7 @@ def test_saf_014_no_pose_is_kept_for_longer_than_the_robot_keeps_one_command(
     run(test)
 
 
-def test_who_holds_the_lease_by_acquire_writes_under_it() -> None:
+def test_a_lease_from_acquire_is_used_for_writing() -> None:
     async def test() -> None:
         hardware = FakeHardware()
 
@@ -80,10 +81,10 @@ def test_who_holds_the_lease_by_acquire_writes_under_it() -> None:
             return await send(client, robot, POSE)
 
         async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client, mesh() as stranger:
-            told = await client.dated(
+            answer = await client.dated(
                 robot, lambda clock, deadline: {"action": "acquire", "clock": clock, "deadline_ns": deadline}, 0.5
             )
-            assert not isinstance(told, Refused), told
+            assert not isinstance(answer, Refused), answer
             assert code(await other(stranger, robot)) == "lease"
             assert hardware.of("setpoint") == []
             assert not isinstance(await send(client, robot, POSE), Refused)
@@ -97,21 +98,21 @@ async def _begin(client: MeshClient, robot: str, duration_s: float) -> None:
     assert not isinstance(await send(client, robot, {**POSE, "duration": duration_s}), Refused)
 
 
-def test_saf_006_a_stop_ends_what_a_pose_has_taken_and_what_comes_next_is_left_alone() -> None:
+def test_saf_006_a_stop_ends_the_lease_of_a_pose_and_leaves_the_next_lease_alone() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             await _begin(client, robot, 1.5)
             await tree.gate.ask(Stop(Reason.STOP, "the test"), 5.0)
             await tree.until("disarmed")
             await tree.gate.ask(Resume("the test"), 5.0)
-            await trio.sleep(0.5)  # the lease of the pose is not kept to the end of its time
+            await trio.sleep(0.5)  # the lease of the pose ends before its time is over
             lease = await tree.gate.ask(Acquire("local"), 1.0)
             assert isinstance(lease, Lease), lease
             deadline_ns = time.monotonic_ns() + 5 * 10**9
             setpoint = Setpoint(lease.id, lease.epoch, deadline_ns, {"a": 1.0})
             assert isinstance(await tree.gate.ask(setpoint, 1.0), Accepted)
             for _ in range(10):
-                await trio.sleep(0.2)  # past that time
+                await trio.sleep(0.2)  # until the time of the pose is over
                 tree.gate.tell(Beat(lease.id))
             status = await tree.status()
             assert (status.mode, status.epoch, status.holder) == ("armed", lease.epoch, "local")
@@ -119,14 +120,14 @@ def test_saf_006_a_stop_ends_what_a_pose_has_taken_and_what_comes_next_is_left_a
     run(test)
 
 
-def test_who_takes_the_lease_of_its_own_pose_is_not_held_at_the_end_of_that() -> None:
+def test_a_sender_that_takes_over_the_lease_of_its_own_pose_is_not_held_at_the_end_of_the_pose() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             await _begin(client, robot, 1.0)
             async with control(client, robot) as arm:
                 for step in range(30):
-                    told = await arm.send_action({"a": float(step % 3)}, ttl_s=0.5)
-                    assert not isinstance(told, Refused), told
+                    answer = await arm.send_action({"a": float(step % 3)}, ttl_s=0.5)
+                    assert not isinstance(answer, Refused), answer
                     await trio.sleep(0.05)
                 assert (await tree.status()).mode == "armed"
 
@@ -145,13 +146,13 @@ def test_a_pose_that_was_replaced_does_not_end_the_next() -> None:
             await trio.sleep(1.0)
             assert ((await tree.status()).mode, (await tree.status()).epoch) == ("armed", began)
             await tree.until("holding")
-            await _begin(client, robot, 0.3)  # its end was wanted: no resume
+            await _begin(client, robot, 0.3)  # it ended as planned: no resume
 
     run(test)
 
 
-def test_what_comes_while_a_pose_is_being_held_waits_for_that() -> None:
-    """The robot takes a while to hold. Its end was wanted, so nobody has to resume it."""
+def test_a_command_during_the_hold_of_a_pose_waits_for_that_hold() -> None:
+    """The robot needs some time to hold. The pose ended as planned, so no resume is needed."""
 
     async def test() -> None:
         hardware = FakeHardware(confirm_s=0.3)
@@ -160,14 +161,14 @@ def test_what_comes_while_a_pose_is_being_held_waits_for_that() -> None:
                 await _begin(client, robot, 0.3)
                 await tree.until("holding")
             async with control(client, robot) as arm:
-                told = await arm.send_action({"a": 0.5}, ttl_s=0.5)
-                assert not isinstance(told, Refused), told
+                answer = await arm.send_action({"a": 0.5}, ttl_s=0.5)
+                assert not isinstance(answer, Refused), answer
 
     run(test)
 
 
 def test_saf_001_a_pose_that_comes_as_the_one_before_ends_is_kept_for_its_own_time() -> None:
-    """The gate has accepted it in time, and its answer comes when the one before is over."""
+    """The gate accepts the second pose in time. Its answer arrives after the first pose has ended."""
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
@@ -185,6 +186,6 @@ def test_saf_001_a_pose_that_comes_as_the_one_before_ends_is_kept_for_its_own_ti
             sent = time.monotonic()
             await _begin(client, robot, 1.2)
             await tree.until("holding")
-            assert time.monotonic() >= sent + 1.2, "it was ended with the one before"
+            assert time.monotonic() >= sent + 1.2, "it ended together with the first pose"
 
     run(test)

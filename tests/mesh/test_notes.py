@@ -1,4 +1,4 @@
-"""One note that cannot be read disables no e-stop, and looking takes nobody's name."""
+"""An unreadable note does not disable an e-stop. Looking for robots does not take a robot's name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import trio
 
-from strands_actors.caller.processes.run_directory import Name, Note, is_held, notes
+from strands_actors.caller.processes.run_directory import Name, Note, is_running, notes
 from strands_actors.kernel.channels.zenoh_session import unix_endpoint
 from strands_actors.surfaces.mesh import estop_button
 from strands_actors.surfaces.mesh.sessions import EVERYBODY, LOOK_S
@@ -32,7 +32,7 @@ BAD = {
 
 @pytest.fixture
 def other(run_dir: Path) -> Iterator[Name]:
-    """A name that is held."""
+    """A robot name that is in use."""
     name = Name("other")
     yield name
     name.release()
@@ -53,8 +53,8 @@ def test_saf_007_a_bad_note_is_one_robot_that_cannot_be_reached(run_dir: Path, o
     run(test)
 
 
-def test_saf_007_a_robot_whose_note_is_bad_is_reached_by_its_name(run_dir: Path) -> None:
-    """Its sockets are where they must be."""
+def test_saf_007_a_robot_with_a_bad_note_is_reached_by_its_name(run_dir: Path) -> None:
+    """Its sockets are in their usual place."""
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _):
@@ -101,7 +101,7 @@ def test_saf_007_a_run_directory_that_is_deleted_ends_no_button(run_dir: Path) -
     run(test)
 
 
-def test_saf_005_a_directory_that_cannot_be_used_is_told(run_dir: Path) -> None:
+def test_saf_005_an_unusable_directory_is_reported(run_dir: Path) -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, _, _), mesh() as client:
             await until(lambda: client.is_there(robot), "it is there")
@@ -117,7 +117,7 @@ def test_saf_005_a_directory_that_cannot_be_used_is_told(run_dir: Path) -> None:
     run(test)
 
 
-# -- looking
+# -- looking for robots
 
 
 TAKE = """
@@ -132,8 +132,8 @@ print(taken)
 """
 
 
-def test_who_looks_takes_no_name_from_a_robot_that_starts(run_dir: Path) -> None:
-    """Two look all the time, while one takes the name three hundred times."""
+def test_looking_takes_no_name_from_a_starting_robot(run_dir: Path) -> None:
+    """Two processes look all the time, while a third takes the name 300 times."""
     done = threading.Event()
     failures: list[BaseException] = []
 
@@ -141,7 +141,7 @@ def test_who_looks_takes_no_name_from_a_robot_that_starts(run_dir: Path) -> None
         try:
             while not done.is_set():
                 list(notes())
-                is_held("zz")
+                is_running("zz")
                 (run_dir / "zz.json").write_bytes(b"{}")
         except BaseException as error:
             failures.append(error)
@@ -165,19 +165,19 @@ def test_who_looks_takes_no_name_from_a_robot_that_starts(run_dir: Path) -> None
     assert not failures, failures
 
 
-def test_a_note_of_a_robot_that_has_ended_is_removed_and_one_that_lives_is_not(run_dir: Path) -> None:
+def test_the_note_of_an_ended_robot_is_removed_and_that_of_a_living_one_stays(run_dir: Path) -> None:
     name = Name("zz")
     note = Note("zz", "fake", 1, [], [unix_endpoint(name.socket("mesh"))])
     name.publish(note)
     assert list(notes()) == [note]
-    assert is_held("zz")
+    assert is_running("zz")
     name.release()
-    assert not is_held("zz")
+    assert not is_running("zz")
     assert list(notes()) == []
     assert not (run_dir / "zz.json").exists()
 
 
-def test_a_robot_that_starts_is_not_known_by_the_note_of_the_last_one(run_dir: Path) -> None:
+def test_a_starting_robot_removes_the_note_of_the_last_one(run_dir: Path) -> None:
     first = Name("zz")
     first.publish(Note("zz", "fake", 1, [], []))
     first.release()
@@ -186,7 +186,7 @@ def test_a_robot_that_starts_is_not_known_by_the_note_of_the_last_one(run_dir: P
     second.release()
 
 
-def test_two_robots_of_one_name_are_told_apart(run_dir: Path) -> None:
+def test_a_second_robot_of_one_name_gets_a_number(run_dir: Path) -> None:
     first, second = Name("zz"), Name("zz")
     assert (first.name, second.name) == ("zz", "zz-2")
     first.release()

@@ -1,5 +1,5 @@
-"""Programs of one user at a robot's socket: what they say to it and are told is heard by no other of them,
-and a name that another has makes nobody that other."""
+"""Programs of one user share a robot's socket. None can read the requests and answers of another, and none
+gets another's rights by using its name."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .world import PATIENCE_S, code, mesh, raw, robot_on_mesh, run, until
 
 
 class Eavesdropper:
-    """Joins the sockets of all robots, and listens to everything there is."""
+    """Connect to the sockets of all robots and subscribe to all topics."""
 
     def __init__(self) -> None:
         self.heard: list[Received] = []
@@ -46,7 +46,7 @@ class Eavesdropper:
         return any(secret.encode() in each.payload for each in self.heard)
 
 
-def test_saf_009_nobody_overhears_a_command_or_a_lease() -> None:
+def test_saf_009_no_other_program_receives_a_command_or_a_lease() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client, trio.open_nursery() as nursery:
             other = Eavesdropper()
@@ -58,21 +58,21 @@ def test_saf_009_nobody_overhears_a_command_or_a_lease() -> None:
                 lease = (await tree.status()).holder
                 assert client.sender in lease
                 number = str(arm._lease)
-            told = await client.request(robot, mesh_json.Ping())
-            assert not isinstance(told, Refused)
+            answer = await client.request(robot, mesh_json.Ping())
+            assert not isinstance(answer, Refused)
             await raw(client, robot, b'{"sender_id": "put", "turn_id": "t", "command": {"action": "ping"}}')
             before = len(other.topics("state"))
             await until(lambda: len(other.topics("state")) > before + 1, "what was said before has arrived")
             assert not other.topics("cmd")
             answered = {each.key for each in other.heard if "/response/" in each.key or "/node/" in each.key}
-            assert answered == {f"strands/put/response/{robot}/t"}, "what is put is answered by a put"
+            assert answered == {f"strands/put/response/{robot}/t"}, "a put is answered by a put"
             assert not other.knows(clock.name) and not other.knows(f'"lease":{number}')
             nursery.cancel_scope.cancel()
 
     run(test)
 
 
-def test_saf_009_nor_what_a_program_is_told_that_reaches_it_by_name(tmp_path: Path, run_dir: Path) -> None:
+def test_saf_009_no_other_program_receives_a_message_to_a_program_by_name(tmp_path: Path, run_dir: Path) -> None:
     async def test() -> None:
         async with trio.open_nursery() as nursery:
             other = Eavesdropper()
@@ -90,7 +90,7 @@ def test_saf_009_nor_what_a_program_is_told_that_reaches_it_by_name(tmp_path: Pa
             before = len(other.topics("state"))
             await until(lambda: len(other.topics("state")) > before + 1, "what was said before has arrived")
             assert not other.topics("gateway")
-            assert not other.topics("threads"), "what is told to a thread of it"
+            assert not other.topics("threads"), "messages to one of its threads"
             assert not other.knows(gate._session)
             nursery.cancel_scope.cancel()
 
@@ -104,8 +104,8 @@ def test_saf_009_nor_what_a_program_is_told_that_reaches_it_by_name(tmp_path: Pa
             robot.cleanup()
 
 
-def test_saf_009_a_name_without_its_proof_is_another() -> None:
-    """Whoever takes the sender's name of who holds the lease has neither its clock nor its lease."""
+def test_saf_009_a_sender_name_without_its_proof_gives_no_rights() -> None:
+    """A program that uses the name of the lease's holder has neither the holder's clock nor its lease."""
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, _, _), mesh() as client, mesh() as other:  # noqa: SIM117
@@ -127,12 +127,12 @@ def test_saf_009_a_name_without_its_proof_is_another() -> None:
                     clock=clock.name, deadline_ns=0, lease=arm._lease, epoch=arm._epoch, targets={"a": 0.1}
                 )
                 assert code(await other.request(robot, move)) == "lease"
-                assert not isinstance(await arm.send_action({"a": 0.06}), Refused), "it has lost nothing"
+                assert not isinstance(await arm.send_action({"a": 0.06}), Refused), "the holder still has its lease"
 
     run(test)
 
 
-def test_a_question_that_cannot_be_read_is_answered_to_who_asked() -> None:
+def test_an_unreadable_request_is_answered_to_its_sender() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, _, _), mesh() as client:
             await until(lambda: client.is_there(robot), "it is there")
@@ -148,27 +148,27 @@ def test_a_question_that_cannot_be_read_is_answered_to_who_asked() -> None:
                 answers: list[Received] = []
                 via.ask(mesh_json.command_key(robot, "me"), payload, "x", answers.append)
                 await until(lambda answers=answers: answers, f"{payload!r} is answered")  # type: ignore[misc]
-                told = msgspec.json.decode(answers[0].payload)
-                assert (told["turn_id"], told["refused"]["code"]) == (turn, code)
+                result = msgspec.json.decode(answers[0].payload)
+                assert (result["turn_id"], result["refused"]["code"]) == (turn, code)
 
     run(test)
 
 
-def test_a_flood_of_questions_is_answered_though_not_all_of_it_is_audited() -> None:
+def test_a_flood_of_requests_is_answered_but_only_partly_audited() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             await until(lambda: client.is_there(robot), "it is there")
             audited: list[str] = []
             commands: Any = tree.node.cells[addresses.of(robot).commands].actor
             commands._shared.audit = lambda *told: audited.append(told[0])
-            commands._refusals = Limit(0.0, 20)  # whatever the time that it takes
+            commands._refusals = Limit(0.0, 20)  # so that the result does not depend on the time this takes
             unanswered = {str(turn) for turn in range(60)}
 
             def hear(answer: Received) -> None:
                 unanswered.discard(msgspec.json.decode(answer.payload)["turn_id"])
 
             def ask() -> None:
-                """A link that is full drops questions: what is urgent waits for nothing."""
+                """Urgent messages do not wait: a full link drops them."""
                 for turn in unanswered:
                     command = {"sender_id": "me", "turn_id": turn, "command": {"action": "fly"}}
                     key = mesh_json.command_key(robot, "me")

@@ -1,5 +1,5 @@
-"""Commands in the words of strands-robots, from other processes: what reads needs no lease, what
-moves goes under one, with an operator's word and an end."""
+"""Commands in the vocabulary of strands-robots, from other processes. A reading needs no lease. A motion takes a
+lease, needs an operator's approval, and has an end."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def twin(tmp_path: Path) -> Iterator[Twin]:
 
 @pytest.fixture
 def arm(twin: Twin) -> Iterator[RealRobot]:
-    """Armed, and free for others to move."""
+    """An armed arm with a free lease."""
     with Robot("so101", mode="real", port=twin.port) as robot:
         json_of(robot.release())
         yield robot
@@ -56,7 +56,7 @@ def on_mesh(use: Callable[[MeshClient], Any]) -> Any:
 
 
 def sent(*commands: Any) -> list[Any]:
-    """The answers, to one sender."""
+    """Send the commands from one sender, and return the answers."""
 
     async def use(client: MeshClient) -> list[Any]:
         return [await send(client, "so101", command) for command in commands]
@@ -73,9 +73,9 @@ def code(answer: Any) -> str:
 # -- reading
 
 
-def test_what_reads_needs_no_lease_and_no_clock(arm: RealRobot, twin: Twin) -> None:
+def test_a_reading_needs_no_lease_and_no_clock(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
-    json_of(arm.send_action({"gripper": 50.0}))  # the arm is its own program's, which holds the lease
+    json_of(arm.send_action({"gripper": 50.0}))  # the arm's own program holds the lease
     until(lambda: twin.log.host("setpoint", began_ns), "it moves")
     for locked in (False, True):
         ping, state, features, tool, teleop, status, nothing = sent(
@@ -95,7 +95,7 @@ def test_what_reads_needs_no_lease_and_no_clock(arm: RealRobot, twin: Twin) -> N
 
 
 def test_a_program_of_the_reference_is_answered_as_it_asks(arm: RealRobot) -> None:
-    """Its envelope, without our clock: readings are answered, motion is not."""
+    """Its envelope has no reading of the robot's clock. Readings are answered and motion is refused."""
     answers: list[dict[str, Any]] = []
 
     async def use(client: MeshClient) -> None:
@@ -119,11 +119,11 @@ def test_a_program_of_the_reference_is_answered_as_it_asks(arm: RealRobot) -> No
 # -- a policy
 
 
-def test_a_policy_is_told_runs_for_as_long_as_was_asked_and_leaves_the_robot_free(simulated: RealRobot) -> None:
+def test_a_policy_runs_for_the_requested_time_and_leaves_the_robot_free(simulated: RealRobot) -> None:
     done = tell("so101", "wave", policy_provider="mock", duration=1.0)
     assert (done["running"], done["exit_reason"], done["instruction"]) == (False, "duration", "wave"), done
     assert done["steps"] > 5
-    again = tell("so101", "wave", policy_provider="mock", n_steps=5)  # without a resume between them
+    again = tell("so101", "wave", policy_provider="mock", n_steps=5)  # no resume is needed in between
     assert (again["exit_reason"], again["steps"]) == ("n_steps", 5), again
     late = tell("so101", "wave", policy_provider="mock", duration=0.5, n_steps=10_000_000)
     assert late["exit_reason"] == "duration" and late["elapsed_s"] < 2.0, late
@@ -139,15 +139,18 @@ def test_a_policy_is_told_runs_for_as_long_as_was_asked_and_leaves_the_robot_fre
         ({"policy_provider": "mock", "instruction": "wave", "duration": 0}, "duration"),
         ({"policy_provider": "mock", "instruction": "wave", "duration": 3601}, "duration"),
         ({"policy_provider": "mock", "instruction": "wave", "durration": 1}, "durration"),
-        ({"policy_provider": "teleport", "instruction": "wave"}, "policy_provider is 'teleport'. use one of"),
-        ({"policy_provider": "os:system", "instruction": "wave"}, "the name of a policy that is installed here"),
+        ({"policy_provider": "teleport", "instruction": "wave"}, "policy_provider is 'teleport'. Use one of"),
+        (
+            {"policy_provider": "os:system", "instruction": "wave"},
+            "the name of a policy that is installed on the robot",
+        ),
         (
             {"policy_provider": "remote", "policy_port": 80, "policy_host": "evil.example", "instruction": "wave"},
             "policy_host is 'evil.example'",
         ),
     ],
 )
-def test_saf_014_what_is_no_task_starts_no_process(
+def test_saf_014_an_invalid_task_starts_no_process(
     simulated: RealRobot, command: dict[str, Any], text: str
 ) -> None:
     (answer,) = sent({"action": "start", **command})
@@ -156,7 +159,7 @@ def test_saf_014_what_is_no_task_starts_no_process(
     assert tree is not None and not [one for one in tree["processes"] if one["role"] == "policy"]
 
 
-def test_a_real_robot_needs_an_operators_word(arm: RealRobot, twin: Twin) -> None:
+def test_a_real_robot_needs_an_operators_approval(arm: RealRobot, twin: Twin) -> None:
     for command in (
         {"action": "start", "instruction": "wave", "policy_provider": "mock", "duration": 1.0},
         {"action": "execute", "instruction": "wave", "policy_provider": "mock", "duration": 1.0},
@@ -172,7 +175,9 @@ def test_a_real_robot_needs_an_operators_word(arm: RealRobot, twin: Twin) -> Non
     assert not twin.log.host("setpoint")
 
 
-def test_saf_002_a_stop_ends_what_was_told(twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_002_a_stop_ends_a_policy_that_was_started_over_the_mesh(
+    twin: Twin, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv(ALLOW, "start")
     with Robot("so101", mode="real", port=twin.port) as arm:
         json_of(arm.release())
@@ -180,7 +185,7 @@ def test_saf_002_a_stop_ends_what_was_told(twin: Twin, monkeypatch: pytest.Monke
         assert not isinstance(begun, Refused) and begun["running"] is True, begun
         until(lambda: len(twin.log.host("setpoint")) > 20, "it moves, though who asked has gone")
         (other,) = sent({"action": "start", "instruction": "wave", "policy_provider": "sine"})
-        assert code(other) == "running"  # twice, and from another
+        assert code(other) == "running"  # a second start, also from another sender, is refused
         assert "holds the lease" in why(arm.send_action({"gripper": 1.0}))
         stopped_ns = time.monotonic_ns()
         (stopped,) = broadcast("stop")
@@ -189,7 +194,7 @@ def test_saf_002_a_stop_ends_what_was_told(twin: Twin, monkeypatch: pytest.Monke
         time.sleep(1.2)  # longer than any lease
         assert twin.log.setpoints_after_safe(stopped_ns) == 0
         (late,) = sent({"action": "start", "instruction": "wave", "policy_provider": "sine"})
-        assert code(late) == "disarmed", late  # what was stopped is not begun again by a command
+        assert code(late) == "disarmed", late  # a command does not restart stopped motion
 
 
 def test_saf_009_a_robot_that_its_own_program_holds_is_not_taken(simulated: RealRobot) -> None:
@@ -212,7 +217,7 @@ def test_a_pose_is_taken_up_for_its_time_and_then_held(twin: Twin, monkeypatch: 
     monkeypatch.setenv(ALLOW, "set_joints")
     with Robot("so101", mode="real", port=twin.port) as arm:
         json_of(arm.release())
-        for target in (40.0, 60.0):  # the second without a resume
+        for target in (40.0, 60.0):  # the second one needs no resume
             command = {"action": "set_joints", "target_joints": {"gripper": target}, "duration": 1.0}
             began = time.monotonic()
             (answer,) = sent(command)
@@ -261,7 +266,7 @@ def test_a_simulation_steps_and_is_put_back(simulated: RealRobot) -> None:
     assert moved["commanded"] == {"gripper": home + 40.0}, moved
     assert stepped["position"]["gripper"] == pytest.approx(home + 40.0, abs=3.0), stepped
     (back,) = sent("reset")
-    assert code(back) == "lease"  # another sender's pose still stands
+    assert code(back) == "lease"  # another sender's pose still holds the lease
     until(lambda: not simulated.get_status()["content"][0]["json"]["lease"], "its time is over")
     (back,) = sent("reset")
     assert not isinstance(back, Refused), back
@@ -269,10 +274,10 @@ def test_a_simulation_steps_and_is_put_back(simulated: RealRobot) -> None:
     assert simulated.get_status()["content"][0]["json"]["state"] == "armed"
 
 
-# -- everybody
+# -- requests to all robots
 
 
-def test_who_is_there_and_asking_all() -> None:
+def test_robots_are_listed_and_a_request_goes_to_all() -> None:
     with Robot("so101") as one, Robot("koch") as other:
         until(lambda: one.is_connected and other.is_connected, "both are there")
         peers = get_peers()
@@ -284,16 +289,18 @@ def test_who_is_there_and_asking_all() -> None:
             ("koch", True),
             ("so101", True),
         ]
-        with pytest.raises(PermissionError, match="execute is for one robot at a time"):
+        with pytest.raises(PermissionError, match="execute cannot be sent to all robots at once"):
             broadcast({"action": "execute", "instruction": "wave"})
         with pytest.raises(PermissionError, match="'dance' is no action") as refused:
             broadcast("dance")
         offered = "send status, observe, ping, state, features, describe_tool, teleop_status, stop"
-        assert str(refused.value).endswith(offered), "what all may be asked, and nothing else"
+        assert str(refused.value).endswith(offered), "it lists exactly the requests that go to all robots"
         for nothing in (None, 5, ["ping"]):
             with pytest.raises(PermissionError, match=r"the command is .* give an action"):
                 broadcast(nothing)  # type: ignore[arg-type]
-        with pytest.raises(PermissionError, match=r"'call' is not here: .* describe_tool shows the tool"):
+        with pytest.raises(
+            PermissionError, match=r"the action 'call' is not available: .* use the tool with an agent"
+        ):
             broadcast({"action": "call", "function": "render"})
         with pytest.raises(PermissionError, match="nemo is not on the mesh"):
             tell("nemo", "wave", policy_provider="mock")

@@ -1,5 +1,4 @@
-"""``Robot(..., at=)``: a robot of another host by the same handle, over TLS and a cable that can be
-cut."""
+"""``Robot(..., at=)`` drives a robot of another host with the same handle, over TLS and a simulated cable."""
 
 from __future__ import annotations
 
@@ -23,11 +22,11 @@ from .proxy import Cable, free_port
 from .world import tls
 
 LIFETIME_S = 0.6
-"""On the lifetime, for a busy machine; 50 ms is what is measured for."""
+"""Tolerance on the lifetime, for a busy machine. The measured bound is 50 ms."""
 
 
 class Hosts(NamedTuple):
-    here: RealRobot  # who started the robot
+    here: RealRobot  # the handle that started the robot
     there: RealRobot
     twin: Twin
     cable: Cable
@@ -36,7 +35,7 @@ class Hosts(NamedTuple):
 
 @pytest.fixture
 def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_dir: Path) -> Iterator[Hosts]:
-    """A robot that anybody may take, and a handle on it from elsewhere."""
+    """Yield a robot with a free lease, and a handle on it from another host."""
     keys = tmp_path / "keys"
     make(keys, robots=["so101"])
     port = free_port()
@@ -56,14 +55,14 @@ def hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_dir: Path) -> Ite
             here.cleanup()
 
 
-def far(keys: Path, cable: Cable, who: str = "operator", **keywords: object) -> RealRobot:
-    mesh = MeshConfig(tls=tls(keys, who))
+def far(keys: Path, cable: Cable, role: str = "operator", **keywords: object) -> RealRobot:
+    mesh = MeshConfig(tls=tls(keys, role))
     at = f"tls/localhost:{cable.port}"
     return Robot("so101", mode="real", at=at, mesh=mesh, lifetime=LIFETIME_S, **keywords)
 
 
 def waving(arm: RealRobot, pid: list[int]) -> object:
-    """A policy, and where it runs."""
+    """Return a policy that appends the pid of its process to ``pid``."""
     start, count = arm.get_observation()["wrist_roll"], iter(range(10_000))
 
     def policy(observation: dict[str, float]) -> dict[str, float]:
@@ -75,7 +74,7 @@ def waving(arm: RealRobot, pid: list[int]) -> object:
 
 def test_a_robot_of_another_host_has_the_same_verbs(hosts: Hosts) -> None:
     here, there, twin, _, _ = hosts
-    assert "not connected" in why(there.send_action({"shoulder_pan": 0.0}))  # nor does it connect: it would resume
+    assert "not connected" in why(there.send_action({"shoulder_pan": 0.0}))  # to connect would resume it
     assert there.connect_eagerly() is None
     seen = there.get_observation()
     assert set(seen) == set(there.driver.axes)
@@ -97,10 +96,10 @@ def test_a_robot_of_another_host_has_the_same_verbs(hosts: Hosts) -> None:
     json_of(there.release())
     json_of(here.send_action({"wrist_roll": here.get_observation()["wrist_roll"]}))
     assert json_of(there.cleanup())["stopped"]
-    assert state(here) == "armed", "what others command is not ended with it"
+    assert state(here) == "armed", "cleanup must not stop a robot that another writer commands"
 
 
-def test_its_cleanup_stops_what_it_has_commanded_and_ends_no_tree(hosts: Hosts) -> None:
+def test_cleanup_of_a_remote_handle_stops_its_own_motion_and_ends_no_tree(hosts: Hosts) -> None:
     here, there, twin, cable, keys = hosts
     assert there.connect_eagerly() is None
     json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))
@@ -114,7 +113,7 @@ def test_its_cleanup_stops_what_it_has_commanded_and_ends_no_tree(hosts: Hosts) 
     again.cleanup()
 
 
-def test_a_policy_runs_where_it_is_called_and_gives_the_robot_back_held(hosts: Hosts) -> None:
+def test_a_policy_runs_on_the_callers_host_and_leaves_the_robot_held(hosts: Hosts) -> None:
     _, there, twin, _, _ = hosts
     assert there.connect_eagerly() is None
     pids: list[int] = []
@@ -132,7 +131,7 @@ def test_a_policy_runs_where_it_is_called_and_gives_the_robot_back_held(hosts: H
     assert state(there) == "holding"
 
 
-def test_saf_001_a_cut_cable_is_held_within_the_lifetime_and_a_stop_is_never_said_to_have_stopped(
+def test_saf_001_a_cut_cable_leads_to_a_hold_within_the_lifetime_and_an_unanswered_stop_is_not_confirmed(
     hosts: Hosts,
 ) -> None:
     here, there, twin, cable, _ = hosts
@@ -161,7 +160,7 @@ def test_saf_001_a_cut_cable_is_held_within_the_lifetime_and_a_stop_is_never_sai
     json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))
 
 
-def test_a_cleanup_that_is_not_heard_is_no_success(hosts: Hosts) -> None:
+def test_an_unanswered_cleanup_is_not_a_success(hosts: Hosts) -> None:
     _, there, _, cable, _ = hosts
     assert there.connect_eagerly() is None
     cable.cut()
@@ -171,7 +170,7 @@ def test_a_cleanup_that_is_not_heard_is_no_success(hosts: Hosts) -> None:
 
 
 @pytest.mark.long
-def test_a_viewer_gets_no_handle_and_who_is_not_there_is_named(hosts: Hosts) -> None:
+def test_a_viewer_gets_no_handle_and_a_missing_robot_is_named(hosts: Hosts) -> None:
     _, _, twin, cable, keys = hosts
     viewer, stranger = far(keys, cable, "viewer"), far(keys, cable, tool_name="nobody")
     for robot, named in ((viewer, "so101"), (stranger, "nobody")):
@@ -181,7 +180,7 @@ def test_a_viewer_gets_no_handle_and_who_is_not_there_is_named(hosts: Hosts) -> 
     assert not twin.log.host("setpoint")
 
 
-def test_what_is_about_its_hardware_is_said_where_the_robot_is(tmp_path: Path) -> None:
+def test_a_remote_handle_refuses_options_of_the_hardware_and_unsafe_connections(tmp_path: Path) -> None:
     with pytest.raises(TypeError, match="port="):
         Robot("so101", mode="real", at="tcp/127.0.0.1:1", port="/dev/null", mesh=MeshConfig(insecure=True))
     with pytest.raises(ValueError, match="needs certificates"):

@@ -1,5 +1,4 @@
-"""A robot's clock is read over a network; a time that is told to the robot is never later than
-meant."""
+"""A robot's clock is read over a network. A deadline that is sent to the robot is never later than intended."""
 
 from __future__ import annotations
 
@@ -15,8 +14,8 @@ SECOND = 1_000 * MS
 
 
 class Reading(NamedTuple):
-    after_ns: int  # since the one before
-    there_ns: int  # how long the question took
+    after_ns: int  # since the previous reading
+    there_ns: int  # time of the request from the reader to the robot
     back_ns: int
 
 
@@ -28,7 +27,7 @@ readings = st.lists(
 
 
 @given(st.integers(-(10**18), 10**18), readings, st.integers(0, 40 * SECOND))
-def test_saf_001_no_deadline_is_later_than_meant_and_none_is_given_without_a_reading(
+def test_saf_001_no_deadline_is_later_than_intended_and_a_deadline_needs_a_reading(
     offset_ns: int, made: list[Reading], later_ns: int
 ) -> None:
     clock, now_ns = RobotClock(), 10**18
@@ -43,12 +42,12 @@ def test_saf_001_no_deadline_is_later_than_meant_and_none_is_given_without_a_rea
     theirs_ns = clock.deadline(now_ns + 100 * MS, now_ns)
     assert theirs_ns is not None and theirs_ns <= now_ns + 100 * MS + offset_ns
     slowest_ns = min(reading.back_ns for reading in made[-1:])
-    assert theirs_ns >= now_ns + 100 * MS + offset_ns - slowest_ns - 1, "no worse than the last reading"
+    assert theirs_ns >= now_ns + 100 * MS + offset_ns - slowest_ns - 1, "at least as tight as the last reading"
     known = clock.bounds(now_ns + later_ns)
     assert (known is None) == (later_ns >= GOOD_NS)
 
 
-def test_of_several_readings_the_tightest_counts_and_ages() -> None:
+def test_the_tightest_of_several_readings_counts_and_ages() -> None:
     clock = RobotClock()
     clock.read(50 * MS, 0, 100 * MS)
     clock.read(201 * MS, 200 * MS, 202 * MS)
@@ -59,9 +58,9 @@ def test_of_several_readings_the_tightest_counts_and_ages() -> None:
     assert late.highest_ns - late.lowest_ns > soon.highest_ns - soon.lowest_ns
 
 
-def test_saf_001_what_a_newer_reading_excludes_is_dropped() -> None:
-    """The robot's computer slept for five seconds: by the older readings every deadline would be so
-    much too late."""
+def test_saf_001_readings_that_contradict_newer_ones_are_dropped() -> None:
+    """The robot's computer slept for five seconds. With the older readings every deadline would be five seconds
+    too late."""
     clock, ahead_ns = RobotClock(), 1000 * SECOND
     for at_ms in (0, 100, 2_200, 4_200):
         clock.read(at_ms * MS + ahead_ns + 2 * MS, at_ms * MS, at_ms * MS + 4 * MS)
@@ -74,7 +73,7 @@ def test_saf_001_what_a_newer_reading_excludes_is_dropped() -> None:
         assert deadline_ns is not None and deadline_ns <= at_ms * MS + 100 * MS + ahead_ns
 
 
-def test_what_is_forgotten_is_not_known() -> None:
+def test_a_forgotten_clock_has_no_bounds() -> None:
     clock = RobotClock()
     clock.read(0, 0, 1)
     clock.forget()

@@ -1,4 +1,4 @@
-"""The rules for commands, without a mesh: read, typed, fresh, not too many."""
+"""The rules for commands, tested without a mesh: parsing, types, freshness and rate limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.messages import Status as GateStatus
 from strands_actors.supervisors.mesh.command_rules import (
     CLOCK_TTL_S,
-    NOT_HERE,
+    MISSING_ACTIONS,
     Clocks,
     Limit,
     read_command,
@@ -69,19 +69,19 @@ def test_fields_of_other_meshes_around_a_command_are_ignored() -> None:
         ({**MOVE, "targets": {"a": [1]}}, "malformed"),
         ({**MOVE, "targets": {str(n): 0 for n in range(65)}}, "malformed"),
         ({**MOVE, "deadline_ns": "soon"}, "malformed"),
-        ({**MOVE, "latch": True}, "malformed"),  # a field misspelt is not a field left out
+        ({**MOVE, "latch": True}, "malformed"),  # a misspelt field is refused, not ignored
         ({**MOVE, "clock": "a/b"}, "malformed"),
         ({key: value for key, value in MOVE.items() if key != "deadline_ns"}, "malformed"),
     ],
 )
-def test_saf_014_what_is_no_command_is_refused_by_name(command: Any, code: str) -> None:
+def test_saf_014_an_invalid_command_is_refused_by_name(command: Any, code: str) -> None:
     refused = read(command)
     assert isinstance(refused, Refused)
     assert refused.code == code
 
 
 @pytest.mark.parametrize("sender", ["", "a/b", "*", "**", "a*", "a b", "a\n", "é", "x" * 65])
-def test_a_sender_whose_answer_could_go_anywhere_gets_none(sender: str) -> None:
+def test_a_sender_with_an_invalid_name_gets_no_answer(sender: str) -> None:
     answer = read_envelope(
         json.dumps({"sender_id": sender, "turn_id": "1", "command": {"action": "stop"}}).encode()
     )
@@ -89,7 +89,7 @@ def test_a_sender_whose_answer_could_go_anywhere_gets_none(sender: str) -> None:
     assert answer[0] is None
 
 
-def test_what_is_too_large_is_refused_to_its_sender() -> None:
+def test_a_too_large_command_is_refused_to_its_sender() -> None:
     answer = read_envelope(enveloped({"action": "stop"}, padding="x" * MAX_COMMAND_BYTES))
     assert isinstance(answer, tuple)
     sender, refused = answer
@@ -167,7 +167,7 @@ def test_a_stop_needs_no_date() -> None:
 
 
 @given(st.lists(st.integers(0, 10**8), max_size=300))
-def test_a_limit_holds_whatever_the_times(gaps_ns: list[int]) -> None:
+def test_a_rate_limit_holds_at_any_times(gaps_ns: list[int]) -> None:
     limit, now_ns, admitted = Limit(20.0, 5), 1, []
     for gap_ns in gaps_ns:
         now_ns += gap_ns
@@ -178,18 +178,18 @@ def test_a_limit_holds_whatever_the_times(gaps_ns: list[int]) -> None:
         assert len(within) <= 25
 
 
-@pytest.mark.parametrize("action", sorted(NOT_HERE.keys() - ACTIONS.keys()))
-def test_what_other_meshes_have_and_this_one_has_not_is_told_with_what_to_do_instead(action: str) -> None:
+@pytest.mark.parametrize("action", sorted(MISSING_ACTIONS.keys() - ACTIONS.keys()))
+def test_an_action_of_other_meshes_is_refused_with_an_alternative(action: str) -> None:
     refused = read({"action": action})
     assert isinstance(refused, Refused)
     assert refused.code == "not_here"
-    assert "is not here: " in refused.reason and refused.remedy
+    assert "is not available: " in refused.reason and refused.remedy
 
 
 @pytest.mark.parametrize(
     ("lapse", "holder", "code"),
     [
-        (Lapse.GIVEN_BACK, "", ""),
+        (Lapse.LEASE_RELEASED, "", ""),
         (Lapse.ROLLOUT_ENDED, "", ""),
         (Lapse.ROLLOUT_ENDED, "so101 (7)", "holding"),
         (Lapse.NONE, "so101 (7)", "holding"),
@@ -201,7 +201,7 @@ def test_what_other_meshes_have_and_this_one_has_not_is_told_with_what_to_do_ins
 def test_a_hold_needs_a_resume_unless_all_leases_were_given_back(
     lapse: Lapse, holder: str, code: str, cause: str
 ) -> None:
-    """Whatever the sentence for people says."""
+    """The decision does not depend on the text for people."""
     status = GateStatus("holding", 4, True, "", "", cause, holder, None, -1.0, (), 0, 0, 0, "", None, lapse=lapse)
     refused = refuse_by_mode(status, resumed_epoch=2)
     assert (refused.code if refused else "") == code

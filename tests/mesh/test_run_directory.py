@@ -1,5 +1,4 @@
-"""Where the robots of a user meet when nobody has named a place: below a folder that others write to,
-too."""
+"""The default run directory of a user. It is below a folder to which other users write, too."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ from strands_actors.caller.processes.run_directory import run_dir
 
 @pytest.fixture
 def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """As /tmp is."""
+    """A folder that all users may write to, as /tmp."""
     monkeypatch.delenv("STRANDS_ACTORS_RUN")
     monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
     shared = tmp_path / "shared"
@@ -23,15 +22,15 @@ def shared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return shared
 
 
-def test_it_is_made_and_found_again(shared: Path) -> None:
+def test_the_default_run_directory_is_made_once_and_used_again(shared: Path) -> None:
     path = run_dir()
     assert path.parent == shared and path.stat().st_mode & 0o777 == 0o700
     assert run_dir() == path
 
 
-def test_saf_017_a_link_that_somebody_has_put_there_is_not_followed(shared: Path, tmp_path: Path) -> None:
-    """Sockets and notes would land in a directory of ours that somebody else has chosen, and in
-    another one when the link is changed."""
+def test_saf_017_a_link_made_by_another_user_is_not_followed(shared: Path, tmp_path: Path) -> None:
+    """Otherwise sockets and notes would be written to a directory that another user chose, and to another one when
+    the link changes."""
     mine = tmp_path / "mine"
     mine.mkdir(mode=0o700)
     path = run_dir()
@@ -48,7 +47,7 @@ def test_saf_017_a_link_that_somebody_has_put_there_is_not_followed(shared: Path
     assert list(mine.iterdir()) == []
 
 
-def test_what_others_may_enter_or_rename_is_refused(shared: Path) -> None:
+def test_a_directory_that_others_may_enter_or_rename_is_refused(shared: Path) -> None:
     run_dir().chmod(0o755)
     with pytest.raises(PermissionError, match="open to others"):
         run_dir()
@@ -58,7 +57,7 @@ def test_what_others_may_enter_or_rename_is_refused(shared: Path) -> None:
         run_dir()
 
 
-def test_a_file_in_its_place_is_told(shared: Path) -> None:
+def test_a_file_in_place_of_the_directory_is_refused(shared: Path) -> None:
     path = run_dir()
     path.rmdir()
     path.write_text("")
@@ -66,8 +65,8 @@ def test_a_file_in_its_place_is_told(shared: Path) -> None:
         run_dir()
 
 
-def test_a_place_that_was_named_may_be_a_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is the user's own word."""
+def test_a_run_directory_that_the_user_chose_may_be_a_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The user has chosen this directory."""
     mine = tmp_path / "mine"
     mine.mkdir(mode=0o700)
     (tmp_path / "link").symlink_to(mine)

@@ -21,7 +21,7 @@ from .world import Samples, code, mesh, raw, robot_on_mesh, run, until
 
 
 async def local_move(tree: InlineTree) -> str:
-    """What a writer in the robot's own program is told."""
+    """Return the answer to a writer in the robot's own program."""
     lease = await tree.gate.ask(Acquire("local"), 1.0)
     assert isinstance(lease, Lease)
     setpoint = Setpoint(lease.id, lease.epoch, time.monotonic_ns() + 10**9, {"a": 1.0}, 0.0, True)
@@ -52,8 +52,8 @@ def test_saf_007_an_estop_locks_mesh_and_local_writers_until_a_resume() -> None:
                 assert await arm.resume("the operator") is None
                 assert hardware.of("setpoint", stopped_ns) == []  # a resume restarts no motion
                 assert not isinstance(await arm.send_action({"a": 2.0}), Refused)
-            told = await events.wait(2)
-            assert {event["event"]: event["by"] for event in told} == {
+            received = await events.wait(2)
+            assert {event["event"]: event["by"] for event in received} == {
                 "estop": "the red button",
                 "resume": "the operator",
             }
@@ -72,7 +72,7 @@ def test_saf_007_any_sample_on_the_key_is_an_estop(payload: bytes) -> None:
     run(test)
 
 
-def test_saf_005_what_is_not_confirmed_is_told_and_named() -> None:
+def test_saf_005_an_unconfirmed_motor_is_reported_by_name() -> None:
     async def test() -> None:
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, _, _), mesh() as client:
@@ -95,7 +95,7 @@ def test_saf_005_a_robot_that_does_not_answer_is_unreachable() -> None:
         ghost.release()
         assert outcomes["ghost"] == "unreachable"
         assert outcomes[robot] == "safe"
-        assert 0.2 < took_s < 2.0  # it is waited for, and no longer than said
+        assert 0.2 < took_s < 2.0  # the caller waits, and no longer than its timeout
 
     run(test)
 
@@ -111,7 +111,7 @@ def test_an_estop_for_one_robot_leaves_the_others() -> None:
     run(test)
 
 
-def test_saf_007_a_resume_is_asked_and_dated() -> None:
+def test_saf_007_a_resume_must_be_a_request_with_a_deadline() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             await client.estop(within_s=5.0)
@@ -128,9 +128,9 @@ def test_saf_007_a_resume_is_asked_and_dated() -> None:
                 ("cmd", {"command": command}),
             ):
                 await raw(client, robot, json.dumps({**order, **body}).encode(), key)
-            told = await answers.wait(3)
-            assert [answer["refused"]["code"] for answer in told] == ["put", "put", "put"]
-            assert all("(get)" in answer["refused"]["remedy"] for answer in told)
+            received = await answers.wait(3)
+            assert [answer["refused"]["code"] for answer in received] == ["put", "put", "put"]
+            assert all("(get)" in answer["refused"]["remedy"] for answer in received)
             late = mesh_json.Resume(clock=clock.name, deadline_ns=clock.deadline(time.monotonic_ns() - 10**6))
             assert code(await client.request(robot, late)) == "expired"
             status = await tree.status()
@@ -172,12 +172,12 @@ def test_a_flood_of_estops_leaves_a_robot_that_can_be_resumed() -> None:
     run(test)
 
 
-def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
+def test_a_robot_with_a_dead_gate_is_stopped_by_the_guardian() -> None:
     async def test() -> None:
         hardware = FakeHardware()
         async with robot_on_mesh(hardware) as (robot, tree, _), mesh() as client:
             gate = tree.node.cells[tree.gate.address].actor
-            gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # answers nobody
+            gate.receive = lambda message: gate.context.defer()  # type: ignore[method-assign]  # never answers
             tree.node.cells[tree.gate.address].mailbox.capacity = 0
             (outcome,) = await client.estop(within_s=5.0)
             assert (outcome.robot, outcome.outcome, outcome.path) == (robot, "safe", "stop_channel")
@@ -187,9 +187,9 @@ def test_a_robot_whose_gate_is_gone_is_stopped_by_the_guardian() -> None:
     run(test)
 
 
-def test_a_stop_is_waited_for_as_long_as_the_robot_says_that_it_takes() -> None:
-    """It has told that it heard: who ordered the stop then waits for its driver's deadlines, not
-    for their own."""
+def test_the_sender_of_a_stop_waits_for_the_deadline_that_the_robot_announced() -> None:
+    """The robot has acknowledged the stop. The sender then waits for the deadlines of the robot's driver, not
+    for its own timeout."""
 
     async def test() -> None:
         async with robot_on_mesh(FakeHardware(confirm_s=1.0)) as (robot, _, _), mesh() as client:

@@ -1,4 +1,4 @@
-"""The service on the mesh, when a part of it fails for good: the robot can still be stopped there."""
+"""If a part of the mesh service fails permanently, a stop over the mesh still works."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from strands_actors.testing import FakeHardware
 from strands_actors.testing.fake import HARDWARE, FakeDriver
 
 
-def test_saf_007_a_robot_whose_telemetry_fails_again_and_again_can_be_stopped(
+def test_saf_007_a_robot_with_permanently_failing_telemetry_can_be_stopped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     failures = 0
@@ -39,16 +39,16 @@ def test_saf_007_a_robot_whose_telemetry_fails_again_and_again_can_be_stopped(
         node = Node("service", MonotonicClock())
         driver = FakeDriver("fake", "service", {})
         mesh = MeshService(
-            node, "service", driver, lambda: TaskStatus(False, 0, 0.0), audit=lambda *told: audited.append(told)
+            node, "service", driver, lambda: TaskStatus(False, 0, 0.0), audit=lambda *entry: audited.append(entry)
         )
         async with trio.open_nursery() as nursery:
             await nursery.start(node.run)
             nursery.start_soon(mesh.run, ["tcp/127.0.0.1:0"], [], {})
             with trio.fail_after(30):
-                while not mesh.problem:  # noqa: ASYNC110  # nobody tells
+                while not mesh.problem:  # noqa: ASYNC110  # no event reports the problem
                     await trio.sleep(0.01)
             assert failures == BUDGET.restarts + 1 and "a fault was asked for" in mesh.problem
-            assert any("failed" in told[2] for told in audited)
+            assert any("failed" in entry[2] for entry in audited)
             at = addresses.of("service")
             assert at.safety in node.cells and at.gateway_stop in node.cells
             nursery.cancel_scope.cancel()

@@ -1,4 +1,4 @@
-"""Who has read a robot's clock, and whose its leases are."""
+"""A session proves that its owner has read the robot's clock. Each lease belongs to one session."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_saf_001_a_command_is_dated_by_a_reading_and_comes_in_time(
 
 
 @pytest.mark.parametrize("name", ["", "0" * 32, "operator"])
-def test_nothing_is_accepted_from_who_has_not_read_the_clock(name: str) -> None:
+def test_a_sender_that_has_not_read_the_clock_is_refused(name: str) -> None:
     sessions = Sessions()
     sessions.sync("", ONE, 0)
     assert code(sessions.refuse(name, ONE, SECOND, 0)) == "clock"
@@ -50,8 +50,8 @@ def test_a_session_goes_on_as_long_as_its_owner_reads() -> None:
     assert sessions.sync(name, ONE, late_ns) != name
 
 
-def test_a_name_that_nobody_was_given_names_nobody() -> None:
-    """Else who guesses one could choose it."""
+def test_an_unissued_session_name_is_refused() -> None:
+    """Otherwise a sender could choose a session name that it guessed."""
     sessions = Sessions()
     assert sessions.sync("mine", ONE, 0) != "mine"
 
@@ -61,7 +61,7 @@ def test_saf_017_a_session_is_of_the_name_that_opened_it() -> None:
     name = sessions.sync("", ONE, 0)
     assert code(sessions.refuse(name, "caller.two", SECOND, 0)) == "clock"
     assert sessions.sync(name, "caller.two", 1) != name
-    assert code(sessions.refuse(name, ONE, SECOND, 0)) == "", "it is not taken from who has it"
+    assert code(sessions.refuse(name, ONE, SECOND, 0)) == "", "its owner keeps it"
 
 
 def test_saf_017_a_lease_is_of_the_session_that_was_given_it() -> None:
@@ -71,14 +71,14 @@ def test_saf_017_a_lease_is_of_the_session_that_was_given_it() -> None:
     assert code(sessions.refuse_lease(one, 7)) == ""
     assert code(sessions.refuse_lease(two, 7)) == code(sessions.refuse_lease("", 7)) == "lease"
     sessions.sync(one, ONE, 1)
-    assert code(sessions.refuse_lease(one, 7)) == "", "and stays its own"
+    assert code(sessions.refuse_lease(one, 7)) == "", "its owner keeps it"
     for lease in range(8, 40):
         sessions.grant(one, lease)
     assert code(sessions.refuse_lease(one, 39)) == ""
     assert code(sessions.refuse_lease(one, 7)) == "lease"
 
 
-def test_they_are_bounded_and_the_one_that_was_silent_longest_goes() -> None:
+def test_sessions_are_bounded_and_the_longest_silent_one_is_dropped() -> None:
     sessions = Sessions()
     first, *others = [sessions.sync("", ONE, 0) for _ in range(200)]
     assert code(sessions.refuse(first, ONE, SECOND, 0)) == "clock"

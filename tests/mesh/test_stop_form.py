@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.supervisors.mesh import schemas as mesh_json
-from strands_actors.supervisors.mesh.stop_rules import Said, read_loosely
+from strands_actors.supervisors.mesh.stop_rules import MessageOutline, read_loosely
 
 from .world import Samples, mesh, raw, robot_on_mesh, run, until
 
@@ -41,18 +41,18 @@ FORMS: list[tuple[Any, bool, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("said", "locks", "told"), FORMS, ids=lambda value: str(value)[:60])
+@pytest.mark.parametrize(("body", "locks", "receiver"), FORMS, ids=lambda value: str(value)[:60])
 @pytest.mark.parametrize("key", [mesh_json.BROADCAST_KEY, "cmd"])
-def test_saf_006_a_stop_is_obeyed_whatever_its_form(key: str, said: Any, locks: bool, told: str) -> None:
+def test_saf_006_a_stop_in_any_form_is_obeyed(key: str, body: Any, locks: bool, receiver: str) -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             answers = Samples(client, f"strands/dash/response/{robot}/*")
-            await raw(client, robot, json.dumps(said).encode(), key)
+            await raw(client, robot, json.dumps(body).encode(), key)
             status = await tree.until("disarmed")
             assert bool(status.locked_by) is locks
-            if told:
+            if receiver:
                 answer = (await answers.wait())[-1]
-                named = said.get("turn_id") == "1"
+                named = body.get("turn_id") == "1"
                 assert (answer["result"]["locked"], answer["turn_id"]) == (locks, "1" if named else "")
 
     run(test)
@@ -61,23 +61,23 @@ def test_saf_006_a_stop_is_obeyed_whatever_its_form(key: str, said: Any, locks: 
 def test_a_broadcast_for_another_robot_stops_that_one_alone() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (_, tree, _), robot_on_mesh() as (robot, other, _), mesh() as client:
-            said = {"sender_id": "dash", "target_id": robot, "command": {"action": "stop", "reason": "x"}}
+            body = {"sender_id": "dash", "target_id": robot, "command": {"action": "stop", "reason": "x"}}
             for via in client.sessions.all:
-                via.put(mesh_json.BROADCAST_KEY, json.dumps(said).encode(), "x")
+                via.put(mesh_json.BROADCAST_KEY, json.dumps(body).encode(), "x")
             await other.until("disarmed")
             assert (await tree.status()).mode == "armed"
 
     run(test)
 
 
-def test_saf_006_whoever_reaches_a_robots_key_stops_that_robot_and_moves_no_other() -> None:
+def test_saf_006_any_sender_on_a_robots_key_stops_that_robot_and_moves_no_other() -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _), mesh() as client:
             await until(lambda: client.is_there(robot), "it is there")
             via, answers = client.sessions.via[robot], list[Received]()
-            said = {**NAMED, "target_id": "so100_left"}
+            body = {**NAMED, "target_id": "so100_left"}
             for action in ("ping", "estop"):
-                ask = json.dumps({**said, "command": {"action": action}}).encode()
+                ask = json.dumps({**body, "command": {"action": action}}).encode()
                 via.ask(mesh_json.command_key(robot, "me"), ask, "x", answers.append)
                 await until(lambda action=action: len(answers) > (action == "estop"), "it is answered")  # type: ignore[misc]
             refused, stopped = (msgspec.json.decode(answer.payload) for answer in answers[:2])
@@ -95,14 +95,14 @@ def test_no_bytes_raise(payload: bytes) -> None:
 
 
 @pytest.mark.parametrize("payload", [b"", b"null", b"[]", b"[" * 5000, b'{"command": {"action": ["stopped"]}}'])
-def test_what_says_nothing_is_no_stop(payload: bytes) -> None:
-    assert read_loosely(payload) == Said()
+def test_a_message_without_an_action_is_not_a_stop(payload: bytes) -> None:
+    assert read_loosely(payload) == MessageOutline()
 
 
 @pytest.mark.parametrize("action", sorted(mesh_json.ACTIONS.keys() - {"stop", "estop"}))
 def test_no_other_command_is_a_stop(action: str) -> None:
-    said = {"sender_id": "stop", "turn_id": "stop", "by": "stop", "command": {"action": action, "text": "stop"}}
-    assert read_loosely(json.dumps(said).encode()).action == action
+    body = {"sender_id": "stop", "turn_id": "stop", "by": "stop", "command": {"action": action, "text": "stop"}}
+    assert read_loosely(json.dumps(body).encode()).action == action
 
 
 def test_saf_006_a_robots_own_name_changes_nothing_of_a_stop() -> None:
@@ -111,11 +111,11 @@ def test_saf_006_a_robots_own_name_changes_nothing_of_a_stop() -> None:
 
 
 @pytest.mark.parametrize("action", ["stop_task", "stop_recording", "unstoppable", "do not stop"])
-def test_a_word_more_makes_it_no_stop(action: str) -> None:
+def test_a_longer_action_name_is_not_a_stop(action: str) -> None:
     assert not read_loosely(json.dumps({**NAMED, "command": {"action": action}}).encode()).stops
 
 
-def test_what_is_wrong_with_one_field_spoils_no_other() -> None:
-    said = read_loosely(b'{"sender_id": "a/b", "turn_id": "1", "command": {"action": "stop", "by": "\xff"}}')
-    assert said == Said(turn="1", action="stop")
+def test_a_mistake_in_one_field_does_not_spoil_another() -> None:
+    outline = read_loosely(b'{"sender_id": "a/b", "turn_id": "1", "command": {"action": "stop", "by": "\xff"}}')
+    assert outline == MessageOutline(turn="1", action="stop")
     assert len(read_loosely(json.dumps({"command": {"action": "stop", "by": "x" * 999}}).encode()).by) == 256

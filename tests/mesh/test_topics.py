@@ -1,4 +1,4 @@
-"""What a robot publishes, read by a plain zenoh session."""
+"""A plain zenoh session reads the topics that a robot publishes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .world import robot_on_mesh, run, until
 
 
 class Plain:
-    """A subscriber with no import of ours but the note that says where the robot is."""
+    """A subscriber that uses zenoh only. Of this project it uses the note with the robot's address."""
 
     def __init__(self) -> None:
         (note,) = notes()
@@ -57,7 +57,7 @@ def join(plain: list[Plain], *keys: str) -> Plain:
 
 
 def more(seen: list[zenoh.Sample], samples: list[zenoh.Sample]) -> list[zenoh.Sample]:
-    """All that was seen so far."""
+    """Append the new samples, and return all samples so far."""
     seen += samples
     return seen
 
@@ -97,7 +97,7 @@ def test_state_comes_ten_times_a_second_with_its_schema_number_and_time(plain: l
 
 
 def test_a_rollout_of_the_scripts_own_policy_is_seen_while_it_writes(plain: list[Plain]) -> None:
-    """The root did not start it, and knows nothing of it."""
+    """The root did not start this rollout and has no record of it."""
 
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _):
@@ -115,8 +115,8 @@ def test_a_rollout_of_the_scripts_own_policy_is_seen_while_it_writes(plain: list
                 assert isinstance(await tree.gate.ask(setpoint, 1.0), Accepted)
 
             async def until_told(status: str, instruction: str, steps: int, what: str) -> None:
-                wanted = {"status": status, "instruction": instruction, "steps": steps}
-                await until(lambda: task() == wanted, what)
+                expected = {"status": status, "instruction": instruction, "steps": steps}
+                await until(lambda: task() == expected, what)
 
             own = await tree.gate.ask(Acquire("a script"), 1.0)
             assert isinstance(own, Lease)
@@ -195,10 +195,10 @@ def test_only_sensors_that_a_robot_has_are_published(plain: list[Plain], monkeyp
 
 
 @pytest.mark.long
-def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
+def test_saf_012_no_sensor_publishes_an_old_value_as_a_new_one(
     plain: list[Plain], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nothing is read of a robot that is not heard, and of one that is unplugged."""
+    """A silent or unplugged robot gives no readings."""
     read = FakeWire._observe
 
     def with_imu(wire: FakeWire) -> Observation:
@@ -218,7 +218,7 @@ def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
             healthy: list[zenoh.Sample] = []
             await until(lambda: len(more(seen, subscriber.take(imu))) >= 5, "the imu")
             late_s = max(sent_s(sample) - told(sample)["t"] for sample in seen)
-            assert late_s > 0.03, "t is when it was read"
+            assert late_s > 0.03, "t must be the time of the reading"
             await until(lambda: more(healthy, subscriber.take(health)), "its health")
             assert told(healthy[-1])["temps"] == {"a": 20.0, "b": 21.0}
             assert "load_pct" in told(healthy[-1])["sensors"]
@@ -227,7 +227,7 @@ def test_saf_012_no_sensor_tells_an_old_value_as_a_new_one(
             subscriber.take(imu), subscriber.take(state), subscriber.take(health)
             await trio.sleep(0.5)
             assert subscriber.take(state) and not subscriber.take(imu)
-            assert (await tree.status()).observation is not None, "it would have been told"
+            assert (await tree.status()).observation is not None, "the subscriber would have received it"
             healthy.clear()
             await until(lambda: more(healthy, subscriber.take(health)), "its health, still")
             assert not {"temps", "sensors"} & set(told(healthy[-1]))
@@ -256,7 +256,7 @@ def test_a_robot_is_found_by_its_token_and_missed_without(plain: list[Plain]) ->
     run(test)
 
 
-def test_nothing_is_asked_of_the_wire_for_nobody(plain: list[Plain]) -> None:
+def test_the_wire_gets_no_requests_without_subscribers(plain: list[Plain]) -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, tree, _):
             asked = 0
@@ -270,14 +270,14 @@ def test_nothing_is_asked_of_the_wire_for_nobody(plain: list[Plain]) -> None:
 
             gate._status = counted  # type: ignore[attr-defined]
             await trio.sleep(1.0)
-            assert asked <= 1  # every two seconds it is looked which sensors there are
+            assert asked <= 1  # the list of sensors is read every two seconds
             join(plain, f"strands/{robot}/state")
             await until(lambda: asked > 5, "now it is asked")
 
     run(test)
 
 
-def test_who_subscribes_to_everything_sees_no_message_between_actors(plain: list[Plain]) -> None:
+def test_a_subscriber_to_all_topics_sees_no_message_between_actors(plain: list[Plain]) -> None:
     async def test() -> None:
         async with robot_on_mesh() as (robot, _, _):
             subscriber = join(plain, "strands/**")

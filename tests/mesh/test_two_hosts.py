@@ -1,4 +1,4 @@
-"""The handle on one host, the robot on another, and the cable between them."""
+"""A handle on one host drives a robot on another over a simulated cable."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from .world import code, run, tls, until
 
 TTL_S = 0.2
 PERIOD_S = 0.02
-"""On the lifetime, for a busy machine; 0.1 s is what is measured for."""
+"""Tolerance on the lifetime, for a busy machine. The measured bound is 0.1 s."""
 
 
 async def stream(arm: RemoteRobot, stop: trio.Event) -> None:
-    """To and fro, as a policy on another host would."""
+    """Move the arm back and forth, as a policy on another host would."""
     start = (await observed(arm))["shoulder_pan"]
     for step in range(10_000):
         if stop.is_set():
@@ -71,7 +71,7 @@ def test_saf_001_a_cut_cable_is_safe_within_the_lifetime_and_moves_nothing_when_
                         safe = await until(lambda: twin.log.first_safe(cut_ns), "a safe frame")
                         took_s = (safe.t_ns - cut_ns) / 1e9
                         print(f"safe {1e3 * took_s:.0f} ms after the cut, with a lifetime of {1e3 * TTL_S:.0f} ms")
-                        await trio.sleep(1.5)  # longer than the mesh takes to notice
+                        await trio.sleep(1.5)  # longer than the mesh needs to detect the lost link
                         cable.heal()
                         healed = time.monotonic()
                         while isinstance(await arm.status(), Refused):

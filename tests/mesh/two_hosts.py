@@ -1,11 +1,11 @@
 """A robot and its caller in two network namespaces, by hand (Linux, with ``unshare`` and ``ip``):
 
-    python -m tests.mesh.two_hosts            three rollouts of 60 s, and a cut
-    python -m tests.mesh.two_hosts 20         of 20 s
+    python -m tests.mesh.two_hosts            three rollouts of 60 s, and a cut cable
+    python -m tests.mesh.two_hosts 20         three rollouts of 20 s, and a cut cable
 
-What goes between them passes this process, packet by packet: each namespace has one interface, a TUN
-device whose other end is here. So delay, loss and a cut are those of an IP network, and TCP's
-answer to them is the kernel's. Prints what the twin's wire log shows.
+Each packet between the namespaces passes through this process. Each namespace has one interface, a TUN
+device with its other end here. So delay, loss and a cut happen as in an IP network, and the kernel's TCP
+handles them. The program prints the results from the twin's wire log.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LIFETIME_S = 0.6
 
 
 class Network:
-    """Carry packets between two descriptors: ``delay_s`` each way, ``loss`` of them not at all."""
+    """Carry packets between two descriptors, with a delay of ``delay_s`` each way and a share ``loss`` dropped."""
 
     def __init__(self, ends: tuple[int, int]) -> None:
         self._to = dict(zip(ends, reversed(ends), strict=True))
@@ -73,7 +73,7 @@ class Network:
 
 
 class Host:
-    """A process in a network namespace of its own: ``ask`` has it do one thing."""
+    """A process in a separate network namespace. ``ask`` makes it execute one command."""
 
     def __init__(self, role: str, home: Path, *args: str) -> None:
         ours, theirs = socket.socketpair()
@@ -118,8 +118,8 @@ def serve(role: str, sock_fd: str, home: str, *args: str) -> None:
     with socket.socket(fileno=int(sock_fd)) as sock:
         socket.send_fds(sock, [b"."], [end])
     keys = Path(home) / "keys"
-    who = "so101" if role == "robot" else "operator"
-    tls = TLS(*(str(keys / file) for file in ("ca.pem", f"{who}.pem", f"{who}.key")))
+    own_name = "so101" if role == "robot" else "operator"
+    tls = TLS(*(str(keys / file) for file in ("ca.pem", f"{own_name}.pem", f"{own_name}.key")))
     if role == "robot":
         robot = Robot("so101", mode="real", port=args[0], mesh=MeshConfig(listen=f"tls/{ROBOT}:{PORT}", tls=tls))
     else:
@@ -188,7 +188,7 @@ def measure(twin: Twin, robot: Host, caller: Host, network: Network, duration_s:
         print(f"{title}: {task['exit_reason']} after {task['steps']} steps; {shown(twin, began_ns)}", flush=True)
         if task["exit_reason"] != "duration":
             print(f"  {task}", flush=True)
-        if caller.ask("state") != "armed":  # an answer may be lost
+        if caller.ask("state") != "armed":  # the network may have lost the answer
             until(lambda: caller.ask("resume"), "it is resumed")
     network.loss = 0.0
     for delay_s in (0.0, 0.05):

@@ -32,7 +32,7 @@ PATIENCE_S = 20.0
 async def robot_on_mesh(
     hardware: FakeHardware | None = None, config: MeshConfig | Callable[[str], MeshConfig] | None = None
 ) -> AsyncIterator[tuple[str, InlineTree, MeshService]]:
-    """Run an armed robot. Give its name, its tree and its service on the mesh. ``config`` may be a function
+    """Run an armed robot and yield its name, its tree and its service on the mesh. ``config`` may be a function
     of the name."""
     async with open_inline_tree(hardware, MonotonicClock()) as tree, trio.open_nursery() as nursery:
         robot = tree.gate.address.split("/")[1]

@@ -69,7 +69,7 @@ def test_a_built_in_policy_is_not_gated_at_an_end(robot: str, made_by: type[Any]
 
 
 @pytest.mark.parametrize("made_by", [Mock, Sine])
-def test_it_begins_where_the_robot_is_and_moves_it(made_by: type[Any]) -> None:
+def test_a_built_in_policy_begins_at_the_robots_position_and_moves_it(made_by: type[Any]) -> None:
     driver = DRIVERS["ur5e"]
     seen = Positions(zip(driver.axes, observed(driver).position, strict=True))
     policy = made_by(driver.axes)
@@ -80,7 +80,7 @@ def test_it_begins_where_the_robot_is_and_moves_it(made_by: type[Any]) -> None:
         assert max(abs(action[axis] - seen[axis]) for action in actions) > 0.02
 
 
-def test_an_amplitude_that_is_asked_for_is_kept() -> None:
+def test_a_given_amplitude_is_kept() -> None:
     driver = DRIVERS["ur5e"]
     seen = Positions(zip(driver.axes, observed(driver).position, strict=True))
     policy = Mock(driver.axes, amplitude=2.0)

@@ -21,19 +21,19 @@ def waves(seconds: float, degrees: float = 15.0) -> list[dict[str, float]]:
     return [{PAN: degrees * math.sin(number / HZ)} for number in range(round(seconds * HZ))]
 
 
-def test_it_goes_along_the_rows_and_holds_at_the_last(arm: RealRobot, twin: Twin) -> None:
+def test_move_along_follows_the_rows_and_holds_at_the_last(arm: RealRobot, twin: Twin) -> None:
     armed(arm)
     began_ns = time.monotonic_ns()
     rows = waves(3.0)
-    told = json_of(arm.move_along(rows, hz=HZ))
-    assert told["rows"] == len(rows) and told["commanded"] == rows[-1]
-    assert told["position"][PAN] == pytest.approx(rows[-1][PAN], abs=3.0)
+    result = json_of(arm.move_along(rows, hz=HZ))
+    assert result["rows"] == len(rows) and result["commanded"] == rows[-1]
+    assert result["position"][PAN] == pytest.approx(rows[-1][PAN], abs=3.0)
     written = [goals(entry) for entry in twin.log.host("setpoint", began_ns)]
     path = [at[IDS[PAN]] for at in written]
     top = path.index(max(path))
-    assert 0 < top < len(path) - 1 and path[top:] == sorted(path[top:], reverse=True), "up to the top, and down"
-    assert len({at[IDS["elbow_flex"]] for at in written}) == 1, "what is not named stays"
-    assert state(arm) == "armed" and not holds(twin.log, began_ns), "its last row stands"
+    assert 0 < top < len(path) - 1 and path[top:] == sorted(path[top:], reverse=True), "first up, then down"
+    assert len({at[IDS["elbow_flex"]] for at in written}) == 1, "a joint that the path does not name stays"
+    assert state(arm) == "armed" and not holds(twin.log, began_ns), "the last row of the path stays in force"
 
 
 def test_saf_006_a_stop_ends_it_and_no_setpoint_follows(arm: RealRobot, twin: Twin) -> None:

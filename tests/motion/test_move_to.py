@@ -38,20 +38,20 @@ def begun(arm: RealRobot, twin: Twin, seconds: float = 8.0) -> int:
     return began_ns
 
 
-def test_it_is_there_after_the_time_and_holds_there(arm: RealRobot, twin: Twin) -> None:
+def test_move_to_reaches_its_target_in_time_and_holds_there(arm: RealRobot, twin: Twin) -> None:
     target, began_ns = other_side(arm), time.monotonic_ns()
-    told = json_of(arm.move_to({PAN: target}, seconds=1.0))
-    assert told["commanded"] == {PAN: target} and told["seconds"] == 1.0
-    assert told["position"][PAN] == pytest.approx(target, abs=3.0)
+    result = json_of(arm.move_to({PAN: target}, seconds=1.0))
+    assert result["commanded"] == {PAN: target} and result["seconds"] == 1.0
+    assert result["position"][PAN] == pytest.approx(target, abs=3.0)
     written = [goals(entry) for entry in twin.log.host("setpoint", began_ns)]
     path = [at[IDS[PAN]] for at in written]
-    assert len(set(path)) > 15 and sorted(path) in (path, path[::-1]), "small steps one way"
-    assert len({at[IDS["elbow_flex"]] for at in written}) == 1, "what is not named stays"
-    assert state(arm) == "armed" and not holds(twin.log, began_ns), "its target stands"
+    assert len(set(path)) > 15 and sorted(path) in (path, path[::-1]), "small steps in one direction"
+    assert len({at[IDS["elbow_flex"]] for at in written}) == 1, "a joint that the target does not name stays"
+    assert state(arm) == "armed" and not holds(twin.log, began_ns), "the target stays in force"
     assert json_of(arm.send_action({PAN: target}))
 
 
-def test_it_returns_at_once_when_it_is_asked_to(arm: RealRobot, twin: Twin) -> None:
+def test_a_motion_without_waiting_runs_as_a_task_that_a_stop_ends(arm: RealRobot, twin: Twin) -> None:
     began_ns = begun(arm, twin)
     assert task(arm)["running"] and task(arm)["instruction"] == "move_to"
     assert "a task is running" in why(arm.send_action({PAN: 0.0}))
@@ -145,14 +145,14 @@ def test_a_ur_that_takes_small_steps_alone_needs_no_loop(ur: RealRobot) -> None:
     joint = "wrist_3_joint"
     here = ur.get_observation()[joint]
     assert "steps" in why(ur.send_action({joint: here + 0.5}))
-    told = json_of(ur.move_to({joint: here + 0.5}, seconds=1.0))
-    assert told["position"][joint] == pytest.approx(here + 0.5, abs=0.01)
+    result = json_of(ur.move_to({joint: here + 0.5}, seconds=1.0))
+    assert result["position"][joint] == pytest.approx(here + 0.5, abs=0.01)
 
 
 def test_a_simulation_moves_in_a_time_and_connects_by_itself() -> None:
     sim = Robot("so101")
     try:
-        told = json_of(sim.move_to({PAN: 30.0}, seconds=1.0))
-        assert told["position"][PAN] == pytest.approx(30.0, abs=3.0)
+        result = json_of(sim.move_to({PAN: 30.0}, seconds=1.0))
+        assert result["position"][PAN] == pytest.approx(30.0, abs=3.0)
     finally:
         sim.cleanup()

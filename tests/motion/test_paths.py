@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from strands_actors.caller.session.motions import Motion, Seen
+from strands_actors.caller.session.motions import Motion, RobotReading
 from strands_actors.caller.session.paths import Path, check_along, plan_along, read_path
 from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
@@ -44,9 +44,9 @@ def swings(driver: Driver) -> list[dict[str, float]]:
     return rows
 
 
-def seen_of(driver: Driver) -> Seen:
+def seen_of(driver: Driver) -> RobotReading:
     seen = observed(driver)
-    return Seen(seen, driver.first_target(seen), NOW_NS)
+    return RobotReading(seen, driver.first_target(seen), NOW_NS)
 
 
 def planned(driver: Driver, rows: Any, hz: float = HZ) -> Motion | Refused:
@@ -81,7 +81,7 @@ def test_a_path_passes_every_gate_and_ends_where_it_should(robot: str) -> None:
             assert last[axis.key] == pytest.approx(axis.rest if is_speed else rows[-1][axis.key])
 
 
-def test_it_goes_to_the_first_row_and_in_straight_lines_from_row_to_row() -> None:
+def test_a_path_goes_to_the_first_row_and_in_straight_lines_from_row_to_row() -> None:
     driver = DRIVERS["so101"]
     motion = planned(driver, [{"shoulder_pan": 10.0}, {"shoulder_pan": 20.0}, {"shoulder_pan": 15.0}], hz=1.0)
     assert isinstance(motion, Motion) and motion.keeps
@@ -90,7 +90,7 @@ def test_it_goes_to_the_first_row_and_in_straight_lines_from_row_to_row() -> Non
     rows = [path.index(value) for value in (10.0, 20.0)]
     assert rows[1] - rows[0] == pytest.approx(1 / motion.period_s, abs=1) and path[-1] == 15.0
     steps = {round(then - before, 6) for before, then in itertools.pairwise(path[rows[0] : rows[1]])}
-    assert len(steps) == 1, "the same step all the way"
+    assert len(steps) == 1, "all steps have the same size"
 
 
 def test_a_first_row_that_is_far_away_takes_the_time_that_it_needs() -> None:
@@ -102,13 +102,13 @@ def test_a_first_row_that_is_far_away_takes_the_time_that_it_needs() -> None:
     assert refusals(driver, motion) == []
 
 
-def test_a_speed_is_sent_as_it_is_and_zero_follows_the_last() -> None:
+def test_a_speed_is_sent_unchanged_and_zero_follows_the_last() -> None:
     driver = DRIVERS["earthrover"]
     motion = planned(driver, [{"linear": 0.2}, {"linear": 0.4}], hz=2.0)
     assert isinstance(motion, Motion) and not motion.keeps
     path = [motion.action(step)["linear"] for step in range(1, motion.n_steps + 1)]
     steps = round(0.5 / motion.period_s)
-    assert path == [*[0.2] * steps, *[0.4] * steps, 0.0], "each for its half second"
+    assert path == [*[0.2] * steps, *[0.4] * steps, 0.0], "each row lasts half a second"
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_speed_is_sent_as_it_is_and_zero_follows_the_last() -> None:
         ([{"shoulder_pan": 0.0}, {"shoulder_pan": 60.0}], HZ, "too_fast", "at 0.03 s: shoulder_pan steps"),
     ],
 )
-def test_what_is_no_path_for_this_robot_is_refused(rows: Any, hz: float, code: str, says: str) -> None:
+def test_an_invalid_path_for_this_robot_is_refused(rows: Any, hz: float, code: str, says: str) -> None:
     refused = planned(DRIVERS["so101"], rows, hz)
     assert isinstance(refused, Refused) and refused.code == code, refused
     assert says in refused.reason and refused.remedy and refused.verb == "move_along"

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from strands_actors.caller.session.motions import (
     PEAK,
     Motion,
-    Seen,
+    RobotReading,
     minimum_jerk,
     plan_hold,
     plan_move,
@@ -45,7 +45,9 @@ def targets_of(driver: Driver) -> dict[str, float]:
 def planned(driver: Driver, seconds: float) -> Motion | Refused:
     seen = observed(driver)
     period_s = 1 / driver.timing.control_hz
-    return plan_move(driver, targets_of(driver), seconds, Seen(seen, driver.first_target(seen), NOW_NS), period_s)
+    return plan_move(
+        driver, targets_of(driver), seconds, RobotReading(seen, driver.first_target(seen), NOW_NS), period_s
+    )
 
 
 def refusals(driver: Driver, motion: Motion) -> list[Refused]:
@@ -99,7 +101,7 @@ def test_the_path_is_smooth(robot: str) -> None:
     steps = [then - before for before, then in itertools.pairwise(path)]
     way = path[-1] - path[0]
     assert min(steps) >= 0 and max(steps) <= PEAK * way / motion.n_steps * (1 + 1e-9)
-    assert max(steps[0], steps[-1]) < max(steps) / 20, "it begins and ends at rest"
+    assert max(steps[0], steps[-1]) < max(steps) / 20, "the motion begins and ends at rest"
     assert motion.seconds == pytest.approx(3.0, abs=1 / driver.timing.control_hz)
 
 
@@ -122,11 +124,11 @@ def test_minimum_jerk_is_at_rest_at_both_ends() -> None:
         ("panda", {"joint1": 0.1}, "not_all_joints"),
     ],
 )
-def test_what_cannot_be_reached_is_refused_before_it_begins(
+def test_an_unreachable_target_is_refused_before_the_motion_begins(
     robot: str, targets: dict[str, float], code: str
 ) -> None:
     driver, seen = DRIVERS[robot], observed(DRIVERS[robot])
-    known = Seen(seen, driver.first_target(seen), NOW_NS)
+    known = RobotReading(seen, driver.first_target(seen), NOW_NS)
     refused = refuse_targets(driver, targets) or plan_move(driver, targets, 2.0, known, 0.02)
     assert isinstance(refused, Refused) and refused.code == code, refused
     assert refused.verb == "move_to"
@@ -136,7 +138,7 @@ def test_a_joint_that_is_not_read_goes_nowhere() -> None:
     driver = DRIVERS["so101"]
     seen = observed(driver)
     unknown = replace(seen, position=(math.nan, *seen.position[1:]), stamp_ns=(0, *seen.stamp_ns[1:]))
-    refused = plan_move(driver, {"shoulder_pan": 1.0}, 2.0, Seen(unknown, seen.position, NOW_NS), 0.03)
+    refused = plan_move(driver, {"shoulder_pan": 1.0}, 2.0, RobotReading(unknown, seen.position, NOW_NS), 0.03)
     assert isinstance(refused, Refused) and refused.code == "unknown_pose"
 
 
@@ -145,7 +147,7 @@ def test_an_earlier_target_that_is_far_ahead_is_held_first() -> None:
     seen = observed(driver)
     ahead = (seen.position[0] + 60.0, *seen.position[1:])
     for target, apart in ((seen.position, False), (ahead, True)):
-        motion = plan_move(driver, {"shoulder_pan": 10.0}, 2.0, Seen(seen, target, NOW_NS), 1 / 30)
+        motion = plan_move(driver, {"shoulder_pan": 10.0}, 2.0, RobotReading(seen, target, NOW_NS), 1 / 30)
         assert isinstance(motion, Motion) and motion.begins_apart is apart
 
 
@@ -159,11 +161,11 @@ BASES = {
 
 
 @pytest.mark.parametrize("robot", BASES)
-def test_a_held_speed_is_said_again_and_ends_with_an_explicit_zero(robot: str) -> None:
+def test_a_held_speed_is_repeated_and_ends_with_an_explicit_zero(robot: str) -> None:
     driver, action = DRIVERS[robot], BASES[robot]
     seen = observed(driver)
     period_s = 1 / driver.timing.control_hz
-    motion = plan_hold(driver, "move", action, 2.0, Seen(seen, driver.first_target(seen), NOW_NS), period_s)
+    motion = plan_hold(driver, "move", action, 2.0, RobotReading(seen, driver.first_target(seen), NOW_NS), period_s)
     assert isinstance(motion, Motion), motion
     assert period_s <= 0.1 and motion.n_steps == math.ceil(2.0 / period_s) + 1
     assert all(motion.action(step) == action for step in range(1, motion.n_steps))
@@ -175,5 +177,7 @@ def test_a_speed_that_is_too_high_is_refused_before_it_begins(robot: str) -> Non
     driver = DRIVERS[robot]
     seen = observed(driver)
     key = next(axis.key for axis in driver.table if axis.mode is AxisMode.VELOCITY)
-    refused = plan_hold(driver, "move", {key: 99.0}, 2.0, Seen(seen, driver.first_target(seen), NOW_NS), 0.1)
+    refused = plan_hold(
+        driver, "move", {key: 99.0}, 2.0, RobotReading(seen, driver.first_target(seen), NOW_NS), 0.1
+    )
     assert isinstance(refused, Refused) and refused.verb == "move", refused

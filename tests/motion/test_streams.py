@@ -15,7 +15,7 @@ import trio.testing
 from strands_actors.caller.session.motions import (
     LONGEST_S,
     Motion,
-    Seen,
+    RobotReading,
     Steps,
     plan_hold,
     plan_move,
@@ -39,7 +39,7 @@ from tests.tree.writer import Writer
 
 MOCK_S = 3.0
 
-Make = Callable[[Driver, Seen], tuple[Any, int]]
+Make = Callable[[Driver, RobotReading], tuple[Any, int]]
 """Returns a policy, and the number of steps after which it ends."""
 
 POLICIES = [robot for robot in RIGS if not native(robot).ROLLOUTS]
@@ -108,7 +108,7 @@ async def rollout(
 ) -> Ended:
     driver, status = tree.driver, await tree.status()
     assert status.observation is not None
-    policy, n_steps = make(driver, Seen(status.observation, status.target, tree.node.clock.now_ns()))
+    policy, n_steps = make(driver, RobotReading(status.observation, status.target, tree.node.clock.now_ns()))
     over, ended = trio.Event(), list[TaskStatus]()
 
     def report(told: TaskStatus) -> None:
@@ -120,8 +120,8 @@ async def rollout(
     period_s = 1 / driver.timing.control_hz
     longest_s = math.inf if n_steps else MOCK_S
     ttl_s = max(driver.timing.stream_ttl_s, 2 * period_s)
-    wanted = Rollout(at, driver.axes, "", period_s, ttl_s, longest_s, n_steps, writer.lease.id, driver.table)
-    cell = tree.node.cell(addresses.of(at).path("policy"), lambda: Policy(wanted, lambda: policy, report))
+    settings = Rollout(at, driver.axes, "", period_s, ttl_s, longest_s, n_steps, writer.lease.id, driver.table)
+    cell = tree.node.cell(addresses.of(at).path("policy"), lambda: Policy(settings, lambda: policy, report))
     began_s = trio.current_time()
     async with trio.open_nursery() as nursery:
         nursery.start_soon(cell.run)
@@ -143,7 +143,7 @@ def test_the_mock_runs_to_its_end(robot: str) -> None:
     assert any(kind == "setpoint" for t_s, kind in ended.bench.log() if t_s > ended.began_s)
 
 
-def a_little(driver: Driver, seen: Seen) -> dict[str, float]:
+def a_little(driver: Driver, seen: RobotReading) -> dict[str, float]:
     """Return a target near the position of the first joint."""
     at = next(at for at, axis in enumerate(driver.table) if axis.mode is AxisMode.POSITION)
     axis, here = driver.table[at], seen.observation.position[at]
@@ -157,7 +157,7 @@ KEEPS_NO_POSE = ("earthrover", "unitree_go2")
 
 
 @pytest.mark.parametrize("robot", KEEPS_NO_POSE)
-def test_what_keeps_no_pose_is_not_sent_anywhere(robot: str) -> None:
+def test_a_robot_that_keeps_no_pose_gets_no_motion(robot: str) -> None:
     driver = native(robot)(robot, "127.0.0.1", native(robot).resolve(robot, {}))
     refused = refuse_targets(driver, {driver.axes[0]: 0.0})
     assert refused is not None and refused.code in ("no_positions", "keeps_no_pose", "a_speed")
@@ -167,7 +167,7 @@ def test_what_keeps_no_pose_is_not_sent_anywhere(robot: str) -> None:
 def test_a_joint_is_at_its_target_after_the_time(robot: str) -> None:
     targets: dict[str, float] = {}
 
-    def make(driver: Driver, seen: Seen) -> tuple[Any, int]:
+    def make(driver: Driver, seen: RobotReading) -> tuple[Any, int]:
         targets.update(a_little(driver, seen))
         motion = plan_move(driver, targets, 2.5, seen, 1 / driver.timing.control_hz)
         assert isinstance(motion, Motion), motion
@@ -185,18 +185,20 @@ def test_a_joint_is_at_its_target_after_the_time(robot: str) -> None:
 
 @pytest.mark.parametrize("robot", BASES)
 def test_a_held_speed_ends_by_itself(robot: str) -> None:
-    def make(driver: Driver, seen: Seen) -> tuple[Any, int]:
+    def make(driver: Driver, seen: RobotReading) -> tuple[Any, int]:
         motion = plan_hold(driver, "move", BASES[robot], 1.5, seen, 1 / driver.timing.control_hz)
         assert isinstance(motion, Motion), motion
         return Steps(motion), motion.n_steps
 
     ended = run(robot, make)
     assert ended.status.exit_reason == "n_steps", ended.status
-    told = [(t_s, kind) for t_s, kind in ended.bench.log() if t_s >= ended.began_s and kind in ("setpoint", "safe")]
-    driving = [t_s for t_s, kind in told if kind == "setpoint"]
-    assert driving[-1] - driving[0] >= 1.3, "longer than one command lives"
+    commands = [
+        (t_s, kind) for t_s, kind in ended.bench.log() if t_s >= ended.began_s and kind in ("setpoint", "safe")
+    ]
+    driving = [t_s for t_s, kind in commands if kind == "setpoint"]
+    assert driving[-1] - driving[0] >= 1.3, "the speed is held for longer than the lifetime of one command"
     assert max(later - earlier for earlier, later in itertools.pairwise(driving)) < 0.2
-    assert told[-1][1] == "safe", "the last word is that it stands"
+    assert commands[-1][1] == "safe", "the last command must be a stop"
 
 
 @pytest.mark.parametrize("robot", ["so101", "xarm7", "kinova_gen3", "earthrover"])
@@ -208,7 +210,7 @@ def test_saf_009_a_stop_ends_a_motion_in_a_time(robot: str) -> None:
         stopped.append(trio.current_time())
         await tree.gate.ask(Stop(Reason.STOP), 10.0)
 
-    def make(driver: Driver, seen: Seen) -> tuple[Any, int]:
+    def make(driver: Driver, seen: RobotReading) -> tuple[Any, int]:
         period_s = 1 / driver.timing.control_hz
         motion = (
             plan_hold(driver, "move", BASES[robot], 5.0, seen, period_s)

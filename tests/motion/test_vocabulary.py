@@ -32,10 +32,10 @@ def test_each_command_of_an_agent_is_a_method_of_every_handle(robot: str) -> Non
     for name in filter(lambda name: is_command(driver, name), verb_names(driver)):
         assert name not in driver.SERVICES and name.isidentifier()
         for handle in (RealRobot, SimRobot, AsyncRobot):
-            assert not hasattr(handle, name), "a method of the handle's own would hide it"
+            assert not hasattr(handle, name), "a method of the handle hides the command"
 
 
-def test_the_words_of_the_reference_are_taken() -> None:
+def test_argument_names_of_the_reference_are_accepted() -> None:
     """The arguments are those of the robot's own driver: ``move(linear_x, ..., duration_s)``."""
     call = call_of(DRIVERS["yahboom_m3pro"], "move", (0.2,), {"angular_z": 0.5, "duration_s": 2.0})
     assert isinstance(call, Call) and call.held_s == 2.0
@@ -54,19 +54,19 @@ def test_the_words_of_the_reference_are_taken() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "inputs", "said"),
+    ("values", "inputs", "message"),
     [
         ((0.1, 0.1, 1.0, 4), {}, "4 values were given"),
         ((0.1,), {"linear": 0.2}, "linear is given twice"),
-        ((), {"speed": 0.2}, "it takes no 'speed'"),
+        ((), {"speed": 0.2}, "there is no input 'speed'"),
         (("fast",), {}, "linear is 'fast'"),
     ],
 )
-def test_what_a_command_does_not_take_is_refused(
-    values: tuple[object, ...], inputs: dict[str, object], said: str
+def test_an_unknown_argument_of_a_command_is_refused(
+    values: tuple[object, ...], inputs: dict[str, object], message: str
 ) -> None:
     refused = call_of(DRIVERS["earthrover"], "move", values, inputs)
-    assert isinstance(refused, Refused) and said in refused.text, refused
+    assert isinstance(refused, Refused) and message in refused.text, refused
 
 
 def test_every_base_holds_a_move() -> None:
@@ -84,17 +84,17 @@ def rover(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[RealRobot,
             robot.cleanup()
 
 
-def test_a_rover_drives_for_as_long_as_it_is_told(rover: tuple[RealRobot, Twin]) -> None:
+def test_a_rover_drives_for_the_given_time(rover: tuple[RealRobot, Twin]) -> None:
     robot, twin = rover
     armed(robot)
     began_ns = time.monotonic_ns()
-    told = json_of(robot.move(0.3, 0.1, duration_s=1.5))
-    assert told["commanded"] == {"linear": 0.3, "angular": 0.1} and told["took_s"] >= 1.4
+    result = json_of(robot.move(0.3, 0.1, duration_s=1.5))
+    assert result["commanded"] == {"linear": 0.3, "angular": 0.1} and result["took_s"] >= 1.4
     driving = [entry.t_ns for entry in twin.log.host("setpoint", began_ns)]
-    assert driving[-1] - driving[0] > 1.2e9, "longer than a single command lives"
+    assert driving[-1] - driving[0] > 1.2e9, "the motion lasts longer than one command"
     assert until(lambda: twin.log.host("safe", driving[-1]), "the last word is zero")
     assert "duration_s is 31" in why(robot.move(0.3, duration_s=31))
-    assert why(robot.move(1.5, duration_s=1)).startswith("move: linear 1.5"), "refused before it begins"
+    assert why(robot.move(1.5, duration_s=1)).startswith("move: linear 1.5"), "refused before the motion begins"
 
 
 def test_saf_006_a_stop_ends_a_held_move(rover: tuple[RealRobot, Twin]) -> None:
@@ -126,6 +126,6 @@ def test_a_trio_program_moves_in_a_time_and_may_give_up(twin: Twin) -> None:
             json_of(await arm.move_to({"gripper": there}, seconds=0.5))
             with trio.move_on_after(0.5):
                 await arm.move_to({"gripper": here}, seconds=20.0)
-            assert not json_of(await arm.get_task_status())["running"], "to cancel it ends it"
+            assert not json_of(await arm.get_task_status())["running"], "cancelling the call ends the motion"
 
     trio.run(main)

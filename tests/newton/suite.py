@@ -1,7 +1,7 @@
-"""Simulations on Newton's solver, beside MuJoCo itself: the same verbs, the same motion.
+"""Simulations on Newton's solver have the same verbs and the same motion as on MuJoCo.
 
-A suite of its own, ``python -m tests newton``: Warp compiles its solver for a minute the first time,
-and is on few machines. Needs ``pip install 'strands-actors[newton]'``.
+Run it separately with ``python -m tests newton``. Warp compiles its solver for a minute the first time and
+is installed on few machines. Needs ``pip install 'strands-actors[newton]'``.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def test_a_chain_moves_as_in_mujoco() -> None:
 
 
 def test_an_arm_of_ours_moves_as_in_mujoco_and_lets_go() -> None:
-    """Its servos have a limit of speed, and gains that come and go."""
+    """Its servos have a speed limit, and their gains are switched on and off."""
 
     def moved(arm: Jointed) -> list[tuple[float, ...]]:
         assert isinstance(arm, Plant)
@@ -76,6 +76,6 @@ def test_a_robot_takes_actions_and_steps(tmp_path: Path) -> None:
     with Robot("chain_on_newton", backend="newton") as sim:
         assert sim.send_action({"a": 0.6})["status"] == "success"
         before_s = time.monotonic()
-        while sim.get_observation().get("a", 0.0) < 0.05:  # none, while a busy processor is late
+        while sim.get_observation().get("a", 0.0) < 0.05:  # empty while a busy processor is late
             sim.step(20)
             assert time.monotonic() < before_s + 240.0

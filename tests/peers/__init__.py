@@ -1,1 +1,1 @@
-"""Peers of a robot's that need an environment of their own: ``python -m tests peers``."""
+"""Tests with peers of robots that need a separate environment: ``python -m tests peers``."""

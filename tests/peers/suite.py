@@ -1,8 +1,8 @@
-"""The peers that the ordinary tests do without: ``python -m tests peers``.
+"""Drive real programs of other vendors: ``python -m tests peers``. The ordinary tests do not load this suite.
 
-Reachy Mini's own daemon, its robot mocked up, driven by our driver; and npm's roslib (Node.js
-20 or newer) against our rosbridge. Each gets an environment in ``benchmarks/.peers`` the first
-time, by pip and npm. What a test believes is what the daemon says of itself.
+Our driver drives Reachy Mini's own daemon with a mocked robot. npm's roslib (Node.js 20 or newer) drives
+our rosbridge. The first run installs each with pip or npm in ``benchmarks/.peers``. The tests take the
+state that the daemon reports as the truth.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ ROSLIB = "roslib@2.1.0"
 STRAIGHT_RAD = 0.1
 LOOK_S = 0.05
 LONG_S = 300.0
-"""For a daemon to begin, on a busy machine."""
+"""Timeout for the start of a daemon, on a busy machine."""
 
 
 def vendors_python() -> str:
@@ -50,14 +50,14 @@ def vendors_python() -> str:
 
 
 class Daemon:
-    """Reachy Mini's, as a process."""
+    """The daemon of Reachy Mini, as a process."""
 
     def __init__(self, kind: str, directory: Path) -> None:
-        self.has_torque_for_ever = kind == "--sim"  # it says yes to another mode, and has none
+        self.has_torque_for_ever = kind == "--sim"  # the simulated daemon accepts another mode and ignores it
         python = vendors_python()
         port = free_port()
         self.address = f"127.0.0.1:{port}"
-        # Kept: to make one computes for 40 ms, and who does so all the time has stopped looking after its robot.
+        # Keep one client: making one takes 40 ms of computation. Meanwhile the test would not serve its robot.
         self._http = httpx.Client(base_url=f"http://{self.address}", trust_env=False, timeout=10.0)
         self._log = (directory / "daemon.log").open("wb")
         options = "--headless --no-media --no-wake-up-on-start --no-goto-sleep-on-stop --no-preload-datasets"
@@ -81,13 +81,13 @@ class Daemon:
         self._http.post(target).raise_for_status()
 
     def left_antenna(self) -> float:
-        """Where it is, rad."""
+        """Return the position of the left antenna, rad."""
         right_then_left: list[float] = self.get("/api/state/present_antenna_joint_positions")
         return right_then_left[1]
 
     def stands(self) -> None:
-        """Nothing plays, and the antenna that was on its way stays where it is. With a body (``--sim``) it
-        first comes to where it was last told to be."""
+        """Wait until no move is active and the moving antenna stands still. With a simulated body (``--sim``) the
+        antenna first reaches its last target."""
         until(lambda: self.get(p.RUNNING) == [], "no move is played")
         time.sleep(0.5)
         before = self.left_antenna()
@@ -102,7 +102,7 @@ class Daemon:
         self._log.close()
 
     def _runs(self) -> bool:
-        assert self.process.poll() is None, "the daemon has ended: see daemon.log"
+        assert self.process.poll() is None, "the daemon has exited: see daemon.log"
         try:
             return bool(self.get(p.STATUS)["state"] == "running")
         except httpx.HTTPError:
@@ -126,7 +126,7 @@ def daemon(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 @pytest.fixture
 def reachy(daemon: Daemon, run_dir: Path) -> Iterator[RealRobot]:
-    """Awake, its antennas and its head straight."""
+    """A robot that is awake, with straight antennas and head."""
     robot = Robot("reachy_mini", mode="real", port=daemon.address)
     try:
         until(lambda: robot.connect_eagerly() is None, "it connects", LONG_S)
@@ -134,8 +134,8 @@ def reachy(daemon: Daemon, run_dir: Path) -> Iterator[RealRobot]:
         json_of(robot.motors(mode="enabled"))
         until(lambda: status(robot)["sensors"]["motor_mode"] == [1.0], "the motors have torque")
         json_of(robot.wake())
-        until(lambda: daemon.get(p.RUNNING) == [], "it is awake", LONG_S)  # meanwhile it takes no other move
-        # Who is awake already, by where its head is, is not moved: the antennas are where they were.
+        until(lambda: daemon.get(p.RUNNING) == [], "it is awake", LONG_S)  # until then it accepts no other move
+        # A robot whose head shows that it is awake is not moved, so its antennas are where they were.
         until(lambda: straighten(robot, daemon), "its antennas are straight", LONG_S)
         yield robot
     finally:
@@ -150,7 +150,7 @@ def straighten(reachy: RealRobot, daemon: Daemon) -> bool:
 
 
 def move(reachy: RealRobot, daemon: Daemon) -> None:
-    """The left antenna is on a way of 9 s. Told again when a busy machine has ended it."""
+    """Start a move of 9 s with the left antenna. Start it again if a busy machine has ended it."""
 
     def tell() -> bool:
         if reachy.send_action({"antenna_left": 120.0, "duration": 9.0})["status"] == "success":
@@ -175,26 +175,26 @@ def moves(daemon: Daemon, tell: Callable[[], bool]) -> None:
     until(told, "it moves", LONG_S)
 
 
-def test_it_goes_where_it_is_told_and_is_refused_what_the_daemon_would_take(
+def test_reachy_reaches_its_target_and_the_gate_refuses_targets_that_the_daemon_would_accept(
     reachy: RealRobot, daemon: Daemon
 ) -> None:
-    told = status(reachy)
-    assert (told["hardware"], told["daemon_version"]) == ("Lite", "1.13.0")
+    shown = status(reachy)
+    assert (shown["hardware"], shown["daemon_version"]) == ("Lite", "1.13.0")
     json_of(reachy.send_action({"head_yaw": 30.0, "antenna_left": 60.0}))
     until(lambda: daemon.left_antenna() == pytest.approx(1.047, abs=0.05), "the antenna is there")
     until(
         lambda: daemon.get("/api/state/present_head_pose")["yaw"] == pytest.approx(0.524, abs=0.05), "and the head"
     )
     until(lambda: reachy.get_observation()["head_yaw"] == pytest.approx(30.0, abs=3.0), "we see it")
-    time.sleep(0.5)  # it has come to rest
+    time.sleep(0.5)  # until the antenna is at rest
     before = daemon.left_antenna()
-    assert "past 180.0" in why(reachy.send_action({"head_yaw": 515.0})), "9 rad, to which the daemon says ok"
+    assert "past 180.0" in why(reachy.send_action({"head_yaw": 515.0})), "9 rad, which the daemon would accept"
     assert "deg apart" in why(reachy.send_action({"head_yaw": 120.0}))
     assert "past 150.0" in why(reachy.send_action({"antenna_left": 200.0}))
     assert daemon.left_antenna() == pytest.approx(before, abs=0.01)
 
 
-def test_services_say_what_this_daemon_has_and_what_not(reachy: RealRobot) -> None:
+def test_services_report_the_parts_that_this_daemon_has_or_lacks(reachy: RealRobot) -> None:
     assert json_of(reachy.tracking_status())["face_target"]["detected"] is False
     assert "no camera to track with" in why(reachy.track_face(enabled=True))
     assert "no direction of sound" in why(reachy.turn_to_sound())
@@ -210,11 +210,11 @@ def test_saf_005_a_stop_ends_the_move_on_its_way(reachy: RealRobot, daemon: Daem
     assert "call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
 
 
-def test_saf_005_a_stop_ends_what_another_client_began(reachy: RealRobot, daemon: Daemon) -> None:
+def test_saf_005_a_stop_ends_a_move_of_another_client(reachy: RealRobot, daemon: Daemon) -> None:
     with connect(f"ws://{daemon.address}{p.SDK}", proxy=None, close_timeout=0.2) as other:
 
         def tell() -> bool:
-            """A daemon that is busy takes no other move, and says so to nobody."""
+            """Start the move again and again: a busy daemon ignores it without an error."""
             other.send(json.dumps({"type": "goto_target", "antennas": [1.5, 1.5], "duration": 9.0}))
             return True
 
@@ -230,7 +230,7 @@ def test_saf_003_a_wire_that_dies_or_freezes_leaves_a_robot_that_stands(
     move(reachy, daemon)
     os.kill(pids(reachy)["wire"], fault)
     daemon.stands()
-    assert abs(daemon.left_antenna()) < 2.0, "it was stopped on its way, 2.09 rad"
+    assert abs(daemon.left_antenna()) < 2.0, "the antenna stopped before its target, 2.09 rad"
     until(lambda: state(reachy) == "disarmed", "another wire is there, and nothing goes on", LONG_S)
     daemon.stands()
 
@@ -240,7 +240,7 @@ def test_saf_010_a_move_that_waits_in_a_frozen_daemon_is_ended(reachy: RealRobot
     daemon.process.send_signal(signal.SIGSTOP)
     sender = threading.Thread(target=reachy.send_action, args=({"antenna_left": 120.0, "duration": 9.0},))
     sender.start()
-    time.sleep(0.2)  # it is in the daemon's socket
+    time.sleep(0.2)  # until the request waits in the daemon's socket
     stopped = reachy.stop()
     assert "not confirmed" in why(stopped) or stopped["content"][-1]["json"]["unconfirmed"]
     sender.join()
@@ -261,11 +261,11 @@ def test_saf_014_motors_without_torque_are_refused(reachy: RealRobot, daemon: Da
     assert daemon.get(p.MOTORS)["mode"] == "disabled"
     until(lambda: status(reachy)["sensors"]["motor_mode"] == [0.0], "it is read, ten times a second")
     assert 'call motors(mode="enabled") first' in why(reachy.send_action({"head_yaw": 5.0}))
-    assert daemon.get(p.MOTORS)["mode"] == "disabled", "nothing but motors() gives torque"
+    assert daemon.get(p.MOTORS)["mode"] == "disabled", "only motors() switches the torque on"
 
 
 def test_saf_007_an_estop_takes_the_torque(reachy: RealRobot, daemon: Daemon) -> None:
-    """Or says that it could not."""
+    """If the torque stays on, the e-stop must report it."""
     move(reachy, daemon)
     (outcome,) = estop()
     print(outcome)
@@ -280,7 +280,7 @@ def test_saf_007_an_estop_takes_the_torque(reachy: RealRobot, daemon: Daemon) ->
 
 
 def test_the_vendors_client_finds_the_stream_of_our_media_server() -> None:
-    """The one by which Reachy's camera is tested (``tests/drivers/reachy/test_cameras.py``)."""
+    """The tests of Reachy's camera use the same server (``tests/drivers/reachy/test_cameras.py``)."""
     told = "import sys; from reachy_mini.media.webrtc_utils import get_producer_list as told; "
     script = f"{told}print(told('127.0.0.1', int(sys.argv[1])))"
     media = Media()
@@ -297,7 +297,7 @@ def test_the_vendors_client_finds_the_stream_of_our_media_server() -> None:
     assert "{'name': 'reachymini'}" in done.stdout, done.stderr
 
 
-def test_roslib_of_npm_drives_reads_and_is_told_what_is_wrong(tmp_path: Path) -> None:
+def test_roslib_of_npm_drives_reads_and_gets_errors(tmp_path: Path) -> None:
     folder = peers.PLACE / ROSLIB
     node, npm = shutil.which("node"), shutil.which("npm")
     assert node and npm, "this needs Node.js 20 or newer, with npm, on PATH"

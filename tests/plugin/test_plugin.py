@@ -40,7 +40,7 @@ def test_lerobot_finds_it_by_the_name_of_its_distribution_and_each_class_by_its_
     with zipfile.ZipFile(build("wheel", PLUGIN, tmp_path)) as wheel:
         (metadata,) = (name for name in wheel.namelist() if name.endswith("/METADATA"))
         lines = wheel.read(metadata).decode().splitlines()
-    assert f"Name: {plugin.__name__}" in lines  # LeRobot would not find a name with hyphens
+    assert f"Name: {plugin.__name__}" in lines  # LeRobot does not find a name with hyphens
     for name, one in plugin.robots_of_lerobot.items():
         assert one.__module__ == plugin.__name__ and getattr(plugin, name) is one
         assert name.endswith("Config") or plugin.robots_of_lerobot[f"{name}Config"] is one.config_class
@@ -67,19 +67,21 @@ def test_features_are_known_before_anything_is_connected(make: Make, plugin: Any
 
 
 @pytest.mark.parametrize(
-    ("said", "text"),
+    ("keywords", "text"),
     [
         ({}, "so101 needs 'port'"),
         ({"port": "/dev/null", "twin": True}, "both given"),
-        ({"twin": True, "use_degrees": False}, "use_degrees=false .* has no calibration"),
-        ({"twin": True, "refusals": 0}, "refusals is 0. give 1 or more"),
+        ({"twin": True, "use_degrees": False}, "use_degrees=false needs a calibration"),
+        ({"twin": True, "refusals": 0}, "refusals is 0. Give 1 or more"),
         ({"twin": True, "name": "my arm"}, "tool_name is 'my arm'"),
         ({"twin": True, "mesh": "/no/such.toml"}, "/no/such.toml cannot be read"),
     ],
 )
-def test_saf_014_what_cannot_be_is_refused_when_it_is_made(make: Make, said: dict[str, Any], text: str) -> None:
+def test_saf_014_invalid_options_are_refused_at_construction(
+    make: Make, keywords: dict[str, Any], text: str
+) -> None:
     with pytest.raises(ValueError, match=text):
-        make("strands_so101", **said)
+        make("strands_so101", **keywords)
 
 
 def test_a_calibration_of_lerobots_is_used_by_id_and_normalised_numbers_are_of_its_range(
@@ -90,23 +92,23 @@ def test_a_calibration_of_lerobots_is_used_by_id_and_normalised_numbers_are_of_i
         for at, axis in enumerate(SO101, start=1)
     }
     (tmp_path / "black.json").write_text(json.dumps(motors))
-    said = {"port": "/dev/null", "id": "black", "calibration_dir": tmp_path}
-    arm = make("strands_so101", **said, use_degrees=False)
+    options = {"port": "/dev/null", "id": "black", "calibration_dir": tmp_path}
+    arm = make("strands_so101", **options, use_degrees=False)
     pan, *_, gripper = arm._features
     low, high = arm._handle().driver.travel()["shoulder_pan"]
     assert pan.to_lerobot(low) == pytest.approx(-100.0) and pan.to_lerobot(high) == pytest.approx(100.0)
     assert pan.from_lerobot(pan.to_lerobot(12.5)) == pytest.approx(12.5)
     assert gripper.to_lerobot(33.0) == 33.0
-    assert make("strands_so101", **said)._features[0].to_lerobot(12.5) == 12.5
+    assert make("strands_so101", **options)._features[0].to_lerobot(12.5) == 12.5
 
 
-def test_angles_are_degrees_for_lerobot_whatever_the_robot_counts_in(make: Make) -> None:
+def test_angles_are_degrees_for_lerobot_for_any_unit_of_the_robot(make: Make) -> None:
     first, *_ = make("strands_ur5e", twin=True)._features
     assert (first.key, first.to_lerobot(math.pi)) == ("shoulder_pan_joint.pos", pytest.approx(180.0))
     assert first.from_lerobot(-90.0) == pytest.approx(-math.pi / 2)
 
 
-def test_what_is_asked_of_one_that_is_not_connected_is_told(make: Make) -> None:
+def test_a_call_of_an_unconnected_robot_raises(make: Make) -> None:
     arm = make("strands_so101", twin=True)
     for call in (arm.get_observation, arm.disconnect, lambda: arm.send_action({})):
         with pytest.raises(ConnectionError, match="not connected"):
@@ -116,7 +118,7 @@ def test_what_is_asked_of_one_that_is_not_connected_is_told(make: Make) -> None:
 # -- connected
 
 
-def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(twin: Twin, make: Make) -> None:
+def test_saf_014_a_loop_moves_the_twin_and_a_refused_action_is_never_on_the_wire(twin: Twin, make: Make) -> None:
     arm = make("strands_so101", port=twin.port, refusals=3)
     arm.connect()
     with pytest.raises(ConnectionError, match="already connected"):
@@ -131,7 +133,7 @@ def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(
     begun_ns = time.monotonic_ns()
     past = {**goal, "shoulder_pan.pos": 400.0}
     for _ in range(2):
-        assert arm.send_action(past) == accepted  # the last that was accepted
+        assert arm.send_action(past) == accepted  # the last accepted action
     assert arm.send_action(goal) == pytest.approx(goal)  # only refusals in a row are counted
     for _ in range(2):
         arm.send_action({"elbow.pos": 1.0})
@@ -140,7 +142,7 @@ def test_saf_014_a_loop_moves_the_twin_and_what_is_refused_is_never_on_the_wire(
     arm.disconnect()
     twin.log.no_setpoint_after_safe(begun_ns)
     same = {frame.data for frame in twin.log.host("setpoint") if frame.t_ns < begun_ns}
-    assert {frame.data for frame in twin.log.host("setpoint", begun_ns)} <= same  # the same goal, sent again
+    assert {frame.data for frame in twin.log.host("setpoint", begun_ns)} <= same  # the same goal, repeated
 
 
 def test_joints_that_are_only_read_are_observed_in_degrees_and_are_no_action(make: Make, tmp_path: Path) -> None:
@@ -176,7 +178,7 @@ def test_saf_005_disconnecting_stops_reads_back_and_ends_the_tree_and_it_may_con
     twin.fault("ok")
 
 
-def test_saf_012_an_old_reading_is_no_reading(twin: Twin, make: Make) -> None:
+def test_saf_012_an_old_reading_does_not_count(twin: Twin, make: Make) -> None:
     arm = make("strands_so101", port=twin.port)
     arm.connect()
     arm.get_observation()
@@ -195,7 +197,7 @@ def test_saf_012_an_old_reading_is_no_reading(twin: Twin, make: Make) -> None:
         twin.go_on()
 
 
-def test_a_robot_that_cannot_be_connected_says_why_and_nothing_is_left(twin: Twin, make: Make) -> None:
+def test_a_failed_connection_gives_its_reason_and_leaves_no_process(twin: Twin, make: Make) -> None:
     camera = __import__("lerobot.cameras", fromlist=["CameraConfig"]).CameraConfig
     there = camera(width=4, height=3, fps=30)
     arm = make("strands_so101", port="/dev/no-such-port", cameras={"wrist": there})

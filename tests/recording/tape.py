@@ -1,4 +1,4 @@
-"""A tree in virtual time with a recorder beside it, all in memory."""
+"""A tree and its recorder in virtual time, all in memory."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ COMMITTED = Path(__file__).parents[2] / "docs" / "failsafe.html"
 
 
 def exported() -> dict[str, object]:
-    """What a browser reads out of the committed page."""
+    """Return the data that a browser reads from the committed page."""
     found = re.search(r'<script id="machine" type="application/json">(.*?)</script>', COMMITTED.read_text(), re.S)
     assert found is not None
     plain: dict[str, object] = json.loads(found[1])
@@ -41,7 +41,7 @@ def test_every_mode_event_and_action_is_explained() -> None:
 
 
 def looked_up(state: State, event: str) -> tuple[State, str]:
-    """What the page's own step does: a look into the data, nothing else."""
+    """Take one step as the page does: by a lookup in the data only."""
     row = exported()["table"][state.mode][event]  # type: ignore[index]
     lock = {"keeps": state.locked_by, "locks": READER, "lifts": ""}[row["lock"]]
     return State(Mode(row["mode"]), state.epoch + row["raises"], lock), row["action"]
@@ -50,7 +50,7 @@ def looked_up(state: State, event: str) -> tuple[State, str]:
 @pytest.mark.parametrize("event", EVENTS)
 @pytest.mark.parametrize("mode", Mode)
 @pytest.mark.parametrize("locked_by", ["", READER])
-def test_the_data_says_what_the_machine_does(mode: Mode, event: str, locked_by: str) -> None:
+def test_the_data_of_the_page_matches_the_machine(mode: Mode, event: str, locked_by: str) -> None:
     before = State(mode, 7, locked_by)
     plain, lock = (Event.STOP, READER) if event == ESTOP else (Event(event), "")
     assert looked_up(before, event) == step(before, plain, lock)
@@ -79,7 +79,7 @@ def test_a_story_ends_where_the_machine_does(story: str) -> None:
 
 
 class References(HTMLParser):
-    """Whatever a browser would fetch."""
+    """Collects all addresses that a browser would fetch."""
 
     def __init__(self) -> None:
         super().__init__()

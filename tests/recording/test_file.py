@@ -1,5 +1,4 @@
-"""The file: opens with mcap's own reader, shows what happened, and is refused in one line when it
-is damaged."""
+"""A recording's file opens with mcap's own reader and shows the events. A damaged file is refused in one line."""
 
 from __future__ import annotations
 
@@ -48,7 +47,7 @@ def batch_of(*lines: tuple[Kind, str, int, int, str, object]) -> Batch:
 
 
 @pytest.mark.parametrize("path", [None, 5, b"x.mcap", ["x"], {}, "", "a\0b"])
-def test_what_is_no_path_is_refused_by_name_and_nothing_is_written(
+def test_an_invalid_path_is_refused_by_name_and_nothing_is_written(
     path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -62,7 +61,7 @@ def test_what_is_no_path_is_refused_by_name_and_nothing_is_written(
 
 
 @pytest.mark.parametrize("robot", [None, 5, b"so101", ["so101"], Path("so101"), ""])
-def test_what_is_no_robot_is_refused_by_name(robot: Any, tmp_path: Path) -> None:
+def test_an_invalid_robot_is_refused_by_name(robot: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with pytest.raises(RecordingError, match=r"record: robot is .*\. give a connected robot"), record(robot, path):
         pass
@@ -112,7 +111,7 @@ def rows(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def check(value: Any, shape: dict[str, Any]) -> None:
-    """As a JSON schema validator does, for the words our schemas use."""
+    """Validate a row as a JSON schema validator does, for the keywords that our schemas use."""
     kinds = [choice for choice in shape.get("anyOf", [shape]) if matches(value, choice)]
     assert kinds, (value, shape)
     for name, part in kinds[0].get("properties", {}).items():
@@ -133,7 +132,7 @@ def matches(value: Any, shape: dict[str, Any]) -> bool:
     return isinstance(value, PYTHON_TYPES[kinds])
 
 
-def test_a_recording_opens_with_its_schemas_and_shows_what_happened(run: Path) -> None:
+def test_a_recording_opens_with_its_schemas_and_shows_the_events(run: Path) -> None:
     seen = rows(run)
     setpoints = [row for row in seen["command"] if row["what"] == "setpoint"]
     accepted = [row for row in setpoints if row["outcome"] == "accepted"]
@@ -181,7 +180,7 @@ def test_a_schema_is_an_object_without_references(name: str) -> None:
     assert "$ref" not in json.dumps(plain)
 
 
-def test_what_is_read_back_is_replayed(run: Path) -> None:
+def test_a_recording_that_is_read_back_is_replayed(run: Path) -> None:
     recording = read(run)
     assert recording.info.code == "c0de" and recording.info.attached.axes == ("a", "b")
     outcome = again(recording)
@@ -195,14 +194,14 @@ def test_a_recording_is_readable_by_its_owner_alone(run: Path) -> None:
 
 
 def test_a_small_file_is_not_read_for_long(tmp_path: Path) -> None:
-    """Its chunks are as long as ours may be, and hold hundreds of thousands of tiny messages."""
+    """Its chunks have the largest allowed size, and hold hundreds of thousands of tiny messages."""
     size = bomb(tmp_path / "many.mcap", 4 << 20, 2)
     assert size < 32_000
-    with pytest.raises(RecordingError, match="would become more than any recording of that size"):
+    with pytest.raises(RecordingError, match="would decompress to too many bytes"):
         read(tmp_path / "many.mcap")
 
 
-def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+def test_an_existing_file_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "mine.txt"
     path.write_text("mine")
     with pytest.raises(FileExistsError):
@@ -214,11 +213,11 @@ def test_a_file_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("part", [0.0, 0.3, 0.6, 0.9, 0.999])
-def test_a_truncated_file_says_so(run: Path, tmp_path: Path, part: float) -> None:
+def test_a_truncated_file_is_reported(run: Path, tmp_path: Path, part: float) -> None:
     data = run.read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(data[: int(len(data) * part)])
-    with pytest.raises(RecordingError, match=r"truncated|is no MCAP file") as refused:
+    with pytest.raises(RecordingError, match=r"truncated|is not an MCAP file") as refused:
         read(path)
     assert "\n" not in str(refused.value) and str(path) in str(refused.value)
 
@@ -236,21 +235,21 @@ def test_no_damage_is_taken_for_a_recording(run: Path, tmp_path: Path) -> None:
         except RecordingError as error:
             assert "\n" not in str(error)
             refused += 1
-        else:  # in what no replay needs: an index, a library's name
+        else:  # in a part that no replay needs, such as an index or a library's name
             assert found.parts == whole.parts
     assert refused > 100
 
 
-def test_what_is_none_of_ours_is_refused(tmp_path: Path) -> None:
+def test_a_file_of_another_program_is_refused(tmp_path: Path) -> None:
     text = tmp_path / "a.txt"
     text.write_text("hello")
-    with pytest.raises(RecordingError, match="is no MCAP file"):
+    with pytest.raises(RecordingError, match="is not an MCAP file"):
         read(text)
     foreign = tmp_path / "foreign.mcap"
     writer = Writer(str(foreign))
     writer.start()
     writer.finish()  # type: ignore[no-untyped-call]
-    with pytest.raises(RecordingError, match="is no recording of strands-actors"):
+    with pytest.raises(RecordingError, match="is not a recording of strands-actors"):
         read(foreign)
     newer = tmp_path / "newer.mcap"
     writer = Writer(str(newer))
@@ -264,7 +263,7 @@ def test_what_is_none_of_ours_is_refused(tmp_path: Path) -> None:
 # -- rows
 
 
-def test_what_the_root_says_is_shown() -> None:
+def test_messages_of_the_root_are_shown() -> None:
     view = View("root", ("a",), WALL_NS)
     batch = batch_of(
         (Kind.NOTED, "guardian", 5, 0, "", Happened("the wire has ended", "signal 9")),
@@ -275,7 +274,7 @@ def test_what_the_root_says_is_shown() -> None:
     assert [(channel, at_ns) for channel, at_ns, _ in shown] == [
         ("lifecycle", 5), ("log", 5), ("lifecycle", 6), ("log", 6), ("refusal", 6), ("log", 6),
     ]  # fmt: skip
-    assert getattr(shown[4][2], "what", "") == "Junk to gate"
+    assert getattr(shown[4][2], "request", "") == "Junk to gate"
 
 
 def test_a_lease_that_is_given_after_a_hold_is_an_accepted_acquire() -> None:
@@ -291,15 +290,15 @@ def test_a_lease_that_is_given_after_a_hold_is_an_accepted_acquire() -> None:
         (Kind.SETTLED, "gate", 0, 3, "", Lease(7, 2)),
     )
     shown = list(view.rows(msgspec.msgpack.decode(encode(batch.entries), type=list[Entry])))
-    acquired = [row for _, _, row in shown if isinstance(row, Command) and row.what == "acquire"]
+    acquired = [row for _, _, row in shown if isinstance(row, Command) and row.type == "acquire"]
     assert [(row.outcome, row.by, row.lease, row.epoch) for row in acquired] == [
         ("later", "writer", 0, 0), ("accepted", "", 1, 1), ("accepted", "writer", 7, 2),
     ]  # fmt: skip
-    granted = [row.detail for _, _, row in shown if isinstance(row, Lifecycle) and row.what == "lease granted"]
+    granted = [row.detail for _, _, row in shown if isinstance(row, Lifecycle) and row.event == "lease granted"]
     assert granted == ["", "writer"]
 
 
-def test_what_was_never_read_is_null(tmp_path: Path) -> None:
+def test_a_missing_reading_is_null(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     attached = Attached({}, ("a", "b"), "")
     file = RecordingFile(path, msgspec.structs.replace(new_info("fake", "", attached), wall_ns=WALL_NS))
@@ -323,14 +322,14 @@ def test_what_was_never_read_is_null(tmp_path: Path) -> None:
     ]
     assert seen["lifecycle"][0]["detail"] == "the cable is out"
     assert seen["gap"] == [{"source": "root", "missing": -1, "why": "the root process ended"}]
-    assert not any(isinstance(part, Gap) for part in read(path).parts), "the root's is no gap of the wire's journal"
+    assert not any(isinstance(part, Gap) for part in read(path).parts), "the wire's journal has no gap"
 
 
-# -- a small file that would become a large one
+# -- a small file that expands to a large one
 
 
 def bomb(path: Path, chunk_bytes: int, chunks: int) -> int:
-    """An MCAP file of rows of zeros, which compress to next to nothing; its size."""
+    """Write an MCAP file with rows of zeros, which compress very well. Return its size."""
     with path.open("xb") as stream:
         writer = Writer(stream, chunk_size=chunk_bytes)
         writer.start(profile="", library="strands-actors")
@@ -343,12 +342,12 @@ def bomb(path: Path, chunk_bytes: int, chunks: int) -> int:
 
 @pytest.mark.parametrize(("chunk_bytes", "chunks"), [(64 << 20, 1), (8 << 20, 12)])
 def test_a_small_file_does_not_become_a_large_one(tmp_path: Path, chunk_bytes: int, chunks: int) -> None:
-    """131 kB took 4.2 GB."""
+    """A file of 131 kB once took 4.2 GB of memory."""
     size = bomb(tmp_path / "bomb.mcap", chunk_bytes, chunks)
     assert size < 100_000
     tracemalloc.start()
     try:
-        with pytest.raises(RecordingError, match="would become more"):
+        with pytest.raises(RecordingError, match="would decompress to too many"):
             read(tmp_path / "bomb.mcap")
         _, most = tracemalloc.get_traced_memory()
     finally:
@@ -356,7 +355,7 @@ def test_a_small_file_does_not_become_a_large_one(tmp_path: Path, chunk_bytes: i
     assert most < 64 << 20
 
 
-def test_what_a_file_says_of_its_driver_may_be_nonsense(run: Path) -> None:
+def test_a_file_with_an_invalid_driver_is_refused(run: Path) -> None:
     info = read(run).info
     for driver in ({"robot": "so101"}, {}, {**info.attached.driver, "options": 7}):
         attached = msgspec.structs.replace(info.attached, driver=driver)

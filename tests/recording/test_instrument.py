@@ -1,4 +1,4 @@
-"""The instrument: nothing while nobody records, bounded while somebody does, and a gap is a gap."""
+"""The instrument does nothing without a recorder. It uses bounded memory with one, and reports each gap."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ def taken(from_: Journal) -> list[Entry]:
 # -- the journal by itself
 
 
-def test_what_an_actor_does_stands_behind_what_it_took() -> None:
+def test_the_effects_of_an_actor_follow_the_message_that_caused_them() -> None:
     made = journal([("gate", 3, Probe(1, 2))])
     made.took(GATE, 10, Probe(5, 6))
     made.sent(GATE, "strands/r/actor/transport", Probe(7, 8))
     made.answered(GATE, None)
     made.deferred(GATE, 4)
-    made.took("strands/r/actor/transport", 11, Probe(9, 9))  # nobody asked for that one
+    made.took("strands/r/actor/transport", 11, Probe(9, 9))  # no request caused this one
     made.settled(GATE, 4, Refused("code", "why"))
     assert [(entry.kind, entry.actor, entry.at_ns, entry.number, entry.to) for entry in taken(made)] == [
         (Kind.MEMORY, "gate", 7, 3, ""),
@@ -66,7 +66,9 @@ def test_what_an_actor_does_stands_behind_what_it_took() -> None:
     assert made.empty and taken(made) == []
 
 
-def test_what_does_not_fit_is_counted_and_the_memory_taken_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_entries_that_do_not_fit_are_counted_and_the_memory_is_recorded_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(instrument, "CAPACITY", 4)
     memories: list[tuple[str, int, object]] = [("gate", 0, Probe(1, 1))]
     made = journal(memories)
@@ -88,7 +90,7 @@ def test_the_memory_is_that_of_the_moment() -> None:
     assert msgspec.msgpack.decode(taken(made)[0].body) == [1]
 
 
-def test_batches_are_short_and_what_is_too_long_for_one_is_a_gap() -> None:
+def test_batches_are_short_and_a_too_long_entry_is_a_gap() -> None:
     made = journal()
     for number in range(6):
         made.took(GATE, number + 1, Long("x" * 5000))
@@ -109,7 +111,7 @@ def test_a_memory_too_long_for_a_batch_is_left_out() -> None:
 # -- the keeper
 
 
-def test_there_is_no_instrument_while_nobody_records() -> None:
+def test_there_is_no_instrument_without_a_recorder() -> None:
     async def run() -> None:
         async with open_tape() as tape:
             assert tape.tree.node.instrument is None
@@ -148,13 +150,13 @@ def test_a_stop_is_shipped_at_once() -> None:
             await armed(tape.tree)
             await tape.tree.gate.ask(Stop(Reason.STOP), 1.0)
             await trio.testing.wait_all_tasks_blocked()
-            told = [bytes(entry.body) for entry in tape.entries if entry.kind == Kind.SENT]
-            assert any(b"MakeSafe" in body for body in told)
+            bodies = [bytes(entry.body) for entry in tape.entries if entry.kind == Kind.SENT]
+            assert any(b"MakeSafe" in body for body in bodies)
 
     run_virtual(run)
 
 
-def test_a_recorder_that_reads_nothing_gets_a_few_batches_and_is_given_up() -> None:
+def test_a_recorder_that_reads_nothing_gets_a_few_batches_and_is_dropped() -> None:
     async def run() -> None:
         async with open_tape() as tape:
             tape.taker.reads = False
@@ -168,12 +170,12 @@ def test_a_recorder_that_reads_nothing_gets_a_few_batches_and_is_given_up() -> N
             assert len(tape.taker.batches) == WINDOW
             assert (await tape.tree.status()).mode == "armed"
             refused = await tape.ask(Detach(tape.session))
-            assert isinstance(refused, Refused) and refused.code == "given_up", "it has not had the rest"
+            assert isinstance(refused, Refused) and refused.code == "given_up", "it did not receive the rest"
 
     run_virtual(run)
 
 
-def test_a_recorder_that_was_slow_is_told_what_it_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_slow_recorder_gets_one_gap_and_the_memory_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(instrument, "CAPACITY", 100)
 
     async def run() -> None:
@@ -202,7 +204,7 @@ def test_a_second_recorder_is_refused_by_the_name_of_the_first() -> None:
             refused = await tape.ask(Attach("strands/other/actor/wire", 1, "another"))
             assert isinstance(refused, Taken) and refused.by == "a test"
             before = tape.tree.node.instrument
-            await tape.attach(session=2)  # the same one may begin anew
+            await tape.attach(session=2)  # the same recorder may start again
             assert tape.tree.node.instrument is not before
 
     run_virtual(run)
@@ -218,7 +220,7 @@ def test_another_format_is_refused() -> None:
     run_virtual(run)
 
 
-def test_a_recorder_nobody_can_reach_costs_nothing_for_long() -> None:
+def test_an_unreachable_recorder_is_dropped_soon() -> None:
     async def run() -> None:
         async with open_tape() as tape:
             await tape.attach(at="strands/nowhere/actor/wire")
@@ -228,7 +230,7 @@ def test_a_recorder_nobody_can_reach_costs_nothing_for_long() -> None:
     run_virtual(run)
 
 
-def test_to_detach_twice_is_harmless() -> None:
+def test_detaching_twice_is_harmless() -> None:
     async def run() -> None:
         async with open_tape() as tape:
             await tape.attach()
@@ -238,7 +240,7 @@ def test_to_detach_twice_is_harmless() -> None:
     run_virtual(run)
 
 
-def test_a_failure_of_the_recording_is_none_of_the_robots(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_of_the_recording_does_not_disturb_the_robot(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_: Journal, now_ns: int) -> tuple[msgspec.Raw, ...]:
         raise RuntimeError("encoding failed")
 
@@ -250,6 +252,6 @@ def test_a_failure_of_the_recording_is_none_of_the_robots(monkeypatch: pytest.Mo
             writer = await armed(tape.tree)
             assert isinstance(await writer.send(a=1.0), Accepted)
             assert tape.tree.node.instrument is None
-            assert any("encoding failed" in letter.why for letter in tape.tree.node.dead_letters)
+            assert any("encoding failed" in letter.reason for letter in tape.tree.node.dead_letters)
 
     run_virtual(run)

@@ -38,7 +38,7 @@ TOLD = msgspec.Raw(b"\x01")
 
 
 class Keeper(Actor):
-    """Tells one thing as soon as somebody listens."""
+    """Sends one batch as soon as a recorder attaches."""
 
     def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | None:
         if isinstance(message, Attach):
@@ -58,7 +58,7 @@ class Sink:
     def add(self, source: str, batch: Batch) -> None:
         self.told += [source] * len(batch.entries)
 
-    def lost(self, source: str, why: str) -> None:
+    def lost(self, source: str, reason: str) -> None:
         self.told.append(f"{source} lost")
 
     def flush(self) -> None: ...
@@ -67,14 +67,14 @@ class Sink:
 
 
 class Sinks(list[Sink]):
-    """One for each recording that has begun."""
+    """One sink for each started recording."""
 
     def open(self, attached: Attached) -> Sink:
         self.append(Sink())
         return self[-1]
 
 
-def test_a_recording_is_under_way_when_wire_and_root_are_in_it_and_has_what_they_told_first() -> None:
+def test_a_recording_starts_when_wire_and_root_take_part_and_has_their_first_events() -> None:
     async def run() -> None:
         node, sinks = Node("here", VirtualClock()), Sinks()
         async with trio.open_nursery() as nursery:
@@ -82,7 +82,7 @@ def test_a_recording_is_under_way_when_wire_and_root_are_in_it_and_has_what_they
             nursery.start_soon(Recorder(ROBOT, sinks.open).run, node)
             await nursery.start(node.cell(addresses.of(ROBOT).instrument("wire"), Keeper).run)
             await trio.sleep(FIRST_S / 2)
-            assert not sinks, "an event of the root would not be in it"
+            assert not sinks, "the recording must not start before the root takes part"
             await nursery.start(node.cell(addresses.of(ROBOT).instrument("root"), Keeper).run)
             await trio.sleep(1.0)
             (sink,) = sinks
@@ -92,7 +92,7 @@ def test_a_recording_is_under_way_when_wire_and_root_are_in_it_and_has_what_they
     run_virtual(run)
 
 
-def test_who_does_not_answer_is_named() -> None:
+def test_a_process_that_does_not_answer_is_named() -> None:
     async def run() -> None:
         node = Node("here", VirtualClock())
         async with trio.open_nursery() as nursery:
@@ -105,9 +105,9 @@ def test_who_does_not_answer_is_named() -> None:
     run_virtual(run)
 
 
-def test_one_that_fails_leaves_its_place_to_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its file, or its dataset, cannot be had; the robot was asked before. Each is a process of its
-    own."""
+def test_a_failed_recorder_makes_room_for_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot has accepted the recorder, but its file or dataset cannot be opened. Each recorder is a separate
+    process."""
     processes = itertools.count(100)
 
     class Full(Sink):
@@ -139,8 +139,8 @@ def test_one_that_fails_leaves_its_place_to_the_next(monkeypatch: pytest.MonkeyP
     trio.run(run)
 
 
-def test_a_second_recorder_is_told_once_who_records() -> None:
-    by = f"process {os.getppid()}"  # lives
+def test_a_second_recorder_is_refused_with_the_process_that_records() -> None:
+    by = f"process {os.getppid()}"  # a living process
 
     class Busy(Keeper):
         def receive(self, message: Attach | Detach | Acknowledge) -> Any:
@@ -154,7 +154,7 @@ def test_a_second_recorder_is_told_once_who_records() -> None:
                 await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Busy).run)
             with pytest.raises(RecordingError) as refused:
                 await Recorder(ROBOT, lambda attached: Sink()).run(node)
-            assert str(refused.value) == f"{ROBOT}: {by} records this robot already. end that one first"
+            assert str(refused.value) == f"{ROBOT}: {by} already records this robot. End that recording first"
             nursery.cancel_scope.cancel()
 
     run_virtual(run)
@@ -163,7 +163,7 @@ def test_a_second_recorder_is_told_once_who_records() -> None:
 @pytest.mark.parametrize("reaped", [True, False])
 @pytest.mark.parametrize("patience_s", [1.2, 100.0])
 def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, patience_s: float) -> None:
-    """The robot gives it up after two seconds; when it does not, the refusal is told."""
+    """The robot drops it after two seconds. If it does not, the refusal is reported."""
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         if reaped:
             dead.wait()
@@ -187,7 +187,7 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
                     await nursery.start(node.cell(addresses.of(ROBOT).instrument(name), Keeps).run)
                 if patience_s > FIRST_S:
                     with pytest.raises(
-                        RecordingError, match=f"process {dead.pid} records this robot already. end that one"
+                        RecordingError, match=f"process {dead.pid} already records this robot. End that recording"
                     ):
                         await Recorder(ROBOT, sinks.open).run(node)
                     assert not sinks
@@ -200,7 +200,7 @@ def test_a_recorder_that_was_killed_keeps_no_other_away_for_long(reaped: bool, p
 
 
 class GivesUp(Keeper):
-    """One whose recorder was silent for too long."""
+    """A keeper that has dropped its recorder, because the recorder was silent for too long."""
 
     def receive(self, message: Attach | Acknowledge | Detach) -> Attached | Detached | Refused | None:
         if isinstance(message, Detach):
@@ -208,7 +208,7 @@ class GivesUp(Keeper):
         return super().receive(message)
 
 
-def test_saf_023_a_recording_that_was_given_up_says_that_the_rest_is_missing() -> None:
+def test_saf_023_a_dropped_recording_reports_that_the_rest_is_missing() -> None:
     async def run() -> None:
         node, sinks = Node("here", VirtualClock()), Sinks()
         async with trio.open_nursery() as nursery:

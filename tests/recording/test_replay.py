@@ -1,4 +1,4 @@
-"""A replay decides as the robot did, in virtual time; what is decided otherwise is found."""
+"""A replay makes the same decisions as the robot, in virtual time, and reports each difference."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Play = Callable[[Tape], Awaitable[None]]
 
 
 def recorded(play: Play, before: Play | None = None) -> Recording:
-    """What was recorded while ``play`` ran; ``before`` runs unrecorded."""
+    """Return the recording of ``play``. ``before`` runs first and is not recorded."""
     made: list[Recording] = []
 
     async def run() -> None:
@@ -61,11 +61,11 @@ async def lively(tape: Tape) -> None:
         await trio.sleep(0.03)
     refused = await writer.send(a=1000.0)
     assert isinstance(refused, Refused)
-    await trio.sleep(0.2)  # it expires: held
+    await trio.sleep(0.2)  # the setpoint expires: hold
     await writer.acquire()
     assert isinstance(await writer.send(latched=True, b=5.0), Accepted)
     writer.ref.tell(Beat(writer.lease.id))
-    await trio.sleep(1.5)  # the lease lapses: held
+    await trio.sleep(1.5)  # the lease expires: hold
     await tape.tree.gate.ask(Stop(Reason.ESTOP, "op", lock=True), 1.0)
     assert isinstance(await writer.send(a=1.0), Refused)
     await tape.tree.gate.ask(Resume(), 1.0)
@@ -99,13 +99,13 @@ def test_any_order_of_events_is_replayed_without_a_difference(seed: int) -> None
 
 
 def test_a_recording_may_begin_in_the_middle_of_a_stop() -> None:
-    """Who waits for an answer then is answered in the replay, too."""
+    """A sender that waits for an answer at that time is answered in the replay, too."""
 
     async def begin(tape: Tape) -> None:
         await armed(tape.tree)
         tape.tree.gate.tell(Stop(Reason.STOP))
         tape.tree.gate.tell(Resume())
-        while tape.tree.hardware.of("safe") == []:  # noqa: ASYNC110  # no event tells of a frame
+        while tape.tree.hardware.of("safe") == []:  # noqa: ASYNC110  # a frame causes no event
             await trio.sleep(0.0005)
 
     async def rest(_: Tape) -> None:
@@ -135,7 +135,7 @@ def test_the_loss_of_the_root_is_replayed() -> None:
     assert again(recording).equal
 
 
-# -- what is found
+# -- differences that a replay reports
 
 
 def test_another_limit_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,5 +225,5 @@ def test_a_memory_of_another_version_is_refused() -> None:
         for entry in entries_of(first)
     ]
     other = Journal(first.source, first.session, first.number, msgspec.msgpack.encode(entries))
-    with pytest.raises(RecordingError, match="cannot be read here"):
+    with pytest.raises(RecordingError, match="cannot be decoded by this version"):
         again(Recording(recording.info, [other]))

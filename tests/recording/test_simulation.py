@@ -43,7 +43,7 @@ def record_episodes(arm: RealRobot, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("begin", [record_file, record_episodes])
-def test_a_robot_that_cannot_be_connected_is_not_recorded_and_says_why(
+def test_a_robot_that_cannot_connect_is_not_recorded_and_gives_the_reason(
     begin: Callable[[RealRobot, Path], None], tmp_path: Path
 ) -> None:
     arm = Robot("so101", mode="real", port=str(tmp_path / "no-port"))
@@ -57,5 +57,5 @@ def test_a_robot_that_cannot_be_connected_is_not_recorded_and_says_why(
 
 @pytest.mark.parametrize("named", ["os:system", SIMULATION, None, 5])
 def test_a_file_names_no_code_to_run_by_calling_it_simulated(named: object) -> None:
-    with pytest.raises(RecordingError, match="so101 was driven by"):
+    with pytest.raises(RecordingError, match="so101 was recorded with the driver"):
         driver_class_of({"robot": "so101", "class": SIMULATION, "options": {"class": named}})

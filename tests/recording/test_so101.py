@@ -1,4 +1,4 @@
-"""An SO-101 twin is recorded by the command, in a process of its own, and replayed."""
+"""The command records an SO-101 twin from a separate process, and the recording is replayed."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ PATIENCE_S = 60.0
 PROGRAM = "from strands_actors.surfaces.cli import main; main()"
 REPLAYS = 100
 COMMAND = "strands_actors.surfaces.cli.record"
-"""Not as an attribute of the package, which has a function of that name."""
+"""Imported by name, because the package has a function with the name of the module."""
 
 
 @contextlib.contextmanager
 def recorder(path: Path, *arguments: str, **keywords: Any) -> Iterator[subprocess.Popen[str]]:
-    """``strands-actors record so101``, under way."""
+    """Yield a running ``strands-actors record so101``."""
     with subprocess.Popen(
         [sys.executable, "-c", PROGRAM, "record", "so101", "-o", str(path), *arguments],
         stdout=subprocess.PIPE,
@@ -71,7 +71,7 @@ def end(process: subprocess.Popen[str], how: signal.Signals = signal.SIGINT) -> 
 
 
 def ask(message: Message) -> Message | None:
-    """As another writer of this process."""
+    """Send a message as another writer in this process."""
 
     async def ask() -> Message | None:
         node: Node = portal().node
@@ -87,8 +87,8 @@ def steps_of(arm: RealRobot) -> int:
 
 
 def roll_out(arm: RealRobot, steps: int) -> None:
-    """A policy in a process of its own. On a busy machine it, or the wire process, may be late, and
-    end: then it is started again."""
+    """Run a policy in a separate process. On a busy machine the policy or the wire process may be late and end.
+    Then start it again."""
 
     def far_enough() -> bool:
         if steps_of(arm) < 0:
@@ -107,8 +107,7 @@ def move(arm: RealRobot, times: int) -> None:
 
 
 def until_recorded(path: Path, arm: RealRobot) -> None:
-    """Commands, until some must be in the file: what goes on when nobody listens would not let it
-    grow so."""
+    """Send commands until some must be in the file. Without a recorder the file would not grow so much."""
     size = path.stat().st_size
     until(
         lambda: arm.send_action({"gripper": 20.0})["status"] == "success" and path.stat().st_size > size + 30_000,
@@ -127,7 +126,7 @@ def rows(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def lively(arm: RealRobot) -> None:
-    """Setpoints, refusals, a policy, a second writer, stop, resume, e-stop, a lapsed lifetime."""
+    """Cause setpoints, refusals, a policy run, a second writer, stop, resume, e-stop and an expired lifetime."""
     for value in (5.0, 6.0):
         assert arm.send_action({"shoulder_pan": value})["status"] == "success"
     for wrong in ({"shoulder_pan": 400.0}, {"elbow": 1.0}, {"gripper": float("nan")}, {}):
@@ -154,7 +153,7 @@ def lively(arm: RealRobot) -> None:
 
 @pytest.fixture(scope="module")
 def run(run_dirs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, str]]:
-    """A lively run that was recorded, begun while the arm moved; and what the command printed."""
+    """Record a lively run, begun while the arm moved. Return the file and the output of the command."""
     directory = tmp_path_factory.mktemp("recorded")
     path = directory / "run.mcap"
     meeting = Path("/tmp") / f"sa-rec-{os.getpid()}"
@@ -185,7 +184,7 @@ def test_everything_is_in_the_file(run: tuple[Path, str]) -> None:
     seen = rows(path)
     assert all(topic.startswith("/so101/") for topic in seen)
     commands = Counter((row["what"], row["outcome"]) for row in seen["/so101/command"])
-    assert commands["setpoint", "accepted"] > 10, "a busy machine makes some of them late"
+    assert commands["setpoint", "accepted"] > 10, "a busy machine may make some of them late"
     assert {code for row in seen["/so101/refusal"] if (code := row["code"])} >= {
         "past_travel", "unknown_joint", "not_finite", "empty", "lease", "disarmed", "locked_out",
     }  # fmt: skip
@@ -209,8 +208,8 @@ def test_everything_is_in_the_file(run: tuple[Path, str]) -> None:
 def test_the_command_replays(run: tuple[Path, str], capsys: pytest.CaptureFixture[str]) -> None:
     path, _ = run
     assert cli.run(["replay", str(path)]) == 0
-    told = capsys.readouterr()
-    assert told.out.startswith(f"{path}: equal. ") and told.err == ""
+    output = capsys.readouterr()
+    assert output.out.startswith(f"{path}: equal. ") and output.err == ""
     assert cli.run(["replay", str(path), "--json"]) == 0
     plain = json.loads(capsys.readouterr().out)
     assert plain["equal"] and plain["mismatch"] == "" and plain["difference"] is None and plain["robot"] == "so101"
@@ -235,9 +234,9 @@ def test_the_command_shows_the_first_difference(
     monkeypatch.setattr(lease, "_MAX_LIFETIME_NS", 50_000_000)
     monkeypatch.setattr(import_module(COMMAND), "__version__", "9.9.9")
     assert cli.run(["replay", str(path)]) == 1
-    told = capsys.readouterr()
-    assert "recorded by strands-actors 0.1.0, replayed by 9.9.9" in told.err
-    head, takes, *effects = told.out.splitlines()
+    output = capsys.readouterr()
+    assert "recorded by strands-actors 0.1.0, replayed by 9.9.9" in output.err
+    head, takes, *effects = output.out.splitlines()
     assert "DIFFERENT after" in head and "gate takes Setpoint(" in takes
     assert any(line.startswith("  recorded: answers: Accepted") for line in effects)
     assert any(line.startswith("  replayed: answers: Refused(code='too_distant'") for line in effects)
@@ -258,16 +257,16 @@ def test_bad_files_are_one_line(run: tuple[Path, str], tmp_path: Path, capsys: p
     cut.write_bytes(run[0].read_bytes()[:-100])
     for path, says in ((cut, "is truncated"), (tmp_path / "none.mcap", "No such file")):
         assert cli.run(["replay", str(path)]) == 2
-        told = capsys.readouterr()
-        assert says in told.err and told.err.count("\n") == 1 and told.out == ""
+        output = capsys.readouterr()
+        assert says in output.err and output.err.count("\n") == 1 and output.out == ""
 
 
 # -- the robot does not notice its recorder
 
 
 def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is given up, the arm moves on, a stop is as quick as ever; thawed, it goes on behind a
-    gap."""
+    """The wire drops the recorder, the arm moves on, and a stop is as quick as before. When the recorder runs
+    again, it continues after a gap."""
     log = WireLog(tmp_path / "wire.ndjson")
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(log.path))
     path = tmp_path / "run.mcap"
@@ -281,7 +280,7 @@ def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: 
         assert len(setpoints) > 50
         assert arm.stop()["status"] == "success"  # type: ignore[index]
         assert log.safe_within(setpoints[-1], 2.0)
-        assert pids(arm)["wire"] == wire, "nothing was late enough to be fenced"
+        assert pids(arm)["wire"] == wire, "the wire process was not fenced"
         process.send_signal(signal.SIGCONT)
         arm.resume()
         until_recorded(path, arm)
@@ -296,7 +295,7 @@ def test_saf_006_a_frozen_recorder_changes_nothing(tmp_path: Path, monkeypatch: 
 def test_a_killed_recorder_changes_nothing_and_another_may_begin(tmp_path: Path) -> None:
     with Robot("so101", mode="real", transport="twin") as arm:
         with recorder(tmp_path / "one.mcap") as process:
-            assert "records this robot already" in refused_recorder(tmp_path / "two.mcap")
+            assert "already records this robot" in refused_recorder(tmp_path / "two.mcap")
             wire = pids(arm)["wire"]
             move(arm, 5)
             process.kill()
@@ -319,7 +318,7 @@ def test_a_killed_recorder_changes_nothing_and_another_may_begin(tmp_path: Path)
 
 
 def refused_recorder(path: Path) -> str:
-    """What a recorder says that may not begin."""
+    """Return the message of a recorder that is refused."""
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, "record", "so101", "-o", str(path)],
         capture_output=True,
@@ -376,7 +375,7 @@ def test_a_full_disk_ends_the_recording_and_nothing_else(tmp_path: Path) -> None
 
 
 @pytest.mark.long
-def test_it_ends_with_the_robot(tmp_path: Path) -> None:
+def test_a_recording_ends_with_the_robot(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     with Robot("so101", mode="real", transport="twin") as arm:
         arm.send_action({"gripper": 30.0})
@@ -392,7 +391,7 @@ def test_it_ends_with_the_robot(tmp_path: Path) -> None:
     assert replay(path) == replay(read(str(path)))
 
 
-def test_what_cannot_be_recorded_is_one_line(
+def test_a_robot_that_cannot_be_recorded_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert cli.run(["record", "so101", "-o", str(tmp_path / "run.mcap")]) == 2
@@ -400,9 +399,9 @@ def test_what_cannot_be_recorded_is_one_line(
     there = tmp_path / "there.mcap"
     there.write_text("mine")
     assert cli.run(["record", "so101", "-o", str(there)]) == 2
-    assert "is there already" in capsys.readouterr().err and there.read_text() == "mine"
+    assert "exists already" in capsys.readouterr().err and there.read_text() == "mine"
     assert cli.run(["record", "so101", "-o", str(tmp_path / "no" / "run.mcap")]) == 2
-    assert f"there is no folder {tmp_path / 'no'}" in capsys.readouterr().err
+    assert f"the folder {tmp_path / 'no'} does not exist" in capsys.readouterr().err
     with pytest.raises(RecordingError, match="no robot"), record("so101", tmp_path / "run.mcap"):
         raise AssertionError("nothing is recorded")
     assert list(tmp_path.iterdir()) == [there]

@@ -1,5 +1,5 @@
-"""The kernel stamps when a message is taken up; the gate and the watchdog know no other time or
-state."""
+"""The kernel stamps the time at which an actor takes up a message. The gate and the watchdog use no other time
+and no other state."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import trio
 
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import MonotonicClock, VirtualClock
-from strands_actors.kernel.health.failure_detector import FailureDetector, Heard
+from strands_actors.kernel.health.failure_detector import DetectorState, FailureDetector
 from strands_actors.kernel.health.heartbeat import pair
 from strands_actors.kernel.messages import Message
 from strands_actors.kernel.node import Node
@@ -28,7 +28,7 @@ class Count(Message, frozen=True):
 
 
 class Stamped(Actor):
-    """Notes when it was given each message; a slow one takes a while."""
+    """Records the stamp of each message. A slow message takes some time."""
 
     def __init__(self) -> None:
         self.stamps: list[int] = []
@@ -59,7 +59,7 @@ class CountingClock(MonotonicClock):
 
 
 @virtual_time
-async def test_a_message_is_stamped_when_it_is_taken_up_not_when_it_was_sent() -> None:
+async def test_a_message_is_stamped_when_it_is_taken_up_and_not_when_it_is_sent() -> None:
     node, actor = Node("n", VirtualClock()), Stamped()
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
@@ -87,11 +87,11 @@ async def test_a_message_costs_one_reading_of_the_clock() -> None:
         await actor.done.wait()
         reads = clock.reads - before
         nursery.cancel_scope.cancel()
-    # One a message, and one a burst of them; a burst on a busy machine may be short.
+    # One reading per message, and one per burst. A burst on a busy machine may be short.
     assert MESSAGES <= reads <= 2 * MESSAGES + 10
 
 
-# -- the memory a recording begins with is the whole memory
+# -- the memory at the start of a recording is complete
 
 WIRING = {"_driver", "_addresses", "_admission"}
 
@@ -118,10 +118,10 @@ def test_a_watchdog_has_no_state_but_its_memory() -> None:
         "_heartbeat",
         "_leave_s",
     }
-    wiring |= {"_root_stands", "_missed"}
+    wiring |= {"_root_use", "_missed"}
     changing = set(vars(watchdog)) - wiring
-    assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are one list
-    memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, 9, watchdog._alive, Heard(10, 11, 12, None), True)
+    assert len(changing) == len(WatchdogMemory.__struct_fields__) - 1  # the two times of answers are in one list
+    memory = WatchdogMemory(1, 2, 3, 4, 5, 6, 7, 8, 9, watchdog._alive, DetectorState(10, 11, 12, None), True)
     watchdog.recall(memory)
     assert watchdog.memory() == memory
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(memory), type=WatchdogMemory) == memory
@@ -131,7 +131,7 @@ def test_a_silence_has_no_state_but_its_memory() -> None:
     failure_detector = FailureDetector(0.1, 0.01)
     wiring = {"_own_ticks", "_most_ns", "_ttl_ns", "_longest_ns", "_look"}
     told_at_once = {"_after"}
-    kept = {"heard_ns", "_ticks", "_looked_ns", "_before", "_ticked_ns", "_counted_ns"}
+    kept = {"last_received_ns", "_ticks", "_looked_ns", "_before", "_ticked_ns", "_counted_ns"}
     assert set(vars(failure_detector)) - wiring - told_at_once == kept
-    failure_detector.recall(Heard(1, 2, 3, None, 4, 5))
-    assert failure_detector.memory() == Heard(1, 2, 3, None, 4, 5)
+    failure_detector.recall(DetectorState(1, 2, 3, None, 4, 5))
+    assert failure_detector.memory() == DetectorState(1, 2, 3, None, 4, 5)

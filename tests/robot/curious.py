@@ -13,7 +13,7 @@ from typing import Any
 
 class Curious:
     def __init__(self, axes: Sequence[str], into: str, secret: str, eat_mb: int = 0) -> None:
-        found: dict[str, Any] = {
+        report: dict[str, Any] = {
             "descriptors": {fd: _target(fd) for fd in os.listdir("/proc/self/fd")},
             "environment": dict(os.environ),
             "uid": os.getuid(),
@@ -24,7 +24,7 @@ class Curious:
             "secrets": [place for place in _dictionaries() if secret in place],
             "can_be_root": _can_be_root(),
         }
-        Path(into).write_text(json.dumps(found))
+        Path(into).write_text(json.dumps(report))
         self._eaten = bytearray(eat_mb << 20)
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:

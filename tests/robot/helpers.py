@@ -27,7 +27,7 @@ def moves(arm: Any, joint: str = "shoulder_pan") -> None:
     """Send the joint far away, and wait until it has moved by more than 5 degrees."""
     before = arm.get_observation()[joint]
     json_of(arm.send_action({joint: far(arm, joint)}))
-    until(lambda: abs(arm.get_observation()[joint] - before) > 5.0, "it moves")
+    until(lambda: abs(arm.get_observation()[joint] - before) > 5.0, "the joint moves")
 
 
 def at(arm: Any, joint: str, value: float, within: float = 2.0) -> None:
@@ -86,16 +86,16 @@ def armed_at(log: WireLog, since_ns: int = 0) -> dict[int, int]:
 def register_now(log: WireLog, register: p.Register, since_ns: int = 0) -> dict[int, int]:
     """Return the last value of a register that each servo reported on the wire. A late reply may be
     counted for the wrong request."""
-    asked, size, values = 0, 0, {}
+    first_address, size, values = 0, 0, {}
     for entry in log.entries(since_ns):
         frame = packet(entry)
         if frame is None:
             continue
         if entry.sender == "host":
             if frame.code in (p.READ, p.SYNC_READ):
-                asked, size = frame.params[:2]
-        elif size == len(frame.params) and asked <= register.address < asked + size:
-            values[frame.id] = register.decode(frame.params, asked)
+                first_address, size = frame.params[:2]
+        elif size == len(frame.params) and first_address <= register.address < first_address + size:
+            values[frame.id] = register.decode(frame.params, first_address)
     return values
 
 

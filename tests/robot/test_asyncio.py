@@ -1,5 +1,4 @@
-"""``stop()`` and ``get_status()`` for a program of asyncio: coroutines, that read as dicts all the
-same."""
+"""``stop()`` and ``get_status()`` return coroutines for asyncio programs, which can also be read as dicts."""
 
 from __future__ import annotations
 
@@ -22,30 +21,30 @@ from tests.answers import json_of, until
 from .helpers import limps, moves
 
 Awaited = Any
-"""An answer, as a script has it: a dict and a coroutine."""
+"""An answer as a script gets it: a dict and a coroutine."""
 
 
-def test_asyncio_runs_what_a_verb_returns(arm: RealRobot, twin: Twin) -> None:
-    told: Awaited = arm.get_status()
-    assert json_of(asyncio.run(told)) == json_of(told)
+def test_asyncio_can_run_the_answer_of_a_verb(arm: RealRobot, twin: Twin) -> None:
+    reported: Awaited = arm.get_status()
+    assert json_of(asyncio.run(reported)) == json_of(reported)
     stopping: Awaited = arm.stop()
     assert json_of(asyncio.run(stopping))["stopped"] is True
     assert limps(twin.log)
 
 
-def test_tasks_gather_and_a_deadline_take_what_a_verb_returns(arm: RealRobot) -> None:
+def test_tasks_gather_and_wait_for_accept_the_answer_of_a_verb(arm: RealRobot) -> None:
     async def main() -> list[Any]:
-        told: list[Awaited] = [arm.get_status() for _ in range(4)]
-        task = asyncio.create_task(told[0])
-        both = await asyncio.gather(told[1], arm.stop())  # type: ignore[arg-type]
-        return [await task, *both, await asyncio.wait_for(told[2], 5.0), await told[3]]
+        statuses: list[Awaited] = [arm.get_status() for _ in range(4)]
+        task = asyncio.create_task(statuses[0])
+        both = await asyncio.gather(statuses[1], arm.stop())  # type: ignore[arg-type]
+        return [await task, *both, await asyncio.wait_for(statuses[2], 5.0), await statuses[3]]
 
     for answer in asyncio.run(main()):
         assert type(answer) is Answer
         assert answer["status"] == "success", answer
 
 
-def test_a_stop_that_nobody_awaits_is_sent_and_nobody_is_warned(arm: RealRobot, twin: Twin) -> None:
+def test_a_stop_that_is_not_awaited_is_sent_without_a_warning(arm: RealRobot, twin: Twin) -> None:
     moves(arm)
     began_ns = time.monotonic_ns()
 
@@ -56,10 +55,10 @@ def test_a_stop_that_nobody_awaits_is_sent_and_nobody_is_warned(arm: RealRobot, 
         warnings.simplefilter("error")
         asyncio.run(main())
         gc.collect()
-    until(lambda: limps(twin.log, began_ns), "it is stopped")
+    until(lambda: limps(twin.log, began_ns), "the arm is limp")
 
 
-def test_saf_002_a_stop_goes_on_when_who_awaits_it_gives_up(arm: RealRobot, twin: Twin) -> None:
+def test_saf_002_a_stop_continues_when_its_await_is_cancelled(arm: RealRobot, twin: Twin) -> None:
     moves(arm)
     began_ns = time.monotonic_ns()
 
@@ -71,8 +70,8 @@ def test_saf_002_a_stop_goes_on_when_who_awaits_it_gives_up(arm: RealRobot, twin
             await task
 
     asyncio.run(main())
-    until(lambda: limps(twin.log, began_ns), "it is stopped")
-    assert until(lambda: json_of(arm.get_status())["state"] == "disarmed", "that is known")
+    until(lambda: limps(twin.log, began_ns), "the arm is limp")
+    assert until(lambda: json_of(arm.get_status())["state"] == "disarmed", "the status shows it")
 
 
 # -- without a robot
@@ -88,7 +87,7 @@ def test_an_answer_is_a_dict_and_a_coroutine() -> None:
     answer.close()
 
 
-def test_what_is_under_way_reads_as_a_dict_once_it_is_done() -> None:
+def test_a_pending_answer_can_be_read_as_a_dict_when_it_is_done() -> None:
     future: Future[Answer] = Future()
     pending = PendingAnswer(future)
     assert asyncio.iscoroutine(pending)
@@ -98,17 +97,17 @@ def test_what_is_under_way_reads_as_a_dict_once_it_is_done() -> None:
     pending.close()
 
 
-def test_a_task_that_waits_for_it_is_shown_without_waiting() -> None:
-    """Python 3.12 asks a task's coroutine whether it is true, which waited for a mapping's length."""
+def test_the_repr_of_a_task_does_not_wait_for_its_answer() -> None:
+    """Python 3.12 tests the truth of a task's coroutine, which for a mapping would wait for its length."""
 
     async def shown() -> str:
         future: Future[Answer] = Future()
-        future.set_exception(OSError("who looks at the answer is told"))
+        future.set_exception(OSError("the answer failed"))
         pending = PendingAnswer(future)
         assert pending
         task = asyncio.create_task(pending)  # type: ignore[arg-type]
         text = repr(task)
-        with pytest.raises(OSError, match="is told"):
+        with pytest.raises(OSError, match="failed"):
             await task
         return text
 

@@ -1,4 +1,4 @@
-"""Who told a robot what is written down, and what is written never fills a disk."""
+"""The audit file contains each command with its sender, and its size is limited."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def lines(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-def test_commands_are_written_down_with_who_what_and_how(arm: RealRobot) -> None:
+def test_commands_are_written_with_sender_command_and_result(arm: RealRobot) -> None:
     file = audit_file("so101")
     json_of(arm.send_action({"shoulder_pan": 5.0}))
     arm.send_action({"shoulder_pan": 5000.0})
@@ -32,12 +32,15 @@ def test_commands_are_written_down_with_who_what_and_how(arm: RealRobot) -> None
     assert outcome.outcome == "safe"
     json_of(arm.resume())
 
-    def told() -> list[tuple[str, str]]:
+    def entries() -> list[tuple[str, str]]:
         return [(line["what"], line["how"]) for line in lines(file)]
 
     stopped, resumed = ("stop (estop, locks)", "ordered"), ("resume", "ordered")
-    until(lambda: stopped in (found := told()) and resumed in found[found.index(stopped) :], "all of it")
-    found = told()
+    until(
+        lambda: stopped in (rows := entries()) and resumed in rows[rows.index(stopped) :],
+        "all commands are written",
+    )
+    rows = entries()
     for expected in (
         ("acquire", "granted"),
         ("setpoint", "accepted"),
@@ -45,8 +48,8 @@ def test_commands_are_written_down_with_who_what_and_how(arm: RealRobot) -> None
         ("release", "released"),
         ("resume", "ordered"),
     ):
-        assert expected in found, found
-    assert any(what == "setpoint" and how.startswith("refused: ") for what, how in found)
+        assert expected in rows, rows
+    assert any(what == "setpoint" and how.startswith("refused: ") for what, how in rows)
     button, *_ = [line for line in lines(file) if line["what"] == "stop (estop, locks)"]
     assert button["who"] == "the button" and button["time"].endswith("Z")
     assert [line for line in lines(file) if line["what"] == "acquire" and "policy process" in line.get("over", "")]
@@ -57,7 +60,7 @@ def keep(notes: Audit) -> None:
     trio.run(notes.settle)
 
 
-def test_files_are_put_aside_and_the_oldest_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_files_are_rotated_and_the_oldest_is_deleted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(audit, "MAX_BYTES", 1000)
     file = tmp_path / "so101.jsonl"
     for number in range(60):
@@ -70,18 +73,18 @@ def test_files_are_put_aside_and_the_oldest_goes(tmp_path: Path, monkeypatch: py
     assert lines(file)[-1]["what"] == "command 59"
 
 
-def test_a_flood_is_counted(tmp_path: Path) -> None:
+def test_entries_beyond_the_limit_are_counted(tmp_path: Path) -> None:
     notes = Audit(tmp_path / "so101.jsonl")
     for number in range(20_000):
         notes.note("somebody", f"command {number}", "refused")
     keep(notes)
     written = lines(tmp_path / "so101.jsonl")
     assert BURST <= len(written) < 2 * BURST
-    left_out = sum(line.get("left_out", 0) for line in written) + notes._left_out
+    left_out = sum(line.get("left_out", 0) for line in written) + notes._dropped
     assert len(written) + left_out == 20_000
 
 
-def test_a_disk_that_takes_nothing_is_no_harm_and_the_lines_come_later(tmp_path: Path) -> None:
+def test_an_unwritable_disk_does_no_harm_and_the_lines_are_written_later(tmp_path: Path) -> None:
     place = tmp_path / "audit"
     place.write_text("no directory")
     notes = Audit(place / "so101.jsonl")
@@ -94,7 +97,7 @@ def test_a_disk_that_takes_nothing_is_no_harm_and_the_lines_come_later(tmp_path:
     assert [line["what"] for line in lines(place / "so101.jsonl")] == ["stop"]
 
 
-def test_a_link_in_its_place_is_not_followed(tmp_path: Path) -> None:
+def test_a_symbolic_link_as_the_file_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "other").write_text("")
     (tmp_path / "so101.jsonl").symlink_to(tmp_path / "other")
     notes = Audit(tmp_path / "so101.jsonl")

@@ -34,11 +34,11 @@ trio.run(main)
 """
 
 
-def test_a_robot_whose_block_is_cancelled_is_made_safe_and_the_program_goes_on(twin: Twin) -> None:
+def test_a_robot_whose_block_is_cancelled_is_made_safe_and_the_program_continues(twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     subprocess.run([sys.executable, "-c", CANCELLED, twin.port], check=True, timeout=60)
     assert twin.log.host("setpoint", began_ns)
-    assert until(lambda: limps(twin.log, began_ns), "it is limp")
+    assert until(lambda: limps(twin.log, began_ns), "the arm is limp")
 
 
 INTERRUPTED = """
@@ -57,16 +57,16 @@ trio.run(main)
 """
 
 
-def test_a_trio_script_ends_with_ctrl_c_as_any_python_script_does(twin: Twin) -> None:
+def test_a_trio_script_ends_with_ctrl_c_like_any_python_script(twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     done = subprocess.run([sys.executable, "-c", INTERRUPTED, twin.port], capture_output=True, text=True)
     assert done.returncode == -signal.SIGINT
     assert done.stderr.endswith("KeyboardInterrupt\n")
     assert "Group" not in done.stderr
-    assert until(lambda: limps(twin.log, began_ns), "it is limp")
+    assert until(lambda: limps(twin.log, began_ns), "the arm is limp")
 
 
-def test_its_tasks_are_there_while_a_cancelled_block_clears_away() -> None:
+def test_background_tasks_run_until_a_cancelled_block_has_ended() -> None:
     seen: list[str] = []
 
     async def answer(requests: trio.MemoryReceiveChannel[trio.Event]) -> None:
@@ -98,14 +98,14 @@ def test_a_block_that_is_cancelled_before_it_begins_is_left_at_once() -> None:
         with trio.CancelScope() as scope:
             scope.cancel()
             async with open_background():
-                pytest.fail("it has begun")
+                pytest.fail("the block has begun")
         assert scope.cancelled_caught
 
     trio.run(run)
 
 
 @pytest.mark.parametrize("leave", [None, KeyError("x"), KeyboardInterrupt()])
-def test_they_end_with_the_block(leave: BaseException | None) -> None:
+def test_background_tasks_end_with_the_block(leave: BaseException | None) -> None:
     seen: list[str] = []
 
     async def beside() -> None:
@@ -129,7 +129,7 @@ def test_they_end_with_the_block(leave: BaseException | None) -> None:
     assert seen == ["ended"]
 
 
-def test_one_that_fails_ends_the_block() -> None:
+def test_a_failing_background_task_ends_the_block() -> None:
     async def fail() -> None:
         raise OSError("broken")
 

@@ -1,5 +1,6 @@
-"""The drivers page's refusals, for every robot there is: each names what was given and what would
-be accepted, and nothing is started."""
+"""The refusals of the drivers page, for every robot: each names the given and the accepted values, and
+starts nothing.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +20,9 @@ NATIVE = sorted(list_native_drivers())
 
 
 def driver_of(name: str) -> type[Driver]:
-    found = get_native_driver_class(name)
-    assert found is not None and issubclass(found, Driver)
-    return found
+    driver_class = get_native_driver_class(name)
+    assert driver_class is not None and issubclass(driver_class, Driver)
+    return driver_class
 
 
 def refusal(error: type[Exception], *args: Any, **keywords: Any) -> str:
@@ -36,7 +37,7 @@ SIMULATED = [name for name in NATIVE if not driver_of(name).SIMULATION]
 
 
 @pytest.mark.parametrize("name", NATIVE)
-def test_an_unknown_keyword_names_the_closest_the_class_and_all_there_are(name: str) -> None:
+def test_the_refusal_of_an_unknown_keyword_names_the_closest_the_class_and_all_keywords(name: str) -> None:
     text = refusal(ValueError, name, mode="real", prot="x")
     assert list_native_drivers()[name] in text
     assert "'prot' -> 'port'" in text
@@ -45,7 +46,7 @@ def test_an_unknown_keyword_names_the_closest_the_class_and_all_there_are(name: 
 
 
 @pytest.mark.parametrize("name", NATIVE)
-def test_a_misspelled_name_is_told_the_close_ones(name: str) -> None:
+def test_the_refusal_of_a_misspelled_name_names_close_ones(name: str) -> None:
     text = refusal(ValueError, f"{name}z")
     assert f"'{name}z' is not known" in text
     close = re.search(r"Did you mean: (.*)\?", text)
@@ -54,7 +55,7 @@ def test_a_misspelled_name_is_told_the_close_ones(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NATIVE)
-def test_words_of_the_factory_are_checked_for_each(name: str) -> None:
+def test_invalid_factory_arguments_are_refused_for_each_robot(name: str) -> None:
     assert "'auto', 'lerobot', 'strands'" in refusal(ValueError, name, driver="ros")
     assert "'sim', 'real', 'auto'" in refusal(ValueError, name, mode="dream")
     assert "transport 'smoke'. it offers " in refusal(ValueError, name, mode="real", transport="smoke")
@@ -64,13 +65,15 @@ def test_words_of_the_factory_are_checked_for_each(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NATIVE)
-def test_cameras_are_checked_for_each(name: str) -> None:
+def test_invalid_cameras_are_refused_for_each_robot(name: str) -> None:
     text = refusal(ValueError, name, mode="real", transport="twin", cameras={"top": 0})
-    assert text.startswith("Robot: camera 'top' is 0. give its settings")
+    assert text.startswith("Robot: camera 'top' is 0. Give its settings")
 
 
 @pytest.mark.parametrize("name", SERIAL)
-def test_a_missing_serial_port_names_the_devices_there_are(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_refusal_of_a_missing_serial_port_names_the_connected_devices(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(list_ports, "comports", list)
     nothing = refusal(ValueError, name, mode="real")
     assert f"{name} needs 'port': Robot('{name}', mode='real', port='/dev/ttyACM0')" in nothing
@@ -88,7 +91,7 @@ def test_a_missing_address_has_an_example(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", SIMULATED)
-def test_what_a_simulation_would_ignore_is_refused(name: str) -> None:
+def test_a_keyword_that_a_simulation_would_ignore_is_refused(name: str) -> None:
     keywords = {"port": "x", "transport": "twin"} | dict.fromkeys(driver_of(name).OPTIONS, 1)
     for keyword, value in keywords.items():
         text = refusal(TypeError, name, **{keyword: value})
@@ -97,8 +100,9 @@ def test_what_a_simulation_would_ignore_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NATIVE)
-def test_what_was_never_connected_answers_and_touches_nothing(name: str) -> None:
-    boards = port_kind(name) == "serial" and driver_of(name).PORT_OPTIONAL  # on the robot itself: no port is given
+def test_a_robot_that_was_never_connected_answers_and_touches_nothing(name: str) -> None:
+    # a program on the robot's own computer needs no port
+    boards = port_kind(name) == "serial" and driver_of(name).PORT_OPTIONAL
     port = (
         {}
         if boards
@@ -113,7 +117,7 @@ def test_what_was_never_connected_answers_and_touches_nothing(name: str) -> None
 
 
 @pytest.mark.parametrize("name", ["ability_hand", "omx", "bi_so101"])
-def test_a_robot_without_a_native_driver_names_those_that_have_one(name: str) -> None:
+def test_the_refusal_of_a_robot_without_a_native_driver_names_those_with_one(name: str) -> None:
     text = refusal(ValueError, name, mode="real", port="x", driver="strands")
     assert f"{name} has no native driver" in text
     assert ", ".join(NATIVE) in text

@@ -1,4 +1,4 @@
-"""The tree shows what its processes have started, as the system's list of processes tells it."""
+"""The tree's report includes the processes that its processes have started, from the system's process list."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ def added(table: dict[int, Entry]) -> dict[str, int]:
     return {process.role: process.pid for process in shown.processes[len(LISTED) :]}
 
 
-def test_what_a_process_of_the_tree_has_started_is_shown_by_who_did() -> None:
+def test_a_process_that_the_tree_has_started_is_named_after_its_parent() -> None:
     table = {31: Entry(30, "stop"), 32: Entry(30, "stop"), 21: Entry(20, "ssh"), 22: Entry(21, "helper")}
     assert added(table) == {"root/ssh": 21, "root/helper": 22, "standby/stop": 31, "standby/stop/2": 32}
 
 
-def test_what_a_user_has_started_is_not_the_trees() -> None:
+def test_processes_that_the_user_has_started_do_not_belong_to_the_tree() -> None:
     assert (
         added({11: Entry(10, "python3"), 41: Entry(40, "ffmpeg"), 50: Entry(1, "cron"), 60: Entry(99, "x")}) == {}
     )
-    assert added({20: Entry(10, "root")}) == {}, "the root itself is listed"
+    assert added({20: Entry(10, "root")}) == {}, "the root is listed already"

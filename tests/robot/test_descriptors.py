@@ -1,4 +1,4 @@
-"""A process that may open few files: what connects says so, and starts nothing."""
+"""In a process that may open few files, connect reports the problem and starts nothing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from strands_actors import Robot
 arm = Robot("so101", mode="real", transport="twin")
 allowed = int(sys.argv[1])
 resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, resource.getrlimit(resource.RLIMIT_NOFILE)[1]))
-said = [arm.connect_eagerly() for _ in range(2)]
+problems = [arm.connect_eagerly() for _ in range(2)]
 resource.setrlimit(resource.RLIMIT_NOFILE, (256, 256))
 children = []
 for task in os.listdir("/proc/self/task"):
@@ -25,11 +25,11 @@ for task in os.listdir("/proc/self/task"):
 then = arm.connect_eagerly()
 moved = arm.send_action({"shoulder_pan": 3.0})["status"]
 arm.cleanup()
-print(json.dumps({"said": said, "children": children, "then": then, "moved": moved}))
+print(json.dumps({"problems": problems, "children": children, "then": then, "moved": moved}))
 """
 
 
-def told(allowed: int) -> dict[str, Any]:
+def result_with(allowed: int) -> dict[str, Any]:
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT, str(allowed)],
         capture_output=True,
@@ -44,17 +44,17 @@ def told(allowed: int) -> dict[str, Any]:
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("allowed", [12, 16, 20, 24, 28, 32, 36, 44])
-def test_too_few_descriptors_are_named_and_nothing_is_started(allowed: int) -> None:
-    answer = told(allowed)
-    for problem in answer["said"]:
+def test_too_few_descriptors_are_reported_and_nothing_is_started(allowed: int) -> None:
+    answer = result_with(allowed)
+    for problem in answer["problems"]:
         assert problem.startswith(f"connect: too few open files are allowed: {allowed}, ")
         assert "ulimit -n" in problem
     assert answer["children"] == []
     assert (answer["then"], answer["moved"]) == (None, "success")
 
 
-def test_what_is_asked_for_is_enough() -> None:
-    answer = told(64)
-    assert answer["said"] == [None, None]
+def test_the_number_of_files_that_connect_asks_for_is_enough() -> None:
+    answer = result_with(64)
+    assert answer["problems"] == [None, None]
     assert len(answer["children"]) == 2, "the twin and the root"
     assert (answer["then"], answer["moved"]) == (None, "success")

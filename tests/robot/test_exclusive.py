@@ -1,4 +1,4 @@
-"""Two programs and one robot, and two robots of one name."""
+"""Two programs that use one robot, and two robots with the same name."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ os._exit(0)
 
 
 class Program:
-    """Another process that opens an arm, until told to end."""
+    """Another process that opens an arm and keeps it until the end of the block."""
 
     def __init__(self, port: str) -> None:
         self.process = subprocess.Popen(
@@ -58,7 +58,7 @@ class Program:
 
     def __enter__(self) -> Program:
         assert self.process.stdout is not None
-        self.told = json.loads(self.process.stdout.readline())
+        self.report = json.loads(self.process.stdout.readline())
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -67,19 +67,19 @@ class Program:
 
 @pytest.fixture(autouse=True)
 def executed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A port is said to be used by the program whose child uses it."""
+    """Execute new processes, because the error message names the program whose child uses the port."""
     execute_what_is_started_here(monkeypatch)
 
 
 def _this_program() -> str:
-    """As another one is told of it, up to where its command line is cut."""
+    """Return how error messages in other programs name this one, up to where its command line is cut."""
     line = Path("/proc/self/cmdline").read_bytes().replace(b"\0", b" ").decode()
     return f"robot so101 (process {os.getpid()}: {line[:40]}"
 
 
 @pytest.mark.long
-def test_a_program_that_takes_no_lock_is_named(twin: Twin, new_arm: NewArm) -> None:
-    """It takes the answers to the handshake."""
+def test_a_program_that_uses_the_port_without_a_lock_is_named(twin: Twin, new_arm: NewArm) -> None:
+    """That program reads the servos' answers to the handshake."""
     with subprocess.Popen(
         [sys.executable, "-c", SNATCH, twin.port], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as snatcher:
@@ -102,27 +102,25 @@ def test_a_second_robot_on_the_port_is_refused_and_the_first_goes_on(
     assert second.name == "so101-2"
     second.cleanup()
 
-    assert not twin.log.host("safe", began_ns)  # whoever was refused released nothing
-    told = status(arm)
-    assert (told["state"], told["connected"], told["faults"]) == ("armed", True, {})
+    assert not twin.log.host("safe", began_ns)  # the refused program has released nothing
+    reported = status(arm)
+    assert (reported["state"], reported["connected"], reported["faults"]) == ("armed", True, {})
     at(arm, "shoulder_pan", 10.0)
     assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
 
 
-def test_another_program_is_refused_and_gets_it_afterwards(arm: RealRobot, twin: Twin) -> None:
+def test_another_program_is_refused_and_can_connect_after_the_first(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     with Program(twin.port) as program:
-        assert f"{twin.port}: in use by {_this_program()}" in program.told["problem"]
+        assert f"{twin.port}: in use by {_this_program()}" in program.report["problem"]
     assert not twin.log.host("safe", began_ns)
     assert arm.send_action({"shoulder_pan": 5.0})["status"] == "success"
     json_of(arm.cleanup())
     with Program(twin.port) as program:
-        assert program.told == {"name": "so101", "problem": None}
+        assert program.report == {"name": "so101", "problem": None}
 
 
-def test_one_that_was_refused_can_connect_when_the_port_is_free(
-    arm: RealRobot, twin: Twin, new_arm: NewArm
-) -> None:
+def test_a_refused_robot_can_connect_when_the_port_is_free(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
     second = new_arm(port=twin.port)
     assert second.connect_eagerly() is not None
     arm.cleanup()
@@ -131,7 +129,7 @@ def test_one_that_was_refused_can_connect_when_the_port_is_free(
 
 
 @pytest.mark.long
-def test_one_that_was_refused_does_not_snatch_the_port(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
+def test_a_refused_robot_does_not_take_the_port_by_itself(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
     second = new_arm(port=twin.port)
     assert second.connect_eagerly() is not None
     arm.cleanup()
@@ -141,11 +139,11 @@ def test_one_that_was_refused_does_not_snatch_the_port(arm: RealRobot, twin: Twi
 
 
 @pytest.mark.usefixtures("arm")
-def test_robots_of_one_name_are_told_apart(tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_robots_of_the_same_name_get_numbers(tmp_path_factory: pytest.TempPathFactory) -> None:
     with (
         Twin("so101", tmp_path_factory.mktemp("second")) as twin,
         Program(twin.port) as program,
     ):
-        assert program.told == {"name": "so101-2", "problem": None}
+        assert program.report == {"name": "so101-2", "problem": None}
         assert [note.robot for note in notes()] == ["so101", "so101-2"]
     assert [note.robot for note in notes()] == ["so101"]

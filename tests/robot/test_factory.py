@@ -1,5 +1,4 @@
-"""``Robot(...)`` before anything is started: what it refuses, in which words, and the registry
-behind it."""
+"""The refusals of ``Robot(...)`` with their texts, before any process is started, and its registry."""
 
 from __future__ import annotations
 
@@ -65,7 +64,7 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     (
         "so101",
         {**PORT, "baud": 1_000_000, "baud_rate": 1_000_000},
-        ("baud and baud_rate are both given", "give one of them"),
+        ("baud and baud_rate are both given", "Give one of them"),
     ),
     ("so101", {**PORT, "motor_ids": (1, 2)}, ("motor_ids is (1, 2)", SERVOS)),
     ("so101", {**PORT, "motor_ids": (1, 2, 3, 4, 5, 5)}, ("motor_ids is", SERVOS)),
@@ -85,19 +84,19 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
 ]
 
 WRONG_TYPES: list[tuple[Any, dict[str, Any], str]] = [
-    (None, {}, "the name is None. give the name of a robot as text: list_robots() has them all"),
+    (None, {}, "the name is None. Give the name of a robot as text: list_robots() has them all"),
     (7, PORT, "the name is 7"),
-    ("so101", {"mesh": "yes"}, "mesh is 'yes'. give MeshConfig"),
-    ("so101", {"mode": "real", "at": []}, "at is []. give where its host listens: 'tls/arm.example:7447'"),
-    ("so101", {"mode": "real", "at": 5}, "at is 5. give where its host listens"),
-    ("so101", {"mode": "real", "at": True}, "at is True. give where its host listens"),
-    ("so101", {"mode": "real", "at": b"x"}, "at is b'x'. give where its host listens"),
-    ("so101", {**PORT, "mesh": "tcp/0.0.0.0:7447"}, "mesh is 'tcp/0.0.0.0:7447'. give MeshConfig"),
+    ("so101", {"mesh": "yes"}, "mesh is 'yes'. Give MeshConfig"),
+    ("so101", {"mode": "real", "at": []}, "at is []. Give the address of the robot's host: 'tls/arm.example:7447'"),
+    ("so101", {"mode": "real", "at": 5}, "at is 5. Give the address of the robot's host"),
+    ("so101", {"mode": "real", "at": True}, "at is True. Give the address of the robot's host"),
+    ("so101", {"mode": "real", "at": b"x"}, "at is b'x'. Give the address of the robot's host"),
+    ("so101", {**PORT, "mesh": "tcp/0.0.0.0:7447"}, "mesh is 'tcp/0.0.0.0:7447'. Give MeshConfig"),
 ]
 
 
 @pytest.mark.parametrize(("name", "keywords", "text"), WRONG_TYPES)
-def test_what_is_of_a_wrong_type_is_refused(name: Any, keywords: dict[str, Any], text: str) -> None:
+def test_an_argument_of_a_wrong_type_is_refused(name: Any, keywords: dict[str, Any], text: str) -> None:
     with pytest.raises(TypeError) as refusal:
         Robot(name, **keywords)
     assert text in str(refusal.value)
@@ -107,17 +106,17 @@ def test_what_is_of_a_wrong_type_is_refused(name: Any, keywords: dict[str, Any],
     ("written", "robot"),
     [("so-101", "so101"), ("SO101", "so101"), ("robotiq", "robotiq_2f85"), ("Unitree G1", "unitree_g1")],
 )
-def test_a_name_is_known_however_it_is_written(written: str, robot: str) -> None:
+def test_a_name_is_known_in_any_spelling(written: str, robot: str) -> None:
     made = Robot(written, mode="real", port="192.0.2.10" if "G1" in written else "x", mesh=False)
     assert (made.tool_name, made.driver.robot) == (robot, robot)
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_the_pages_keywords_of_servos_are_used(name: str) -> None:
+def test_the_servo_keywords_of_the_page_are_used(name: str) -> None:
     usual = Robot(name, mode="real", port="x").driver
     ids = tuple(10 + motor_id for motor_id in usual.ids)
-    given = {"baud_rate": 1_000_000, "motor_ids": ids, "timeout": 1.0, "transport": "serial"}
-    arm = Robot(name, mode="real", port="x", **given)
+    keywords = {"baud_rate": 1_000_000, "motor_ids": ids, "timeout": 1.0, "transport": "serial"}
+    arm = Robot(name, mode="real", port="x", **keywords)
     assert (arm.driver.ids, arm.transport) == (ids, None)
     assert arm.driver.config.timeout_s == 1.0
     assert Robot(name, mode="real", port="x", motor_ids=()).driver.ids == usual.ids
@@ -125,12 +124,12 @@ def test_the_pages_keywords_of_servos_are_used(name: str) -> None:
         Robot(name, transport="serial")
 
 
-def test_a_ur_may_be_told_its_model_and_how_often_its_script_commands() -> None:
+def test_a_ur_accepts_its_model_and_control_frequency() -> None:
     arm = Robot("ur5e", mode="real", port="192.0.2.7", model="UR5e", control_frequency=25)
     assert getattr(arm.driver, "period_s") == 0.04  # noqa: B009
 
 
-def test_the_signature_shows_every_keyword_that_is_not_the_drivers_own() -> None:
+def test_the_signature_shows_every_keyword_of_the_factory() -> None:
     taken = inspect.signature(factory_keywords).parameters
     shown = inspect.signature(Robot).parameters
     keywords = {name: one.default for name, one in taken.items() if one.kind is one.KEYWORD_ONLY}
@@ -138,7 +137,7 @@ def test_the_signature_shows_every_keyword_that_is_not_the_drivers_own() -> None
     assert {"approve", "guarded", "approve_within_s", "options"} <= set(shown)
 
 
-def test_dir_shows_what_is_public_and_what_a_robot_can_do() -> None:
+def test_dir_shows_the_public_names_and_the_verbs_of_a_robot() -> None:
     assert dir(strands_actors) == sorted({*strands_actors.__all__, "__version__"})
     for name in dir(strands_actors):
         assert getattr(strands_actors, name) is not None
@@ -147,13 +146,13 @@ def test_dir_shows_what_is_public_and_what_a_robot_can_do() -> None:
     assert "release_sport_mode" not in dir(Robot("so101"))
 
 
-def test_what_robot_returns_is_a_driver_of_the_page() -> None:
+def test_a_robot_is_a_hardware_driver_of_the_page() -> None:
     assert isinstance(Robot("so101"), HardwareDriver)
     assert not isinstance(object(), HardwareDriver)
 
 
 @pytest.mark.parametrize(("name", "keywords", "texts"), REFUSALS)
-def test_what_is_wrong_is_refused_with_what_would_do(
+def test_a_wrong_argument_is_refused_with_the_accepted_ones(
     name: str, keywords: dict[str, Any], texts: tuple[str, ...]
 ) -> None:
     with pytest.raises(ValueError) as refusal:
@@ -181,14 +180,14 @@ def test_what_a_simulation_would_ignore_is_refused(keywords: dict[str, Any]) -> 
     )
 
 
-def test_a_twin_is_made_of_a_simulation_of_the_same_robot() -> None:
+def test_a_twin_needs_a_simulation_of_the_same_robot() -> None:
     sim = Robot("so100")
-    with pytest.raises(ValueError, match=r"sim is a so100\. give a simulation of so101"):
+    with pytest.raises(ValueError, match=r"sim is a simulation of so100\. Give a simulation of so101"):
         Robot("so101", **TWIN, sim=sim)
     arm = Robot("so_arm100", **TWIN, sim=sim)
     assert arm.twin_process is sim.twin_process
     with pytest.raises(ValueError, match=r"sim is <Robot so100 \(so100, twin\)>"):
-        Robot("so100", **TWIN, sim=arm)  # its wire is taken
+        Robot("so100", **TWIN, sim=arm)  # the wire of the simulation is in use
 
 
 # -- the mode
@@ -196,7 +195,7 @@ def test_a_twin_is_made_of_a_simulation_of_the_same_robot() -> None:
 
 @pytest.fixture
 def plugged(monkeypatch: pytest.MonkeyPatch) -> list[SimpleNamespace]:
-    """The serial devices of this machine."""
+    """The serial devices that this machine reports."""
     devices: list[SimpleNamespace] = []
     monkeypatch.setattr(list_ports, "comports", lambda: devices)
     return devices
@@ -207,14 +206,14 @@ def bus_adapter(path: str) -> SimpleNamespace:
 
 
 def test_without_a_mode_a_robot_is_simulated(plugged: list[SimpleNamespace]) -> None:
-    plugged.append(bus_adapter("/dev/ttyACM0"))  # not even looked at
+    plugged.append(bus_adapter("/dev/ttyACM0"))  # it is ignored
     sim = Robot("so101")
     assert isinstance(sim, SimRobot)
     assert repr(sim) == "<Robot so101 (so101, sim)>"
     assert not isinstance(Robot("so101", **PORT), SimRobot)
 
 
-def test_auto_is_real_where_there_is_one_robot_to_be_real(plugged: list[SimpleNamespace]) -> None:
+def test_auto_is_real_where_exactly_one_robot_is_connected(plugged: list[SimpleNamespace]) -> None:
     def made(**keywords: Any) -> str:
         return repr(Robot("so101", "Auto", **keywords))
 
@@ -225,7 +224,7 @@ def test_auto_is_real_where_there_is_one_robot_to_be_real(plugged: list[SimpleNa
     plugged.append(bus_adapter("/dev/ttyACM0"))
     assert made() == "<Robot so101 (so101, /dev/ttyACM0)>"
     plugged.append(bus_adapter("/dev/ttyACM1"))
-    assert made() == "<Robot so101 (so101, sim)>"  # which of them?
+    assert made() == "<Robot so101 (so101, sim)>"  # with two devices the choice is ambiguous
     assert repr(Robot("ur5e", "auto")) == "<Robot ur5e (ur5e, sim)>"
     assert repr(Robot("ur5e", "auto", port="192.0.2.1")) == "<Robot ur5e (ur5e, 192.0.2.1)>"
 
@@ -246,7 +245,7 @@ def test_close_names_are_offered() -> None:
         ([], "serial devices here: none"),
     ],
 )
-def test_without_a_port_the_devices_there_are_are_named(
+def test_the_refusal_of_a_missing_port_names_the_serial_devices(
     plugged: list[SimpleNamespace], devices: list[SimpleNamespace], text: str
 ) -> None:
     plugged += devices
@@ -256,7 +255,7 @@ def test_without_a_port_the_devices_there_are_are_named(
         assert part in str(refusal.value)
 
 
-def test_a_robot_is_made_by_any_of_its_names_and_starts_nothing() -> None:
+def test_a_robot_can_be_made_by_any_of_its_names_and_starts_nothing() -> None:
     arm = Robot("so101_follower", mode="REAL", port="/dev/nowhere", tool_name="left")
     assert (arm.tool_name, arm.name, arm.tool_type) == ("left", "left", "robot")
     assert repr(arm) == "<Robot left (so101, /dev/nowhere)>"
@@ -270,7 +269,7 @@ def test_a_robot_is_made_by_any_of_its_names_and_starts_nothing() -> None:
 
 
 class Lamp:
-    """All members, nothing behind them."""
+    """A driver class with all members, which do nothing."""
 
     PORT_KIND = "address"
     TRANSPORTS = ("usb",)
@@ -289,7 +288,7 @@ class Lamp:
     stop = stop_task = stream = nothing
 
 
-def test_a_class_of_the_users_is_run_as_a_tree_with_its_own_keywords() -> None:
+def test_a_users_driver_class_runs_as_a_tree_with_its_own_keywords() -> None:
     register_robot("lamp")
     register_native_driver("lamp", Lamp)
     lamp = Robot(
@@ -297,27 +296,30 @@ def test_a_class_of_the_users_is_run_as_a_tree_with_its_own_keywords() -> None:
     )
     assert isinstance(lamp, RealRobot)
     assert (lamp.tool_name, lamp.data_config, lamp.driver.axes) == ("left", "bright", ("brightness",))
-    given = {"tool_name": "left", "port": "192.0.2.7", "data_config": "bright"}
-    assert lamp.driver.config.keywords == given
+    expected = {"tool_name": "left", "port": "192.0.2.7", "data_config": "bright"}
+    assert lamp.driver.config.keywords == expected
     over_usb = Robot("lamp", mode="real", transport="usb")
     assert over_usb.driver.config.keywords == {"tool_name": "lamp", "transport": "usb"}
     for keywords, text in (
-        ({}, "Lamp has no simulation of lamp. use mode='real'"),
+        ({}, "Lamp has no simulation of lamp. Use mode='real'"),
         ({"mode": "real"}, "lamp needs 'port'"),
         ({"mode": "real", "prot": "x"}, r"no 'prot' \('prot' -> 'port'\?\). it takes cameras, data_config, port"),
         ({"mode": "real", "port": "x", "cameras": {"top": 0}}, "Lamp opens no cameras"),
-        ({"mode": "real", "transport": "twin"}, "Lamp has no twin of ours. give its port"),
+        ({"mode": "real", "transport": "twin"}, "no simulated robot for Lamp. Give the port"),
         ({"mode": "real", "transport": "smoke"}, "no transport 'smoke'. it offers usb"),
-        ({"mode": "real", "port": "x", "data_config": object()}, "data_config is .* which cannot be given to Lamp"),
+        (
+            {"mode": "real", "port": "x", "data_config": object()},
+            "data_config is .* which cannot be sent to the process of Lamp",
+        ),
         ({"mode": "real", "port": "x", "require_drill": "soon"}, "require_drill is 'soon'"),
     ):
         with pytest.raises(ValueError, match=text):
             Robot("lamp", **keywords)
 
 
-def test_a_class_registered_for_another_name_of_a_robot_of_ours_drives_it() -> None:
+def test_a_class_registered_for_an_alias_of_a_known_robot_drives_the_robot() -> None:
     with pytest.raises(
-        ValueError, match=r"koch_follower \(koch\) is already served by DynamixelDriver. pass overwrite"
+        ValueError, match=r"koch_follower \(koch\) already has the driver DynamixelDriver. Pass overwrite"
     ):
         register_native_driver("koch_follower", Lamp)
     register_native_driver("koch_follower", Lamp, overwrite=True)
@@ -329,7 +331,7 @@ def test_a_class_registered_for_another_name_of_a_robot_of_ours_drives_it() -> N
 
 
 @pytest.mark.parametrize("word", ["real", "REAL", " real "])
-def test_the_environment_says_what_auto_means(
+def test_the_environment_variable_decides_the_mode_auto(
     monkeypatch: pytest.MonkeyPatch, plugged: list[SimpleNamespace], word: str
 ) -> None:
     monkeypatch.setenv("STRANDS_ROBOT_MODE", word)
@@ -337,12 +339,12 @@ def test_the_environment_says_what_auto_means(
         Robot("so101", "auto")
     plugged.append(bus_adapter("/dev/ttyACM0"))
     assert repr(Robot("so101", "auto")) == "<Robot so101 (so101, /dev/ttyACM0)>"
-    assert repr(Robot("so101")) == "<Robot so101 (so101, sim)>", "a bare Robot() never goes to hardware"
+    assert repr(Robot("so101")) == "<Robot so101 (so101, sim)>", "without a mode, Robot() never uses hardware"
     monkeypatch.setenv("STRANDS_ROBOT_MODE", "sim")
     assert repr(Robot("so101", " Auto ")) == "<Robot so101 (so101, sim)>"
 
 
-def test_a_word_of_the_environment_that_is_none_is_ignored_and_told(
+def test_an_invalid_value_of_the_environment_variable_is_ignored_and_reported(
     monkeypatch: pytest.MonkeyPatch, plugged: list[SimpleNamespace], caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("STRANDS_ROBOT_MODE", "auto")

@@ -1,5 +1,6 @@
-"""One servo silent, late or garbling while the arm is in use (SAF-005): the other five do not
-suffer."""
+"""One servo is silent, late or sends unreadable answers while the arm is in use (SAF-005). The other five
+must not be affected.
+"""
 
 from __future__ import annotations
 
@@ -21,21 +22,23 @@ WINDOW_S = 1.5
 
 
 def rates(twin: Twin) -> dict[int, float]:
-    """Answers a second of each of the others, from now on."""
+    """Return the answers per second of each other servo from now on."""
     began_ns = time.monotonic_ns()
     time.sleep(WINDOW_S)
-    heard = replies(twin.log, began_ns, began_ns + round(WINDOW_S * 1e9))
-    return {servo: heard[servo] / WINDOW_S for servo in OTHERS}
+    counts = replies(twin.log, began_ns, began_ns + round(WINDOW_S * 1e9))
+    return {servo: counts[servo] / WINDOW_S for servo in OTHERS}
 
 
 def break_third(arm: RealRobot, twin: Twin, fault: str) -> None:
     twin.fault(f"{fault}:3")
-    until(lambda: "silent" in status(arm)["faults"].get("elbow_flex", ""), "the third servo is missed")
+    until(
+        lambda: "silent" in status(arm)["faults"].get("elbow_flex", ""), "the fault of the third servo is reported"
+    )
 
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_the_others_go_on(arm: RealRobot, twin: Twin, fault: str) -> None:
+def test_the_other_servos_continue(arm: RealRobot, twin: Twin, fault: str) -> None:
     normal = rates(twin)
     break_third(arm, twin, fault)
     seen = rates(twin)
@@ -53,9 +56,9 @@ def test_the_others_go_on(arm: RealRobot, twin: Twin, fault: str) -> None:
     assert state(arm) == "armed"
 
     twin.fault("ok:3")
-    until(lambda: "silent" not in status(arm)["faults"].get("elbow_flex", ""), "it is heard again")
-    if fault == "off":  # it had no supply, so its torque is off
-        until(lambda: "is limp" in (_refused(arm, {"elbow_flex": 5.0}) or ""), "its torque is looked at")
+    until(lambda: "silent" not in status(arm)["faults"].get("elbow_flex", ""), "the third servo answers again")
+    if fault == "off":  # its power was off, so its torque is off
+        until(lambda: "is limp" in (_refused(arm, {"elbow_flex": 5.0}) or ""), "its missing torque is reported")
         json_of(arm.stop())
         json_of(arm.resume())
     assert arm.send_action({"elbow_flex": 5.0})["status"] == "success"
@@ -69,7 +72,7 @@ def _refused(arm: RealRobot, action: dict[str, float]) -> str | None:
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", FAULTS)
-def test_stop_releases_five_and_names_the_sixth(arm: RealRobot, twin: Twin, fault: str) -> None:
+def test_stop_releases_five_servos_and_names_the_sixth(arm: RealRobot, twin: Twin, fault: str) -> None:
     arm.send_action({"shoulder_pan": 20.0})
     break_third(arm, twin, fault)
     stopped_ns = time.monotonic_ns()
@@ -82,16 +85,16 @@ def test_stop_releases_five_and_names_the_sixth(arm: RealRobot, twin: Twin, faul
     assert {servo: off.get(servo) for servo in OTHERS} == dict.fromkeys(OTHERS, 0)
 
     assert THIRD in why(answer)
-    told = answer["content"][1]["json"]
-    assert (told["stopped"], told["unconfirmed"]) == (False, ["elbow_flex"])
-    assert [name for name, motor in told["motors"].items() if motor["safe"]] == [
+    report = answer["content"][1]["json"]
+    assert (report["stopped"], report["unconfirmed"]) == (False, ["elbow_flex"])
+    assert [name for name, motor in report["motors"].items() if motor["safe"]] == [
         name for name in IDS if name != "elbow_flex"
     ]
     assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
     assert state(arm) == "unconfirmed"
 
     twin.fault("ok:3")
-    until(lambda: state(arm) == "disarmed", "it is heard again, and released")
+    until(lambda: state(arm) == "disarmed", "the third servo answers again and is released")
     assert torque_now(twin.log, stopped_ns) == dict.fromkeys(IDS.values(), 0)
     assert twin.log.setpoints_after_safe(stopped_ns) == 0
     json_of(arm.resume())
@@ -111,8 +114,8 @@ def test_an_arm_with_a_dead_servo_is_not_energised(arm: RealRobot, twin: Twin, f
     assert not twin.log.host("setpoint", resumed_ns)
 
 
-def test_a_goal_of_the_silent_joint_is_never_made_up(arm: RealRobot, twin: Twin) -> None:
-    """Commands to other joints send the last good target for it, or none."""
+def test_a_goal_of_the_silent_joint_is_never_invented(arm: RealRobot, twin: Twin) -> None:
+    """Commands to other joints send its last good target, or no target for it."""
     arm.send_action({"elbow_flex": 10.0})
     target = goals(until(lambda: twin.log.host("setpoint"), "a setpoint")[0])[3]
     break_third(arm, twin, "delayed")

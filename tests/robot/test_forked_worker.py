@@ -1,5 +1,6 @@
-"""SAF-018: a worker that a script forks keeps neither the script's name nor its robot alive: who
-comes next is the robot that an e-stop means. Read from the wire."""
+"""SAF-018: a worker process that a script has forked does not keep the script's name or robot. So an
+e-stop reaches the robot of the next script. The tests read the simulated robot's wire log.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from strands_actors.caller.processes.run_directory import Held, is_held, notes
+from strands_actors.caller.processes.run_directory import LockFile, is_running, notes
 from strands_actors.surfaces.mesh import estop
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, until
@@ -23,7 +24,7 @@ from .helpers import limps
 SCRIPT = """
 import multiprocessing, os, sys, time, warnings
 from strands_actors import Robot
-warnings.simplefilter("ignore")  # Python's own, of a fork beside threads: that is what this is about
+warnings.simplefilter("ignore")  # this script forks with threads on purpose
 arms = [Robot("so101", mode="real", port=port) for port in sys.argv[2:]]
 for arm in arms:
     while arm.connect_eagerly() is not None:
@@ -41,10 +42,10 @@ time.sleep(600)
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("how", ["cleanup", "killed"])
-def test_saf_018_a_forked_worker_that_lives_on_keeps_no_robots_name(
+def test_saf_018_a_forked_worker_that_still_runs_keeps_no_robots_name(
     how: str, twin: Twin, new_arm: NewArm, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Of two robots: each of its names is free."""
+    """With two robots, both of their names become free."""
     with (
         Twin("so101", tmp_path_factory.mktemp("second")) as second,
         subprocess.Popen(
@@ -60,7 +61,7 @@ def test_saf_018_a_forked_worker_that_lives_on_keeps_no_robots_name(
         try:
             if how == "killed":
                 script.kill()
-            until(lambda: not is_held("so101") and not is_held("so101-2"), "its names are free")
+            until(lambda: not is_running("so101") and not is_running("so101-2"), "the names are free")
             assert limps(twin.log)
             assert limps(second.log)
             assert not twin.log.host("setpoint", killed_ns + 10**9)
@@ -82,9 +83,9 @@ def test_saf_018_a_forked_worker_that_lives_on_keeps_no_robots_name(
             os.kill(worker, signal.SIGKILL)
 
 
-def test_what_was_let_go_of_is_let_go_of_once(tmp_path: Path) -> None:
-    """Its number may be another file's by then."""
-    held = Held(tmp_path / "x.lock")
+def test_a_second_close_of_a_lock_closes_no_other_file(tmp_path: Path) -> None:
+    """The number of the descriptor may belong to another file by then."""
+    held = LockFile(tmp_path / "x.lock")
     number = held.fd
     held.close()
     other = os.open(tmp_path / "y", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

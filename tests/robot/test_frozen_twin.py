@@ -1,4 +1,6 @@
-"""The robot itself freezes while it moves: everything still answers, and it comes back disarmed."""
+"""The robot freezes while it moves. All calls still return, and the robot is disarmed when it is
+connected again.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +33,16 @@ def status_time_s(arm: RealRobot) -> float:
     return time.monotonic() - began_s
 
 
-def test_status_goes_on_answering_and_says_that_the_robot_is_gone(arm: RealRobot, frozen: Twin) -> None:
+def test_status_still_answers_and_reports_that_the_robot_is_not_connected(arm: RealRobot, frozen: Twin) -> None:
     times_s = []
     deadline_s = time.monotonic() + 2.0
     while time.monotonic() < deadline_s:
         times_s.append(status_time_s(arm))
         time.sleep(0.02)
     assert max(times_s) < STATUS_S
-    told = status(arm)
-    assert told["connected"] is False
-    assert told["connect_error"]
+    reported = status(arm)
+    assert reported["connected"] is False
+    assert reported["connect_error"]
     assert not arm.is_connected
     assert "move: not connected" in why(arm.send_action({"shoulder_pan": 0.0}))
 
@@ -57,18 +59,21 @@ def test_stop_is_an_error_that_names_every_motor(arm: RealRobot, frozen: Twin, a
     assert status_time_s(arm) < STATUS_S
 
     frozen.go_on()
-    # Frozen too short for the link to count as lost, it still waits for a stop that is confirmed.
-    until(lambda: status(arm)["connected"] and state(arm) in ("disarmed", "unconfirmed"), "it is back")
+    # If the robot was frozen too briefly for a lost link, its stop is still unconfirmed.
+    until(
+        lambda: status(arm)["connected"] and state(arm) in ("disarmed", "unconfirmed"),
+        "the robot is connected again",
+    )
     json_of(arm.stop())
     assert state(arm) == "disarmed"
     assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
 
 
-def test_it_recovers_by_itself_disarmed_and_resumes_where_it_is(arm: RealRobot, frozen: Twin) -> None:
-    until(lambda: not status(arm)["connected"], "it is noticed")
+def test_a_frozen_robot_recovers_disarmed_and_resumes_at_its_position(arm: RealRobot, frozen: Twin) -> None:
+    until(lambda: not status(arm)["connected"], "the loss is reported")
     thawed_ns = time.monotonic_ns()
     frozen.go_on()
-    until(lambda: state(arm) == "disarmed", "it is back, disarmed")
+    until(lambda: state(arm) == "disarmed", "the robot is connected again, disarmed")
     safe = limps(frozen.log, thawed_ns)[0]
     json_of(arm.resume())
     assert frozen.log.setpoints_after_safe(safe.t_ns) == 0

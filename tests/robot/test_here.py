@@ -1,5 +1,6 @@
-"""A script's thread asks the gate itself, past the loop of its process, and it means what it means
-by way of it."""
+"""A thread of the script sends a command directly to the gate, without the event loop of its process. The
+result is the same as through the loop.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +26,12 @@ from .conftest import NewArm
 from .helpers import far
 
 HELD_UP_S = 0.5
-"""Less than the lease lives without heartbeats of the loop."""
+"""Shorter than the time that a lease lives without heartbeats from the loop."""
 
 
 @contextmanager
 def no_loop() -> Iterator[None]:
-    """The process's loop can do nothing."""
+    """Block the event loop of this process."""
     over, begun = threading.Event(), threading.Event()
 
     async def hold() -> None:
@@ -45,7 +46,7 @@ def no_loop() -> Iterator[None]:
         over.set()
 
 
-def test_a_loop_that_is_held_up_holds_up_no_command(arm: RealRobot, twin: Twin) -> None:
+def test_a_blocked_event_loop_delays_no_command(arm: RealRobot, twin: Twin) -> None:
     target = far(arm)
     with no_loop():
         began_s = time.monotonic()
@@ -56,10 +57,10 @@ def test_a_loop_that_is_held_up_holds_up_no_command(arm: RealRobot, twin: Twin) 
     assert sent["commanded"] == {"shoulder_pan": pytest.approx(target, abs=0.2)}
     assert set(seen) == set(arm.driver.axes)
     assert took_s < HELD_UP_S / 2
-    until(lambda: bool(twin.log.host("setpoint", since_ns)), "it is on the wire")
+    until(lambda: bool(twin.log.host("setpoint", since_ns)), "the setpoint is on the wire")
 
 
-def test_what_is_refused_is_refused_in_the_same_words(arm: RealRobot) -> None:
+def test_a_refusal_has_the_same_text_as_through_the_loop(arm: RealRobot) -> None:
     with no_loop():
         unknown = why(arm.send_action({"elbow": 1.0}))
     assert "elbow" in unknown
@@ -68,9 +69,10 @@ def test_what_is_refused_is_refused_in_the_same_words(arm: RealRobot) -> None:
     assert by_loop.text in unknown
 
 
-def test_after_a_stop_nothing_is_moved_and_after_resume_it_is(arm: RealRobot, twin: Twin) -> None:
-    """The lease that the thread knows is stale both times: the loop takes it anew, or is told why
-    not."""
+def test_a_command_after_a_stop_is_refused_and_after_resume_it_is_accepted(arm: RealRobot, twin: Twin) -> None:
+    """Both times the thread's lease is stale. The loop acquires a new one, or gets the reason of the
+    refusal.
+    """
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     arm.stop()
     stopped_ns = time.monotonic_ns()
@@ -82,7 +84,7 @@ def test_after_a_stop_nothing_is_moved_and_after_resume_it_is(arm: RealRobot, tw
         json_of(arm.send_action({"shoulder_pan": far(arm)}))
 
 
-def test_a_rollout_is_not_spoken_between(arm: RealRobot) -> None:
+def test_a_command_during_a_rollout_is_refused(arm: RealRobot) -> None:
     here = arm.get_observation()
     json_of(arm.run_policy(lambda _: here, duration=20.0))
     assert "stop_task()" in why(arm.send_action({"shoulder_pan": 0.0}))
@@ -90,20 +92,22 @@ def test_a_rollout_is_not_spoken_between(arm: RealRobot) -> None:
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
 
 
-def test_saf_006_a_stop_leaves_in_the_thread_that_calls_whatever_the_loop_does(arm: RealRobot, twin: Twin) -> None:
+def test_saf_006_a_stop_is_sent_by_the_calling_thread_even_if_the_loop_is_blocked(
+    arm: RealRobot, twin: Twin
+) -> None:
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     with no_loop():
         began_ns = time.monotonic_ns()
         stopping = threading.Thread(target=arm.stop)
         stopping.start()
-        until(lambda: twin.log.first_safe(began_ns) is not None, "it is safe")
+        until(lambda: twin.log.first_safe(began_ns) is not None, "the robot is safe")
         assert time.monotonic_ns() - began_ns < HELD_UP_S * 1e9 / 2
     stopping.join()
     assert twin.log.setpoints_after_safe(began_ns) == 0
 
 
-def test_a_thread_that_waits_is_woken_when_the_robot_is_cleaned_up(arm: RealRobot) -> None:
-    """Its question has reached a wire that does not answer any more."""
+def test_a_waiting_thread_returns_when_the_robot_is_cleaned_up(arm: RealRobot) -> None:
+    """Its command waits for the answer of a wire that is stopped."""
     wire = pids(arm)["wire"]
     answers: list[str] = []
     os.kill(wire, signal.SIGSTOP)
@@ -116,7 +120,7 @@ def test_a_thread_that_waits_is_woken_when_the_robot_is_cleaned_up(arm: RealRobo
 
 
 def in_child(ask: Callable[[], object]) -> Any:
-    """Return what a forked child answers."""
+    """Return the answer of a forked child."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -126,28 +130,30 @@ def in_child(ask: Callable[[], object]) -> Any:
             os._exit(0)
     os.close(writing)
     os.waitpid(child, 0)
-    with open(reading, "rb") as told:
-        return json.loads(told.read())
+    with open(reading, "rb") as answer:
+        return json.loads(answer.read())
 
 
-def test_saf_023_a_forked_child_takes_nothing_for_success(arm: RealRobot) -> None:
-    """Its handle is that of a robot of another process: it says so, who can, and which motors."""
+def test_saf_023_verbs_in_a_forked_child_return_errors(arm: RealRobot) -> None:
+    """The robot belongs to another process. The answers name that process, a command that stops the
+    robot, and the motors.
+    """
     verbs = ("cleanup", "release", "stop_task", "get_task_status", "resume")
 
     def ask() -> dict[str, Any]:
-        said = {verb: getattr(arm, verb)() for verb in verbs}
-        said["send_action"] = arm.send_action({"shoulder_pan": 0.0})
-        return {**said, "seen": arm.get_observation(), "status": arm.get_status(), "tree": arm.tree()}
+        answers = {verb: getattr(arm, verb)() for verb in verbs}
+        answers["send_action"] = arm.send_action({"shoulder_pan": 0.0})
+        return {**answers, "seen": arm.get_observation(), "status": arm.get_status(), "tree": arm.tree()}
 
-    said = in_child(ask)
+    answers = in_child(ask)
     for verb in (*verbs, "send_action"):
-        assert said[verb]["status"] == "error", verb
-        text = said[verb]["content"][0]["text"]
+        assert answers[verb]["status"] == "error", verb
+        text = answers[verb]["content"][0]["text"]
         assert f"process {os.getpid()}, from which this one was forked, has the robot" in text
         assert f"`strands-actors stop {arm.name}`" in text
-    assert said["cleanup"]["content"][1]["json"]["unconfirmed"] == list(arm.driver.axes)
-    assert said["seen"] == {}
-    assert said["status"]["content"][0]["json"]["state"] == said["tree"]["state"] == "unreachable"
+    assert answers["cleanup"]["content"][1]["json"]["unconfirmed"] == list(arm.driver.axes)
+    assert answers["seen"] == {}
+    assert answers["status"]["content"][0]["json"]["state"] == answers["tree"]["state"] == "unreachable"
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
 
 
@@ -165,7 +171,7 @@ def test_saf_023_a_forked_child_can_stop_the_robot(arm: RealRobot, twin: Twin) -
 
 
 def test_two_threads_command_one_robot(arm: RealRobot) -> None:
-    """Neither is refused for the other's sake."""
+    """Neither thread is refused because of the other one."""
     here = arm.get_observation()["wrist_roll"]
     answers: list[str] = []
 
@@ -180,14 +186,17 @@ def test_two_threads_command_one_robot(arm: RealRobot) -> None:
     assert answers == ["success"] * 100
 
 
-def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, twin: Twin) -> None:
+def test_saf_001_no_command_is_sent_to_a_killed_wire(arm: RealRobot, twin: Twin) -> None:
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
     killed_ns = time.monotonic_ns()
     os.kill(pids(arm)["wire"], signal.SIGKILL)
     began_s = time.monotonic()
-    until(lambda: arm.send_action({"shoulder_pan": 0.0})["status"] == "error", "the end is known")
+    until(
+        lambda: arm.send_action({"shoulder_pan": 0.0})["status"] == "error",
+        "commands are refused after the end of the wire",
+    )
     assert time.monotonic() - began_s < 5.0
-    until(lambda: twin.log.first_safe(killed_ns) is not None, "it is safe")
+    until(lambda: twin.log.first_safe(killed_ns) is not None, "the robot is safe")
     assert twin.log.setpoints_after_safe(killed_ns) == 0
     resumed(arm)
     json_of(arm.send_action({"shoulder_pan": far(arm)}))
@@ -195,19 +204,21 @@ def test_saf_001_a_wire_that_is_killed_is_no_longer_spoken_to(arm: RealRobot, tw
         json_of(arm.send_action({"shoulder_pan": far(arm)}))
 
 
-def test_saf_002_a_command_to_a_frozen_wire_is_not_done_late(arm: RealRobot, twin: Twin) -> None:
-    """It waits in the socket of a process that stands still; that process never reads it."""
+def test_saf_002_a_command_to_a_frozen_wire_is_never_carried_out(arm: RealRobot, twin: Twin) -> None:
+    """The command waits in the socket of a stopped process. The root kills that process before it can
+    read it.
+    """
     wire, target = pids(arm)["wire"], far(arm)
     frozen_ns = time.monotonic_ns()
     os.kill(wire, signal.SIGSTOP)
     refusal = why(arm.send_action({"shoulder_pan": target}))
     assert "move:" in refusal
-    until(lambda: twin.log.first_safe(frozen_ns) is not None, "it is safe")
+    until(lambda: twin.log.first_safe(frozen_ns) is not None, "the robot is safe")
     assert not twin.log.host("setpoint", frozen_ns)
-    until(lambda: not os.path.exists(f"/proc/{wire}"), "it was fenced")
+    until(lambda: not os.path.exists(f"/proc/{wire}"), "the wire was fenced")
 
 
-def test_a_robot_that_was_cleaned_up_says_so(twin: Twin, new_arm: NewArm) -> None:
+def test_the_refusal_of_a_cleaned_up_robot_says_so(twin: Twin, new_arm: NewArm) -> None:
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None
     arm.cleanup()
@@ -215,12 +226,12 @@ def test_a_robot_that_was_cleaned_up_says_so(twin: Twin, new_arm: NewArm) -> Non
     assert arm.get_observation() == {}
 
 
-def test_a_service_goes_past_the_loop_and_is_refused_by_it_when_it_must_be() -> None:
+def test_a_service_is_sent_without_the_loop_and_refused_through_it() -> None:
     with Robot("so101") as sim:
         with no_loop():
             first = json_of(sim.step(10))["sim_time_s"]
             assert json_of(sim.step(10))["sim_time_s"] >= first + 0.02
         assert "0" in why(sim.step(0))
         sim.stop()
-        stepped = json_of(sim.step(5))  # with a lease taken anew: physics passes, whoever is limp
+        stepped = json_of(sim.step(5))  # with a new lease; the physics is stepped although the robot is limp
         assert stepped["sim_time_s"] > first

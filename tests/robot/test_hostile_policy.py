@@ -1,5 +1,6 @@
-"""SAF-017: a policy process speaks for itself alone, whatever its frames say. Read from the
-wire."""
+"""SAF-017: a policy process has only the rights of its channel, whatever its frames contain. The tests
+read the simulated robot's wire log.
+"""
 
 from __future__ import annotations
 
@@ -30,14 +31,15 @@ from .hostile import FAR, Hostile
 
 LONG_S = 60.0
 BOUND_S = 1.0
-"""Far above what is published, for a busy machine."""
+"""Much longer than the published bound, because the machine may be busy."""
 LOOK_S = 1.0
-"""In which a hostile policy has tried some dozen times."""
+"""Seconds in which a hostile policy makes a dozen attempts."""
 
 
 def attack(arm: RealRobot, how: str, **options: Any) -> None:
-    """Start the policy where the arm is far from ``FAR``, and wait until it writes and has
-    begun."""
+    """Start a hostile policy while the arm is far from ``FAR``. Wait until it sends setpoints and its
+    attack has begun.
+    """
     json_of(arm.send_action({"shoulder_pan": 0.0}))
     at(arm, "shoulder_pan", 0.0)
     where = f"{Hostile.__module__}:{Hostile.__qualname__}"
@@ -47,7 +49,7 @@ def attack(arm: RealRobot, how: str, **options: Any) -> None:
 
 
 def farthest(twin: Twin, since_ns: int) -> float:
-    """Degrees from the middle: the farthest goal of the base joint on the wire."""
+    """Return the goal of the base joint on the wire that is farthest from the middle, in degrees."""
     seen = [goals(entry).get(IDS["shoulder_pan"]) for entry in twin.log.host("setpoint", since_ns)]
     return max((abs(goal - 2048) / COUNTS_PER_DEGREE for goal in seen if goal is not None), default=0.0)
 
@@ -56,7 +58,7 @@ def enabled(twin: Twin, since_ns: int) -> list[bytes]:
     return [entry.data for entry in twin.log.host("enable", since_ns)]
 
 
-def test_saf_017_an_estop_is_answered_by_the_wire_and_not_by_a_policy_that_calls_itself_the_gate(
+def test_saf_017_an_estop_is_answered_by_the_wire_and_not_by_a_policy_that_claims_the_gates_address(
     arm: RealRobot, twin: Twin
 ) -> None:
     attack(arm, "gate")
@@ -73,9 +75,7 @@ def test_saf_017_an_estop_is_answered_by_the_wire_and_not_by_a_policy_that_calls
     assert status(arm)["locked_by"] == "the button"
 
 
-def test_saf_017_the_end_of_a_tree_is_safe_beside_a_policy_that_calls_itself_the_gate(
-    arm: RealRobot, twin: Twin
-) -> None:
+def test_saf_017_a_tree_ends_safely_although_a_policy_claims_the_gates_address(arm: RealRobot, twin: Twin) -> None:
     attack(arm, "gate")
     began_ns = time.monotonic_ns()
     answer = json_of(arm.cleanup())
@@ -115,13 +115,13 @@ def test_saf_017_an_estop_ends_the_policy_process(arm: RealRobot) -> None:
     assert pid is not None
     (outcome,) = estop(by="the button", within_s=5.0)
     assert outcome.outcome == "safe"
-    until(lambda: not os.path.exists(f"/proc/{pid}"), "its process is gone")
+    until(lambda: not os.path.exists(f"/proc/{pid}"), "the policy's process has ended")
     ended = task_ended(arm)
     assert ended["exit_reason"] == "stop", ended
 
 
-def test_a_named_policy_may_do_what_it_has_to(arm: RealRobot, twin: Twin) -> None:
-    """Nothing that a policy needs is refused: it writes, ends, and gives the robot back held."""
+def test_a_named_policy_may_do_all_that_a_policy_needs(arm: RealRobot, twin: Twin) -> None:
+    """It sends setpoints, ends, and leaves the robot in a hold."""
     began_ns = time.monotonic_ns()
     json_of(arm.start_task("wave", policy_provider="sine", duration=0.5))
     assert task_ended(arm)["exit_reason"] == "duration"
@@ -137,18 +137,21 @@ def ask(node: Node, to: str, actor: type[Actor], message: Message) -> Message | 
 
 
 @pytest.mark.usefixtures("arm")
-def test_saf_017_what_the_wire_reports_counts_over_its_own_link_alone() -> None:
-    """Not from the tree's caller, nor from whoever joins the mesh of this user."""
-    at = addresses.of("so101")
+def test_saf_017_the_wires_reports_count_only_over_its_own_link() -> None:
+    """They are refused from the tree's caller and from programs on this user's mesh."""
+    addresses_of_tree = addresses.of("so101")
     forged = SafeDone(StopReport(Reason.STOP, "limp", 99, True, ()))
 
     async def as_visitor() -> list[Message | None]:
         async with directory.join() as joined:
             await joined.tree(joined.notes[0])
-            reports = ((at.guardian, Guardian, StateIs("disarmed", 99, "", "forged")), (at.gate, Gate, forged))
+            reports = (
+                (addresses_of_tree.guardian, Guardian, StateIs("disarmed", 99, "", "forged")),
+                (addresses_of_tree.gate, Gate, forged),
+            )
             return [await joined._ask(to, actor, message, 5.0) for to, actor, message in reports]
 
     answers = portal().call(as_visitor)
-    answers.append(ask(portal().node, at.guardian, Guardian, StateIs("disarmed", 99, "", "forged")))
-    answers.append(ask(portal().node, at.gate, Gate, forged))
+    answers.append(ask(portal().node, addresses_of_tree.guardian, Guardian, StateIs("disarmed", 99, "", "forged")))
+    answers.append(ask(portal().node, addresses_of_tree.gate, Gate, forged))
     assert [answer.code for answer in answers if isinstance(answer, Refused)] == ["channel"] * 4

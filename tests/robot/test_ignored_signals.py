@@ -1,5 +1,6 @@
-"""A script that ignores the ends of its children, as a shell's `trap "" CHLD` hands down (SAF-003): its
-tree sees that a process dies all the same. Read from the wire."""
+"""A script that ignores the signals of its children's ends, like one under a shell's `trap "" CHLD`
+(SAF-003). Its tree must still detect the end of a process. The tests read the simulated robot's wire log.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ sys.stdin.readline()
 
 
 @pytest.mark.parametrize("victim", ["wire", "standby"])
-def test_saf_003_the_end_of_a_process_is_seen_by_who_ignores_it(twin: Twin, victim: str) -> None:
+def test_saf_003_the_end_of_a_process_is_detected_although_the_script_ignores_it(twin: Twin, victim: str) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", SCRIPT, twin.port, victim],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
@@ -49,10 +50,10 @@ def test_saf_003_the_end_of_a_process_is_seen_by_who_ignores_it(twin: Twin, vict
             if victim == "wire":
                 assert until(lambda: limps(twin.log, killed_ns), "the root has released the arm")
             print("go on", file=script.stdin, flush=True)
-            assert script.stdout.readline() == "resumed\n", "another process has taken its place"
+            assert script.stdout.readline() == "resumed\n", "a new process replaces the killed one"
             ended_ns = time.monotonic_ns()
             print("end", file=script.stdin, flush=True)
             assert script.wait(30) == 0
-            assert until(lambda: limps(twin.log, ended_ns), "it is released at the end")
+            assert until(lambda: limps(twin.log, ended_ns), "the arm is released at the end")
         finally:
             script.kill()

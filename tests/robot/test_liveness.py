@@ -1,4 +1,4 @@
-"""Whether the thread that commands still answers, from what it computes and when it calls."""
+"""Liveness decides whether the commanding thread still responds, from its processor time and its calls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import time
 import pytest
 
 from strands_actors.caller.session.liveness import Liveness
-from strands_actors.kernel.health.processor import Standing
+from strands_actors.kernel.health.processor import ProcessorUse
 
 
 def spin(for_s: float) -> None:
@@ -19,7 +19,7 @@ def spin(for_s: float) -> None:
         pass
 
 
-def test_a_thread_that_waits_answers_now() -> None:
+def test_a_thread_that_waits_responds_now() -> None:
     liveness = Liveness()
     liveness.look()
     time.sleep(0.1)
@@ -28,14 +28,14 @@ def test_a_thread_that_waits_answers_now() -> None:
     assert 0.0 <= answered_ago_s < 0.05
 
 
-def test_a_thread_that_only_computes_does_not() -> None:
+def test_a_thread_that_only_computes_does_not_respond() -> None:
     liveness = Liveness()
     liveness.look()
     spin(0.1)
     assert liveness.look() == (True, -1.0)
 
 
-def test_a_thread_that_called_and_then_computes_answered_when_it_called() -> None:
+def test_a_thread_that_computes_since_its_call_responded_at_the_time_of_the_call() -> None:
     liveness = Liveness()
     liveness.look()
     liveness.enter()
@@ -49,8 +49,8 @@ def test_a_thread_that_called_and_then_computes_answered_when_it_called() -> Non
     assert liveness.look() == (True, -1.0)
 
 
-def test_a_thread_inside_a_verb_answers() -> None:
-    """It waits for us; what the interpreter does for it meanwhile is not its own."""
+def test_a_thread_inside_a_verb_responds() -> None:
+    """It waits for the library. Processor time of the thread does not count meanwhile."""
     liveness = Liveness()
     liveness.look()
     liveness.enter()
@@ -58,20 +58,21 @@ def test_a_thread_inside_a_verb_answers() -> None:
     assert liveness.look() == (True, 0.0)
 
 
-def test_a_thread_that_could_not_compute_because_we_stood_in_line_with_the_lock_did_not_sleep(
+def test_a_thread_without_the_interpreters_lock_does_not_count_as_sleeping(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """On a machine whose processors are taken: the thread that spins waits for the interpreter's
-    lock, which looks like sleep, and we, who have it, wait for a processor."""
+    """On a busy machine, a spinning thread waits for the interpreter's lock, which looks like sleep. The
+    measuring thread has the lock and waits for a processor.
+    """
     began_ns = time.monotonic_ns()
     own = threading.get_native_id()
 
-    def told(pid: int, thread: int | None = None) -> Standing:
+    def reported(pid: int, thread: int | None = None) -> ProcessorUse:
         passed_ns = time.monotonic_ns() - began_ns
         waited_ns = passed_ns * 8 // 10 if thread == own else 0
-        return Standing(passed_ns // 10, waited_ns, True)
+        return ProcessorUse(passed_ns // 10, waited_ns, True)
 
-    monkeypatch.setattr("strands_actors.caller.session.liveness.standing", told)
+    monkeypatch.setattr("strands_actors.caller.session.liveness.processor_use", reported)
     liveness = Liveness()
     liveness.look()
     time.sleep(0.05)
@@ -93,7 +94,7 @@ os.wait()
 """
 
 
-def test_a_forked_process_that_only_computes_does_not_answer_either() -> None:
-    """The number of its main thread is its own, not that of the process it was forked from."""
+def test_a_forked_process_that_only_computes_does_not_respond() -> None:
+    """The main thread of a forked process has another number than in its parent."""
     done = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True, check=True)
     assert done.stdout == "(True, -1.0)"

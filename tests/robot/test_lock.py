@@ -1,5 +1,6 @@
-"""SAF-018: an e-stop's lock outlives the tree it was put on. Read from the wire, and from who
-asks."""
+"""SAF-018: the lock of an e-stop outlives its tree. The tests read the simulated robot's wire log and the
+answers of the verbs.
+"""
 
 from __future__ import annotations
 
@@ -35,21 +36,19 @@ def press() -> None:
 
 
 def is_locked(arm: RealRobot, twin: Twin, since_ns: int) -> None:
-    """Connected, disarmed, and nothing gets through."""
+    """Check that the robot is connected and disarmed, and that it refuses commands."""
     problem = arm.connect_eagerly() or ""
     assert BY in problem
     assert "resume()" in problem
-    told = status(arm)
-    assert (told["state"], told["connected"], told["locked_by"]) == ("disarmed", True, BY)
-    assert told["locked_since"] and told["locked_since"] in problem
+    reported = status(arm)
+    assert (reported["state"], reported["connected"], reported["locked_by"]) == ("disarmed", True, BY)
+    assert reported["locked_since"] and reported["locked_since"] in problem
     assert BY in why(arm.send_action({"shoulder_pan": 5.0}))
     assert not twin.log.host("setpoint", since_ns)
     assert not twin.log.host("enable", since_ns)
 
 
-def test_saf_018_a_script_that_is_started_again_finds_its_robot_locked(
-    arm: RealRobot, twin: Twin, new_arm: NewArm
-) -> None:
+def test_saf_018_a_restarted_script_finds_its_robot_locked(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
     json_of(arm.send_action({"shoulder_pan": 5.0}))
     press()
     arm.cleanup()
@@ -59,7 +58,7 @@ def test_saf_018_a_script_that_is_started_again_finds_its_robot_locked(
     json_of(second.resume())
     json_of(second.send_action({"shoulder_pan": 5.0}))
     second.cleanup()
-    assert new_arm(port=twin.port).connect_eagerly() is None, "it was lifted for good"
+    assert new_arm(port=twin.port).connect_eagerly() is None, "the lock was lifted for later trees too"
 
 
 def test_saf_018_another_name_on_the_port_is_locked_too(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
@@ -77,7 +76,7 @@ def test_saf_018_the_name_on_another_port_is_locked_too(
         is_locked(new_arm(port=second.port), second, 0)
 
 
-def test_saf_018_another_robot_is_not(
+def test_saf_018_a_robot_of_another_name_on_another_port_is_not_locked(
     arm: RealRobot, new_arm: NewArm, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     press()
@@ -86,10 +85,8 @@ def test_saf_018_another_robot_is_not(
         assert new_arm(port=second.port, tool_name="third").connect_eagerly() is None
 
 
-def test_saf_018_a_lock_that_was_put_on_without_the_wire_outlives_the_tree(
-    arm: RealRobot, twin: Twin, new_arm: NewArm
-) -> None:
-    """The wire was frozen: the root fenced it, and keeps the lock."""
+def test_saf_018_a_lock_by_the_root_outlives_the_tree(arm: RealRobot, twin: Twin, new_arm: NewArm) -> None:
+    """The wire was frozen, so the root fenced it and wrote the lock."""
     os.kill(pids(arm)["wire"], signal.SIGSTOP)
     (outcome,) = estop(by=BY, within_s=5.0)
     assert outcome.locked
@@ -101,27 +98,27 @@ def test_saf_018_the_root_dies_with_the_script_and_the_lock_stays(
     arm: RealRobot, twin: Twin, new_arm: NewArm
 ) -> None:
     press()
-    known = pids(arm)
+    processes = pids(arm)
     for role in ("root", "wire"):
-        os.kill(known[role], signal.SIGKILL)
+        os.kill(processes[role], signal.SIGKILL)
     arm.cleanup()
     is_locked(new_arm(port=twin.port), twin, time.monotonic_ns())
 
 
-def test_saf_018_a_lock_that_cannot_be_kept_stops_all_the_same_and_is_reported(
+def test_saf_018_an_estop_whose_lock_cannot_be_written_still_stops_and_reports_it(
     twin: Twin, new_arm: NewArm, run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(run_dir / "data"))
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None
-    while not (run_dir / "data").is_file():  # the root, which writes there, may make it again meanwhile
+    while not (run_dir / "data").is_file():  # the root writes there, and may create the folder again meanwhile
         shutil.rmtree(run_dir / "data", ignore_errors=True)
         with contextlib.suppress(IsADirectoryError):
             (run_dir / "data").write_text("no directory can be made here")
     began_ns = time.monotonic_ns()
     (outcome,) = estop(by=BY, within_s=5.0)
     assert outcome.outcome == "safe"
-    assert outcome.note.startswith("the lock ends with this tree: ")
+    assert outcome.note.startswith("the lock is lost when the robot's processes end: ")
     assert limps(twin.log, began_ns)
     assert BY in why(arm.send_action({"shoulder_pan": 5.0}))
 
@@ -138,7 +135,7 @@ def test_saf_018_a_simulation_is_locked_by_its_name(new_arm: NewArm) -> None:
 
 
 class SlowDisk(Feetech):
-    """Whose root has a disk that takes its time."""
+    """A driver whose root has a slow disk."""
 
     def preload(self) -> None:
         super().preload()
@@ -147,20 +144,20 @@ class SlowDisk(Feetech):
 
 @pytest.fixture
 def slow_disk() -> Iterator[type[Driver]]:
-    """Served as an so101, for this test."""
+    """Register the slow driver as so101 during this test."""
     before = get_native_driver_class("so101")
     assert before is not None
     yield SlowDisk
     register_native_driver("so101", before, overwrite=True)
 
 
-def test_saf_018_a_tree_that_ends_keeps_its_lock_first(
+def test_saf_018_a_tree_writes_its_lock_before_it_ends(
     slow_disk: type[Driver], strands_robot: Callable[..., tuple[RealRobot, Twin]], strands_run_dir: Path
 ) -> None:
     arm, _ = strands_robot("so101", driver=slow_disk)
     with ThreadPoolExecutor() as thread:
         pressed = thread.submit(estop, by=BY, within_s=5.0)
-        until(lambda: status(arm)["locked_by"], "it is locked")
+        until(lambda: status(arm)["locked_by"], "the robot is locked")
         arm.cleanup()
         pressed.result()
     assert Locks(strands_run_dir / "data" / "locks", "so101").find() is not None

@@ -1,4 +1,4 @@
-"""What MuJoCo itself loads, loads here: the same joints, limits, masses and motion."""
+"""A model file that MuJoCo loads also loads here, with the same joints, limits, masses and motion."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def written(folder: Path, text: str, name: str = "two.urdf") -> Path:
 
 
 def motion(model: Any, joint: str, pushed: float) -> list[float]:
-    """Where a joint is when it was pushed for a second, without motors."""
+    """Return the positions of a joint that is pushed for a second, without motors."""
     data = mujoco.MjData(model)
     model.opt.timestep, model.opt.integrator = 0.002, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     seen = []
@@ -91,18 +91,18 @@ def motion(model: Any, joint: str, pushed: float) -> list[float]:
 
 
 @pytest.mark.parametrize("case", LOADED)
-def test_what_mujoco_loads_loads_with_the_same_joints_masses_and_motion(folder: Path, case: str) -> None:
+def test_a_model_that_mujoco_loads_has_the_same_joints_masses_and_motion(folder: Path, case: str) -> None:
     file = written(folder, LOADED[case])
     own = mujoco.MjModel.from_xml_path(str(file))
     read = read_model(file).spec.compile()
-    names = [own.joint(at).name for at in range(own.njnt)]
-    assert names == [read.joint(at).name for at in range(read.njnt)]
+    names = [own.joint(index).name for index in range(own.njnt)]
+    assert names == [read.joint(index).name for index in range(read.njnt)]
     np.testing.assert_allclose(read.jnt_range, own.jnt_range)
     np.testing.assert_allclose(read.dof_M0, own.dof_M0, rtol=1e-9)
     np.testing.assert_allclose(read.dof_damping, own.dof_damping)
     assert read.neq == own.neq
     assert read.body_subtreemass[read.body("arm").id] == pytest.approx(own.body_subtreemass[own.body("arm").id])
-    read.body_gravcomp[:] = 0.0  # the model has no motors: its gravity is made up for
+    read.body_gravcomp[:] = 0.0  # the model has no motors, so its gravity is compensated
     read.actuator_gainprm[:], read.actuator_biasprm[:] = 0.0, 0.0
     np.testing.assert_allclose(motion(read, "lift", 2.0), motion(own, "lift", 2.0), atol=1e-6)
 
@@ -116,9 +116,7 @@ def test_what_mujoco_loads_loads_with_the_same_joints_masses_and_motion(folder: 
         ("pointer", r"meshes/pointer\.stl of link arm \(.*pointer\.stl is a git-lfs pointer.*git lfs pull"),
     ],
 )
-def test_a_visual_that_is_left_out_is_named(
-    folder: Path, case: str, named: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_omitted_visual_is_named(folder: Path, case: str, named: str, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         ModelDriver.resolve("two", {"model": written(folder, LOADED[case])})
     assert len(caplog.messages) == 1 and re.search(named, caplog.messages[0]), caplog.messages
@@ -137,14 +135,14 @@ REFUSED: list[tuple[str, str, str]] = [
     ("two.xml", "<mujoco><asset><mesh name='m' file='meshes/pointer.stl'/></asset><worldbody><body><joint/>"
      "<geom type='mesh' mesh='m'/></body></worldbody></mujoco>", r"meshes/pointer\.stl is a git-lfs pointer"),
     ("two.xml", "<mujoco><asset><hfield name='h' nrow='60000' ncol='60000' size='1 1 1 1'/></asset></mujoco>",
-     "hfield 'h' has 60000 x 60000 cells. give at most"),
+     "hfield 'h' has 60000 x 60000 cells. Give at most"),
     ("two.xml", "<mujoco><asset><texture name='t' builtin='flat' width='60000' height='60000'/></asset></mujoco>",
      "texture 't' has 60000 x 60000 cells"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "text", "why"), REFUSED)
-def test_a_refused_model_is_named_with_the_users_file(folder: Path, name: str, text: str, why: str) -> None:
+def test_the_refusal_of_a_model_names_the_users_file(folder: Path, name: str, text: str, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         read_model(written(folder, text, name))
 
@@ -153,18 +151,18 @@ def test_a_mesh_is_found_in_its_package(tmp_path: Path) -> None:
     tetrahedron(tmp_path / "lifter_description" / "meshes" / "arm.stl", 0.2)
     (tmp_path / "lifter_description" / "urdf").mkdir()
     read = read_model(written(tmp_path / "lifter_description" / "urdf", URDF))
-    assert [left.mesh for left in read.left_out] == ["package://lifter_description/meshes/cover.dae"]
+    assert [left.mesh for left in read.omitted_visuals] == ["package://lifter_description/meshes/cover.dae"]
 
 
 def driven(read: Read) -> Plant:
     gains = [(joint.kp, joint.kv) for joint in read.joints]
     plant = Plant(read.spec, [joint.name for joint in read.joints], 30.0, (), gains=gains)
     for index in range(len(read.joints)):
-        plant.take(index, True)
+        plant.energise(index, True)
     return plant
 
 
-def test_base_and_first_link_of_a_urdf_pass_through_each_other_and_no_others(folder: Path) -> None:
+def test_only_base_and_first_link_of_a_urdf_do_not_collide(folder: Path) -> None:
     far = '<origin xyz="1 0 0"/>'
     text = urdf(base=BOX.format("collision", 0.2), arm=BOX.format("collision", 0.2)).replace(
         "</robot>",
@@ -173,16 +171,16 @@ def test_base_and_first_link_of_a_urdf_pass_through_each_other_and_no_others(fol
         '<limit lower="-3" upper="3" effort="30" velocity="2"/></joint></robot>',
     )
     plant = driven(read_model(written(folder, text)))
-    plant.aim(0, 0.7)
+    plant.set_simulation_target(0, 0.7)
     plant.step(2000)
     assert plant.position_rad[0] == pytest.approx(0.7, abs=0.01)
     excluded = [divmod(int(pair), 1 << 16) for pair in plant.model.exclude_signature]
     name = plant.model.body
-    assert [{name(one).name, name(other).name} for one, other in excluded] == [{"base", "arm"}]
+    assert [{name(first).name, name(second).name} for first, second in excluded] == [{"base", "arm"}]
 
 
-def test_a_scaled_general_actuator_reaches_what_was_asked(folder: Path) -> None:
-    """0..255 over 0..1.6 rad: the stiffness is that of ``biasprm``."""
+def test_a_scaled_general_actuator_reaches_its_target(folder: Path) -> None:
+    """0 to 255 correspond to 0 to 1.6 rad, and the stiffness comes from ``biasprm``."""
     text = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0" range="0 91.7"/>
       <geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" mass=".3"/></body></worldbody><actuator>
       <general joint="turn" ctrlrange="0 255" gainprm="0.2509" biasprm="0 -40 -4" biastype="affine" gear="2"/>
@@ -190,7 +188,7 @@ def test_a_scaled_general_actuator_reaches_what_was_asked(folder: Path) -> None:
     read = read_model(written(folder, text, "scaled.xml"))
     assert (read.joints[0].kp, read.joints[0].kv) == pytest.approx((160.0, 16.0))
     plant = driven(read)
-    plant.aim(0, 0.5)
+    plant.set_simulation_target(0, 0.5)
     plant.step(2000)
     assert plant.position_rad[0] == pytest.approx(0.5, abs=0.01)
 
@@ -200,7 +198,7 @@ def planes(model: Any) -> list[float]:
     return [float(model.geom_pos[geom, 2]) for geom in range(model.ngeom) if model.geom_type[geom] == kind]
 
 
-def test_a_model_without_a_floor_gets_one_that_carries_objects_and_leaves_its_links_alone(folder: Path) -> None:
+def test_a_model_without_a_floor_gets_one_that_carries_objects_and_does_not_touch_its_links(folder: Path) -> None:
     assert planes(read_model(written(folder, urdf(base=BOX.format("collision", 0.2)))).spec.compile()) == [-0.1]
     own = "<mujoco><worldbody><geom type='plane' size='1 1 1'/><body><joint/><geom size='.1'/></body>"
     own += "</worldbody></mujoco>"

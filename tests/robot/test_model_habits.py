@@ -1,4 +1,6 @@
-"""What people write in an MJCF: defaults, damping ratios, keyframes, orientations, names of ours."""
+"""Common contents of users' MJCF files: defaults, damping ratios, keyframes, orientations, and names that
+this package also uses.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,7 @@ def plant_of(model: Read, keyframe: str = "", *, held: bool = True) -> Plant:
     home = model.keyframes[keyframe] if keyframe else ()
     plant = Plant(model.spec, [joint.name for joint in model.joints], gains=gains, home_qpos=home)
     for index in range(len(model.joints)):
-        plant.take(index, held)
+        plant.energise(index, held)
     return plant
 
 
@@ -64,7 +66,7 @@ def test_a_models_own_servos_move_as_in_mujoco(tmp_path: Path, case: str) -> Non
     data = mujoco.MjData(own)
     gear = own.actuator_gear[0, 0]
     for index, target in enumerate((0.4, -0.3)):
-        plant.aim(index, target)
+        plant.set_simulation_target(index, target)
     data.ctrl[[own.actuator_trntype.size - 2, own.actuator_trntype.size - 1]] = 0.4 * gear, -0.3 * gear
     if case == "velocity beside":
         data.ctrl[:] = 0.4, -0.3, 0.0, 0.0
@@ -81,12 +83,12 @@ DEFAULTS = {
 
 
 @pytest.mark.parametrize("head", DEFAULTS.values(), ids=DEFAULTS)
-def test_a_main_default_of_motors_is_none_of_the_servos(tmp_path: Path, head: str) -> None:
+def test_a_main_default_of_motors_does_not_change_the_servos(tmp_path: Path, head: str) -> None:
     plant = plant_of(read(tmp_path, mjcf(AT_BOTH.format("motor", ""), head=head)))
-    plant.aim(0, 0.8)
-    plant.aim(1, -1.1)
+    plant.set_simulation_target(0, 0.8)
+    plant.set_simulation_target(1, -1.1)
     plant.step(1500)
-    assert plant.position_rad == pytest.approx((0.8, -1.1), abs=0.1)  # less what gravity bends
+    assert plant.position_rad == pytest.approx((0.8, -1.1), abs=0.1)  # gravity bends the arm a little
 
 
 EFFORTS = {
@@ -102,13 +104,13 @@ def test_an_actuator_that_only_pulls_has_an_effort(tmp_path: Path, actuator: str
     assert read(tmp_path, mjcf(actuator)).joints[0].effort == effort
 
 
-def test_an_unnamed_joint_takes_no_name_of_the_model(tmp_path: Path) -> None:
+def test_an_unnamed_joint_gets_no_name_that_the_model_uses(tmp_path: Path) -> None:
     text = mjcf(TWO_SERVOS, world=BOX + '<body><joint/><geom size=".1"/></body>')
-    found = read(tmp_path, text.replace('"one"', '"joint3"').replace('"two"', '"joint2"'))
-    assert [joint.name for joint in found.joints] == ["joint3", "joint2"]
+    model = read(tmp_path, text.replace('"one"', '"joint3"').replace('"two"', '"joint2"'))
+    assert [joint.name for joint in model.joints] == ["joint3", "joint2"]
 
 
-def test_ranges_of_an_attached_model_are_in_its_own_unit(tmp_path: Path) -> None:
+def test_ranges_of_an_attached_model_keep_its_own_unit(tmp_path: Path) -> None:
     part = mjcf(TWO_SERVOS, head='<compiler angle="radian"/>').replace('"-120 120"', '"-1.5 1.5"')
     (tmp_path / "part.xml").write_text(part)
     whole = """<mujoco><asset><model name="part" file="part.xml"/></asset><worldbody><body name="mount">
@@ -122,7 +124,7 @@ def test_ranges_of_an_attached_model_are_in_its_own_unit(tmp_path: Path) -> None
 KEYS = '<keyframe><key name="home" qpos=".5 .7 2 2 .1 0 0 0 1"/><key name="zero" ctrl="0 0"/></keyframe>'
 
 
-def test_a_keyframe_is_where_all_of_the_model_begins(tmp_path: Path) -> None:
+def test_the_whole_model_begins_at_its_keyframe(tmp_path: Path) -> None:
     model = read(tmp_path, mjcf(TWO_SERVOS, world=BOX, tail=KEYS))
     plant = plant_of(model, "home", held=False)
     assert plant.data.qpos.tolist() == [0.5, 0.7, 2.0, 2.0, 0.1, 0.0, 0.0, 0.0, 1.0]
@@ -140,9 +142,7 @@ BASES = {
 
 
 @pytest.mark.parametrize("words", BASES.values(), ids=BASES)
-def test_a_robot_is_put_there_whatever_its_file_says_of_its_orientation(
-    tmp_path: Path, words: Mapping[str, Any]
-) -> None:
+def test_a_robot_is_placed_for_any_orientation_in_its_file(tmp_path: Path, words: Mapping[str, Any]) -> None:
     text = mjcf(TWO_SERVOS, base=words["base"])
     if "framed" in words:
         text = text.replace("<worldbody>", '<worldbody><frame pos="0 2 0"><frame euler="0 90 0">')
@@ -151,14 +151,14 @@ def test_a_robot_is_put_there_whatever_its_file_says_of_its_orientation(
     before = plant.pose_of("second", (0.1, 0.2, 0.3))
     turn, place = np.array([0.5, 0.5, -0.5, 0.5]), np.array([0.0, 3.0, 1.0])
     Scenery(plant).place(place.tolist(), turn.tolist())
-    wanted, rotation = np.eye(4), np.zeros(9)
+    expected, rotation = np.eye(4), np.zeros(9)
     mujoco.mju_quat2Mat(rotation, turn)
-    wanted[:3, :3], wanted[:3, 3] = rotation.reshape(3, 3), place
-    wanted = wanted @ np.reshape(before, (4, 4), "F")
-    assert np.reshape(plant.pose_of("second", (0.1, 0.2, 0.3)), (4, 4), "F") == pytest.approx(wanted, abs=1e-9)
+    expected[:3, :3], expected[:3, 3] = rotation.reshape(3, 3), place
+    expected = expected @ np.reshape(before, (4, 4), "F")
+    assert np.reshape(plant.pose_of("second", (0.1, 0.2, 0.3)), (4, 4), "F") == pytest.approx(expected, abs=1e-9)
 
 
-def test_main_defaults_of_a_model_are_none_of_what_is_put_beside_it(tmp_path: Path) -> None:
+def test_main_defaults_of_a_model_do_not_change_added_objects(tmp_path: Path) -> None:
     head = """<default><geom contype="0" conaffinity="0" group="4" quat="0 1 0 0" condim="1"/>
       <joint damping="50"/><equality solref="1 1"/></default>"""
     plant = plant_of(read(tmp_path, mjcf(TWO_SERVOS, head=head)))
@@ -171,8 +171,8 @@ def test_main_defaults_of_a_model_are_none_of_what_is_put_beside_it(tmp_path: Pa
     assert plant.model.equality("one_jam").solref.tolist() == [0.02, 1.0]
 
 
-def test_a_models_own_camera_is_seen_by_its_name(tmp_path: Path) -> None:
-    """``front`` is also a view of ours, of the whole robot."""
+def test_a_camera_of_the_model_is_used_by_its_name(tmp_path: Path) -> None:
+    """``front`` is also the name of a built-in view of the whole robot."""
     camera = "".join(f'<camera name="{name}" pos="0 0 5" quat="0 1 0 0"/>' for name in ("front", "lens"))
     spec = read(tmp_path, mjcf(TWO_SERVOS, world=camera)).spec
     spec.compile()
@@ -185,7 +185,7 @@ def test_a_models_own_camera_is_seen_by_its_name(tmp_path: Path) -> None:
     assert front == lens != side
 
 
-def test_a_model_with_a_sky_a_ground_and_no_names_is_drawn(tmp_path: Path) -> None:
+def test_a_model_with_a_sky_and_a_ground_and_without_names_is_drawn(tmp_path: Path) -> None:
     head = """<asset><texture name="sky" type="skybox" builtin="flat" width="8" height="48"/>
       <texture name="ground" type="2d" builtin="flat" width="8" height="8"/>
       <material name="ground" texture="ground"/></asset>"""

@@ -1,5 +1,6 @@
-"""SAF-023 on a real tree: what nobody confirms is no success, whatever verb ends the motion. Read from
-the twin's wire log."""
+"""SAF-023 on a real tree: a motion that ends without a confirmation is not a success, for each verb. The
+tests read the twin's wire log.
+"""
 
 from __future__ import annotations
 
@@ -27,35 +28,33 @@ def moving(arm: RealRobot) -> int:
 
 
 @pytest.mark.parametrize("how", FAULTS)
-def test_saf_023_a_cleanup_that_nobody_confirms_names_every_motor(how: str, arm: RealRobot, twin: Twin) -> None:
+def test_saf_023_a_cleanup_without_confirmation_names_every_motor(how: str, arm: RealRobot, twin: Twin) -> None:
     root = moving(arm)
     twin.unplug()
     os.kill(root, FAULTS[how])
     answer = arm.cleanup()
     assert answer["status"] == "error"
     assert all(axis in why(answer) for axis in arm.driver.axes)
-    told = answer["content"][1]["json"]
-    assert told["stopped"] is False and told["unconfirmed"] == list(arm.driver.axes)
+    report = answer["content"][1]["json"]
+    assert report["stopped"] is False and report["unconfirmed"] == list(arm.driver.axes)
 
 
 @pytest.mark.parametrize("how", FAULTS)
-def test_saf_023_a_cleanup_whose_root_is_gone_is_confirmed_by_what_its_wire_notes(
+def test_saf_023_a_cleanup_without_a_root_is_confirmed_by_the_wires_report(
     how: str, arm: RealRobot, twin: Twin
 ) -> None:
     root, before_ns = moving(arm), time.monotonic_ns()
     os.kill(root, FAULTS[how])
     assert json_of(arm.cleanup())["stopped"] is True
-    assert limps(twin.log, before_ns), "it is on the wire"
+    assert limps(twin.log, before_ns), "limp is on the wire"
 
 
-def test_saf_023_a_cleanup_whose_root_and_wire_are_gone_is_confirmed_by_its_standby(
-    arm: RealRobot, twin: Twin
-) -> None:
+def test_saf_023_a_cleanup_without_root_and_wire_is_confirmed_by_the_standby(arm: RealRobot, twin: Twin) -> None:
     root, wire, before_ns = moving(arm), pids(arm)["wire"], time.monotonic_ns()
     for pid in (root, wire):
         os.kill(pid, signal.SIGKILL)
     assert json_of(arm.cleanup())["stopped"] is True
-    assert limps(twin.log, before_ns), "it is on the wire"
+    assert limps(twin.log, before_ns), "limp is on the wire"
 
 
 @pytest.mark.parametrize("verb", ["release", "stop_task", "stop"])
@@ -85,12 +84,12 @@ def test_saf_023_with_a_frozen_wire_no_verb_that_ends_motion_is_a_success_withou
     assert all(axis in why(answer) for axis in arm.driver.axes)
     tree = arm.tree()
     assert tree is not None and tree["state"] == "unreachable"
-    for role in ("root", "wire"):  # the root was ended by who got no answer
+    for role in ("root", "wire"):  # the caller ended the root after it got no answer
         with contextlib.suppress(ProcessLookupError):
             os.kill(members[role], signal.SIGKILL)
 
 
-def test_saf_023_a_task_that_has_ended_is_answered_by_what_its_robot_does(arm: RealRobot, twin: Twin) -> None:
+def test_saf_023_stop_task_after_the_end_of_a_task_reports_the_motors(arm: RealRobot, twin: Twin) -> None:
     json_of(arm.run_policy(lambda seen: [{"shoulder_pan": seen["shoulder_pan"]}], n_steps=3))
     until(lambda: not json_of(arm.get_task_status())["running"], "the task has ended")
     held = json_of(arm.stop_task())

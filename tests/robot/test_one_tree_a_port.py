@@ -1,5 +1,6 @@
-"""SAF-009: a robot on a network belongs to one tree, as one on a serial port does. Read from the
-wire."""
+"""SAF-009: a robot on a network belongs to one tree at a time, like one on a serial port. The tests read
+the simulated robot's wire log.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ import trio
 from strands_actors import Robot
 from strands_actors.caller.handle.real_robot import RealRobot
 from strands_actors.caller.processes import last_standby
-from strands_actors.caller.processes.port_claim import claim_port, place
+from strands_actors.caller.processes.port_claim import claim_port, port_identity
 from strands_actors.caller.processes.robot_processes import NotConnected
 from strands_actors.caller.processes.run_directory import Name, notes
 from strands_actors.caller.resolve.planning import plan
@@ -42,7 +43,7 @@ KINDS = {"earthrover": {"linear": 0.2}, "robotiq_2f85": {"gripper": 0.3}, "yahbo
 
 
 class Program:
-    """Another script, that wants the robot."""
+    """Another script that connects to the same robot."""
 
     def __init__(self, kind: str, port: str) -> None:
         self.process = subprocess.Popen(
@@ -54,7 +55,7 @@ class Program:
         )
 
     def __enter__(self) -> Program:
-        self.problem = self._said() or ""
+        self.problem = self._read() or ""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -64,12 +65,12 @@ class Program:
         assert self.process.stdin is not None
         self.process.stdin.write("move\n")
         self.process.stdin.flush()
-        return str(self._said())
+        return str(self._read())
 
-    def _said(self) -> str | None:
+    def _read(self) -> str | None:
         assert self.process.stdout is not None
-        said: str | None = json.loads(self.process.stdout.readline())
-        return said
+        line: str | None = json.loads(self.process.stdout.readline())
+        return line
 
 
 @pytest.fixture
@@ -83,7 +84,7 @@ def made() -> Iterator[list[RealRobot]]:
 def connected(kind: str, twin: Twin, made: list[RealRobot], name: str) -> RealRobot:
     robot = Robot(kind, mode="real", port=twin.port, tool_name=name)
     made.append(robot)
-    until(lambda: robot.connect_eagerly() is None, "it connects")
+    until(lambda: robot.connect_eagerly() is None, "the robot connects")
     return robot
 
 
@@ -105,19 +106,19 @@ def test_saf_009_a_second_script_does_not_get_a_robot_on_a_network(
         assert [note.robot for note in notes()] == ["a"]
         json_of(first.cleanup())
         with Program(kind, twin.port) as second:
-            assert second.problem == "", "it is free again"
+            assert second.problem == "", "the port is free again"
             assert second.move() == "success"
 
 
 @pytest.mark.long
-def test_saf_009_a_script_that_is_killed_and_started_again_gets_its_robot(
+def test_saf_009_a_killed_script_that_is_started_again_gets_its_robot(
     tmp_path: Path, made: list[RealRobot]
 ) -> None:
-    """Its root may still be there for a moment: it is waited for."""
+    """The root of the killed script may still run for a moment, and connect waits for its end."""
     with Twin("earthrover", tmp_path) as twin:
         first = Program("earthrover", twin.port)
         with first.process:
-            assert first._said() is None
+            assert first._read() is None
             assert first.move() == "success"
             first.process.send_signal(signal.SIGKILL)
             first.process.wait()
@@ -127,14 +128,14 @@ def test_saf_009_a_script_that_is_killed_and_started_again_gets_its_robot(
             assert again.connect_eagerly() is None
             json_of(again.send_action({"linear": 0.1}))
         kinds = [entry.kind for entry in twin.log.entries(killed_ns) if entry.kind in ("safe", "setpoint")]
-        assert "safe" in kinds[: kinds.index("setpoint")], "the old root first, then ours"
+        assert "safe" in kinds[: kinds.index("setpoint")], "the old root makes safe before the new tree writes"
 
 
 @pytest.mark.long
-def test_saf_009_a_robot_whose_root_is_gone_is_anybodys_though_its_script_goes_on(
+def test_saf_009_another_script_gets_a_robot_without_a_root_although_the_first_still_runs(
     tmp_path: Path, made: list[RealRobot]
 ) -> None:
-    """And the script's own resume() finds it taken."""
+    """Then resume() of the first script is refused, because the robot is in use."""
     with Twin("earthrover", tmp_path) as twin:
         first = connected("earthrover", twin, made, "a")
         os.kill(pids(first)["root"], signal.SIGKILL)
@@ -147,10 +148,12 @@ def test_saf_009_a_robot_whose_root_is_gone_is_anybodys_though_its_script_goes_o
         json_of(first.resume())
 
 
-def test_saf_009_the_standby_of_an_earlier_tree_is_waited_for_though_its_script_goes_on(
+def test_saf_009_connect_waits_for_the_standby_of_an_earlier_tree_although_its_script_runs(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whose script still has its name: that says nothing about who may write to the robot."""
+    """The earlier script still has the robot's name. The name does not decide which process may write to
+    the robot.
+    """
     monkeypatch.setattr(last_standby, "WAIT_S", 0.1)
     name = Name("a")
     life = os.open(run_dir / "a.standby.life", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -165,7 +168,7 @@ def test_saf_009_the_standby_of_an_earlier_tree_is_waited_for_though_its_script_
         name.release()
 
 
-def test_two_that_are_told_apart_at_one_address_keep_no_standby_from_each_other(
+def test_two_units_at_one_address_do_not_wait_for_each_others_standby(
     tmp_path: Path, made: list[RealRobot]
 ) -> None:
     """Two units behind one gateway, or an arm and its gripper."""
@@ -174,33 +177,41 @@ def test_two_that_are_told_apart_at_one_address_keep_no_standby_from_each_other(
         other = Robot("robotiq_2f85", mode="real", port=twin.port, tool_name="b", unit_id=8)
         made.append(other)
         problem = other.connect_eagerly()
-        assert problem is not None and "standby" not in problem, "the twin is unit 9 alone"
-        assert pids(made[0])["standby"], "and the first one goes on"
+        assert problem is not None and "standby" not in problem, "the twin answers only as unit 9"
+        assert pids(made[0])["standby"], "the first robot is not disturbed"
 
 
-def test_what_one_tree_at_a_time_may_have(tmp_path: Path) -> None:
+def test_the_place_of_a_robot_is_its_port_or_its_address_and_unit(tmp_path: Path) -> None:
     (tmp_path / "by-id").symlink_to("/dev/null")
     rover = plan("earthrover", "real", port="192.0.2.10")
-    assert place(rover) == place(plan("earthrover", "real", port="192.0.2.10", tool_name="other"))
-    assert place(plan("ur5e", "real", port="Arm.local")) == place(plan("ur10e", "real", port="arm.local"))
-    assert place(rover) != place(plan("earthrover", "real", port="192.0.2.11"))
+    assert port_identity(rover) == port_identity(plan("earthrover", "real", port="192.0.2.10", tool_name="other"))
+    assert port_identity(plan("ur5e", "real", port="Arm.local")) == port_identity(
+        plan("ur10e", "real", port="arm.local")
+    )
+    assert port_identity(rover) != port_identity(plan("earthrover", "real", port="192.0.2.11"))
     gripper, arm = plan("robotiq_2f85", "real", port="192.0.2.10"), plan("ur5e", "real", port="192.0.2.10")
-    assert place(gripper) != place(arm), "an arm and its gripper"
+    assert port_identity(gripper) != port_identity(arm), "an arm and its gripper"
     serial = plan("so101", "real", port="/dev/null")
-    assert place(serial) == place(replace(serial, port=str(tmp_path / "by-id"))) == "/dev/null"
-    assert place(serial) == place(plan("koch", "real", port="/dev/null")), "whoever drives it"
-    assert place(plan("reachy_mini", "real")) == place(plan("reachy_mini", "real", tool_name="other"))
-    assert place(plan("reachy_mini", "real")) != place(plan("reachy_mini", "real", port="192.0.2.10"))
+    assert port_identity(serial) == port_identity(replace(serial, port=str(tmp_path / "by-id"))) == "/dev/null"
+    assert port_identity(serial) == port_identity(plan("koch", "real", port="/dev/null")), (
+        "the driver does not matter"
+    )
+    assert port_identity(plan("reachy_mini", "real")) == port_identity(
+        plan("reachy_mini", "real", tool_name="other")
+    )
+    assert port_identity(plan("reachy_mini", "real")) != port_identity(
+        plan("reachy_mini", "real", port="192.0.2.10")
+    )
 
 
-def test_of_two_that_want_a_port_at_once_one_gets_it(run_dir: Path) -> None:
-    wanted = plan("earthrover", "real", port="192.0.2.10")
+def test_when_two_trees_claim_a_port_at_once_one_gets_it(run_dir: Path) -> None:
+    requested = plan("earthrover", "real", port="192.0.2.10")
 
     async def main() -> None:
-        held = await claim_port(wanted, "a")
+        held = await claim_port(requested, "a")
         with pytest.raises(NotConnected, match="in use by robot a"):
-            await claim_port(wanted, "b")
+            await claim_port(requested, "b")
         held.close()
-        (await claim_port(wanted, "b")).close()
+        (await claim_port(requested, "b")).close()
 
     trio.run(main)

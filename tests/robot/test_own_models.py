@@ -1,4 +1,4 @@
-"""A robot that is a model of its user's, MJCF or URDF: it moves and is drawn, without a network."""
+"""The user's own model, MJCF or URDF, as a robot: it moves and is drawn, without a network."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ New = Callable[..., SimRobot]
 
 @pytest.fixture
 def new(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[New]:
-    """Make a simulation; what was registered is forgotten."""
+    """Make a simulation. Registrations are undone afterwards."""
     list_robots()
     for name in ("_robots", "_aliases"):
         monkeypatch.setattr(drivers, name, getattr(drivers, name).copy())
@@ -42,7 +42,7 @@ def new(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[New]:
 
 
 def after(sim: SimRobot, steps: int) -> dict[str, float]:
-    """Where its joints are when so many steps have passed."""
+    """Return the joints' positions after so many steps."""
     position: dict[str, float] = json_of(sim.step(steps))["position"]
     return position
 
@@ -55,7 +55,7 @@ def test_a_registered_mjcf_moves_and_is_drawn(new: New, tmp_path: Path) -> None:
     assert after(sim, 1500) == pytest.approx({"turn": 1.0, "reach": 0.05}, abs=0.02)
     whole = sim.render(96, 72)
     assert whole.shape == (72, 96, 3) and whole.std() > 5
-    assert not np.array_equal(whole, sim.render(96, 72, "wrist")), "its own camera"
+    assert not np.array_equal(whole, sim.render(96, 72, "wrist")), "the model's own camera"
     assert "is not a joint" in why(sim.send_action({"hoist": 1.0})) or "hoist" in why(
         sim.send_action({"hoist": 1.0})
     )
@@ -64,7 +64,7 @@ def test_a_registered_mjcf_moves_and_is_drawn(new: New, tmp_path: Path) -> None:
     assert json_of(sim.reset())["position"] == pytest.approx({"turn": 0.0, "reach": 0.0}, abs=0.02)
 
 
-def test_one_whose_driver_is_still_to_be_registered_simulates(new: New, tmp_path: Path) -> None:
+def test_a_model_whose_driver_is_not_registered_yet_can_be_simulated(new: New, tmp_path: Path) -> None:
     register_robot("crane", model_xml=write_mjcf(tmp_path), hardware={"driver": "strands"})
     assert set(new("crane").get_observation()) == {"turn", "reach"}
     with pytest.raises(ValueError, match="crane has no native driver"):
@@ -78,7 +78,7 @@ def test_a_urdf_with_meshes_of_its_package_moves(new: New, tmp_path: Path) -> No
     assert sim.render(64, 48).std() > 5
 
 
-def test_a_robot_of_ours_may_be_simulated_by_a_model_of_ones_own(new: New, tmp_path: Path) -> None:
+def test_a_known_robot_can_be_simulated_by_the_users_model(new: New, tmp_path: Path) -> None:
     sim = new("so101", urdf_path=write_mjcf(tmp_path), keyframe="folded")
     assert sim.get_observation() == pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
     json_of(sim.send_action({"turn": 0.0}))
@@ -88,8 +88,8 @@ def test_a_robot_of_ours_may_be_simulated_by_a_model_of_ones_own(new: New, tmp_p
 
 @pytest.mark.long
 @pytest.mark.parametrize("robot", ["so101", "unitree_go2"])
-def test_where_it_stands_is_seen(new: New, robot: str) -> None:
-    """A camera of the scene that looks at the origin sees the robot there, and not beside it."""
+def test_the_position_of_a_robot_appears_in_its_picture(new: New, robot: str) -> None:
+    """A camera that looks at the origin shows the robot only if it stands there."""
 
     def seen(**keywords: Any) -> Any:
         sim = new(robot, tool_name=f"{robot}{len(keywords)}", **keywords)
@@ -103,8 +103,8 @@ def test_where_it_stands_is_seen(new: New, robot: str) -> None:
     assert np.abs(home - turned).mean() > 0.5
 
 
-def test_it_begins_at_its_keyframe_and_holds(new: New, tmp_path: Path) -> None:
-    """It neither falls before its first command, nor after a reset."""
+def test_a_simulation_starts_at_its_keyframe_and_holds_it(new: New, tmp_path: Path) -> None:
+    """It does not fall before its first command, nor after a reset."""
     (tmp_path / "arm.xml").write_text(HANGING)
     sim = new("arm", urdf_path=tmp_path / "arm.xml", keyframe="home", arm=False)
     assert sim.get_observation()["lift"] == pytest.approx(0.3, abs=0.02)
@@ -115,43 +115,43 @@ def test_it_begins_at_its_keyframe_and_holds(new: New, tmp_path: Path) -> None:
 
 WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"urdf_path": "no-such.xml"}, ValueError, "there is no model"),
-    ({"position": [1.0, 2.0]}, ValueError, r"position is \[1.0, 2.0\]. give 3 numbers"),
+    ({"position": [1.0, 2.0]}, ValueError, r"position is \[1.0, 2.0\]. Give 3 numbers"),
     ({"position": "here"}, ValueError, "position is 'here'"),
     ({"orientation": [0, 0, 0, 0]}, ValueError, "that is not zero"),
     ({"orientation": [1, 0, 0, float("nan")]}, ValueError, "give finite numbers"),
     ({"keyframe": "folded"}, ValueError, "so101 has 'home'"),
     ({"backend": "bullet"}, ValueError, "use one of 'mujoco', 'newton', 'isaac'"),
     ({"backend": "isaac"}, ImportError, r"pip install 'isaacsim\[all,extscache\]>=5,<6'"),
-    ({"mode": "real", "port": "x", "position": [0, 0, 1]}, TypeError, "position= are of a simulation"),
+    ({"mode": "real", "port": "x", "position": [0, 0, 1]}, TypeError, "only a simulation takes position="),
 ]
 
 
 @pytest.mark.parametrize(("keywords", "error", "text"), WRONG)
-def test_what_is_wrong_is_refused(keywords: dict[str, Any], error: type[Exception], text: str) -> None:
+def test_invalid_keywords_are_refused(keywords: dict[str, Any], error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=text):
         Robot("so101", **keywords)
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "told"),
+    ("file", "text", "message"),
     [
         ("arm.xml", "<mujoco><worldbody/></mujoco>", "has no joint that can be driven"),
-        ("arm.xml", "<mujoco><worldbdy/></mujoco>", "MuJoCo does not take it"),
-        ("arm.xml", MJCF, r"MuJoCo does not take it: .*hook\.stl"),
-        ("arm.urdf", "<robot", "is no XML"),
-        ("arm.urdf", "<sdf/>", "is no URDF or MJCF: it begins with <sdf>"),
+        ("arm.xml", "<mujoco><worldbdy/></mujoco>", "MuJoCo cannot read this model"),
+        ("arm.xml", MJCF, r"MuJoCo cannot read this model: .*hook\.stl"),
+        ("arm.urdf", "<robot", "is no valid XML"),
+        ("arm.urdf", "<sdf/>", "is no URDF or MJCF, since it begins with <sdf>"),
         ("arm.urdf", URDF.replace("visual>", "collision>"),
          r"link arm is 'package://lifter_description/meshes/arm\.stl': it is not there"),
         ("arm.xacro", URDF, "is a xacro. expand it first"),
     ],
 )  # fmt: skip
-def test_a_model_that_cannot_be_read_is_refused(tmp_path: Path, file: str, text: str, told: str) -> None:
+def test_a_model_that_cannot_be_read_is_refused(tmp_path: Path, file: str, text: str, message: str) -> None:
     (tmp_path / file).write_text(text)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=message):
         Robot("arm", urdf_path=tmp_path / file)
 
 
-def test_what_is_registered_is_checked(new: New, tmp_path: Path) -> None:
+def test_a_registered_model_is_checked(new: New, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"there is no file 'no-such\.xml'"):
         register_robot("crane", model_xml="no-such.xml")
     register_robot("crane", model_xml=write_mjcf(tmp_path))
@@ -164,7 +164,7 @@ def test_what_is_registered_is_checked(new: New, tmp_path: Path) -> None:
     assert Robot("crane", mode="auto").transport == "sim"
 
 
-# -- what is put around it
+# # -- objects, cameras and states
 
 
 @pytest.fixture
@@ -173,14 +173,14 @@ def arm(new: New) -> SimRobot:
 
 
 def rows_of(picture: Any, channel: int) -> Any:
-    """Where something of one colour is in a picture: rows from the top."""
-    others = [other for other in range(3) if other != channel]
+    """Return the rows, from the top of the picture, that contain a colour."""
+    others = [index for index in range(3) if index != channel]
     lit = (picture[..., channel] > 90) & (picture[..., others] < 60).all(axis=-1)
     return np.nonzero(lit)[0]
 
 
 @pytest.mark.long
-def test_objects_are_seen_fall_and_can_be_taken_away(arm: SimRobot) -> None:
+def test_objects_are_drawn_fall_and_can_be_removed(arm: SimRobot) -> None:
     json_of(arm.send_action({"shoulder_pan": 20.0}))
     json_of(arm.step(500))
     json_of(arm.add_camera("front", position=[1.2, 0.3, 0.2], target=[0.2, 0.3, 0.2], fov=50))
@@ -188,81 +188,81 @@ def test_objects_are_seen_fall_and_can_be_taken_away(arm: SimRobot) -> None:
     red = {"position": [0.2, 0.4, 0.4], "color": [1, 0, 0], "is_static": True}
     assert json_of(arm.add_object("red", **cube, **red)) == {"added": "red"}
     json_of(arm.add_object("blue", position=[0.2, 0.2, 0.4], color=[0, 0, 1, 1], **cube))
-    assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.0), "the arm goes on as it was"
+    assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.0), "the arm keeps its target"
     picture = arm.render(96, 72, "front").astype(int)
     high, low = rows_of(picture, 0), rows_of(picture, 2)
     assert len(high) > 4 and len(low) > 4
-    assert low.mean() > high.mean() + 15, "one is fixed, the other has fallen"
+    assert low.mean() > high.mean() + 15, "the red cube is fixed, and the blue one has fallen"
     json_of(arm.remove_object("red"))
     assert len(rows_of(arm.render(96, 72, "front").astype(int), 0)) < 3
     json_of(arm.send_action({"shoulder_pan": 0.0}))
-    until(lambda: abs(arm.get_observation()["shoulder_pan"]) < 1.5, "it still moves")
+    until(lambda: abs(arm.get_observation()["shoulder_pan"]) < 1.5, "the arm still moves")
 
 
-def test_a_saved_state_comes_back(arm: SimRobot) -> None:
+def test_a_saved_state_can_be_loaded(arm: SimRobot) -> None:
     json_of(arm.send_action({"shoulder_pan": 20.0}))
     json_of(arm.step(500))
     json_of(arm.save_state("before"))
     json_of(arm.send_action({"shoulder_pan": -30.0}))
     assert after(arm, 500)["shoulder_pan"] < -20.0
     assert json_of(arm.load_state("before"))["position"]["shoulder_pan"] == pytest.approx(20.0, abs=1.5)
-    assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.5), "no old target takes it away"
+    assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.5), "no earlier target moves the arm away"
 
 
-def test_a_camera_rides_on_a_link(arm: SimRobot) -> None:
+def test_a_camera_can_be_attached_to_a_link(arm: SimRobot) -> None:
     json_of(
         arm.add_camera("eye", position=[0, 0, 0.1], target=[0, 0, -0.1], width=48, height=36, parent_body="hand")
     )
     before = arm.render(camera="eye").astype(int)
-    assert before.shape == (36, 48, 3), "the size that the camera was given"
+    assert before.shape == (36, 48, 3), "the picture has the camera's size"
     json_of(arm.send_action({"shoulder_lift": 40.0, "wrist_roll": 60.0}))
     json_of(arm.step(800))
     assert np.abs(arm.render(48, 36, "eye").astype(int) - before).mean() > 2
 
 
 SCENE: list[tuple[str, dict[str, Any], str]] = [
-    ("add_object", {"name": "cube", "shape": "cone"}, "shape is 'cone'. use one of box, sphere"),
+    ("add_object", {"name": "cube", "shape": "cone"}, "shape is 'cone'. Use one of box, sphere"),
     ("add_object", {"name": "", "shape": "box"}, "the name is ''"),
-    ("add_camera", {"name": "wide", "width": 0}, "a picture of 0 x 480. give whole numbers above 0"),
+    ("add_camera", {"name": "wide", "width": 0}, "size is 0 x 480. Give width and height as whole numbers"),
     ("add_object", {"name": "hand"}, "there is a body 'hand' already"),
-    ("add_object", {"name": "cube", "mass": 0}, "mass is 0. give kilograms, above 0"),
+    ("add_object", {"name": "cube", "mass": 0}, "mass is 0. Give kilograms, above 0"),
     ("add_object", {"name": "cube", "mass": float("nan")}, "mass is nan"),
     ("add_object", {"name": "cube", "size": [0.1]}, "give 3 numbers"),
     ("add_object", {"name": "cube", "size": [0.1, 0.1, -1]}, "give metres, above 0"),
     ("add_object", {"name": "cube", "color": [2, 0, 0]}, "0 to 1"),
     ("add_object", {"name": "cube", "is_static": "no"}, "is_static is 'no'"),
-    ("add_object", {"name": "cup", "mesh_path": "no-such.stl"}, "there is no mesh"),
-    ("add_object", {"name": "cup", "shape": "mesh"}, "mesh_path= is the file of shape='mesh'"),
-    ("remove_object", {"name": "hand"}, "no object 'hand' was added here"),
+    ("add_object", {"name": "cup", "mesh_path": "no-such.stl"}, "there is no mesh file"),
+    ("add_object", {"name": "cup", "shape": "mesh"}, "shape='mesh' and mesh_path= belong together"),
+    ("remove_object", {"name": "hand"}, "no object 'hand' was added to this simulation"),
     ("add_camera", {"name": "c", "fov": 200}, "fov is 200"),
-    ("add_camera", {"name": "c", "position": [0, 0, 1], "target": [0, 0, 1]}, "stands at its target"),
-    ("add_camera", {"name": "c", "parent_body": "foot"}, "there is no body 'foot'. there are base, shoulder"),
-    ("load_state", {"name": "never"}, "no state 'never' was saved. there are none"),
+    ("add_camera", {"name": "c", "position": [0, 0, 1], "target": [0, 0, 1]}, "position is its target"),
+    ("add_camera", {"name": "c", "parent_body": "foot"}, "there is no body 'foot'. Use one of base, shoulder"),
+    ("load_state", {"name": "never"}, "no state 'never' was saved. saved states: none"),
 ]
 
 
-def test_what_cannot_be_put_there_is_refused_and_the_arm_goes_on(arm: SimRobot) -> None:
+def test_invalid_objects_cameras_and_states_are_refused_and_the_arm_still_moves(arm: SimRobot) -> None:
     for verb, keywords, text in SCENE:
         assert text in why(getattr(arm, verb)(**keywords)), (verb, keywords)
     json_of(arm.add_object("cube"))
     assert "there is a body 'cube' already" in why(arm.add_object("cube"))
     json_of(arm.save_state())
     json_of(arm.add_object("ball", shape="sphere", size=[0.03], position=[0.3, 0.2, 0.1]))
-    assert "objects came or went since" in why(arm.load_state())
+    assert "objects were added or removed since" in why(arm.load_state())
     json_of(arm.send_action({"gripper": 30.0}))
-    until(lambda: abs(arm.get_observation()["gripper"] - 30.0) < 2.0, "it moves")
+    until(lambda: abs(arm.get_observation()["gripper"] - 30.0) < 2.0, "the gripper moves")
 
 
-def test_a_mesh_is_an_object_too(arm: SimRobot, tmp_path: Path) -> None:
+def test_a_mesh_can_be_an_object(arm: SimRobot, tmp_path: Path) -> None:
     write_mjcf(tmp_path)
     json_of(arm.add_object("rock", mesh_path=tmp_path / "meshes" / "hook.stl", position=[0.3, 0, 0.1]))
     json_of(arm.step(10))
 
 
-# -- a policy, tried
+# # -- evaluation of a policy
 
 
-def test_a_policy_is_tried_episode_by_episode(arm: SimRobot) -> None:
+def test_a_policy_is_evaluated_in_episodes(arm: SimRobot) -> None:
     begun: list[float] = []
 
     def policy(observation: dict[str, float]) -> dict[str, float]:
@@ -302,11 +302,13 @@ def test_a_policy_is_tried_episode_by_episode(arm: SimRobot) -> None:
         ({"robot_name": "koch"}, "robot_name is 'koch'"),
     ],
 )
-def test_what_cannot_be_tried_is_refused(arm: SimRobot, keywords: dict[str, Any], text: str) -> None:
+def test_an_invalid_evaluation_is_refused(arm: SimRobot, keywords: dict[str, Any], text: str) -> None:
     assert text in why(arm.eval_policy(**keywords))
 
 
-def test_a_backend_that_is_not_installed_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_backend_that_is_not_installed_is_refused_with_the_command_that_installs_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"needs newton and mujoco_warp: pip install 'strands-actors\[newton\]'"):
         Robot("so101", backend="newton")

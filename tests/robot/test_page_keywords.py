@@ -1,4 +1,4 @@
-"""The keywords of the drivers page: each is taken, checked, and told to the driver."""
+"""The keywords of the drivers page are accepted, checked and passed to the driver."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ROBOTIQ, UR, G1 = {"port": "192.0.2.20"}, {"port": "192.0.2.30"}, {"port": "192.
         ("ur5e", {"port": "192.0.2.30:30004", "rtde_frequency": None}),
     ],
 )
-def test_they_are_taken(robot: str, keywords: dict[str, Any]) -> None:
+def test_the_keywords_are_accepted(robot: str, keywords: dict[str, Any]) -> None:
     assert Robot(robot, mode="real", **keywords).driver.robot == robot
 
 
@@ -38,13 +38,17 @@ def test_they_are_taken(robot: str, keywords: dict[str, Any]) -> None:
         ("robotiq_2f85", {**ROBOTIQ, "tcp_port": 0}, "tcp_port is 0"),
         ("robotiq_2f85", {**ROBOTIQ, "tcp_port": 65536}, "tcp_port is 65536"),
         ("robotiq_2f85", {**ROBOTIQ, "tcp_port": True}, "tcp_port is True"),
-        ("robotiq_2f85", {"port": "192.0.2.20:503", "tcp_port": 502}, "tcp_port 502. Give one of the two"),
+        (
+            "robotiq_2f85",
+            {"port": "192.0.2.20:503", "tcp_port": 502},
+            "tcp_port is 502. Give the TCP port only once",
+        ),
         ("robotiq_2f85", {**ROBOTIQ, "speed": 1.5}, "speed is 1.5"),
         ("robotiq_2f85", {**ROBOTIQ, "force": -0.1}, "force is -0.1"),
         ("robotiq_2f85", {**ROBOTIQ, "force": float("nan")}, "force is nan"),
         ("unitree_g1", {**G1, "network_interface": 3}, "network_interface is 3"),
         ("unitree_g1", {**G1, "network_interface": "eth0; reboot"}, "network_interface is 'eth0; reboot'"),
-        ("unitree_g1", {**G1, "network_interface": "a", "interface": "b"}, "they are the same"),
+        ("unitree_g1", {**G1, "network_interface": "a", "interface": "b"}, "mean the same"),
         ("ur5e", {"port": "192.0.2.30:80"}, "its ports are fixed"),
         ("so101", {"port": "/dev/ttyACM0", "baud_rate": 0}, "baud is 0"),
         ("ur5e", {**UR, "rtde_frequency": 0}, "rtde_frequency is 0"),
@@ -59,7 +63,7 @@ def test_a_wrong_value_is_refused_by_the_name_of_its_keyword(
         Robot(robot, mode="real", **keywords)
 
 
-def test_speed_and_force_are_what_an_action_means_that_names_none() -> None:
+def test_speed_and_force_are_the_defaults_of_an_action() -> None:
     gripper = Robot("robotiq_2f85", mode="real", **ROBOTIQ, speed=0.25, force=0.5).driver
     state = GateState(0, Observation(0, (0.0,), (1,)), (0.0, 1.0, 1.0), 0, stream=False)
     for action, expected in (
@@ -70,20 +74,20 @@ def test_speed_and_force_are_what_an_action_means_that_names_none() -> None:
         assert isinstance(candidate, Candidate) and candidate.values == expected
 
 
-def test_the_port_of_the_gateway_is_the_one_that_is_named() -> None:
+def test_the_port_of_the_gateway_may_be_given_by_either_keyword() -> None:
     def address(**keywords: Any) -> tuple[str, int]:
-        at: tuple[str, int] = Robot("robotiq_2f85", mode="real", **keywords).driver.config.address()
-        return at
+        endpoint: tuple[str, int] = Robot("robotiq_2f85", mode="real", **keywords).driver.config.address()
+        return endpoint
 
     assert address(port="192.0.2.20") == ("192.0.2.20", 502)
     assert address(port="192.0.2.20", tcp_port=1502) == ("192.0.2.20", 1502)
     assert address(port="192.0.2.20:1502") == address(port="192.0.2.20:1502", tcp_port=1502) == ("192.0.2.20", 1502)
 
 
-def test_an_interface_that_is_not_there_is_named_when_it_is_connected() -> None:
+def test_connecting_over_an_unknown_interface_names_it() -> None:
     with_others = f"network_interface is 'eth99' .*This host has .*{LOOPBACK}"
     with (
         pytest.raises(ConnectionError, match=with_others),
         Robot("unitree_g1", mode="real", **G1, network_interface="eth99"),
     ):
-        pytest.fail("it is not entered")
+        pytest.fail("the block is not entered")

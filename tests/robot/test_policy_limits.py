@@ -1,4 +1,4 @@
-"""What the process of a named policy is given, and may use."""
+"""The access and the limits of the process of a named policy."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ def look(robot: RealRobot, into: Path, **options: Any) -> dict[str, Any]:
     json_of(robot.start_task("look", policy_provider=WHERE, duration=0.3, into=str(into), secret=SECRET, **options))
     ended = task_ended(robot)
     assert ended["exit_reason"] == "duration", ended
-    found: dict[str, Any] = json.loads(into.read_text())
-    return found
+    report: dict[str, Any] = json.loads(into.read_text())
+    return report
 
 
 def sockets_of_the_tree(robot: RealRobot) -> set[str]:
-    """And terminals: the arm's port is one."""
+    """Return the sockets and terminals of the tree's processes. The arm's port is a terminal."""
     tree = robot.tree()
     assert tree is not None
-    found = set()
+    report = set()
     for process in tree["processes"]:
         for fd in os.listdir(f"/proc/{process['pid']}/fd"):
             with contextlib.suppress(OSError):
-                found.add(os.readlink(f"/proc/{process['pid']}/fd/{fd}"))
-    return {target for target in found if target.startswith(("socket:", "/dev/pts"))}
+                report.add(os.readlink(f"/proc/{process['pid']}/fd/{fd}"))
+    return {target for target in report if target.startswith(("socket:", "/dev/pts"))}
 
 
 def test_saf_017_a_policy_process_has_no_descriptor_no_link_and_no_key_of_others(
@@ -58,21 +58,21 @@ def test_saf_017_a_policy_process_has_no_descriptor_no_link_and_no_key_of_others
     with Robot("so101", mode="real", port=twin.port, mesh=MeshConfig(listen="tls/127.0.0.1:0", tls=keys)) as arm:
         json_of(arm.send_action({"shoulder_pan": 0.0}))
         others = sockets_of_the_tree(arm)
-        found = look(arm, tmp_path / "found.json")
-    targets = found["descriptors"]
+        report = look(arm, tmp_path / "found.json")
+    targets = report["descriptors"]
     beyond = {fd: target for fd, target in targets.items() if int(fd) > 2}
     assert len(others) > 5 and not others & set(beyond.values())
     kinds = ("socket:", "anon_inode:", "pipe:", "closed", "/proc")
     assert not [target for target in beyond.values() if not target.startswith(kinds)], targets
-    assert "STRANDS_ACTORS_MESH" not in found["environment"]
-    assert found["secrets"] == []
+    assert "STRANDS_ACTORS_MESH" not in report["environment"]
+    assert report["secrets"] == []
 
 
-def test_limits_are_put_on_before_the_policy_is_made(twin: Twin, tmp_path: Path) -> None:
+def test_limits_are_applied_before_the_policy_is_made(twin: Twin, tmp_path: Path) -> None:
     limits = {"memory_mb": 4096, "cpu_s": 60, "processors": 1}
     with Robot("so101", mode="real", port=twin.port, policy_limits=limits) as arm:
-        found = look(arm, tmp_path / "found.json")
-        assert (found["memory"], found["cpu"], found["processors"]) == (4096 << 20, 60, 1)
+        report = look(arm, tmp_path / "found.json")
+        assert (report["memory"], report["cpu"], report["processors"]) == (4096 << 20, 60, 1)
         json_of(
             arm.start_task(
                 "eat",
@@ -89,7 +89,7 @@ def test_limits_are_put_on_before_the_policy_is_made(twin: Twin, tmp_path: Path)
     assert limps(twin.log, 0)
 
 
-def test_saf_017_a_policy_that_runs_as_another_user_cannot_come_back(twin: Twin) -> None:
+def test_saf_017_a_policy_that_runs_as_another_user_cannot_regain_its_rights(twin: Twin) -> None:
     nobody = pwd.getpwnam("nobody")
     if os.getuid() != 0:
         with pytest.raises(ValueError, match="only root"):
@@ -101,14 +101,14 @@ def test_saf_017_a_policy_that_runs_as_another_user_cannot_come_back(twin: Twin)
     ):
         os.chmod(place, 0o777)
         into = Path(place) / "found.json"
-        found = look(arm, into)
-        assert (found["uid"], found["can_be_root"]) == (nobody.pw_uid, False)
-        assert 0 not in found["groups"]
-        assert found["environment"]["USER"] == "nobody"
+        report = look(arm, into)
+        assert (report["uid"], report["can_be_root"]) == (nobody.pw_uid, False)
+        assert 0 not in report["groups"]
+        assert report["environment"]["USER"] == "nobody"
         begin_moving(
             arm,
             lambda: arm.start_task("on", policy_provider=WHERE, duration=60.0, into=str(into), secret=SECRET),
-            lambda told, _: told["steps"] > 3,
+            lambda progress, _: progress["steps"] > 3,
         )
         (outcome,) = estop(by="the button", within_s=5.0)
         assert outcome.outcome == "safe"
@@ -116,7 +116,7 @@ def test_saf_017_a_policy_that_runs_as_another_user_cannot_come_back(twin: Twin)
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("limits", "message"),
     [
         ({"memory": 100}, "memory_mb, cpu_s, processors, user"),
         ({"memory_mb": 1}, "memory_mb"),
@@ -125,14 +125,14 @@ def test_saf_017_a_policy_that_runs_as_another_user_cannot_come_back(twin: Twin)
         (7, "policy_limits"),
     ],
 )
-def test_limits_that_cannot_be_meant_are_refused(given: Any, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
-        limits_of(given)
-    with pytest.raises(ValueError, match=told):
-        Robot("so101", policy_limits=given)
+def test_invalid_limits_are_refused(limits: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        limits_of(limits)
+    with pytest.raises(ValueError, match=message):
+        Robot("so101", policy_limits=limits)
 
 
-def test_another_user_needs_the_right_to_be_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_running_a_policy_as_another_user_needs_the_permission(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "getuid", lambda: 4711)
     monkeypatch.setattr(os, "geteuid", lambda: 4711)
     monkeypatch.setattr("strands_actors.kernel.processes.limits._may_be_others", lambda: False)
@@ -140,7 +140,7 @@ def test_another_user_needs_the_right_to_be_one(monkeypatch: pytest.MonkeyPatch)
         PolicyLimits(user="nobody").check()
 
 
-def test_of_a_robot_elsewhere_its_own_host_says_the_limits() -> None:
+def test_policy_limits_are_refused_for_a_robot_on_another_host() -> None:
     with pytest.raises(TypeError, match="policy_limits="):
         Robot(
             "so101", mode="real", at="tcp/192.0.2.7:1", mesh=MeshConfig(insecure=True), policy_limits={"cpu_s": 1}

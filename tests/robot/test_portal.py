@@ -1,5 +1,6 @@
-"""The caller's loop, beside a script or a policy that computes. What the shorter interval gives is
-measured by the questions ``stop`` and ``steady`` in benchmarks/."""
+"""The caller's event loop, while a script or a policy computes. The questions ``stop`` and ``steady`` in
+benchmarks/ measure the effect of the shorter switch interval.
+"""
 
 from __future__ import annotations
 
@@ -18,58 +19,59 @@ from strands_actors.caller.session.portal import SWITCH_S, Portal
 from strands_actors.kernel.processes import process
 
 
-@pytest.mark.parametrize(("given_s", "found_s"), [(0.005, SWITCH_S), (0.00005, 0.00005)])
-def test_a_thread_that_computes_lets_the_loop_run_soon_and_a_script_may_want_it_sooner(
-    given_s: float, found_s: float
+@pytest.mark.parametrize(("script_s", "expected_s"), [(0.005, SWITCH_S), (0.00005, 0.00005)])
+def test_the_switch_interval_is_shortened_unless_the_script_has_a_shorter_one(
+    script_s: float, expected_s: float
 ) -> None:
     code = (
-        f"import sys; sys.setswitchinterval({given_s})\n"
+        f"import sys; sys.setswitchinterval({script_s})\n"
         "from strands_actors.caller.session.portal import portal; portal()\n"
         "print(sys.getswitchinterval())"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
-    assert float(done.stdout) == pytest.approx(found_s, abs=2e-6)  # whole microseconds
+    assert float(done.stdout) == pytest.approx(expected_s, abs=2e-6)  # Python keeps whole microseconds
 
 
 def start_and_see_it_end(*args: Any) -> process.ChildProcess:
-    """As ``start``; its imports take as long as that when a program starts its first robot."""
+    """Start a child, and wait for its end. The imports of a program's first robot take as long."""
     child = process.start(*args)
     while child.alive:
         time.sleep(0.001)
     return child
 
 
-def test_a_root_that_ends_as_it_starts_is_told_and_ends_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its socket was closed before a task had begun to read it: that ended the loop, and with it
-    every robot of the program."""
-    with Robot("so101", mode="real", transport="twin") as other:
+def test_a_root_that_ends_at_its_start_is_reported_and_ends_no_other_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its socket closes before a task has begun to read it. That must not end the loop, which all robots
+    of the program use.
+    """
+    with Robot("so101", mode="real", transport="twin") as healthy:
         with monkeypatch.context() as patch:
             patch.setattr(process, "_BOOT", "raise SystemExit(3)")
             patch.setattr(tree_processes, "start", start_and_see_it_end)
             for port in ("/dev/null/ttyACM0", "/dev/null/ttyACM1"):
                 unlucky = Robot("so101", mode="real", port=port)
-                told = unlucky.connect_eagerly()
-                assert told and told.startswith("connect: "), told
+                problem = unlucky.connect_eagerly()
+                assert problem and problem.startswith("connect: "), problem
                 assert unlucky.cleanup()["status"] == "success"
-        assert other.send_action({"gripper": 50.0})["status"] == "success"
+        assert healthy.send_action({"gripper": 50.0})["status"] == "success"
 
 
-def test_nobody_waits_for_a_loop_that_has_ended() -> None:
+def test_no_call_waits_for_a_loop_that_has_ended() -> None:
     portal = Portal()
-    asked = []
+    futures = []
 
     async def ask_while_it_ends() -> None:
         try:
             await trio.sleep_forever()
         finally:
-            asked.append(portal.submit(trio.sleep_forever))
+            futures.append(portal.submit(trio.sleep_forever))
 
     waited = portal.submit(ask_while_it_ends)
     portal.call(trio.lowlevel.checkpoint)
     portal.leave()
     portal._thread.join(10.0)
     assert not portal._thread.is_alive()
-    for future in (waited, *asked, portal.submit(trio.sleep_forever)):
+    for future in (waited, *futures, portal.submit(trio.sleep_forever)):
         with pytest.raises(CancelledError):
             future.result(timeout=10.0)
-    assert len(asked) == 1
+    assert len(futures) == 1

@@ -1,5 +1,6 @@
-"""What the tests of strands-robots assert of its factory and its registry, as behaviours of ours: each
-is tried through the public names alone, without a robot."""
+"""Behaviours of the factory and the registry that the tests of strands-robots require, tested through the
+public names without a robot.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ NAN = float("nan")
 
 
 class Half:
-    """Too little for a driver."""
+    """A class with too few members for a driver."""
 
     SUPPORTED_ROBOTS = ("half_robot",)
 
@@ -55,8 +56,12 @@ class Half:
         ("ur5e", {**UR, "control_frequency": 0}, "control_frequency"),
         ("ur5e", {**UR, "control_frequency": float("inf")}, "control_frequency"),
         ("ur5e", {**UR, "control_frequency": True}, "control_frequency"),
-        ("ur5e", {**UR, "model": "ur99"}, "model is 'ur99'. Give 'ur5e', or leave it out. there are ur3e, ur5e"),
-        ("ur5e", {**UR, "model": "UR10e"}, r"Use Robot\('ur10e'\), or leave it out"),
+        (
+            "ur5e",
+            {**UR, "model": "ur99"},
+            "model is 'ur99'. Give 'ur5e', or leave model out. Models are ur3e, ur5e",
+        ),
+        ("ur5e", {**UR, "model": "UR10e"}, r"Use Robot\('ur10e'\), or leave model out"),
         ("unitree_g1", {**G1, "battery_floor_pct": NAN}, "battery_floor_pct"),
         ("unitree_g1", {**G1, "battery_floor_pct": 101}, "battery_floor_pct"),
         ("unitree_g1", {**G1, "battery_floor_pct": True}, "battery_floor_pct"),
@@ -65,21 +70,21 @@ class Half:
         ("so101", {**ARM, "motor_ids": (0, 254)}, "motor_ids"),
     ],
 )
-def test_what_cannot_be_used_is_refused_when_the_robot_is_made(
+def test_invalid_options_are_refused_when_the_robot_is_made(
     robot: str, keywords: dict[str, Any], says: str
 ) -> None:
     with pytest.raises((ValueError, TypeError), match=says):
         Robot(robot, **keywords)
 
 
-def test_the_registry_is_one() -> None:
+def test_the_registry_and_the_list_of_robots_agree() -> None:
     assert set(list_native_drivers()) <= set(list_robots())
     assert get_native_driver_class("g1") is get_native_driver_class("unitree_g1")
     assert {resolve_driver(robot) for robot in list_native_drivers()} == {"strands"}
     assert resolve_driver("so101", "lerobot") == "lerobot"
 
 
-def test_a_name_is_known_in_any_spelling_and_is_text() -> None:
+def test_a_name_may_have_any_spelling_and_must_be_text() -> None:
     for written, robot in {
         "franka": "panda",
         "FRANKA": "panda",
@@ -101,7 +106,7 @@ def test_a_name_is_known_in_any_spelling_and_is_text() -> None:
                 Robot(name, mode, **({"port": "/dev/ttyACM0"} if mode == "real" else {}))
 
 
-def test_robots_are_listed_by_what_can_be_done_with_them() -> None:
+def test_robots_are_listed_by_mode() -> None:
     covered = list_driver_coverage()
     assert list_robots() == list_robots("all") == list(covered)
     assert set(list_robots("real")) == {name for name, drivers in covered.items() if drivers}
@@ -122,13 +127,13 @@ def test_robots_are_listed_by_what_can_be_done_with_them() -> None:
 
 
 @pytest.mark.parametrize("name", ["left arm", "left_arm\n", "a/b", "", 3, "x" * 65])
-def test_a_tool_name_is_one_that_a_provider_takes(name: Any) -> None:
-    for keywords in ({}, ARM, {"port": "/dev/ttyACM0"}):  # it is told first, whatever else is wrong
-        with pytest.raises(ValueError, match="use 1 to 64 of A-Z"):
+def test_a_tool_name_must_be_valid_for_model_providers(name: Any) -> None:
+    for keywords in ({}, ARM, {"port": "/dev/ttyACM0"}):  # the name is checked before the other keywords
+        with pytest.raises(ValueError, match="use 1 to 64 characters of A-Z"):
             Robot("so101", tool_name=name, **keywords)
 
 
-def test_a_robot_has_the_name_that_it_was_given() -> None:
+def test_a_robot_has_its_tool_name() -> None:
     for name in ("left-arm_2", "x" * 64):
         assert Robot("so101", tool_name=name).tool_name == Robot("so101", **ARM, tool_name=name).tool_name == name
     left = Robot("so101", **ARM, tool_name="left")
@@ -152,8 +157,8 @@ def test_a_robot_has_the_name_that_it_was_given() -> None:
         ("so101", {"orientation": [0.0, float("inf"), 0.0, 0.0]}, "give finite numbers"),
         ("so101", {"keyframe": "nope"}, "so101 has 'home'"),
         ("so101", {"backend": "nope"}, "use one of 'mujoco', 'newton', 'isaac'"),
-        ("so101", {**ARM, "position": [0.0, 0.0, 0.0]}, "position= are of a simulation"),
-        ("so101", {**ARM, "keyframe": 0}, "keyframe= are of a simulation"),
+        ("so101", {**ARM, "position": [0.0, 0.0, 0.0]}, "only a simulation takes position="),
+        ("so101", {**ARM, "keyframe": 0}, "only a simulation takes keyframe="),
         ("so101", {**ARM, "ports": ["/dev/a", "/dev/b"]}, "'ports' -> 'port'"),
         ("so101", {**ARM, "motor_ids": (1, 9)}, "shoulder_pan, shoulder_lift"),
         ("so101", {"mode": 3}, "'sim', 'real', 'auto'"),
@@ -168,15 +173,13 @@ def test_a_robot_has_the_name_that_it_was_given() -> None:
         ("unitree_g1", {"mode": "real"}, "needs 'port', its address"),
     ],
 )
-def test_what_would_be_ignored_or_cannot_be_is_refused_by_name(
-    robot: str, keywords: dict[str, Any], says: str
-) -> None:
+def test_an_unusable_keyword_is_refused_by_name(robot: str, keywords: dict[str, Any], says: str) -> None:
     with pytest.raises((ValueError, TypeError), match=says):
         Robot(robot, **keywords)
 
 
-def test_any_name_is_simulated_by_a_file_and_a_keyframe_is_kept(tmp_path: Path) -> None:
-    """By its name or its number, and with the command that keeps it."""
+def test_any_name_is_simulated_by_a_file_and_keeps_its_keyframe(tmp_path: Path) -> None:
+    """The keyframe is given by its name or its number. The first command holds it."""
     file = write_mjcf(tmp_path)
     folded = pytest.approx({"turn": 1.2, "reach": -0.05}, abs=0.02)
     for keyframe in ("folded", 0):
@@ -204,16 +207,17 @@ def test_a_calibration_of_another_arm_is_refused() -> None:
 
 
 @pytest.mark.parametrize("port", ["", "  ", "\n", None])
-def test_a_blank_is_no_port(port: str | None) -> None:
+def test_a_blank_port_is_refused(port: str | None) -> None:
     for robot in ("so101", "koch", "ur5e", "unitree_g1", "robotiq_2f85", "spot"):
         with pytest.raises(ValueError, match=f"{robot} needs 'port'"):
             Robot(robot, mode="real", port=port)
     with pytest.raises(ValueError, match="radio://0/80/2M/E7E7E7E7E7"):
         Robot("crazyflie", mode="real", port=port)
-    assert Robot("booster_t1", mode="real", port=port).driver.robot == "booster_t1"  # it is found on the network
+    # this robot is found on the network
+    assert Robot("booster_t1", mode="real", port=port).driver.robot == "booster_t1"
 
 
-def test_a_port_is_text() -> None:
+def test_a_port_must_be_text() -> None:
     for robot in ("so101", "ur5e", "unitree_g1", "koch"):
         for port in (5, False, b"/dev/ttyACM0", ["/dev/ttyACM0"]):
             with pytest.raises(TypeError, match="give a path or an address, as text"):
@@ -224,12 +228,12 @@ def test_a_port_is_text() -> None:
     assert written == repr(Robot("so101", mode="real", port=Path("/dev/serial/by-id/left arm")))  # type: ignore[arg-type]
 
 
-def test_a_name_is_registered_once_in_whatever_spelling() -> None:
+def test_a_name_can_be_registered_once_in_any_spelling() -> None:
     for name in ("so101", "SO-101", "SO101", "so_101", "Franka", "so100_follower"):
-        with pytest.raises(ValueError, match=f"{name} is known already. pass overwrite=True"):
+        with pytest.raises(ValueError, match=f"{name} is known already. Pass overwrite=True"):
             register_robot(name)
     for name in ("a b", "a/b", "ärm", "x" * 65, "--", "arm\n"):
-        with pytest.raises(ValueError, match="use 1 to 64 of A-Z"):
+        with pytest.raises(ValueError, match="use 1 to 64 characters of A-Z"):
             register_robot(name)
     with pytest.raises(ValueError, match="SO-101 is known already"):
         register_robot("bench_arm_7", aliases=["SO-101"])
@@ -237,21 +241,21 @@ def test_a_name_is_registered_once_in_whatever_spelling() -> None:
     assert (canonical_name("SO-101"), list_native_drivers()["so101"]) == ("so101", "FeetechDriver")
 
 
-def test_the_legs_share_a_driver_and_each_is_its_own_robot() -> None:
+def test_robots_with_legs_share_a_driver_class_and_keep_their_names() -> None:
     for name, robot in {"h1": "unitree_h1", "h1_2": "unitree_h1_2", "b2": "b2", "go2": "unitree_go2"}.items():
         legs = Robot(name, **G1)
         assert (legs.driver.robot, list_driver_coverage()[robot]) == (robot, ("strands",))
         assert get_native_driver_class(name) is get_native_driver_class("unitree_go2")
 
 
-def test_a_class_without_the_members_of_a_driver_is_refused_and_they_are_named() -> None:
+def test_a_class_without_the_members_of_a_driver_is_refused_with_their_names() -> None:
     with pytest.raises(TypeError, match="send_action"):
         register_native_driver("half_robot", Half)
     assert not isinstance(Half(), HardwareDriver)
     assert not [name for name in DRIVER_SURFACE if name.startswith("_")]
 
 
-def test_without_a_robot_every_verb_answers_in_an_envelope() -> None:
+def test_without_a_connection_every_verb_answers_in_an_envelope() -> None:
     gripper = Robot("robotiq_2f85", **GRIPPER)
     assert isinstance(gripper, HardwareDriver)
     answers: list[Any] = [
@@ -267,8 +271,10 @@ def test_without_a_robot_every_verb_answers_in_an_envelope() -> None:
 
 
 def test_every_robot_that_strands_robots_knows_is_known_here() -> None:
-    """By name at least: one without a driver says so, and how it simulates all the same."""
+    """At least by its name. The refusal of a robot without a driver says how it can be simulated."""
     assert {"aloha", "anymal_c", "openarm", "wx250s", "z1"} <= set(list_robots())
-    with pytest.raises(ValueError, match=r"aloha has no native driver. a model of it simulates: register_robot"):
+    with pytest.raises(
+        ValueError, match=r"aloha has no native driver. To simulate it, register a model: register_robot"
+    ):
         Robot("aloha")
     assert resolve_driver("openarm") == "lerobot"

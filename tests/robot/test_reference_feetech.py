@@ -1,5 +1,6 @@
-"""What the tests of strands-robots assert of an SO arm, as behaviours of ours: on one twin, through
-the public names."""
+"""Behaviours of an SO arm that the tests of strands-robots require, tested on one twin through the public
+names.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +27,13 @@ DEGREES = "degrees (gripper: percent open)"
 
 @pytest.fixture(scope="module")
 def bench(twin_process: Twin) -> Iterator[RealRobot]:
-    """Connected once for all of this file; each test leaves it armed and still."""
+    """Connect once for all tests of this file. Each test leaves the arm armed and at rest."""
     os.truncate(twin_process.log.path, 0)
     arm = Robot("so101", mode="real", port=twin_process.port)
     connected(arm)
     yield arm
     arm.cleanup()
-    arm.cleanup()  # once more is nothing
+    arm.cleanup()  # a second cleanup does nothing
     assert (arm.is_connected, dict(arm.get_observation())) == (False, {})
 
 
@@ -52,13 +53,13 @@ def hold(observation: Mapping[str, float]) -> dict[str, float]:
     return dict(observation)
 
 
-def test_connecting_again_is_nothing_and_it_says_who_it_is(bench: RealRobot) -> None:
+def test_connecting_again_does_nothing_and_status_names_the_robot(bench: RealRobot) -> None:
     assert bench.connect_eagerly() is None and bench.is_connected
     assert (bench.tool_name, bench.tool_type, bench.robot_name) == ("so101", "robot", "so101")
-    told = status(bench)
-    assert (told["tool_name"], told["connected"], told["baud"]) == ("so101", True, 1_000_000)
-    assert told["motors"] == IDS and told["port"]
-    assert told["calibration_source"].startswith("none") and "not calibrated" in told["caveats"][0]
+    reported = status(bench)
+    assert (reported["tool_name"], reported["connected"], reported["baud"]) == ("so101", True, 1_000_000)
+    assert reported["motors"] == IDS and reported["port"]
+    assert reported["calibration_source"].startswith("none") and "not calibrated" in reported["caveats"][0]
     assert "content" not in json_of(ask(bench, action="status"))
 
 
@@ -72,7 +73,7 @@ def test_connecting_again_is_nothing_and_it_says_who_it_is(bench: RealRobot) -> 
         ({"gripper": 50}, {"gripper": 50.0}),
     ],
 )
-def test_what_is_commanded_is_told_in_its_unit(
+def test_the_answer_to_a_command_has_the_commanded_values_and_the_unit(
     bench: RealRobot, action: dict[str, Any], commanded: dict[str, float]
 ) -> None:
     assert json_of(bench.send_action(action)) == {"commanded": commanded, "unit": DEGREES}
@@ -82,8 +83,8 @@ def test_what_is_commanded_is_told_in_its_unit(
     ("action", "says"),
     [
         ({}, "names no joint"),
-        (None, "must be a mapping"),
-        ([("gripper", 1.0)], "must be a mapping"),
+        (None, "a mapping of joints to numbers"),
+        ([("gripper", 1.0)], "a mapping of joints to numbers"),
         ({"shoulder_lift": 400.0}, "past 100.0"),
         ({"gripper": 101.0}, "past 100.0"),
         ({"shoulder_pan": 1.0, "nope": 0.0}, "nope is not a joint"),
@@ -96,17 +97,17 @@ def test_what_is_commanded_is_told_in_its_unit(
         ({"shoulder_pan": 1.0, "shoulder_pan.pos": 2.0}, "shoulder_pan and shoulder_pan.pos are both given"),
     ],
 )
-def test_what_it_cannot_honour_is_refused_whole(
+def test_an_invalid_action_is_refused_as_a_whole(
     bench: RealRobot, twin_process: Twin, action: Any, says: str
 ) -> None:
     json_of(bench.send_action({"shoulder_pan": 0.0}))
-    stands = goals(until(lambda: twin_process.log.host("setpoint"), "it is written")[-1])
+    last_goals = goals(until(lambda: twin_process.log.host("setpoint"), "the setpoint is written")[-1])
     since_ns = time.monotonic_ns()
     assert says in why(bench.send_action(action))
-    assert all(goals(entry) == stands for entry in twin_process.log.host("setpoint", since_ns))
+    assert all(goals(entry) == last_goals for entry in twin_process.log.host("setpoint", since_ns))
 
 
-def test_what_was_read_may_be_sent_back_as_it_is(bench: RealRobot) -> None:
+def test_an_observation_can_be_sent_back_unchanged(bench: RealRobot) -> None:
     read = bench.get_observation()
     assert json_of(bench.send_action(read))["commanded"] == read
 
@@ -127,17 +128,19 @@ def test_what_was_read_may_be_sent_back_as_it_is(bench: RealRobot) -> None:
         ({"n_steps": True}, "n_steps is True"),
     ],
 )
-def test_a_budget_that_bounds_nothing_starts_nothing(bench: RealRobot, keywords: dict[str, Any], says: str) -> None:
+def test_an_invalid_duration_frequency_or_step_count_starts_nothing(
+    bench: RealRobot, keywords: dict[str, Any], says: str
+) -> None:
     assert says in why(bench.run_policy(hold, **keywords))
     assert not task(bench)["running"]
 
 
 @pytest.mark.parametrize("policy", [None, object(), 7])
-def test_what_is_no_policy_is_told_the_shapes_of_one(bench: RealRobot, policy: Any) -> None:
+def test_the_refusal_of_an_invalid_policy_names_the_accepted_forms(bench: RealRobot, policy: Any) -> None:
     assert "get_actions_sync" in why(bench.run_policy(policy))
 
 
-def test_a_rollout_does_its_steps_and_says_so_to_who_asks_late(bench: RealRobot) -> None:
+def test_a_rollout_does_its_steps_and_its_result_can_be_read_later(bench: RealRobot) -> None:
     seen: list[Mapping[str, float]] = []
 
     def policy(observation: Mapping[str, float]) -> dict[str, float]:
@@ -148,7 +151,7 @@ def test_a_rollout_does_its_steps_and_says_so_to_who_asks_late(bench: RealRobot)
     assert begun["running"]
     ended = task_ended(bench)
     assert (ended["steps"], ended["exit_reason"], ended["instruction"]) == (4, "n_steps", "hold still")
-    assert all(f"{joint}.pos" in seen[0] for joint in IDS)  # as a checkpoint of LeRobot reads them
+    assert all(f"{joint}.pos" in seen[0] for joint in IDS)  # a policy of LeRobot reads these keys
     assert task(bench) == ended
 
 
@@ -161,7 +164,7 @@ def test_a_rollout_does_its_steps_and_says_so_to_who_asks_late(bench: RealRobot)
         (lambda observation: 1 / 0, "policy", "division by zero"),
     ],
 )
-def test_a_rollout_that_cannot_go_on_ends_with_the_reason(
+def test_a_rollout_with_an_invalid_action_or_exception_ends_with_the_reason(
     bench: RealRobot, policy: Any, reason: str, says: str
 ) -> None:
     json_of(bench.run_policy(policy, n_steps=5))
@@ -170,7 +173,7 @@ def test_a_rollout_that_cannot_go_on_ends_with_the_reason(
     assert says in ended["exit_detail"]
 
 
-def test_one_rollout_at_a_time_and_its_end_leaves_the_arm_energised(bench: RealRobot) -> None:
+def test_a_second_rollout_is_refused_and_the_end_of_one_leaves_the_arm_energised(bench: RealRobot) -> None:
     json_of(bench.run_policy(hold, duration=30.0))
     assert "already running" in why(bench.run_policy(hold))
     halted = json_of(bench.stop_task())
@@ -182,11 +185,11 @@ def test_one_rollout_at_a_time_and_its_end_leaves_the_arm_energised(bench: RealR
     assert task_ended(bench)["exit_reason"] == "duration"
 
 
-def test_a_provider_that_there_is_not_is_named(bench: RealRobot) -> None:
+def test_the_refusal_of_an_unknown_provider_names_it(bench: RealRobot) -> None:
     assert "not_a_provider" in why(bench.start_task("pick up the cube", policy_provider="not_a_provider"))
 
 
-def test_the_registers_that_are_read(bench: RealRobot) -> None:
+def test_known_registers_can_be_read_and_others_are_refused(bench: RealRobot) -> None:
     assert set(bench.bus.sync_read("Present_Position", ["gripper", "elbow_flex"])) == {"gripper", "elbow_flex"}
     for register in ("Present_Velocity", "Present_Load", "Present_Temperature"):
         assert set(bench.bus.sync_read(register)) == set(IDS)
@@ -199,8 +202,8 @@ def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
     assert set(action["enum"]) == {"status", "sensors", "move_to", "set_torque", "stop"}
     assert all(f"{verb}:" in action["description"] for verb in action["enum"])
     for other in ("home", "dance", "calibrate", ""):
-        said = why(ask(bench, action=other))
-        assert repr(other) in said and all(verb in said for verb in action["enum"])
+        refusal = why(ask(bench, action=other))
+        assert repr(other) in refusal and all(verb in refusal for verb in action["enum"])
     assert set(json_of(ask(bench, action="sensors"))["positions"]) == set(IDS)
     moved = json_of(ask(bench, action="move_to", targets={"elbow_flex": 10.0}))
     assert moved["commanded"] == {"elbow_flex": 10.0}
@@ -208,7 +211,7 @@ def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
 
 
 @pytest.mark.parametrize("enabled", ["false", "true", 0, 1, None, [], {}])
-def test_what_is_no_boolean_neither_energises_nor_releases(bench: RealRobot, enabled: Any) -> None:
+def test_a_value_that_is_not_a_boolean_neither_energises_nor_releases(bench: RealRobot, enabled: Any) -> None:
     before = status(bench)["epoch"]
     assert "enabled" in why(ask(bench, action="set_torque", enabled=enabled))
     assert status(bench)["epoch"] == before

@@ -1,4 +1,4 @@
-"""Names of strands-robots 0.5.3: each exists here, or its refusal says what to use."""
+"""Each name of strands-robots 0.5.3 exists here, or its refusal gives the replacement."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ VERBS = {
     "ur5e": "state",
     "yahboom_m3pro": "home move read_state last_arm_command endpoint",
 }
-"""Public names of its driver classes, by a robot of each."""
+"""For one robot of each driver class of strands-robots: the public names of the class."""
 SIM = """add_camera add_object add_robot apply_force attach_bodies create_world destroy eval_policy
 evaluate_benchmark get_contacts get_frame get_state list_cameras list_robots load_scene
 load_state mj_model move_object move_to open_viewer policy_result register_urdf remove_object
@@ -53,7 +53,7 @@ read_predicate_verdict write_label lerobot_camera lerobot_teleoperate lerobot_tr
 serial_tool train_policy use_lerobot use_ros use_rosbridge use_rtps pose_tool robot_mesh
 init_device_connect init_device_connect_sync RobotDeviceDriver SimulationDeviceDriver
 ReachyMiniDriver StreamingDatasetReader stream_dataset sync_dataset_to_bucket"""
-"""Its ``__all__``."""
+"""The ``__all__`` of strands-robots."""
 PORTS = {"serial": "/dev/ttyACM0", "address": "192.0.2.1"}
 OWN_PORTS = {
     "crazyflie": "radio://0/80/2M/E7E7E7E7E7",
@@ -64,19 +64,19 @@ OWN_PORTS = {
 
 
 def missing(handle: object, names: str) -> list[str]:
-    """Return the names that the handle neither has nor refuses with what to use."""
-    found = []
+    """Return the names that the handle does not have and whose refusal gives no replacement."""
+    names_missing = []
     for name in names.split():
         try:
             getattr(handle, name)
         except AttributeError as refusal:
             if "strands-robots has it: here, " not in str(refusal):
-                found.append(f"{name}: {refusal}")
-    return found
+                names_missing.append(f"{name}: {refusal}")
+    return names_missing
 
 
 @pytest.mark.parametrize("robot", sorted(VERBS))
-def test_a_name_of_a_driver_is_here_or_says_what_to_use(robot: str) -> None:
+def test_a_name_of_a_driver_exists_or_its_refusal_gives_the_replacement(robot: str) -> None:
     driver = get_native_driver_class(robot)
     assert driver is not None
     port = OWN_PORTS.get(robot, PORTS[driver.PORT_KIND])
@@ -84,26 +84,26 @@ def test_a_name_of_a_driver_is_here_or_says_what_to_use(robot: str) -> None:
     assert missing(handle, f"{ROBOT} {TELEOP} {VERBS[robot]}") == []
 
 
-def test_a_name_of_a_simulation_is_here_or_says_what_to_use() -> None:
+def test_a_name_of_a_simulation_exists_or_its_refusal_gives_the_replacement() -> None:
     assert missing(Robot("so101"), f"{ROBOT} {SIM}") == []
 
 
 @pytest.mark.parametrize("name", ["spot.stand", "reachy_mini.wake_up", "crazyflie.takeoff", "unitree_go2.stand_up"])
-def test_a_simulation_says_that_a_service_is_of_the_real_robot(name: str) -> None:
+def test_the_refusal_of_a_service_by_a_simulation_points_to_the_real_robot(name: str) -> None:
     robot, service = name.split(".")
     with pytest.raises(AttributeError, match=f"a service of the real {robot}.*transport='twin'"):
         getattr(Robot(robot), service)
 
 
-def test_a_slip_is_not_taken_for_a_name_of_theirs() -> None:
+def test_a_misspelled_name_is_not_a_name_of_strands_robots() -> None:
     arm = Robot("so101")
     assert not hasattr(arm, "conect") and not hasattr(arm, "connect") and not hasattr(arm, "volume")
-    assert not hasattr(arm, "get_volume"), "an alias of a service of another robot"
+    assert not hasattr(arm, "get_volume"), "get_volume is an alias of a service of another robot"
     with pytest.raises(AttributeError, match=r"no attribute 'conect'\Z"):
         arm.conect  # noqa: B018
 
 
-def test_an_alias_is_a_verb_that_is_here() -> None:
+def test_each_alias_refers_to_a_verb_or_service_of_this_package() -> None:
     arm = Robot("so101", mode="real", port="/dev/ttyACM0", peer_id="left")
     assert arm.stop_teleoperate == arm.stop_task and arm.emergency_stop == arm.stop
     assert arm.peer_id == arm.name == arm.mesh.peer_id == "left"
@@ -116,19 +116,19 @@ def _driver_classes() -> list[type]:
 
 
 @pytest.mark.parametrize("name", sorted(reference_names.PACKAGE))
-def test_an_import_of_theirs_says_what_to_use(name: str) -> None:
+def test_the_failed_import_of_a_strands_robots_name_gives_the_replacement(name: str) -> None:
     with pytest.raises(ImportError, match=f"no '{name}', which strands_robots has"):
         exec(f"from strands_actors import {name}")
     assert name not in dir(importlib.import_module("strands_actors"))
     assert not hasattr(strands_actors, "Simulatoin")
 
 
-def test_a_name_of_the_package_is_here_or_says_what_to_use() -> None:
+def test_a_name_of_the_package_exists_or_its_refusal_gives_the_replacement() -> None:
     here = dir(strands_actors)
     assert [name for name in PACKAGE.split() if name not in here and name not in reference_names.PACKAGE] == []
 
 
-def test_a_robot_is_on_the_mesh_as_they_say_it() -> None:
+def test_mesh_and_peer_id_are_accepted_as_in_strands_robots() -> None:
     for mesh in (True, False, None):
         assert Robot("so101", mesh=mesh).tool_name == "so101"
     with pytest.raises(ValueError, match="tool_name and peer_id are both given"):
@@ -151,7 +151,7 @@ def reachy(**inputs: Any) -> Any:
     return call_of(driver, "goto", (), inputs)
 
 
-def test_a_reachy_goes_to_a_pose_in_their_words() -> None:
+def test_a_reachys_goto_accepts_the_arguments_of_strands_robots() -> None:
     call = reachy(head={"pitch": 5.0, "z": 10}, antennas=(20, -20), body_yaw=3, duration=1.0)
     ears = {"antenna_right": 20, "antenna_left": -20}
     assert call.action == {"head_pitch": 5.0, "head_z": 10, **ears, "body_yaw": 3, "duration": 1.0}
@@ -166,5 +166,5 @@ def test_a_reachy_goes_to_a_pose_in_their_words() -> None:
         ({"head": 5}, "head is"),
     ],
 )
-def test_a_pose_that_is_none_is_refused(inputs: dict[str, Any], why: str) -> None:
+def test_an_invalid_pose_is_refused(inputs: dict[str, Any], why: str) -> None:
     assert why in reachy(**inputs).reason

@@ -1,5 +1,6 @@
-"""What the tests of strands-robots assert of a gripper, as behaviours of ours: on one twin, through
-the public names."""
+"""Behaviours of a gripper that the tests of strands-robots require, tested on one twin through the public
+names.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def twin_2f85(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 @pytest.fixture(scope="module")
 def gripper(twin_2f85: Twin) -> Iterator[RealRobot]:
     robot = Robot("robotiq_2f85", mode="real", port=twin_2f85.port)
-    for verb in ("open", "close", "sensors"):  # before it is connected: an agent connects nothing
+    # before it is connected, because an agent's verb does not connect
+    for verb in ("open", "close", "sensors"):
         assert "not connected" in why(ask(robot, action=verb))
     assert json_of(ask(robot, action="status"))["connected"] is False
     assert dict(robot.get_observation()) == {}
@@ -39,11 +41,11 @@ def gripper(twin_2f85: Twin) -> Iterator[RealRobot]:
 
 
 def at(gripper: RealRobot, closed: float) -> None:
-    """As far as its fingers go: pads end a little before either end of the counts."""
+    """Wait until the fingers are there. The pads touch a little before either end of the counts."""
     until(lambda: abs(gripper.get_observation().get("gripper", 9.0) - closed) < 0.15, f"it is at {closed}")
 
 
-def test_connecting_activates_it(gripper: RealRobot, twin_2f85: Twin) -> None:
+def test_connecting_activates_the_gripper(gripper: RealRobot, twin_2f85: Twin) -> None:
     assert gripper.is_connected and status(gripper)["sensors"]["activation"] == [3.0]
     assert "enable" in [entry.kind for entry in twin_2f85.log.entries()]
     assert gripper.connect_eagerly() is None
@@ -65,18 +67,18 @@ def test_connecting_activates_it(gripper: RealRobot, twin_2f85: Twin) -> None:
         ({"aperture_mm": 0.0}, 255, 0.0),
     ],
 )
-def test_every_spelling_is_the_position_that_it_names(
+def test_every_key_commands_the_position_that_it_names(
     gripper: RealRobot, action: dict[str, float], position: int, aperture_mm: Any
 ) -> None:
-    told = json_of(gripper.send_action(action))
-    assert (told["position"], told["aperture_mm"], told["robot"]) == (position, aperture_mm, "robotiq_2f85")
+    sent = json_of(gripper.send_action(action))
+    assert (sent["position"], sent["aperture_mm"], sent["robot"]) == (position, aperture_mm, "robotiq_2f85")
 
 
-def test_speed_and_force_are_fractions_and_arrive_as_counts(gripper: RealRobot) -> None:
-    told = json_of(gripper.send_action({"gripper": 1.0, "speed": 0.0, "force": 0.5}))
-    assert (told["speed"], told["force"]) == (0, 128)
-    told = json_of(gripper.send_action({"gripper": 1.0}))
-    assert (told["speed"], told["force"]) == (255, 255)
+def test_speed_and_force_are_fractions_and_are_sent_as_counts(gripper: RealRobot) -> None:
+    sent = json_of(gripper.send_action({"gripper": 1.0, "speed": 0.0, "force": 0.5}))
+    assert (sent["speed"], sent["force"]) == (0, 128)
+    sent = json_of(gripper.send_action({"gripper": 1.0}))
+    assert (sent["speed"], sent["force"]) == (255, 255)
 
 
 @pytest.mark.parametrize(
@@ -86,30 +88,28 @@ def test_speed_and_force_are_fractions_and_arrive_as_counts(gripper: RealRobot) 
         ({"gripper": 0.0, "gripper.pos": 1.0}, "are both given"),
         ({"position": 85.0, "aperture_mm": 0.0}, "are both given"),
         ({"wrist_flex": 0.2}, "wrist_flex is not a key"),
-        ({}, "says no position"),
-        ({"speed": 0.5}, "says no position"),
+        ({}, "has no position"),
+        ({"speed": 0.5}, "has no position"),
         ({"gripper": float("nan")}, "gripper is nan"),
         ({"gripper": "shut"}, "gripper is shut"),
         ({"gripper": True}, "gripper is True"),
     ],
 )
-def test_what_it_cannot_honour_is_refused_in_an_envelope(
-    gripper: RealRobot, action: dict[str, Any], says: str
-) -> None:
+def test_an_invalid_action_is_refused_in_an_envelope(gripper: RealRobot, action: dict[str, Any], says: str) -> None:
     assert says in why(gripper.send_action(action))
 
 
-def test_it_is_nobody_else_and_runs_no_policy(gripper: RealRobot) -> None:
+def test_an_action_for_another_robot_and_a_policy_are_refused(gripper: RealRobot) -> None:
     assert "robot_name is 'so101'" in why(gripper.send_action({"gripper": 0.0}, robot_name="so101"))
     json_of(gripper.send_action({"gripper": 0.0}, robot_name=gripper.robot_name))
     assert "send_action" in why(gripper.run_policy(lambda seen: {"gripper": 0.0}))
     assert why(gripper.start_task("pick up the cube")).startswith("start_task")
 
 
-def test_an_empty_close_holds_nothing(gripper: RealRobot) -> None:
+def test_after_closing_on_nothing_the_gripper_reports_that_it_holds_nothing(gripper: RealRobot) -> None:
     json_of(gripper.send_action({"gripper": 1.0}))
     at(gripper, 1.0)
-    until(lambda: status(gripper)["holding"] is False, "it says so")
+    until(lambda: status(gripper)["holding"] is False, "the status says that it holds nothing")
     assert gripper.get_observation()["gripper.pos"] == pytest.approx(1.0, abs=0.15)
     assert json_of(gripper.state())["aperture_mm"] == pytest.approx(0.0, abs=13.0)
 
@@ -126,16 +126,16 @@ def test_an_agents_verbs_are_those_of_the_schema(gripper: RealRobot) -> None:
     assert json_of(ask(gripper, action="sensors"))["sensors"]["aperture_mm"] == [pytest.approx(0.0, abs=13.0)]
     writes = status(gripper)["writes"]
     for other in ("home", "sensor", ""):
-        said = why(ask(gripper, action=other))
-        assert repr(other) in said and ", ".join(VERBS) in said
-    assert status(gripper)["writes"] - writes <= 1  # what stands may be re-sent
+        refusal = why(ask(gripper, action=other))
+        assert repr(other) in refusal and ", ".join(VERBS) in refusal
+    assert status(gripper)["writes"] - writes <= 1  # the last command may be resent
 
 
-def test_a_stop_keeps_it_activated_where_it_is(gripper: RealRobot) -> None:
+def test_a_stop_keeps_the_gripper_activated_at_its_position(gripper: RealRobot) -> None:
     json_of(gripper.send_action({"gripper": 0.0}))
     at(gripper, 0.0)
     json_of(gripper.send_action({"gripper": 1.0, "speed": 0.0}))
-    until(lambda: gripper.get_observation()["gripper"] > 0.05, "it closes")
+    until(lambda: gripper.get_observation()["gripper"] > 0.05, "the gripper closes")
     stopped = json_of(ask(gripper, action="stop"))
     assert stopped["stopped"] and stopped["safe_state"] == "hold"
     assert status(gripper)["sensors"]["activation"] == [3.0]

@@ -1,5 +1,6 @@
-"""What the tests of strands-robots assert of a G1 and a Go2, as behaviours of ours: on one twin each,
-through the public names."""
+"""Behaviours of a G1 and a Go2 that the tests of strands-robots require, tested on one twin each through
+the public names.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ class Bench(NamedTuple):
         return float(self.robot.get_observation()[self.joint])
 
     def armed(self) -> None:
-        """Legs have no torque after a rollout: as after a stop, they are taken up by who asks."""
+        """Arm the robot. A rollout leaves legs without torque, as a stop does, so each test must arm them
+        again.
+        """
         resumed(self.robot)
 
     def released(self) -> None:
@@ -45,7 +48,7 @@ class Bench(NamedTuple):
         return task_ended(self.robot)
 
     def moved(self, *joints: str, **gains: float) -> dict[str, Any]:
-        """A command to stay, of one moment: what it is told. Its end lets a robot on legs go."""
+        """Send one command to stay and return its answer. The end of the command makes a robot on legs limp."""
 
         def send() -> dict[str, Any] | None:
             self.robot.resume()
@@ -54,10 +57,10 @@ class Bench(NamedTuple):
             answer = self.robot.send_action(action)
             return json_of(answer) if answer["status"] == "success" else None
 
-        return until(send, "it is written")
+        return until(send, "the command is accepted")
 
     def refuses(self, action: Any, says: str) -> None:
-        """For the reason that is meant, not because it was just let go."""
+        """Check that an action is refused for the expected reason, and not because the robot is not armed."""
 
         def refused() -> bool:
             if status(self.robot)["state"] != "armed":
@@ -68,7 +71,9 @@ class Bench(NamedTuple):
 
 
 class Stand:
-    """Keeps one joint where it is first seen: others may lie past their travel, once let go."""
+    """Keep one joint at its first position. Without torque, other joints may have fallen beyond their
+    limits.
+    """
 
     def __init__(self, joint: str) -> None:
         self._joint = joint
@@ -76,7 +81,7 @@ class Stand:
 
     def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
         self._home = self._home or {self._joint: observation[self._joint]}
-        return [self._home] * 250  # half a second: the machine may be busy
+        return [self._home] * 250  # half a second, because the machine may be busy
 
 
 def bench_of(kind: str, joint: str, other: str, directory: Any) -> Iterator[Bench]:
@@ -98,38 +103,38 @@ JOINTS = {"g1": ("left_elbow", "right_elbow"), "go2": ("FL_calf_joint", "FL_hip_
 
 @pytest.fixture(scope="module", params=["g1", "go2"])
 def either(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """One after the other: a tree at 500 Hz and its twin take a processor."""
+    """Use one robot after the other: a tree at 500 Hz and its twin need a whole processor."""
     name = request.param
     yield from bench_of(f"unitree_{name}", *JOINTS[name], tmp_path_factory.mktemp(name))
 
 
 @pytest.fixture
 def bench(either: Bench) -> Bench:
-    """Ready to be moved: whichever test of this file ran before."""
+    """Prepare a robot to be moved, whichever test of this file ran before."""
     if not status(either.robot).get("sport_mode_released", True):
         either.released()
     return either
 
 
-def test_what_they_tell_of_themselves(bench: Bench) -> None:
+def test_state_and_status_describe_the_robot(bench: Bench) -> None:
     is_g1 = bench.robot.name == "unitree_g1"
     joints = 29 if is_g1 else 12
-    told = json_of(bench.robot.state())
-    assert len(told["joints"]) == len(told["joint_velocities"]) == joints
-    assert told["battery_pct"] == 80.0
-    assert len(told["imu"]["rpy"]) == 3 and len(told["imu"]["quaternion"]) == 4
-    said = status(bench.robot)
-    assert "network_interface" in said  # of a robot that was heard
-    assert sorted(said["motors"].values()) == list(range(joints))
+    reading = json_of(bench.robot.state())
+    assert len(reading["joints"]) == len(reading["joint_velocities"]) == joints
+    assert reading["battery_pct"] == 80.0
+    assert len(reading["imu"]["rpy"]) == 3 and len(reading["imu"]["quaternion"]) == 4
+    reported = status(bench.robot)
+    assert "network_interface" in reported  # only if the robot has answered
+    assert sorted(reported["motors"].values()) == list(range(joints))
     if is_g1:
         assert json_of(bench.robot.state())["fsm_id"] == 801
-    else:  # The wire's order, which is not that of the description: front right first.
+    else:  # The order on the wire begins at the front right; the order of the model differs.
         legs = [f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf")]
-        assert list(said["motors"]) == legs
+        assert list(reported["motors"]) == legs
 
 
 @pytest.mark.parametrize("either", ["go2"], indirect=True)
-def test_until_it_is_released_a_go2_is_moved_by_no_verb(either: Bench) -> None:
+def test_a_go2_in_sport_mode_is_moved_by_no_verb_until_release_sport_mode(either: Bench) -> None:
     either.twin.order("mode normal")
     either.sensor("sport_mode_released", 0.0)
     assert status(either.robot)["sport_mode_released"] is False
@@ -139,25 +144,25 @@ def test_until_it_is_released_a_go2_is_moved_by_no_verb(either: Bench) -> None:
     ):
         assert "sport mode" in why(answer) and "release_sport_mode" in why(answer)
     assert either.robot.start_task("walk")["status"] == "error"
-    for attempts in (0, -1, True, "3"):  # the robot is not asked
-        told = either.robot.release_sport_mode(attempts=attempts)  # type: ignore[attr-defined]
-        assert f"attempts is {attempts!r}" in why(told)
+    for attempts in (0, -1, True, "3"):  # the request is not sent to the robot
+        answer = either.robot.release_sport_mode(attempts=attempts)  # type: ignore[attr-defined]
+        assert f"attempts is {attempts!r}" in why(answer)
     assert status(either.robot)["sport_mode_released"] is False
     either.released()
 
 
 @pytest.mark.parametrize("either", ["g1"], indirect=True)
-def test_what_is_commanded_is_told(either: Bench) -> None:
-    told = either.moved(either.joint, either.other)
-    assert (told["topic"], told["fsm_id"]) == ("rt/lowcmd", 801)
-    assert told["joints"] == sorted([either.joint, either.other])
+def test_the_answer_to_a_command_names_topic_fsm_and_joints(either: Bench) -> None:
+    sent = either.moved(either.joint, either.other)
+    assert (sent["topic"], sent["fsm_id"]) == ("rt/lowcmd", 801)
+    assert sent["joints"] == sorted([either.joint, either.other])
     assert either.moved(either.joint, kp=20.0, kd=1.0, dq=0.1, tau=0.05)["joints"] == [either.joint]
 
 
 def unusable(joint: str, q: float) -> list[tuple[Any, str]]:
     return [
         ({}, "names no joint"),
-        ([joint], "must be a mapping"),
+        ([joint], "a mapping of joints to numbers"),
         ({"elbow_typo": 0.2, joint: q}, "elbow_typo is not a joint"),
         ({joint: {"kp": 10.0}}, "has no q"),
         ({joint: {"q": q, "K_p": 50.0}}, "K_p is not known"),
@@ -168,18 +173,18 @@ def unusable(joint: str, q: float) -> list[tuple[Any, str]]:
     ]
 
 
-def test_an_unusable_action_is_refused_whole(bench: Bench) -> None:
+def test_an_action_with_one_unusable_value_is_refused_as_a_whole(bench: Bench) -> None:
     for action, says in unusable(bench.joint, bench.here()):
         bench.refuses(action, says)
     is_g1 = bench.robot.name == "unitree_g1"
     foreign = "FL_hip_joint" if is_g1 else "left_knee"
-    if is_g1:  # a Go2 that was let go lies past its travel by now, which is said first
+    if is_g1:  # a Go2 without torque lies beyond its limits by now, and that refusal comes first
         bench.refuses({bench.joint: {"q": bench.here(), "kp": -1.0}}, "outside 0..200")
     bench.refuses({foreign: 0.0}, f"{foreign} is not a joint")
     assert "so101" in why(bench.robot.send_action({bench.joint: bench.here()}, robot_name="so101"))
 
 
-def test_a_budget_that_bounds_nothing_starts_nothing(bench: Bench) -> None:
+def test_an_invalid_duration_or_step_count_starts_nothing(bench: Bench) -> None:
     bench.armed()
     for name, values in {
         "duration": (NAN, float("inf"), 0, -1, "3"),
@@ -192,7 +197,7 @@ def test_a_budget_that_bounds_nothing_starts_nothing(bench: Bench) -> None:
     assert not task(bench.robot)["running"]
 
 
-def test_a_rollout_ends_by_name_in_a_soft_stop(bench: Bench) -> None:
+def test_a_rollout_ends_with_its_reason_in_a_soft_stop(bench: Bench) -> None:
     for make, budget, reason, says in (
         (lambda: Stand(bench.other), {"n_steps": 5}, "n_steps", "5 steps"),
         (lambda: Stand(bench.other), {"duration": 0.05}, "duration", "0.05 s"),
@@ -200,13 +205,13 @@ def test_a_rollout_ends_by_name_in_a_soft_stop(bench: Bench) -> None:
         (lambda: lambda seen: 1 / 0, {}, "policy", "division by zero"),
         (lambda: lambda seen: {"typo": 1.0}, {}, "gate", "typo is not a joint"),
     ):
-        until(  # by a policy of its own each time: let go, the joint has fallen since
+        until(  # each time with a new policy, because the joint has fallen since the last one
             lambda make=make, budget=budget, reason=reason: bench.runs(make(), **budget)["exit_reason"] == reason,
-            f"it ends by {reason}",  # a busy machine ends it by another
+            f"the rollout ends by {reason}",  # a busy machine may end it for another reason
         )
         ended = task(bench.robot)
         assert says in ended["exit_detail"], ended
-        assert task(bench.robot) == ended  # for who asks late
+        assert task(bench.robot) == ended  # a later call gets the same answer
         assert bench.twin.log.host("safe")[-1].safe_state == "zero_torque"
     bench.armed()
     json_of(bench.robot.run_policy(Stand(bench.other), duration=30.0))
@@ -216,11 +221,11 @@ def test_a_rollout_ends_by_name_in_a_soft_stop(bench: Bench) -> None:
     assert json_of(bench.robot.stop_task()) == halted
 
 
-def test_under_the_battery_floor_no_verb_moves_it(bench: Bench) -> None:
+def test_below_the_battery_floor_no_verb_moves_the_robot(bench: Bench) -> None:
     bench.armed()
     bench.twin.order("battery 4")
     bench.sensor("battery_pct", 4.0)
-    bench.refuses({bench.joint: bench.here()}, "battery 4.0 % is under the floor of 15.0 %")
+    bench.refuses({bench.joint: bench.here()}, "battery 4.0 % is below the minimum of 15.0 %")
     assert bench.robot.run_policy(hold)["status"] == "error"
     assert bench.robot.start_task("walk")["status"] == "error"
     bench.twin.order("battery 80")
@@ -228,7 +233,7 @@ def test_under_the_battery_floor_no_verb_moves_it(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("either", ["g1"], indirect=True)
-def test_a_g1_is_moved_only_in_the_states_that_shake_hands(either: Bench) -> None:
+def test_a_g1_is_moved_only_in_fsm_500_501_and_801(either: Bench) -> None:
     either.armed()
     for fsm in (0, 1, 3, 4):
         either.twin.order(f"fsm {fsm}")
@@ -244,9 +249,9 @@ def test_a_g1_is_moved_only_in_the_states_that_shake_hands(either: Bench) -> Non
         assert either.moved(either.joint)["fsm_id"] == fsm
 
 
-def test_an_agents_verbs_are_those_of_the_schema(bench: Bench) -> None:
+def test_the_verbs_of_an_agent_are_those_of_the_schema(bench: Bench) -> None:
     verbs = bench.robot.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert verbs == ["sensors", "status", "stop", *bench.robot.driver.SERVICES], "services with approval"
+    assert verbs == ["sensors", "status", "stop", *bench.robot.driver.SERVICES], "the services need an approval"
     for other in ("home", "walk", ""):
         assert repr(other) in why(ask(bench.robot, action=other))
     sensed = json_of(ask(bench.robot, action="sensors"))["sensors"]

@@ -1,5 +1,6 @@
-"""What the tests of strands-robots assert of a UR arm, as behaviours of ours: on one twin, through
-the public names."""
+"""Behaviours of a UR arm that the tests of strands-robots require, tested on one twin through the public
+names.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +35,7 @@ def bench(twin_ur5e: Twin) -> Iterator[RealRobot]:
     assert "not connected" in why(arm.state()) and dict(arm.get_observation()) == {}
     assert "not connected" in why(arm.stop_task())
     assert not task(arm)["running"]
-    for _ in range(3):  # a busy machine
+    for _ in range(3):  # the machine may be busy
         if (problem := arm.connect_eagerly()) is None:
             break
     assert problem is None
@@ -48,15 +49,15 @@ def elbow(arm: RealRobot) -> float:
     return float(arm.get_observation()[ELBOW])
 
 
-def test_what_it_tells_of_itself(bench: RealRobot, twin_ur5e: Twin) -> None:
+def test_state_and_status_describe_the_arm(bench: RealRobot, twin_ur5e: Twin) -> None:
     assert bench.connect_eagerly() is None and bench.is_connected
-    told = json_of(bench.state())
-    assert set(told["joints"]) == set(told["joint_velocities"]) == set(JOINTS)
-    assert len(told["tcp_pose"]) == len(told["wrench"]) == 6
-    assert (told["robot_mode"], told["safety_mode"]) == ("RUNNING", "NORMAL")  # compared by scripts
-    said = status(bench)
-    assert (said["connected"], said["model"], said["robot_mode"]) == (True, "ur5e", "RUNNING")
-    assert said["host"] == twin_ur5e.port.rpartition(":")[0]  # with RTDE's port left out
+    reading = json_of(bench.state())
+    assert set(reading["joints"]) == set(reading["joint_velocities"]) == set(JOINTS)
+    assert len(reading["tcp_pose"]) == len(reading["wrench"]) == 6
+    assert (reading["robot_mode"], reading["safety_mode"]) == ("RUNNING", "NORMAL")  # scripts compare these
+    reported = status(bench)
+    assert (reported["connected"], reported["model"], reported["robot_mode"]) == (True, "ur5e", "RUNNING")
+    assert reported["host"] == twin_ur5e.port.rpartition(":")[0]  # without RTDE's port
     assert set(bench.get_observation()) == set(JOINTS)
     assert set(json_of(ask(bench, action="state"))["positions"]) == set(JOINTS)
 
@@ -64,9 +65,9 @@ def test_what_it_tells_of_itself(bench: RealRobot, twin_ur5e: Twin) -> None:
 @pytest.mark.parametrize("key", [ELBOW, f"{ELBOW}.pos"])
 def test_a_step_within_the_period_is_written(bench: RealRobot, key: str) -> None:
     to = elbow(bench) + 0.005
-    told = json_of(bench.send_action({key: to}))
-    assert (told["robot"], told["joints"], told["control_period"]) == ("ur5e", [ELBOW], PERIOD_S)
-    assert told["targets"] == {ELBOW: pytest.approx(to)}
+    sent = json_of(bench.send_action({key: to}))
+    assert (sent["robot"], sent["joints"], sent["control_period"]) == ("ur5e", [ELBOW], PERIOD_S)
+    assert sent["targets"] == {ELBOW: pytest.approx(to)}
 
 
 @pytest.mark.parametrize(
@@ -74,7 +75,7 @@ def test_a_step_within_the_period_is_written(bench: RealRobot, key: str) -> None
     [
         ({ELBOW: 9.0}, "past 3.14"),
         ({}, "names no joint"),
-        ([ELBOW], "must be a mapping"),
+        ([ELBOW], "a mapping of joints to numbers"),
         ({"elbow": 1.5}, "elbow is not a joint"),
         ({ELBOW: float("nan")}, "elbow_joint is nan"),
         ({ELBOW: "up"}, "elbow_joint is up"),
@@ -82,28 +83,28 @@ def test_a_step_within_the_period_is_written(bench: RealRobot, key: str) -> None
         ({ELBOW: None}, "elbow_joint is None"),
     ],
 )
-def test_what_it_cannot_honour_is_refused(bench: RealRobot, action: Any, says: str) -> None:
+def test_an_invalid_action_is_refused(bench: RealRobot, action: Any, says: str) -> None:
     assert says in why(bench.send_action(action))
 
 
-def test_another_robots_action_is_not_applied(bench: RealRobot) -> None:
+def test_an_action_for_another_robot_is_refused(bench: RealRobot) -> None:
     assert "ur10e" in why(bench.send_action({ELBOW: elbow(bench)}, robot_name="ur10e"))
 
 
-def test_a_stream_is_measured_from_what_was_commanded_and_each_step_by_the_ceiling(bench: RealRobot) -> None:
-    """An arm that lags behind its stream loses no step of it; and no step is too long."""
+def test_each_step_of_a_stream_is_limited_from_the_last_commanded_position(bench: RealRobot) -> None:
+    """An arm that lags behind its stream loses no step, and a step that is too long is refused."""
     start = elbow(bench)
     for step in range(1, 11):
         json_of(bench.send_action({ELBOW: start - 0.02 * step}))
         time.sleep(PERIOD_S)
-    assert STEP_RAD < 0.02 * 10  # from where it was measured it would be too far
+    assert STEP_RAD < 0.02 * 10  # from the measured position the step would be too far
     assert "step at most" in why(bench.send_action({ELBOW: start - 1.2}))
-    json_of(bench.send_action({ELBOW: start - 0.21}))  # a refused one does not end the stream
-    until(lambda: abs(elbow(bench) - start + 0.21) < 0.002, "it is there")
+    json_of(bench.send_action({ELBOW: start - 0.21}))  # the refused step does not end the stream
+    until(lambda: abs(elbow(bench) - start + 0.21) < 0.002, "the elbow is there")
 
 
 class Chunked:
-    """A policy by its usual method."""
+    """A policy with ``get_actions_sync``."""
 
     instruction = ""
 
@@ -118,16 +119,16 @@ class Stepped:
 
 
 def does_three_steps(arm: RealRobot, policy: Any) -> bool:
-    """On a busy machine a step may be late, and a rollout is held for it."""
+    """Run three steps. On a busy machine a late step may end the rollout in a hold."""
     json_of(arm.run_policy(policy, instruction="lift", n_steps=3))
     ended = task_ended(arm)
     return (ended["exit_reason"], ended["steps"]) == ("n_steps", 3)
 
 
-def test_every_shape_of_a_policy_runs_its_steps(bench: RealRobot) -> None:
+def test_every_form_of_policy_runs_its_steps(bench: RealRobot) -> None:
     chunked = Chunked()
     for policy in (chunked, Stepped(), hold):
-        until(lambda policy=policy: does_three_steps(bench, policy), "it does its three steps")
+        until(lambda policy=policy: does_three_steps(bench, policy), "the rollout does its three steps")
     assert chunked.instruction == "lift"
     assert "get_actions_sync" in why(bench.run_policy(object()))
 
@@ -140,7 +141,7 @@ def test_every_shape_of_a_policy_runs_its_steps(bench: RealRobot) -> None:
         (lambda seen: 1 / 0, "policy", "division by zero"),
     ],
 )
-def test_a_rollout_that_cannot_go_on_ends_with_the_reason(
+def test_a_rollout_with_a_refused_action_or_an_exception_ends_with_the_reason(
     bench: RealRobot, policy: Any, reason: str, says: str
 ) -> None:
     json_of(bench.run_policy(policy, n_steps=5))
@@ -148,10 +149,10 @@ def test_a_rollout_that_cannot_go_on_ends_with_the_reason(
     assert ended["exit_reason"] == reason and says in ended["exit_detail"], ended
 
 
-def test_a_rollout_is_halted_and_the_next_begins_where_the_arm_is(bench: RealRobot) -> None:
+def test_a_rollout_is_stopped_and_the_next_command_starts_at_the_arms_position(bench: RealRobot) -> None:
     json_of(bench.run_policy(hold, duration=30.0))
     assert "already running" in why(bench.run_policy(hold))
-    until(lambda: task(bench)["steps"] > 1, "it goes")
+    until(lambda: task(bench)["steps"] > 1, "the policy runs")
     halted = json_of(bench.stop_task())
     assert (halted["stopped"], halted["robot"]) == (True, "ur5e") and halted["steps"] > 1
     json_of(bench.send_action({ELBOW: elbow(bench)}))
@@ -166,23 +167,23 @@ def test_a_rollout_is_halted_and_the_next_begins_where_the_arm_is(bench: RealRob
         ("mode POWER_OFF", "mode RUNNING", "robot_mode", "POWER_OFF"),
     ],
 )
-def test_a_stop_of_the_controllers_own_refuses_the_next_step_by_name(
+def test_a_stop_by_the_controller_refuses_the_next_step_with_its_name(
     bench: RealRobot, twin_ur5e: Twin, order: str, back: str, field: str, word: str
 ) -> None:
     twin_ur5e.order(order)
     try:
-        until(lambda: status(bench)[field] == word, "it is read")
+        until(lambda: status(bench)[field] == word, "the status shows it")
         assert bench.send_action({ELBOW: elbow(bench)})["status"] == "error"
     finally:
         twin_ur5e.order(back)
-    until(lambda: status(bench)[field] in ("NORMAL", "RUNNING"), "it is read again")
+    until(lambda: status(bench)[field] in ("NORMAL", "RUNNING"), "the status is normal again")
 
     def moves_again() -> bool:
-        bench.stop()  # which ends a program that the controller has ended
+        bench.stop()  # a stop also ends a program that the controller has interrupted
         bench.resume()
         return bench.send_action({ELBOW: elbow(bench)})["status"] == "success"
 
-    until(moves_again, "it moves again")
+    until(moves_again, "the arm moves again")
 
 
 def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
@@ -190,17 +191,15 @@ def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
     assert verbs == ["state", "status", "move_to", "stop"]
     assert "needs an operator's approval" in why(ask(bench, action="move_to", targets={ELBOW: 1.0}))
     for other in ("home", "move", ""):
-        said = why(ask(bench, action=other))
-        assert repr(other) in said and ", ".join(verbs) in said
+        refusal = why(ask(bench, action=other))
+        assert repr(other) in refusal and ", ".join(verbs) in refusal
     assert json_of(ask(bench, action="stop"))["unconfirmed"] == []
     assert "resume() first" in why(bench.send_action({ELBOW: elbow(bench)}))
     resumed(bench)
 
 
-def test_a_controller_that_may_not_move_or_is_not_there_is_named_when_connecting(
-    bench: RealRobot, twin_ur5e: Twin
-) -> None:
-    """Last: its robot has left the controller by then."""
+def test_connecting_to_a_stopped_or_missing_controller_gives_the_reason(bench: RealRobot, twin_ur5e: Twin) -> None:
+    """This is the last test of the file, because it closes the connection of ``bench``."""
     bench.cleanup()
     for order, back, word in (
         ("safety PROTECTIVE_STOP", "safety NORMAL", "PROTECTIVE_STOP"),
@@ -209,13 +208,13 @@ def test_a_controller_that_may_not_move_or_is_not_there_is_named_when_connecting
         twin_ur5e.order(order)
         arm = Robot("ur5e", mode="real", port=twin_ur5e.port)
         try:
-            until(lambda arm=arm, word=word: word in (arm.connect_eagerly() or ""), "it is said")
+            until(lambda arm=arm, word=word: word in (arm.connect_eagerly() or ""), "connect gives the reason")
         finally:
             arm.cleanup()
         twin_ur5e.order(back)
-    nobody = Robot("ur5e", mode="real", port="127.0.0.77")
+    missing = Robot("ur5e", mode="real", port="127.0.0.77")
     try:
-        assert "127.0.0.77" in (nobody.connect_eagerly() or "")
-        assert not nobody.is_connected
+        assert "127.0.0.77" in (missing.connect_eagerly() or "")
+        assert not missing.is_connected
     finally:
-        nobody.cleanup()
+        missing.cleanup()

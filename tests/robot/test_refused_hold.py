@@ -1,4 +1,4 @@
-"""SAF-010: a stop that the gate refuses is a stop that it has not answered."""
+"""SAF-010: a stop that the gate refuses counts as a stop without an answer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from strands_actors.supervisors.root.messages import TaskStatus
 
 
 class Asked:
-    """A reference whose actor answers this, or raises it."""
+    """A reference whose ``ask`` returns a given answer, or raises it."""
 
     def __init__(self, answer: Message | Exception) -> None:
         self._answer = answer
@@ -29,8 +29,8 @@ class Asked:
         pass
 
 
-@pytest.mark.parametrize("said", [Refused("overloaded", "the gate is full"), AskTimeout("no answer")])
-def test_saf_010_a_policy_that_neither_ends_nor_can_be_held_costs_the_wire(said: Message | Exception) -> None:
+@pytest.mark.parametrize("answer", [Refused("overloaded", "the gate is full"), AskTimeout("no answer")])
+def test_saf_010_a_policy_that_neither_ends_nor_can_be_held_costs_the_wire(answer: Message | Exception) -> None:
     fenced: list[Any] = []
 
     async def make_safe(*order: Any) -> None:
@@ -38,7 +38,7 @@ def test_saf_010_a_policy_that_neither_ends_nor_can_be_held_costs_the_wire(said:
 
     processes: Any = SimpleNamespace(
         patience=SimpleNamespace(ask_s=0.5, stop_s=2.0),
-        gate=Asked(said),
+        gate=Asked(answer),
         tasks=Asked(AskTimeout("no answer")),
         holder="a script",
         require=lambda: None,

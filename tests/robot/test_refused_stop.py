@@ -1,5 +1,6 @@
-"""SAF-010: a stop that was refused has stopped nothing: the wire is fenced, and the root makes safe.
-Read from the wire."""
+"""SAF-010: a stop that the gate refuses has not stopped the robot, so the wire is fenced and the root
+makes safe. The tests read the simulated robot's wire log.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ CODES = ("gone", "crashed", "mailbox_full")
 
 
 class Refuses:
-    """A gate whose mailbox has no room, or which has crashed."""
+    """A gate that refuses each stop, because its mailbox is full or it has crashed."""
 
     def __init__(self, gate: Any, code: str) -> None:
         self._gate = gate
@@ -43,7 +44,7 @@ class Refuses:
 
 
 @pytest.mark.parametrize("code", CODES)
-def test_saf_010_a_stop_that_the_gate_refuses_is_done_by_the_root(
+def test_saf_010_a_stop_that_the_gate_refuses_is_carried_out_by_the_root(
     arm: RealRobot, twin: Twin, run_dir: Path, code: str
 ) -> None:
     json_of(arm.send_action({"shoulder_pan": 5.0}))
@@ -52,8 +53,8 @@ def test_saf_010_a_stop_that_the_gate_refuses_is_done_by_the_root(
     processes: Any = tree._processes
     processes.gate = Refuses(processes.gate, code)
     began_ns = time.monotonic_ns()
-    told = json_of(arm.stop())
-    assert (told["safe_state"], told["path"], told["unconfirmed"]) == ("limp", "stop_channel", [])
+    report = json_of(arm.stop())
+    assert (report["safe_state"], report["path"], report["unconfirmed"]) == ("limp", "stop_channel", [])
     assert limps(twin.log, began_ns)
     twin.log.no_setpoint_after_safe(began_ns)
     assert isinstance(portal().call(tree.stop, Reason.ESTOP, True), Confirmed)
@@ -61,18 +62,20 @@ def test_saf_010_a_stop_that_the_gate_refuses_is_done_by_the_root(
 
 
 @pytest.mark.parametrize("code", CODES)
-def test_saf_010_so_is_one_of_another_process(
+def test_saf_010_a_refused_stop_of_another_process_is_carried_out_by_the_root(
     arm: RealRobot, twin: Twin, run_dir: Path, monkeypatch: pytest.MonkeyPatch, code: str
 ) -> None:
     json_of(arm.send_action({"shoulder_pan": 5.0}))
     ask = directory.Directory._ask
 
-    async def asked(self: Any, address: str, protocol: Any, message: Message, deadline_s: float) -> Message | None:
+    async def refusing(
+        self: Any, address: str, protocol: Any, message: Message, deadline_s: float
+    ) -> Message | None:
         if protocol is Gate:
             return Refused(code, "the gate has not read this")
         return await ask(self, address, protocol, message, deadline_s)
 
-    monkeypatch.setattr(directory.Directory, "_ask", asked)
+    monkeypatch.setattr(directory.Directory, "_ask", refusing)
 
     async def press() -> StopResult:
         async with directory.join() as joined:

@@ -1,4 +1,4 @@
-"""Policies: in this process (``run_policy``) and in one of their own (``start_task``)."""
+"""Policies in this process (``run_policy``) and in their own process (``start_task``)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Action = dict[str, float]
 TASK_KEYS = {"running", "steps", "elapsed_s", "exit_reason", "exit_detail", "refusal", "instruction", "hz"}
 
 GENEROUS_S = 0.3
-"""From the call of stop() to the safe frame, whatever the policy does."""
+"""Longest time from the call of stop() to the safe frame, for any policy."""
 
 
 def ahead(observation: Observed) -> Action:
@@ -56,18 +56,18 @@ class Asynchronous:
 
 @pytest.fixture
 def blocked() -> Iterator[threading.Event]:
-    """Lets a blocked policy go when the test is over."""
+    """Release a blocked policy at the end of the test."""
     event = threading.Event()
     yield event
     event.set()
 
 
-# -- what a policy may be, and how long it runs
+# # -- which objects are policies, and how long they run
 
 
-def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
+def test_every_form_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
     for policy in (ahead, Stepper(), Synchronous(), Asynchronous()):
-        for _ in range(3):  # a machine that pauses has a rollout held
+        for _ in range(3):  # on a machine that pauses, a rollout may end in a hold
             began_ns = time.monotonic_ns()
             begun = json_of(arm.run_policy(policy, "forward", n_steps=5))
             assert begun.keys() == TASK_KEYS
@@ -77,17 +77,16 @@ def test_every_kind_of_policy_runs(arm: RealRobot, twin: Twin) -> None:
                 break
         assert (ended["steps"], ended["exit_reason"], ended["instruction"]) == (5, "n_steps", "forward"), ended
         assert len({entry.data for entry in twin.log.host("setpoint", began_ns)}) >= 1
-        assert until(lambda ns=began_ns: holds(twin.log, ns), "it is held afterwards")  # type: ignore[misc]
+        assert until(lambda ns=began_ns: holds(twin.log, ns), "the robot is held afterwards")  # type: ignore[misc]
     assert state(arm) == "holding"
     assert arm.send_action({"shoulder_pan": 0.0})["status"] == "success"
 
 
-def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm: RealRobot) -> None:
-    """The caller's collector would stop its setpoints for as long as it takes to walk
-    everything."""
+def test_objects_from_before_are_not_searched_for_garbage_while_a_policy_moves(arm: RealRobot) -> None:
+    """A garbage collection of the whole heap would stop the caller's setpoints for as long as it takes."""
 
     class Ring:
-        """Garbage that only the collector finds."""
+        """Garbage that only the collector can find."""
 
         def __init__(self) -> None:
             self.itself = self
@@ -97,13 +96,13 @@ def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm
     kept: list[bool] = []
 
     def policy(observation: Observed) -> list[Action]:
-        if observed:  # and commanded: it moves
+        if observed:  # a command was sent before: the robot moves
             gc.collect()
             kept.append(old() is not None)
         observed.append(observation)
         return [ahead(observation)] * 4
 
-    gc.disable()  # until the policy asks for it
+    gc.disable()  # until the policy calls the collector
     try:
         json_of(arm.run_policy(policy, n_steps=5))
         ended = task_ended(arm)
@@ -116,10 +115,10 @@ def test_the_heap_of_before_is_not_searched_for_garbage_while_a_policy_moves(arm
         gc.collect()
         return old() is None
 
-    assert until(searched, "everything is searched again")
+    assert until(searched, "the whole heap is searched again")
 
 
-def test_a_status_that_is_slow_is_not_a_robot_that_is_not_connected(
+def test_a_slow_status_does_not_mean_that_the_robot_is_not_connected(
     arm: RealRobot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ask = Ref.ask
@@ -138,7 +137,7 @@ def test_a_status_that_is_slow_is_not_a_robot_that_is_not_connected(
     assert task_ended(arm)["exit_reason"] == "n_steps"
     takes_s[0] = 5.0
     answer = arm.run_policy(ahead, n_steps=2)
-    assert why(answer) == "run_policy: the wire has not answered for 500 ms. try again: the host may be busy"
+    assert "the process that talks to the robot has not answered for 500 ms. Try again" in why(answer)
     assert answer["content"][1]["json"]["refused"]["code"] == "no_answer"
 
 
@@ -148,14 +147,14 @@ def test_the_policy_keyword_of_the_reference_works_too(arm: RealRobot) -> None:
 
 
 def test_a_chunk_is_executed_action_by_action_at_the_control_rate(arm: RealRobot, twin: Twin) -> None:
-    asked: list[float] = []
+    called_s: list[float] = []
 
     class Chunks:
-        """Eight actions a call, each half a degree further."""
+        """Return eight actions a call, each half a degree further than the last."""
 
         def get_actions_sync(self, observation: Observed, instruction: str) -> list[Action]:
-            first = len(asked) * 8
-            asked.append(time.monotonic())
+            first = len(called_s) * 8
+            called_s.append(time.monotonic())
             return [{"shoulder_pan": (first + number) * 0.5} for number in range(8)]
 
     json_of(arm.send_action({"shoulder_pan": 0.0}))
@@ -164,11 +163,13 @@ def test_a_chunk_is_executed_action_by_action_at_the_control_rate(arm: RealRobot
     json_of(arm.run_policy(Chunks(), n_steps=24, control_frequency=50))
     ended = task_ended(arm)
     assert (ended["steps"], ended["exit_reason"]) == (24, "n_steps"), ended
-    assert ended["elapsed_s"] < 24 * 8 / 50 / 2  # the first action of each chunk alone would take 8 times as long
-    assert 3 <= len(asked) <= 5
+    # with only the first action of each chunk it would take 8 times as long
+    assert ended["elapsed_s"] < 24 * 8 / 50 / 2
+    assert 3 <= len(called_s) <= 5
     written = [goals(entry)[1] for entry in twin.log.host("setpoint", began_ns)]
-    steps = [goal for at, goal in enumerate(written) if at == 0 or goal != written[at - 1]]
-    # The hold that ends a rollout overtakes what has not left yet: the last one may be missing.
+    steps = [goal for index, goal in enumerate(written) if index == 0 or goal != written[index - 1]]
+    # The hold that ends a rollout overtakes setpoints that are not sent yet. So the last one may be
+    # missing.
     assert len(steps) >= 23
     assert steps == [round(2047.5 + number * 0.5 * COUNTS_PER_DEGREE) for number in range(len(steps))]
 
@@ -189,7 +190,7 @@ def test_a_refused_action_ends_the_rollout_with_the_reason(arm: RealRobot, twin:
     assert not twin.log.host("setpoint", began_ns)
 
 
-def test_a_policy_that_raises_ends_the_rollout_with_its_words(arm: RealRobot, twin: Twin) -> None:
+def test_a_policy_that_raises_ends_the_rollout_with_the_text_of_its_exception(arm: RealRobot, twin: Twin) -> None:
     def broken(observation: Observed) -> Action:
         raise LookupError("no weights here")
 
@@ -228,12 +229,12 @@ def test_one_rollout_at_a_time(arm: RealRobot) -> None:
     json_of(arm.run_policy(ahead))
     assert "already running" in why(arm.run_policy(ahead))
     assert "already running" in why(arm.start_task("x", policy_provider="mock"))
-    assert "a task is running. call stop_task() first" in why(arm.send_action({"gripper": 50.0}))
+    assert "a task is running. Call stop_task() first" in why(arm.send_action({"gripper": 50.0}))
     assert json_of(arm.stop_task())["exit_reason"] == "stopped"
     assert arm.send_action({"gripper": 50.0})["status"] == "success"
 
 
-def test_of_many_that_start_a_rollout_at_once_one_gets_it(arm: RealRobot) -> None:
+def test_when_four_threads_start_a_rollout_at_once_one_of_them_succeeds(arm: RealRobot) -> None:
     barrier = threading.Barrier(4)
     outcomes: list[str] = []
 
@@ -253,8 +254,8 @@ def test_of_many_that_start_a_rollout_at_once_one_gets_it(arm: RealRobot) -> Non
 # -- ending a rollout
 
 
-def test_stop_task_holds_and_gives_the_robot_back(arm: RealRobot, twin: Twin) -> None:
-    begin_moving(arm, lambda: arm.run_policy(ahead, "forward"), lambda told, _: told["steps"] > 5)
+def test_stop_task_holds_the_robot_and_allows_commands_again(arm: RealRobot, twin: Twin) -> None:
+    begin_moving(arm, lambda: arm.run_policy(ahead, "forward"), lambda progress, _: progress["steps"] > 5)
     began_ns = time.monotonic_ns()
     ended = json_of(arm.stop_task())
     assert (ended["running"], ended["exit_reason"]) == (False, "stopped")
@@ -262,11 +263,11 @@ def test_stop_task_holds_and_gives_the_robot_back(arm: RealRobot, twin: Twin) ->
     time.sleep(0.2)
     assert twin.log.setpoints_after_safe(began_ns) == 0
     assert state(arm) == "holding"
-    assert json_of(arm.stop_task()) == ended  # nothing runs: what is told is how it ended
+    assert json_of(arm.stop_task()) == ended  # no task runs, so the answer is the result of the last one
 
 
 def block(until_released: threading.Event) -> Callable[[Observed], Action]:
-    """Moves for ten steps, then sleeps."""
+    """Move for ten steps, then sleep."""
     calls = [0]
 
     def policy(observation: Observed) -> Action:
@@ -287,7 +288,7 @@ def block_at_once(until_released: threading.Event) -> Callable[[Observed], Actio
 
 
 def spin(until_released: threading.Event) -> Callable[[Observed], Action]:
-    """Moves for ten steps, then keeps a processor and the interpreter's lock busy."""
+    """Move for ten steps, then keep a processor and the interpreter's lock busy."""
     calls = [0]
 
     def policy(observation: Observed) -> Action:
@@ -305,7 +306,7 @@ Faulty = Callable[[threading.Event], Callable[[Observed], Action]]
 def begin(arm: RealRobot, policy: Faulty, blocked: threading.Event) -> None:
     json_of(arm.run_policy(policy(blocked), control_frequency=50))
     if policy is not block_at_once:
-        until(lambda: status(arm)["writes"] >= 5, "it moves")
+        until(lambda: status(arm)["writes"] >= 5, "the robot moves")
 
 
 @pytest.mark.parametrize("policy", [block, block_at_once, spin])
@@ -314,9 +315,9 @@ def test_stop_task_does_not_wait_for_the_policy(
 ) -> None:
     began_ns = time.monotonic_ns()
     begin(arm, policy, blocked)
-    asked_s = time.monotonic()
+    called_s = time.monotonic()
     ended = json_of(arm.stop_task())
-    assert time.monotonic() - asked_s < 0.5
+    assert time.monotonic() - called_s < 0.5
     assert ended["running"] is False
     assert ended["exit_reason"] in ("stopped", "policy")
     time.sleep(0.2)
@@ -326,7 +327,8 @@ def test_stop_task_does_not_wait_for_the_policy(
     assert not limps(twin.log)
     blocked.set()
     time.sleep(0.2)
-    assert not twin.log.host("setpoint", round(asked_s * 1e9) + 500_000_000)  # what it returns now comes too late
+    # an action that the policy returns now is too late
+    assert not twin.log.host("setpoint", round(called_s * 1e9) + 500_000_000)
     assert json_of(arm.run_policy(ahead, n_steps=3))["running"]
     assert task_ended(arm)["exit_reason"] == "n_steps"
 
@@ -337,9 +339,9 @@ def test_stop_does_not_wait_for_the_policy(
 ) -> None:
     begin(arm, policy, blocked)
     stopped_ns = time.monotonic_ns()
-    told = json_of(arm.stop())
+    report = json_of(arm.stop())
     assert until(lambda: limps(twin.log, stopped_ns), "limp")[0].t_ns - stopped_ns < GENEROUS_S * 1e9
-    assert (told["safe_state"], told["unconfirmed"]) == ("limp", [])
+    assert (report["safe_state"], report["unconfirmed"]) == ("limp", [])
     blocked.set()
     time.sleep(0.3)
     assert twin.log.setpoints_after_safe(stopped_ns) == 0
@@ -347,7 +349,7 @@ def test_stop_does_not_wait_for_the_policy(
     assert (ended["running"], ended["exit_reason"]) in ((False, "stop"), (False, "policy")), ended
 
 
-def test_a_policy_that_goes_silent_is_held_and_the_rollout_says_why(
+def test_a_policy_that_sends_no_action_leads_to_a_hold_and_the_rollout_gives_the_reason(
     arm: RealRobot, twin: Twin, blocked: threading.Event
 ) -> None:
     json_of(arm.run_policy(block(blocked), control_frequency=50))
@@ -359,7 +361,7 @@ def test_a_policy_that_goes_silent_is_held_and_the_rollout_says_why(
 
 
 def test_stop_ends_a_healthy_rollout_for_good(arm: RealRobot, twin: Twin) -> None:
-    begin_moving(arm, lambda: arm.run_policy(ahead), lambda told, _: told["steps"] > 5)
+    begin_moving(arm, lambda: arm.run_policy(ahead), lambda progress, _: progress["steps"] > 5)
     stopped_ns = time.monotonic_ns()
     json_of(arm.stop())
     ended = task(arm)
@@ -369,18 +371,18 @@ def test_stop_ends_a_healthy_rollout_for_good(arm: RealRobot, twin: Twin) -> Non
     assert twin.log.setpoints_after_safe(stopped_ns) == 0
 
 
-# -- a policy in a process of its own
+# # -- a policy in its own process
 
 
 @pytest.mark.parametrize("provider", ["mock", "sine"])
-def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin, provider: str) -> None:
+def test_a_named_policy_runs_in_its_own_process(arm: RealRobot, twin: Twin, provider: str) -> None:
     def begin() -> Mapping[str, Any]:
         answer = arm.start_task("wave", policy_provider=provider)
         begun = json_of(answer)
         assert begun.keys() == TASK_KEYS and begun["running"] is True
         return answer
 
-    begin_moving(arm, begin, lambda told, _: told["steps"] >= 8)
+    begin_moving(arm, begin, lambda progress, _: progress["steps"] >= 8)
     assert pids(arm).keys() >= {"root", "wire", "policy"}
     assert "already running" in why(arm.run_policy(ahead))
     stopped_ns = time.monotonic_ns()
@@ -393,12 +395,12 @@ def test_a_named_policy_runs_in_a_process_of_its_own(arm: RealRobot, twin: Twin,
 
 def test_a_named_policy_ends_after_its_duration(arm: RealRobot) -> None:
     run_to_end(arm, lambda: arm.start_task("wave", policy_provider="sine", duration=0.5))
-    # caller, root, wire, standby, spawner
-    until(lambda: len((arm.tree() or {})["processes"]) == 5, "its process ends")
+    # The remaining processes: caller, root, wire, standby, spawner.
+    until(lambda: len((arm.tree() or {})["processes"]) == 5, "the policy's process ends")
     run_to_end(arm, lambda: arm.start_task("wave", policy_provider="mock", duration=0.5))
 
 
-def test_options_the_policy_does_not_take_are_told(arm: RealRobot) -> None:
+def test_options_that_the_policy_does_not_take_are_reported(arm: RealRobot) -> None:
     json_of(arm.start_task("wave", policy_provider="sine", loudness=11))
     ended = task_ended(arm)
     assert ended["exit_reason"] == "policy", ended
@@ -406,7 +408,9 @@ def test_options_the_policy_does_not_take_are_told(arm: RealRobot) -> None:
 
 
 def test_stop_ends_a_named_policy_too(arm: RealRobot, twin: Twin) -> None:
-    begin_moving(arm, lambda: arm.start_task("wave", policy_provider="sine"), lambda told, _: told["steps"] >= 8)
+    begin_moving(
+        arm, lambda: arm.start_task("wave", policy_provider="sine"), lambda progress, _: progress["steps"] >= 8
+    )
     stopped_ns = time.monotonic_ns()
     assert json_of(arm.stop())["safe_state"] == "limp"
     twin.log.safe_within(stopped_ns, GENEROUS_S)

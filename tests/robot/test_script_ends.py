@@ -1,5 +1,6 @@
-"""A script ends with its own exit code, however it ends and whatever its threads do: none is aborted
-by a thread of zenoh that enters Python as the interpreter goes."""
+"""A script ends with its own exit code, for each kind of end and with busy threads. It must not be
+aborted by a thread of zenoh that enters Python during the interpreter's shutdown.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +49,7 @@ ENDS = {
     "daemon threads and cleanup": (FOREVER + "arm.cleanup()", 0),
     "a forked child": (FORKED, 0),
 }
-"""What a script does at its end, and the exit code that Python gives it."""
+"""For each case: the last lines of the script, and the exit code that Python gives."""
 SCRIPTS, LOOPS = 500, 16
 
 
@@ -64,16 +65,16 @@ def ran(end: str, port: str, folder: Path) -> tuple[int, str]:
 @pytest.mark.parametrize("name", ENDS)
 def test_a_script_ends_with_its_own_exit_code(name: str, twin: Twin, tmp_path: Path) -> None:
     end, code = ENDS[name]
-    found, said = ran(end, twin.port, tmp_path)
-    assert found == code, said
-    assert "FATAL" not in said and "Traceback" not in said.partition("ValueError: x")[2], said
+    returned, errors = ran(end, twin.port, tmp_path)
+    assert returned == code, errors
+    assert "FATAL" not in errors and "Traceback" not in errors.partition("ValueError: x")[2], errors
 
 
 @pytest.mark.long
-def test_none_of_many_scripts_is_aborted_beside_busy_loops(twin: Twin, tmp_path: Path) -> None:
+def test_none_of_many_scripts_is_aborted_on_a_busy_machine(twin: Twin, tmp_path: Path) -> None:
     names = itertools.cycle(ENDS)
     with spinning(LOOPS):
         for number, name in enumerate(itertools.islice(names, SCRIPTS)):
-            found, said = ran(ENDS[name][0], twin.port, tmp_path)
-            assert found == ENDS[name][1], f"script {number}, {name}: {said}"
-            assert "FATAL" not in said, f"script {number}, {name}: {said}"
+            returned, errors = ran(ENDS[name][0], twin.port, tmp_path)
+            assert returned == ENDS[name][1], f"script {number}, {name}: {errors}"
+            assert "FATAL" not in errors, f"script {number}, {name}: {errors}"

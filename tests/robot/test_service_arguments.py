@@ -1,5 +1,4 @@
-"""A service is called as a person writes it: arguments by place or by name, and it connects by itself, as
-``send_action`` does."""
+"""A service accepts arguments by position or by name, and connects by itself, as ``send_action`` does."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from tests.answers import json_of, state, why
 
 
 @pytest.mark.parametrize(
-    ("robot", "service", "values", "named", "found"),
+    ("robot", "service", "values", "named", "expected"),
     [
         ("spot", "set_twist", (0.3, 0.0, 0.1), {}, {"vx": 0.3, "vy": 0.0, "wz": 0.1}),
         ("stretch3", "set_twist", (0.1, 0.2), {}, {"vx": 0.1, "wz": 0.2}),
@@ -24,10 +23,10 @@ from tests.answers import json_of, state, why
         ("earthrover", "speak", (), {"text": "hello"}, {"text": "hello"}),
     ],
 )
-def test_values_are_given_by_their_place(
-    robot: str, service: str, values: tuple[Any, ...], named: dict[str, Any], found: dict[str, Any]
+def test_arguments_may_be_given_by_position(
+    robot: str, service: str, values: tuple[Any, ...], named: dict[str, Any], expected: dict[str, Any]
 ) -> None:
-    assert name_values(plan(robot, "real", transport="twin"), service, values, named) == found
+    assert name_values(plan(robot, "real", transport="twin"), service, values, named) == expected
 
 
 @pytest.mark.parametrize(
@@ -38,7 +37,7 @@ def test_values_are_given_by_their_place(
         ("emergency_stop", (1,), {}, "emergency_stop: 1 values were given. it takes no arguments"),
     ],
 )
-def test_too_many_are_refused_with_what_it_takes(
+def test_too_many_arguments_are_refused_with_the_accepted_ones(
     service: str, values: tuple[Any, ...], named: dict[str, Any], text: str
 ) -> None:
     refusal = name_values(plan("crazyflie", "real", transport="twin"), service, values, named)
@@ -50,7 +49,7 @@ def test_a_service_connects_by_itself_and_a_stop_does_not() -> None:
     try:
         assert "not connected" in why(drone.emergency_stop())
         assert "it takes height, duration" in why(drone.takeoff(0.5, 2.0, 1.0))
-        assert drone.tree() is None, "what is refused connects nothing"
+        assert drone.tree() is None, "a refused service does not connect"
         json_of(drone.takeoff(0.5))
         assert state(drone) == "armed"
     finally:

@@ -1,5 +1,6 @@
-"""``Robot(name)``: a simulation with the same tree and verbs, its pictures, and the real driver on
-its wire."""
+"""``Robot(name)`` is a simulation with the same tree and verbs as a real robot. The tests use its verbs
+and pictures, and the real driver on its wire.
+"""
 
 from __future__ import annotations
 
@@ -34,14 +35,14 @@ ROOT = Path(__file__).parents[2]
 NewSim = Callable[..., SimRobot]
 NewArm = Callable[..., RealRobot]
 
-# a joint, where it is sent, and within what it gets there
+# For each robot: a joint, its target, and the tolerance.
 SIMULATED = {
     "so100": ("shoulder_pan", -30.0, 1.0),
     "so101": ("shoulder_pan", 30.0, 1.0),
     "hope_jr": ("wrist_roll", 15.0, 1.0),
     "open_duck_mini": ("head_yaw", 25.0, 1.0),
     "koch": ("shoulder_pan", 20.0, 1.0),
-    "ur5e": ("shoulder_pan_joint", 1.0, 0.01),  # far more than a real one may be sent in one go
+    "ur5e": ("shoulder_pan_joint", 1.0, 0.01),  # much farther than a real robot may be sent in one command
     "xarm7": ("joint4", 1.5, 0.01),
     "robotiq_2f85": ("gripper", 0.5, 0.01),
     "kuka_iiwa": ("joint1", 1.0, 0.01),
@@ -56,7 +57,7 @@ SIMULATED = {
 
 @pytest.fixture
 def new_sim(run_dir: Path) -> Iterator[NewSim]:
-    """Make a simulation. It and whatever is on its wire is cleaned up."""
+    """Make a simulation. Afterwards, clean up all of them, with the robots on their wires."""
     made: list[SimRobot] = []
 
     def new(robot: str = "so101", **keywords: Any) -> SimRobot:
@@ -70,7 +71,7 @@ def new_sim(run_dir: Path) -> Iterator[NewSim]:
 
 @pytest.fixture
 def new_arm(new_sim: NewSim) -> Iterator[NewArm]:
-    """The real driver on a simulation's wire, connected."""
+    """Connect the real driver to a simulation's wire."""
     made: list[RealRobot] = []
 
     def new(sim: SimRobot, robot: str = "so101") -> RealRobot:
@@ -90,62 +91,62 @@ def new_arm(new_sim: NewSim) -> Iterator[NewArm]:
 def test_a_robot_is_simulated_from_its_first_verb_on(new_sim: NewSim, robot: str) -> None:
     joint, place, within = SIMULATED[robot]
     sim = new_sim(robot)
-    assert sim.tree() is None  # nothing was started
+    assert sim.tree() is None  # no process was started
     assert sim.get_task_status()["status"] == "success"
     answer = json_of(sim.send_action({joint: place}))
     rows = [row for row in answer.values() if isinstance(row, dict)]
-    told = (*(row.get(joint) for row in rows), answer.get(joint))
-    assert place in told or joint in answer.get("joint_speeds", ())
+    values = (*(row.get(joint) for row in rows), answer.get(joint))
+    assert place in values or joint in answer.get("joint_speeds", ())
     at(sim, joint, place, within)
     assert "is not a" in why(sim.send_action({"left_wheel": 1.0}))
     assert "finite" in why(sim.send_action({joint: math.nan}))
     assert state(sim) == "armed"
 
 
-def test_a_target_is_gated_by_its_joints_range(new_sim: NewSim) -> None:
+def test_a_target_beyond_a_joints_range_is_refused(new_sim: NewSim) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_lift": 30.0}))
     json_of(sim.step(1000))
     assert why(sim.send_action({"shoulder_pan": 400.0})).startswith(
-        "move: shoulder_pan 400.0 deg is past 110.1. stay within -110.0..110.1"
+        "move: shoulder_pan 400.0 deg is past 110.1. Stay within -110.0..110.1"
     )
     for huge in (1e300, 1e11, -1e9):
         assert "move: shoulder_pan" in why(sim.send_action({"shoulder_pan": huge}))
     assert json_of(sim.step(1000))["position"]["shoulder_lift"] == pytest.approx(30.0, abs=3.0)
 
 
-def test_it_holds_where_it_begins_before_it_is_commanded(new_sim: NewSim) -> None:
+def test_a_connected_robot_holds_its_position_before_the_first_command(new_sim: NewSim) -> None:
     sim = new_sim(arm=False)
     assert sim.connect_eagerly() is None
     began = sim.get_observation()
-    assert json_of(sim.step(2000))["position"] == pytest.approx(began, abs=3.0), "not let go of"
+    assert json_of(sim.step(2000))["position"] == pytest.approx(began, abs=3.0), "the joints keep their torque"
 
 
-def test_nothing_is_gated_for_who_asks(new_sim: NewSim) -> None:
+def test_with_gated_false_nothing_is_refused(new_sim: NewSim) -> None:
     sim = new_sim(gated=False)
-    assert "farther than physics can be computed" in why(sim.send_action({"shoulder_pan": 1e11}))
-    json_of(sim.send_action({"shoulder_pan": 400.0}))  # the joint's own end stops it
-    until(lambda: sim.get_observation()["shoulder_pan"] > 100.0, "it goes as far as it can")
-    policy = iter(range(-50, 1000, 25))  # steps that no servo can follow
+    assert "is too large for the physics" in why(sim.send_action({"shoulder_pan": 1e11}))
+    json_of(sim.send_action({"shoulder_pan": 400.0}))  # the joint's limit stops it
+    until(lambda: sim.get_observation()["shoulder_pan"] > 100.0, "the joint reaches its limit")
+    policy = iter(range(-50, 1000, 25))  # steps that are too large for any servo
     json_of(sim.run_policy(lambda _: {"shoulder_pan": next(policy)}, n_steps=5, control_frequency=50.0))
     ended = task_ended(sim)
     assert (ended["exit_reason"], ended["steps"], ended["refusal"]) == ("n_steps", 5, None)
 
 
-def test_a_stop_lets_go_and_only_a_resume_moves_again(new_sim: NewSim) -> None:
+def test_a_stop_makes_the_robot_limp_and_only_a_resume_moves_it_again(new_sim: NewSim) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_lift": -40.0}))
     at(sim, "shoulder_lift", -40.0, 5.0)
     report = json_of(sim.stop())
     assert (report["stopped"], report["safe_state"], report["unconfirmed"]) == (True, "limp", [])
-    until(lambda: sim.get_observation()["shoulder_lift"] > -30.0, "it falls")
+    until(lambda: sim.get_observation()["shoulder_lift"] > -30.0, "the arm falls")
     assert "disarmed" in why(sim.send_action({"shoulder_lift": -40.0}))
     json_of(sim.resume())
     json_of(sim.send_action({"shoulder_lift": -40.0}))
     at(sim, "shoulder_lift", -40.0, 5.0)
 
 
-def test_a_reset_is_a_fresh_start(new_sim: NewSim) -> None:
+def test_a_reset_returns_to_the_first_position(new_sim: NewSim) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_pan": 60.0, "gripper": 80.0}))
     at(sim, "shoulder_pan", 60.0)
@@ -153,10 +154,10 @@ def test_a_reset_is_a_fresh_start(new_sim: NewSim) -> None:
     assert abs(began["shoulder_pan"]) < 1.0
     json_of(sim.send_action({"gripper": 50.0}))
     at(sim, "gripper", 50.0)
-    assert abs(sim.get_observation()["shoulder_pan"]) < 1.0  # no old target comes back
+    assert abs(sim.get_observation()["shoulder_pan"]) < 1.0  # no earlier target is applied again
 
 
-def test_saf_003_008_a_simulation_whose_wire_is_killed_is_let_go_of_and_waits(
+def test_saf_003_008_a_simulation_whose_wire_is_killed_becomes_limp_and_waits(
     new_sim: NewSim, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = WireLog(tmp_path / "wire.ndjson")
@@ -165,7 +166,7 @@ def test_saf_003_008_a_simulation_whose_wire_is_killed_is_let_go_of_and_waits(
     json_of(sim.send_action({"shoulder_lift": -40.0}))
     wire = pids(sim)["wire"]
     os.kill(wire, signal.SIGKILL)
-    until(lambda: [entry for entry in control(log) if entry.kind == "safe"], "the root's own path writes")
+    until(lambda: [entry for entry in control(log) if entry.kind == "safe"], "the root's stop channel writes")
     until(lambda: state(sim) == "disarmed" and pids(sim)["wire"] != wire, "another wire, disarmed")
     assert "disarmed" in why(sim.send_action({"shoulder_lift": 0.0}))
     kinds = [entry.kind for entry in control(log)]
@@ -178,13 +179,13 @@ def control(log: WireLog) -> list[Any]:
     return [entry for entry in log.entries() if entry.sender == "control"]
 
 
-def test_what_is_cleaned_up_is_gone(new_sim: NewSim) -> None:
-    sim, other = new_sim(), new_sim()
-    for one in (sim, other):
+def test_a_cleaned_up_simulation_has_no_processes_and_refuses_verbs(new_sim: NewSim) -> None:
+    sim, second = new_sim(), new_sim()
+    for one in (sim, second):
         assert one.connect_eagerly() is None
-    assert (sim.name, other.name) == ("so101", "so101-2")
+    assert (sim.name, second.name) == ("so101", "so101-2")
     processes = pids(sim)
-    assert processes["twin"] != pids(other)["twin"]
+    assert processes["twin"] != pids(second)["twin"]
     sim.cleanup()
     for role in ("root", "twin"):  # children of this process
         with pytest.raises(ProcessLookupError):
@@ -193,10 +194,10 @@ def test_what_is_cleaned_up_is_gone(new_sim: NewSim) -> None:
     assert sim.get_observation() == {}
     with pytest.raises(SimulationError, match=r"render: the simulation was cleaned up\. make a new one"):
         sim.render()
-    json_of(other.send_action({"shoulder_pan": 5.0}))
+    json_of(second.send_action({"shoulder_pan": 5.0}))
 
 
-def test_wire_and_root_of_a_simulation_know_no_physics(new_sim: NewSim) -> None:
+def test_wire_and_root_of_a_simulation_do_not_load_the_physics(new_sim: NewSim) -> None:
     sim = new_sim()
     assert sim.connect_eagerly() is None
     mapped = {role: Path(f"/proc/{pid}/maps").read_text() for role, pid in pids(sim).items()}
@@ -206,7 +207,7 @@ def test_wire_and_root_of_a_simulation_know_no_physics(new_sim: NewSim) -> None:
         assert "/numpy" not in mapped[role]
 
 
-def test_a_trio_program_has_it_too(run_dir: Path) -> None:
+def test_a_trio_program_can_use_a_simulation(run_dir: Path) -> None:
     async def main() -> dict[str, float]:
         async with open_robot("so101") as sim, open_arm(sim) as arm:
             await arm.send_action({"shoulder_pan": 20.0})
@@ -228,9 +229,10 @@ def test_a_trio_program_has_it_too(run_dir: Path) -> None:
 # -- the real driver on a simulation's wire
 
 
-def test_the_pages_example_prints_what_the_page_says(run_dir: Path, tmp_path: Path) -> None:
-    said, complained = tmp_path / "out", tmp_path / "err"
-    with said.open("w") as out, complained.open("w") as err:  # no pipes: the twin outlives the script for a moment
+def test_the_example_of_the_page_prints_the_text_on_the_page(run_dir: Path, tmp_path: Path) -> None:
+    output, errors = tmp_path / "out", tmp_path / "err"
+    # files instead of pipes, because the twin outlives the script for a moment
+    with output.open("w") as out, errors.open("w") as err:
         done = subprocess.run(
             [sys.executable, str(ROOT / "examples" / "twin.py")],
             stdout=out,
@@ -238,8 +240,8 @@ def test_the_pages_example_prints_what_the_page_says(run_dir: Path, tmp_path: Pa
             timeout=60,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
         )
-    assert (done.returncode, complained.read_text()) == (0, "")
-    assert said.read_text() == (
+    assert (done.returncode, errors.read_text()) == (0, "")
+    assert output.read_text() == (
         "{'status': 'success', 'content': [{'json': {'commanded': {'shoulder_pan': 10.0}, "
         "'unit': 'degrees (gripper: percent open)'}}]}\n"
     )
@@ -256,10 +258,10 @@ def test_the_pages_example_prints_what_the_page_says(run_dir: Path, tmp_path: Pa
         ("robotiq_2f85", "gripper", 0.4),
     ],
 )
-def test_what_the_real_driver_does_is_seen_in_the_simulation(
+def test_motion_by_the_real_driver_appears_in_the_simulation(
     new_sim: NewSim, new_arm: NewArm, robot: str, joint: str, step: float
 ) -> None:
-    sim = new_sim(robot)  # used by the arm before it is used itself
+    sim = new_sim(robot)  # the arm uses the simulation first
     arm = new_arm(sim, robot)
     goal = arm.get_observation()[joint] + step
     json_of(arm.send_action({joint: goal}))
@@ -269,13 +271,13 @@ def test_what_the_real_driver_does_is_seen_in_the_simulation(
     assert (sim.name, arm.name) == (f"{robot}-2", robot)
 
 
-def test_what_is_energised_on_the_wire_follows_the_wire(new_sim: NewSim, new_arm: NewArm) -> None:
+def test_joints_that_the_wire_energises_follow_the_wire(new_sim: NewSim, new_arm: NewArm) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_pan": 20.0}))
     at(sim, "shoulder_pan", 20.0)
     arm = new_arm(sim)
-    at(arm, "shoulder_pan", 20.0)  # no jump when it changes hands
-    until(lambda: status(sim)["faults"].get("gripper"), "the simulation has seen it")
+    at(arm, "shoulder_pan", 20.0)  # the joint does not jump when the commander changes
+    until(lambda: status(sim)["faults"].get("gripper"), "the simulation reports the held joint")
     refused = why(sim.send_action({"shoulder_pan": 0.0}))
     assert "shoulder_pan is held by the robot on its wire" in refused
     assert "stop() and resume()" in refused
@@ -287,7 +289,7 @@ def test_what_is_energised_on_the_wire_follows_the_wire(new_sim: NewSim, new_arm
     assert "reset" not in why(sim.send_action({"shoulder_pan": 0.0}))
     json_of(sim.resume())
     json_of(sim.send_action({"shoulder_pan": -15.0}))
-    at(arm, "shoulder_pan", -15.0)  # whose positions are still read
+    at(arm, "shoulder_pan", -15.0)  # the arm's positions are still read
     json_of(sim.stop())
     json_of(arm.resume())
     json_of(arm.send_action({"shoulder_pan": 5.0}))
@@ -295,7 +297,7 @@ def test_what_is_energised_on_the_wire_follows_the_wire(new_sim: NewSim, new_arm
     assert "not confirmed by shoulder_pan (id 1): held by the robot on its wire" in why(sim.reset())
 
 
-def test_the_arm_goes_when_its_simulation_goes(new_sim: NewSim, new_arm: NewArm) -> None:
+def test_the_arm_loses_its_connection_when_its_simulation_is_cleaned_up(new_sim: NewSim, new_arm: NewArm) -> None:
     sim = new_sim()
     arm = new_arm(sim)
     sim.cleanup()
@@ -303,14 +305,14 @@ def test_the_arm_goes_when_its_simulation_goes(new_sim: NewSim, new_arm: NewArm)
     assert "not connected" in why(arm.send_action({"shoulder_pan": 1.0}))
     arm.cleanup()
     late = Robot("so101", mode="real", transport="twin", sim=sim)
-    assert late.connect_eagerly() == "connect: the simulation was cleaned up. make a new one"
+    assert late.connect_eagerly() == "connect: the simulation was cleaned up. Make a new one"
 
 
 # -- pictures
 
 
 def has_egl() -> bool:
-    """Asked of the system, not of what is tested."""
+    """Look for EGL in the system, independently of the code under test."""
     try:
         ctypes.CDLL("libEGL.so.1")
     except OSError:
@@ -319,12 +321,12 @@ def has_egl() -> bool:
 
 
 def accent(picture: Any) -> Any:
-    """Where the picture is orange, as the last link is."""
-    red, green, blue = (picture[:, :, at].astype(int) for at in range(3))
+    """Return the pixels that are orange, which is the colour of the last link."""
+    red, green, blue = (picture[:, :, channel].astype(int) for channel in range(3))
     return (red > 150) & (green < 0.75 * red) & (blue < 0.6 * red)
 
 
-def test_a_picture_shows_the_whole_robot_and_what_it_does(new_sim: NewSim, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_picture_shows_the_whole_robot_and_its_motion(new_sim: NewSim, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     sim = new_sim()
     json_of(sim.send_action({"shoulder_pan": 40.0}))
@@ -336,7 +338,7 @@ def test_a_picture_shows_the_whole_robot_and_what_it_does(new_sim: NewSim, monke
     before = sim.render()
     assert (before.shape, before.dtype) == ((480, 640, 3), np.uint8)
     assert before.flags.writeable
-    assert len(np.unique(before.reshape(-1, 3), axis=0)) > 500  # light and shade
+    assert len(np.unique(before.reshape(-1, 3), axis=0)) > 500  # the picture has light and shade
     assert 100 < accent(before).sum() < 0.2 * before[:, :, 0].size
     for edge in (before[0], before[-1], before[:, 0], before[:, -1]):
         assert not accent(edge[None]).any()
@@ -347,7 +349,7 @@ def test_a_picture_shows_the_whole_robot_and_what_it_does(new_sim: NewSim, monke
     again = sim.render()
     moved = np.argwhere(accent(again)).mean(axis=0) - np.argwhere(accent(before)).mean(axis=0)
     assert np.linalg.norm(moved) > 30  # pixels
-    assert state(sim) == "armed"  # a picture keeps nobody waiting
+    assert state(sim) == "armed"  # rendering does not block the tree
     with pytest.raises(SimulationError, match=r"render: no camera 'nose'\. there are front, side, top"):
         sim.render(camera="nose")
 
@@ -372,15 +374,15 @@ def test_without_opengl_the_error_names_the_package_and_the_robot_moves(
 
 
 @pytest.mark.parametrize("size", [(0, 480), (640, 0.5), (640, -1), (100_000, 480)])
-def test_a_picture_of_no_size_is_refused(new_sim: NewSim, size: tuple[Any, Any]) -> None:
-    with pytest.raises(SimulationError, match="render: a picture of"):
+def test_a_picture_of_an_invalid_size_is_refused(new_sim: NewSim, size: tuple[Any, Any]) -> None:
+    with pytest.raises(SimulationError, match="render: the picture's size is"):
         new_sim().render(*size)
 
 
 def test_without_a_display_there_is_no_window(new_sim: NewSim, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(SimulationError, match=r"view: there is no display \(DISPLAY is not set\). use render\(\)"):
+    with pytest.raises(SimulationError, match=r"view: there is no display \(DISPLAY is not set\). Use render\(\)"):
         new_sim().view()
 
 
@@ -395,7 +397,7 @@ def test_a_display_that_does_not_answer_opens_no_window(
 # -- faster than the clock
 
 
-def test_a_step_lets_time_pass_that_no_clock_has_seen(new_sim: NewSim) -> None:
+def test_a_step_lets_simulated_time_pass_faster_than_real_time(new_sim: NewSim) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_pan": 60.0}))
     began_s = time.monotonic()
@@ -408,7 +410,7 @@ def test_a_step_lets_time_pass_that_no_clock_has_seen(new_sim: NewSim) -> None:
     at(sim, "shoulder_pan", 60.0)
     time.sleep(0.5)
     then = json_of(sim.step())["sim_time_s"] - after["sim_time_s"]
-    assert 0.4 < then < 20.0, "between steps it keeps to the clock"
+    assert 0.4 < then < 20.0, "between steps the simulation runs in real time"
 
 
 def test_a_target_that_was_sent_before_counts_from_the_first_step_on(new_sim: NewSim) -> None:
@@ -425,14 +427,14 @@ def test_an_action_and_the_steps_after_it_are_one_call(new_sim: NewSim) -> None:
     before_s = json_of(sim.step())["sim_time_s"]
     assert "elbow" in why(sim.step(50_000, {"elbow": 1.0}))
     assert "the action is a list" in why(sim.step(50_000, [1.0]))  # type: ignore[arg-type]
-    assert json_of(sim.step())["sim_time_s"] < before_s + 50.0, "no step of those passed"
+    assert json_of(sim.step())["sim_time_s"] < before_s + 50.0, "none of the refused steps ran"
     json_of(sim.stop())
     assert "call resume() first" in why(sim.step(50_000, {"shoulder_pan": 0.0}))
     json_of(sim.resume())
     json_of(sim.step(1, {"shoulder_pan": 0.0}))
 
 
-def test_a_robot_that_was_let_go_of_falls_in_no_time(new_sim: NewSim) -> None:
+def test_a_limp_robot_falls_during_steps(new_sim: NewSim) -> None:
     sim = new_sim()
     json_of(sim.send_action({"shoulder_lift": -40.0}))
     json_of(sim.step(2000))
@@ -441,11 +443,11 @@ def test_a_robot_that_was_let_go_of_falls_in_no_time(new_sim: NewSim) -> None:
 
 
 @pytest.mark.parametrize("steps", [0, -1, 1.5, True, 100_001, math.inf, "1"])
-def test_steps_are_counted(new_sim: NewSim, steps: Any) -> None:
+def test_an_invalid_number_of_steps_is_refused(new_sim: NewSim, steps: Any) -> None:
     assert "give a whole number, 1 to 100000" in why(new_sim().step(steps))
 
 
-def test_the_time_of_a_robot_on_its_wire_is_the_clocks(new_sim: NewSim, new_arm: NewArm) -> None:
+def test_steps_are_refused_while_the_robot_on_the_wire_is_energised(new_sim: NewSim, new_arm: NewArm) -> None:
     sim = new_sim()
     arm = new_arm(sim)
     json_of(arm.send_action({"shoulder_pan": 1.0}))
@@ -455,7 +457,7 @@ def test_the_time_of_a_robot_on_its_wire_is_the_clocks(new_sim: NewSim, new_arm:
 
 
 @pytest.mark.parametrize("robot", ["robotiq_2f85", "ur5e", "xarm7", "rby1", "spot", "panda"])
-def test_other_bodies_step_too(robot: str, new_sim: NewSim) -> None:
+def test_other_robots_step_too(robot: str, new_sim: NewSim) -> None:
     sim = new_sim(robot)
     axis, value = {
         "robotiq_2f85": ("gripper", 0.5),
@@ -487,7 +489,7 @@ def test_a_simulation_of_a_trio_program_steps(run_dir: Path) -> None:
     trio.run(main)
 
 
-def test_a_simulation_that_starts_too_late_is_not_taken_for_one_that_serves(
+def test_a_simulation_that_starts_too_late_is_reported_as_not_started(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sim = Robot("so101")
@@ -501,10 +503,10 @@ def test_a_simulation_that_starts_too_late_is_not_taken_for_one_that_serves(
         sim.cleanup()
 
 
-def test_what_a_step_did_is_what_is_observed_after_it(run_dir: Path) -> None:
+def test_an_observation_after_a_step_matches_the_result_of_the_step(run_dir: Path) -> None:
     with Robot("so101") as sim:
         for goal in (20.0, -20.0, 20.0, -20.0):
             stepped = json_of(sim.step(150, {"shoulder_pan": goal}))["position"]["shoulder_pan"]
             seen = sim.get_observation()["shoulder_pan"]
-            # The physics goes on meanwhile, towards the goal: never back to where it was.
+            # The physics continues towards the goal meanwhile, and never away from it.
             assert abs(seen - goal) <= abs(stepped - goal) + 0.5

@@ -1,5 +1,6 @@
-"""Robots on legs as simulations: the twin's onboard controller keeps them on their feet, and joints
-that are commanded follow, with torques as on the wire."""
+"""Simulated robots with legs: the twin's onboard controller keeps them standing, and commanded joints
+follow, with torques as on the real wire.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ def log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def events(log: Path) -> list[str]:
-    """What the robot did by itself: ``fell``, ``stood`` ..."""
+    """Return the robot's own events, such as ``fell`` and ``stood``."""
     return [entry.kind for entry in WireLog(log).entries() if entry.sender == "robot"]
 
 
@@ -44,15 +45,15 @@ def g1(run_dir: Path, log: Path) -> Iterator[SimRobot]:
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", LEGS)
-def test_it_stands_and_a_joint_moves(run_dir: Path, log: Path, robot: str) -> None:
+def test_a_simulated_robot_stands_and_a_commanded_joint_moves(run_dir: Path, log: Path, robot: str) -> None:
     joint = LEGS[robot]
     with Robot(robot) as sim:
         began = sim.get_observation()
         goal = began[joint] + 0.3
         json_of(sim.send_action({joint: goal}))
-        until(lambda: abs(sim.get_observation()[joint] - goal) < 0.06, "it is there")
+        until(lambda: abs(sim.get_observation()[joint] - goal) < 0.06, "the joint is there")
         json_of(sim.step(1000))
-        assert abs(sim.get_observation()[joint] - goal) < 0.06, "a command stands until the next"
+        assert abs(sim.get_observation()[joint] - goal) < 0.06, "a command holds until the next one"
         others = {axis: value for axis, value in sim.get_observation().items() if axis != joint}
         assert all(abs(value - began[axis]) < 0.2 for axis, value in others.items())
         assert sim.render(64, 48).shape == (48, 64, 3)
@@ -62,12 +63,12 @@ def test_it_stands_and_a_joint_moves(run_dir: Path, log: Path, robot: str) -> No
     assert "fell" not in events(log)
 
 
-def test_torques_are_as_on_the_wire(g1: SimRobot, log: Path) -> None:
+def test_torques_act_as_on_the_real_wire(g1: SimRobot, log: Path) -> None:
     began = g1.get_observation()["left_elbow"]
     json_of(g1.send_action({"left_elbow": {"q": 0.0, "kp": 0.0, "kd": 1.0, "tau": 4.0}}))
     json_of(g1.step(200))
     pushed = g1.get_observation()["left_elbow"]
-    assert pushed > began + 0.2, "a torque alone turns it"
+    assert pushed > began + 0.2, "a torque alone turns the joint"
     json_of(g1.send_action({"left_elbow": {"q": began, "kp": 60.0, "kd": 2.0}}))
     json_of(g1.step(1000))
     assert g1.get_observation()["left_elbow"] == pytest.approx(began, abs=0.1)
@@ -76,27 +77,27 @@ def test_torques_are_as_on_the_wire(g1: SimRobot, log: Path) -> None:
     assert "fell" not in events(log)
 
 
-def test_without_torque_on_every_joint_it_falls(g1: SimRobot, log: Path) -> None:
+def test_without_torque_on_every_joint_the_robot_falls(g1: SimRobot, log: Path) -> None:
     limp: dict[str, Any] = {axis: {"q": 0.0, "kp": 0.0, "kd": 0.0} for axis in g1.get_observation()}
     json_of(g1.send_action(limp))
     json_of(g1.step(1500))
-    until(lambda: "fell" in events(log), "nothing holds it up")
+    until(lambda: "fell" in events(log), "the robot falls")
     json_of(g1.reset())
     json_of(g1.step(500))
-    assert events(log).count("fell") == 1, "somebody put it back on its feet, and it stands"
+    assert events(log).count("fell") == 1, "after the reset the robot stands"
 
 
-def test_a_policy_drives_an_arm_at_its_rate_and_the_robot_stands_afterwards(g1: SimRobot, log: Path) -> None:
+def test_after_a_policy_has_moved_an_arm_the_robot_still_stands(g1: SimRobot, log: Path) -> None:
     began = g1.get_observation()["right_elbow"]
     json_of(g1.run_policy(lambda seen: {"right_elbow": began + 0.2}, n_steps=100))
     assert task_ended(g1)["exit_reason"] == "n_steps"
-    time.sleep(0.5)  # longer than a streamed setpoint lives: a hold, and the onboard controller has it
+    time.sleep(0.5)  # longer than a streamed setpoint lives, so it ends in a hold under the onboard controller
     assert json_of(g1.get_status())["state"] in ("holding", "armed")
     json_of(g1.send_action({"right_elbow": began}))
     assert "fell" not in events(log)
 
 
-def test_the_real_driver_on_its_wire_takes_it_and_gives_it_back(g1: SimRobot, log: Path) -> None:
+def test_the_real_driver_on_its_wire_takes_control_and_returns_it(g1: SimRobot, log: Path) -> None:
     json_of(g1.send_action({"left_elbow": 0.3}))
     with Robot("unitree_g1", mode="real", transport="twin", sim=g1) as real:
         for _ in range(20):
@@ -105,4 +106,4 @@ def test_the_real_driver_on_its_wire_takes_it_and_gives_it_back(g1: SimRobot, lo
         json_of(real.stop())
     json_of(g1.reset())
     json_of(g1.send_action({"left_elbow": 0.2}))
-    until(lambda: abs(g1.get_observation()["left_elbow"] - 0.2) < 0.06, "it obeys here again")
+    until(lambda: abs(g1.get_observation()["left_elbow"] - 0.2) < 0.06, "the simulation commands the joint again")

@@ -1,5 +1,6 @@
-"""The run directory is cleared while a robot runs: it can be stopped all the same. Read from the
-wire."""
+"""If the run directory is deleted while a robot runs, the robot can still be stopped. The tests read the
+simulated robot's wire log.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ from .helpers import limps
 
 MAIN = "from strands_actors.surfaces.cli import main; main()"
 BOUND_S = 20.0
-"""The command has to start: what the wire needs of that is published."""
+"""The command has to start first. The published bounds are for the wire's part."""
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -44,12 +45,12 @@ def clear(run_dir: Path) -> None:
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink()
         return not any(run_dir.iterdir())
 
-    until(cleared, "its root writes nothing more there")
+    until(cleared, "the root writes nothing more there")
 
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("verb", [("stop", "--all"), ("stop", "so101"), ("estop",), ("estop", "so101")])
-def test_a_robot_whose_note_is_gone_is_stopped_by_the_end_of_its_root(
+def test_a_robot_without_its_note_is_stopped_by_ending_its_root(
     arm: RealRobot, twin: Twin, run_dir: Path, verb: tuple[str, ...]
 ) -> None:
     json_of(arm.send_action({"shoulder_pan": 5.0}))
@@ -59,7 +60,7 @@ def test_a_robot_whose_note_is_gone_is_stopped_by_the_end_of_its_root(
     done = command(*verb)
     assert done.returncode == 1, done
     assert done.stderr.startswith("so101: NOT CONFIRMED: its note in ")
-    assert "its wire has ended after it" in done.stderr
+    assert "its wire process, which stops the robot before it ends, has ended" in done.stderr
     twin.log.safe_within(began_ns, BOUND_S)
     assert limps(twin.log, began_ns)
     twin.log.no_setpoint_after_safe(began_ns)
@@ -68,7 +69,7 @@ def test_a_robot_whose_note_is_gone_is_stopped_by_the_end_of_its_root(
     assert locked == (verb[0] == "estop")
 
 
-def test_saf_005_an_estop_tells_of_a_robot_whose_note_is_gone(arm: RealRobot, run_dir: Path) -> None:
+def test_saf_005_an_estop_reports_a_robot_without_its_note(arm: RealRobot, run_dir: Path) -> None:
     json_of(arm.send_action({"shoulder_pan": 5.0}))
     clear(run_dir)
     (outcome,) = estop(by="the button")
@@ -76,7 +77,7 @@ def test_saf_005_an_estop_tells_of_a_robot_whose_note_is_gone(arm: RealRobot, ru
     assert "its note in" in outcome.detail
 
 
-def test_a_robot_that_runs_or_starts_is_no_stray(twin: Twin, new_arm: NewArm) -> None:
+def test_a_robot_that_runs_or_starts_is_not_a_stray(twin: Twin, new_arm: NewArm) -> None:
     seen: list[object] = []
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None

@@ -1,5 +1,4 @@
-"""Keywords of strands-robots' verbs that scripts use of its robots: taken with the meaning that they
-have there."""
+"""Keywords of strands-robots' verbs that scripts use with its robots. They have the same meaning here."""
 
 from __future__ import annotations
 
@@ -18,17 +17,17 @@ def test_another_robots_policy_is_refused_on_hardware(arm: RealRobot) -> None:
     assert json_of(arm.run_policy(policy, n_steps=2, robot_name="so101", wait=True))["steps"] == 2
 
 
-def test_a_teleoperation_is_waited_for_or_not(arm: RealRobot) -> None:
+def test_teleoperate_waits_only_with_block(arm: RealRobot) -> None:
     keyboard = Teleoperator("keyboard")
     began_s = time.monotonic()
     assert json_of(arm.teleoperate(keyboard, block=False, duration=60.0))["running"]
-    assert json_of(arm.teleoperate())["running"], "the leader that is attached leads on"
+    assert json_of(arm.teleoperate())["running"], "the attached leader continues"
     assert time.monotonic() - began_s < 30.0
     arm.stop_task()
     json_of(arm.attach_teleop(keyboard, duration=0.3))
     assert not json_of(arm.teleoperate(block=True))["running"]
 
 
-def test_a_teleoperation_of_nobody_is_refused(arm: RealRobot) -> None:
+def test_teleoperate_without_a_leader_is_refused(arm: RealRobot) -> None:
     assert "no leader is attached" in why(arm.teleoperate(block=True))
     assert "block is 'no'" in why(arm.teleoperate(Teleoperator("keyboard"), block="no"))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Connect, observe, move, stop, resume, clean up: the public verbs, judged by the wire."""
+"""The public verbs connect, observe, move, stop, resume and clean up. The wire log decides."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ COMMANDED_10 = {
 # -- connect, observe, move
 
 
-def test_connecting_energises_every_servo_where_it_is(arm: RealRobot, twin: Twin) -> None:
+def test_connecting_energises_every_servo_at_its_position(arm: RealRobot, twin: Twin) -> None:
     assert state(arm) == "armed"
     assert arm.is_connected
     assert torque_now(twin.log) == dict.fromkeys(IDS.values(), 1)
@@ -64,25 +64,25 @@ def test_an_observation_has_every_joint(arm: RealRobot) -> None:
 
 
 @pytest.mark.parametrize("key", ["shoulder_pan", "shoulder_pan.pos"])
-def test_an_action_is_written_and_answered_as_the_drivers_page_says(arm: RealRobot, twin: Twin, key: str) -> None:
+def test_an_action_is_written_and_answered_as_on_the_drivers_page(arm: RealRobot, twin: Twin, key: str) -> None:
     assert arm.send_action({key: 10.0}) == COMMANDED_10
     setpoint = until(lambda: twin.log.host("setpoint"), "a setpoint on the wire")[0]
     targets = goals(setpoint)
     assert targets.pop(1) == round(2047.5 + 10 * COUNTS_PER_DEGREE)
     resting = armed_at(twin.log)
-    assert targets == {servo: resting[servo] for servo in targets}  # the others stay where they are
+    assert targets == {servo: resting[servo] for servo in targets}  # the other servos keep their positions
     at(arm, "shoulder_pan", 10.0)
 
 
-def test_numbers_of_numpy_are_numbers(arm: RealRobot, twin: Twin) -> None:
+def test_numpy_numbers_are_accepted(arm: RealRobot, twin: Twin) -> None:
     for value in (np.float32(10), np.float64(10), np.int64(10), np.array(10.0), 10):
         assert arm.send_action({"shoulder_pan": value}) == COMMANDED_10
 
 
 REFUSALS: list[tuple[Any, str]] = [
-    ({"elbow": 1.0}, "elbow is not a joint of so101. use shoulder_pan, shoulder_lift, elbow_flex"),
-    ({"shoulder_pan": 1.0, "shoulder_pan.pos": 1.0}, "both given. send one of them"),
-    ({"shoulder_pan": math.nan}, "shoulder_pan is nan. send a finite number"),
+    ({"elbow": 1.0}, "elbow is not a joint of so101. Use shoulder_pan, shoulder_lift, elbow_flex"),
+    ({"shoulder_pan": 1.0, "shoulder_pan.pos": 1.0}, "both given. Send one of them"),
+    ({"shoulder_pan": math.nan}, "shoulder_pan is nan. Send a finite number"),
     ({"shoulder_pan": math.inf}, "shoulder_pan is inf"),
     ({"shoulder_pan": -math.inf}, "shoulder_pan is -inf"),
     ({"shoulder_pan": 10**400}, "shoulder_pan is"),
@@ -90,56 +90,56 @@ REFUSALS: list[tuple[Any, str]] = [
     ({"shoulder_pan": np.bool_(True)}, "shoulder_pan is True"),
     ({"shoulder_pan": np.float32("nan")}, "shoulder_pan is nan"),
     ({"shoulder_pan": np.array([1.0, 2.0])}, "shoulder_pan is array"),
-    ({"shoulder_pan": "10"}, "shoulder_pan is '10', a text. send a finite number"),
+    ({"shoulder_pan": "10"}, "shoulder_pan is '10', a text. Send a finite number"),
     ({"shoulder_pan": None}, "shoulder_pan is None"),
     ({"shoulder_pan": {"value": 1.0}}, "shoulder_pan is"),
-    ({"shoulder_pan": 181.0}, "past 110.1. stay within -110.0..110.1"),
-    ({"shoulder_pan": 10.0, "gripper": 101.0}, "gripper 101.0 % is past 100.0. stay within 0.0..100.0"),
+    ({"shoulder_pan": 181.0}, "past 110.1. Stay within -110.0..110.1"),
+    ({"shoulder_pan": 10.0, "gripper": 101.0}, "gripper 101.0 % is past 100.0. Stay within 0.0..100.0"),
     ({"gripper": -1.0}, "gripper -1.0 % is past 0.0"),
-    ({}, "names no joint. use shoulder_pan"),
+    ({}, "names no joint. Use shoulder_pan"),
     ({1: 10.0}, "1 is not a joint"),
     ({"x" * 70_000: 1.0}, "is not a joint"),
     ({"shoulder_pan": "x" * 70_000}, "shoulder_pan is xxx"),
-    (None, "must be a mapping"),
-    ([10.0, 20.0], "must be a mapping"),
+    (None, "a mapping of joints to numbers"),
+    ([10.0, 20.0], "a mapping of joints to numbers"),
 ]
 
 
-def test_what_is_refused_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
+def test_a_refused_action_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
     for action, text in REFUSALS:
         refusal = why(arm.send_action(action))
         assert refusal.startswith("move: "), refusal
         assert text in refusal, refusal
     assert arm.send_action({"gripper": 50.0})["status"] == "success"
-    written = until(lambda: twin.log.host("setpoint"), "the good one is on the wire")
+    written = until(lambda: twin.log.host("setpoint"), "the valid action is on the wire")
     pan = {goals(entry)[1] for entry in written}
-    assert pan == {armed_at(twin.log)[1]}  # nothing of a refused action is in a later one
+    assert pan == {armed_at(twin.log)[1]}  # later actions contain no value of a refused one
     assert status(arm)["refusals"] > 0
 
 
 @pytest.mark.parametrize("name", ["so101", "SO-101", "so101_follower"])
 def test_an_action_for_this_robot_by_name_is_written(arm: RealRobot, twin: Twin, name: str) -> None:
     json_of(arm.send_action({"shoulder_pan": 5.0}, robot_name=name))
-    until(lambda: twin.log.host("setpoint"), "it is written")
+    until(lambda: twin.log.host("setpoint"), "the action is written")
 
 
 @pytest.mark.parametrize("name", ["left", "ur5e", "", 7, "x" * 1000])
 def test_saf_014_an_action_for_another_robot_is_refused(arm: RealRobot, twin: Twin, name: Any) -> None:
     answer = arm.send_action({"shoulder_pan": 5.0}, robot_name=name)
     assert why(answer).startswith(
-        f"move: robot_name is {str(name)[:40]!r}, and this robot is so101 (so101). send it"
+        f"move: robot_name is {str(name)[:40]!r}, and this robot is so101 (so101). Send it"
     )
     assert answer["content"][1]["json"]["refused"]["code"] == "other_robot"
     assert not twin.log.host("setpoint")
 
 
-def test_saf_014_a_robot_with_a_name_of_its_own_is_not_called_by_its_kind(new_arm: NewArm) -> None:
+def test_saf_014_a_robot_with_its_own_name_cannot_be_addressed_by_its_type(new_arm: NewArm) -> None:
     left = new_arm(port="/dev/nowhere", tool_name="left")
     assert "this robot is left (so101)" in why(left.send_action({"gripper": 5.0}, robot_name="so101"))
     assert "not connected" in why(left.send_action({"gripper": 5.0}, robot_name="left"))
 
 
-def test_a_refusal_says_what_was_offered_and_what_would_do(arm: RealRobot) -> None:
+def test_a_refusal_gives_the_offered_value_and_the_limit(arm: RealRobot) -> None:
     details = arm.send_action({"gripper": 101.0})["content"][1]["json"]["refused"]
     assert details == {
         "verb": "move",
@@ -154,7 +154,9 @@ def test_a_refusal_says_what_was_offered_and_what_would_do(arm: RealRobot) -> No
 # -- without a connection
 
 
-def test_before_connecting_every_verb_says_so(new_arm: NewArm, caplog: pytest.LogCaptureFixture) -> None:
+def test_before_connecting_every_verb_is_refused_with_the_reason(
+    new_arm: NewArm, caplog: pytest.LogCaptureFixture
+) -> None:
     arm = new_arm(port="/dev/nowhere")
     not_connected = "not connected; call connect_eagerly() first"
     verbs = (
@@ -170,11 +172,11 @@ def test_before_connecting_every_verb_says_so(new_arm: NewArm, caplog: pytest.Lo
     with caplog.at_level(logging.WARNING, "strands_actors"):
         for _ in range(3):
             assert arm.get_observation() == {}
-    assert [record.getMessage() for record in caplog.records] == [f"observe: {not_connected}"]  # not every time
+    assert [record.getMessage() for record in caplog.records] == [f"observe: {not_connected}"]  # only once
     idle = task(arm)
     assert (idle["running"], idle["steps"]) == (False, 0)
-    told = status(arm)
-    assert (told["connected"], told["connect_error"]) == (False, not_connected)
+    reported = status(arm)
+    assert (reported["connected"], reported["connect_error"]) == (False, not_connected)
     assert not arm.is_connected
     assert arm.tree() is None
 
@@ -182,16 +184,16 @@ def test_before_connecting_every_verb_says_so(new_arm: NewArm, caplog: pytest.Lo
 # -- stop and resume
 
 
-def test_stop_releases_every_motor_and_names_it(arm: RealRobot, twin: Twin) -> None:
+def test_stop_releases_every_motor_and_lists_it(arm: RealRobot, twin: Twin) -> None:
     arm.send_action({"shoulder_pan": 10.0})
     began_ns = time.monotonic_ns()
-    told = json_of(arm.stop())
+    report = json_of(arm.stop())
     twin.log.safe_within(began_ns, 0.3)
     assert limps(twin.log, began_ns)
     assert torque_now(twin.log, began_ns) == dict.fromkeys(IDS.values(), 0)
-    assert {name: motor["id"] for name, motor in told["motors"].items()} == IDS
-    assert all(motor["safe"] and motor["written"] for motor in told["motors"].values())
-    assert (told["stopped"], told["safe_state"], told["unconfirmed"]) == (True, "limp", [])
+    assert {name: motor["id"] for name, motor in report["motors"].items()} == IDS
+    assert all(motor["safe"] and motor["written"] for motor in report["motors"].values())
+    assert (report["stopped"], report["safe_state"], report["unconfirmed"]) == (True, "limp", [])
 
     assert "call resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
     assert "resume() first" in why(arm.run_policy(lambda observation: observation))
@@ -213,17 +215,17 @@ def test_stop_and_resume_can_be_repeated(arm: RealRobot) -> None:
     assert state(arm) == "armed"
 
 
-def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -> None:
+def test_resume_starts_at_the_position_to_which_the_arm_has_fallen(arm: RealRobot, twin: Twin) -> None:
     arm.send_action({"shoulder_lift": 20.0, "elbow_flex": -30.0})
     at(arm, "shoulder_lift", 20.0, within=4.0)
     raised = arm.get_observation()
     json_of(arm.stop())
-    until(lambda: abs(arm.get_observation()["shoulder_lift"] - raised["shoulder_lift"]) > 10.0, "it falls")
+    until(lambda: abs(arm.get_observation()["shoulder_lift"] - raised["shoulder_lift"]) > 10.0, "the arm falls")
 
     resumed_ns = time.monotonic_ns()
     json_of(arm.resume())
     resting = armed_at(twin.log, resumed_ns)
-    time.sleep(0.3)  # longer than any lifetime: nothing starts by itself
+    time.sleep(0.3)  # longer than any lifetime, so no setpoint starts by itself
     assert not twin.log.host("setpoint", resumed_ns)
 
     arm.send_action({"gripper": 40.0})
@@ -232,7 +234,7 @@ def test_resume_starts_where_the_arm_has_fallen_to(arm: RealRobot, twin: Twin) -
     assert kept == {servo: resting[servo] for servo in kept}
 
 
-def test_the_command_in_flight_when_it_stopped_is_not_taken_up_again(arm: RealRobot, twin: Twin) -> None:
+def test_a_command_from_before_a_stop_is_not_continued_after_resume(arm: RealRobot, twin: Twin) -> None:
     moves(arm)
     target = goals(twin.log.host("setpoint")[-1])[1]
     json_of(arm.stop())
@@ -243,43 +245,43 @@ def test_the_command_in_flight_when_it_stopped_is_not_taken_up_again(arm: RealRo
     assert abs(goals(first)[1] - target) > 10 * COUNTS_PER_DEGREE
 
 
-def test_a_wire_that_dies_while_it_arms_is_told_soon(twin: Twin, new_arm: NewArm) -> None:
+def test_resume_reports_soon_that_the_wire_has_ended_while_arming(twin: Twin, new_arm: NewArm) -> None:
     arm = new_arm(port=twin.port)
     assert arm.connect_eagerly() is None
     json_of(arm.stop())
     wire = pids(arm)["wire"]
-    twin.fault("delayed:6")  # so that arming takes its time
-    until(lambda: "gripper" in status(arm)["faults"], "the fault is there")
+    twin.fault("delayed:6")  # so that arming takes long
+    until(lambda: "gripper" in status(arm)["faults"], "the faults include the gripper")
     answers: list[Any] = []
     resuming = threading.Thread(target=lambda: answers.append(arm.resume()))
     resuming.start()
-    until(lambda: state(arm) == "arming", "it arms")
+    until(lambda: state(arm) == "arming", "the robot is arming")
     killed_s = time.monotonic()
     os.kill(wire, signal.SIGKILL)
     resuming.join()
     assert time.monotonic() - killed_s < 5.0
-    assert "ended while it was arming" in why(answers[0])
+    assert "ended while it armed the robot" in why(answers[0])
     twin.fault("ok")
-    # Unconfirmed if the next wire made safe while servo 6 still answered late.
-    until(lambda: state(arm) in ("disarmed", "unconfirmed"), "the next wire is up")
+    # Unconfirmed if the next wire made the robot safe while servo 6 still answered late.
+    until(lambda: state(arm) in ("disarmed", "unconfirmed"), "the next wire runs")
     json_of(arm.resume())
 
 
 @pytest.mark.parametrize("named", [False, True])
-def test_after_a_resume_the_robot_is_the_callers(arm: RealRobot, named: bool) -> None:
-    """The rollout of before has lost its lease with the wire, even if it has not noticed yet."""
+def test_after_a_resume_the_caller_commands_the_robot(arm: RealRobot, named: bool) -> None:
+    """The earlier rollout has lost its lease with the wire, even if it does not know that yet."""
 
     def begin() -> Mapping[str, Any]:
         if named:
             return arm.start_task("wave", policy_provider="sine", duration=60.0)
         return arm.run_policy(lambda seen: {"shoulder_pan": seen["shoulder_pan"]}, duration=60.0)
 
-    begin_moving(arm, begin, lambda told, _: told["steps"] > 0)
-    known = pids(arm)
+    begin_moving(arm, begin, lambda progress, _: progress["steps"] > 0)
+    processes = pids(arm)
     if named:
-        os.kill(known["policy"], signal.SIGSTOP)  # so that it cannot notice
-    os.kill(known["wire"], signal.SIGKILL)
-    until(lambda: state(arm) == "disarmed", "the next wire is up")
+        os.kill(processes["policy"], signal.SIGSTOP)  # so that it does not learn of the end
+    os.kill(processes["wire"], signal.SIGKILL)
+    until(lambda: state(arm) == "disarmed", "the next wire runs")
     json_of(arm.resume())
     json_of(arm.send_action({"gripper": 40.0}))
     assert not task(arm)["running"]
@@ -291,7 +293,7 @@ def test_a_stop_while_it_connects_wins(twin: Twin, new_arm: NewArm) -> None:
     outcomes: list[str | None] = []
     connecting = threading.Thread(target=lambda: outcomes.append(arm.connect_eagerly()))
     connecting.start()
-    until(lambda: arm.tree() is not None, "it is being connected")
+    until(lambda: arm.tree() is not None, "the processes have started")
     arm.stop()
     twin.go_on()
     connecting.join()
@@ -305,8 +307,8 @@ def test_a_stop_while_it_connects_wins(twin: Twin, new_arm: NewArm) -> None:
 
 
 def test_inside_asyncio_stop_and_status_do_not_block_the_loop(arm: RealRobot, twin: Twin) -> None:
-    twin.fault("off:3")  # so that the stop takes its time
-    until(lambda: "elbow_flex" in status(arm)["faults"], "servo 3 is noticed")
+    twin.fault("off:3")  # so that the stop takes long
+    until(lambda: "elbow_flex" in status(arm)["faults"], "the fault of servo 3 is reported")
 
     async def main() -> tuple[Any, Any, list[float]]:
         turns: list[float] = []
@@ -318,14 +320,14 @@ def test_inside_asyncio_stop_and_status_do_not_block_the_loop(arm: RealRobot, tw
 
         turning = asyncio.create_task(turn())
         await asyncio.sleep(0.01)
-        told = await arm.get_status()
+        reported = await arm.get_status()
         stopping = arm.stop()
         stopped = await stopping
         turning.cancel()
-        return told, stopped, turns
+        return reported, stopped, turns
 
-    told, stopped, turns = asyncio.run(main())
-    assert json_of(told)["state"] == "armed"
+    reported, stopped, turns = asyncio.run(main())
+    assert json_of(reported)["state"] == "armed"
     took_s = stopped["content"][1]["json"]["took_ms"] / 1e3
     assert took_s > 0.15
     gaps = [later - earlier for earlier, later in itertools.pairwise(turns)]
@@ -333,18 +335,18 @@ def test_inside_asyncio_stop_and_status_do_not_block_the_loop(arm: RealRobot, tw
     assert max(gaps) < 0.5 * took_s, gaps
 
 
-def test_a_stop_inside_asyncio_is_under_way_before_it_is_awaited(arm: RealRobot, twin: Twin) -> None:
+def test_a_stop_inside_asyncio_starts_before_it_is_awaited(arm: RealRobot, twin: Twin) -> None:
     async def main() -> Any:
         began_ns = time.monotonic_ns()
         stopping = arm.stop()
-        while not limps(twin.log, began_ns):  # noqa: ASYNC110  # the wire's doing: there is no event
+        while not limps(twin.log, began_ns):  # noqa: ASYNC110  # the wire log has no event
             await asyncio.sleep(0.005)
         return await stopping
 
     assert json_of(asyncio.run(main()))["stopped"] is True
 
 
-def test_outside_a_loop_an_answer_is_there_at_once(arm: RealRobot) -> None:
+def test_outside_a_loop_a_verb_returns_its_answer(arm: RealRobot) -> None:
     assert arm.stop()["status"] == "success"
     assert arm.get_status()["status"] == "success"
 
@@ -373,8 +375,8 @@ def test_verbs_may_be_called_from_several_threads_at_once(arm: RealRobot) -> Non
     assert state(arm) == "armed"
 
 
-def test_threads_that_command_a_held_robot_at_once_all_get_it_back(arm: RealRobot) -> None:
-    """After a hold each command takes the lease anew: not from one another."""
+def test_threads_that_command_a_held_robot_at_the_same_time_all_succeed(arm: RealRobot) -> None:
+    """After a hold each command acquires a new lease. The threads must not take it from each other."""
     problems: list[Any] = []
     for _ in range(10):
         json_of(arm.run_policy(lambda observation: {"gripper": observation["gripper"]}, n_steps=1))
@@ -421,8 +423,8 @@ def test_cleanup_releases_every_motor_and_ends_every_process(arm: RealRobot, twi
         lambda: arm.run_policy(lambda observation: observation),
         lambda: arm.start_task(policy_provider="mock"),
     ):
-        assert "cleaned up. make a new one" in why(verb())
-    assert "cleaned up. make a new one" in (arm.connect_eagerly() or "")
+        assert "cleaned up. Make a new one" in why(verb())
+    assert "cleaned up. Make a new one" in (arm.connect_eagerly() or "")
     assert arm.get_observation() == {}
     assert status(arm)["connected"] is False
 
@@ -452,7 +454,7 @@ def test_a_with_block_connects_and_cleans_up(twin: Twin, new_arm: NewArm) -> Non
 def test_a_with_block_without_a_robot_is_not_entered(new_arm: NewArm, tmp_path: Any) -> None:
     nothing = str(tmp_path / "nothing")
     with pytest.raises(ConnectionError, match=nothing), new_arm(port=nothing):
-        pytest.fail("entered")
+        pytest.fail("the block is entered")
 
 
 # -- trio
@@ -480,10 +482,10 @@ def test_open_robot_in_a_trio_program(twin: Twin) -> None:
     assert register_now(twin.log, p.TORQUE_ENABLE) == dict.fromkeys(IDS.values(), 0)
 
 
-def test_open_robot_says_why_it_cannot(tmp_path: Any) -> None:
+def test_open_robot_raises_the_reason_if_it_cannot_connect(tmp_path: Any) -> None:
     async def main() -> None:
         async with open_robot("so101", mode="real", port=str(tmp_path / "nothing")):
-            pytest.fail("entered")
+            pytest.fail("the block is entered")
 
     with pytest.raises(ConnectionError, match="nothing"):
         trio.run(main)

@@ -1,4 +1,4 @@
-"""What a script written for strands-robots says, and what it reads: names, keys, first calls."""
+"""Names, keys and first calls of a script that was written for strands-robots."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from .helpers import IDS
 
 
 def test_the_first_command_connects(twin: Twin, new_arm: NewArm) -> None:
-    """As a script of strands-robots has it, without ``connect_eagerly()``."""
+    """A script for strands-robots does not call ``connect_eagerly()``."""
     arm = new_arm(port=twin.port)
     began_ns = time.monotonic_ns()
     assert json_of(arm.send_action({"shoulder_pan": 10.0}))["commanded"] == {"shoulder_pan": 10.0}
     assert twin.log.host("setpoint", began_ns)
     json_of(arm.stop())
-    assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))  # a stop is not undone by it
+    assert "resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))  # a command does not undo a stop
     arm.cleanup()
     assert "was cleaned up" in why(arm.send_action({"shoulder_pan": 0.0}))
 
 
-def test_a_first_command_that_cannot_connect_says_why(new_arm: NewArm) -> None:
+def test_a_first_command_that_cannot_connect_gives_the_reason(new_arm: NewArm) -> None:
     arm = new_arm(port="/dev/nowhere")
     text = why(arm.send_action({"shoulder_pan": 10.0}))
     assert text.startswith("move: not connected: ") and "/dev/nowhere" in text
@@ -44,24 +44,24 @@ def test_a_first_command_that_cannot_connect_says_why(new_arm: NewArm) -> None:
 def test_the_first_arming_waits_for_every_process_that_could_stop_the_robot(
     twin: Twin, new_arm: NewArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[bool] = []
+    lifts: list[bool] = []
     energise = RobotTree._energise
 
-    async def not_yet(tree: RobotTree, stops: int, asked_ns: int, lift: bool) -> Message | None:
-        asked.append(lift)
-        if len(asked) < 3:
+    async def not_yet(tree: RobotTree, stops: int, requested_ns: int, lift: bool) -> Message | None:
+        lifts.append(lift)
+        if len(lifts) < 3:
             return Refused(Code.NO_STANDBY, "a process that could stop the robot is missing")
-        return await energise(tree, stops, asked_ns, lift)
+        return await energise(tree, stops, requested_ns, lift)
 
     monkeypatch.setattr(RobotTree, "_energise", not_yet)
     assert new_arm(port=twin.port).connect_eagerly() is None
-    assert asked == [False] * 3
+    assert lifts == [False] * 3
 
 
-def test_saf_009_a_stop_while_the_first_command_connects_stands(
+def test_saf_009_a_stop_while_the_first_command_connects_is_kept(
     twin: Twin, new_arm: NewArm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The next command does not energise what was stopped."""
+    """The next command does not energise the stopped robot."""
     arm = new_arm(port=twin.port)
     connected: list[bool] = []
 
@@ -75,19 +75,19 @@ def test_saf_009_a_stop_while_the_first_command_connects_stands(
     assert connected == [True]
 
 
-def test_two_threads_may_both_be_first(twin: Twin, new_arm: NewArm) -> None:
+def test_four_threads_may_send_the_first_command(twin: Twin, new_arm: NewArm) -> None:
     arm = new_arm(port=twin.port)
     with ThreadPoolExecutor(4) as pool:
-        told = list(pool.map(lambda at: arm.send_action({"shoulder_pan": float(at)}), range(4)))
-    assert [answer["status"] for answer in told] == ["success"] * 4, told
+        answers = list(pool.map(lambda degrees: arm.send_action({"shoulder_pan": float(degrees)}), range(4)))
+    assert [answer["status"] for answer in answers] == ["success"] * 4, answers
 
 
-# -- the vocabulary of strands-robots
+# # -- keys and types of strands-robots
 
 
-def test_both_spellings_of_a_joint_answer(arm: RealRobot) -> None:
+def test_both_spellings_of_a_joint_can_be_read(arm: RealRobot) -> None:
     seen = arm.get_observation()
-    assert list(seen) == list(IDS)  # the keys that show, and that travel, are the plain ones
+    assert list(seen) == list(IDS)  # the plain keys are listed and sent
     assert seen["shoulder_pan.pos"] == seen["shoulder_pan"] == seen.get("shoulder_pan.pos")
     assert "shoulder_pan.pos" in seen and "elbow.pos" not in seen and "shoulder_pan.pos.pos" not in seen
     assert seen.get("elbow.pos", 7) == 7
@@ -97,7 +97,7 @@ def test_both_spellings_of_a_joint_answer(arm: RealRobot) -> None:
     assert seen.copy()["gripper.pos"] == seen["gripper"]
 
 
-def test_a_policy_of_the_reference_reads_its_own_keys(arm: RealRobot) -> None:
+def test_a_policy_of_the_reference_can_use_keys_with_pos(arm: RealRobot) -> None:
     class Policy:
         def get_actions_sync(self, observation: Any, instruction: str) -> list[dict[str, float]]:
             return [
@@ -105,26 +105,26 @@ def test_a_policy_of_the_reference_reads_its_own_keys(arm: RealRobot) -> None:
             ]
 
     json_of(arm.run_policy(Policy(), n_steps=5))
-    until(lambda: not task(arm)["running"], "it ends")
+    until(lambda: not task(arm)["running"], "the rollout ends")
     assert task(arm)["exit_reason"] == "n_steps", task(arm)
 
 
-def test_numbers_of_a_rollout_may_be_numpys(arm: RealRobot) -> None:
+def test_budgets_of_a_rollout_may_be_numpy_numbers(arm: RealRobot) -> None:
     json_of(arm.run_policy(lambda seen: dict(seen), duration=numpy.float32(5), n_steps=numpy.int64(3)))
-    until(lambda: not task(arm)["running"], "it ends")
+    until(lambda: not task(arm)["running"], "the rollout ends")
     assert task(arm)["steps"] == 3
     assert "n_steps is True" in why(arm.run_policy(lambda seen: dict(seen), n_steps=numpy.bool_(True)))
     assert why(arm.send_action({"shoulder_pan": numpy.bool_(True)})).startswith("move: shoulder_pan is True")
 
 
-def test_the_servos_can_be_read_as_lerobots_are(arm: RealRobot) -> None:
+def test_the_servos_can_be_read_through_bus_as_in_lerobot(arm: RealRobot) -> None:
     assert status(arm)["motors"] == arm.bus.motors == IDS
     positions = arm.bus.sync_read("Present_Position")
     assert positions == pytest.approx(arm.get_observation(), abs=1.0)
     assert list(arm.bus.sync_read("Present_Position", ["gripper"])) == ["gripper"]
     assert set(arm.bus.sync_read("Present_Voltage")) == set(IDS)
     assert all(isinstance(counts, int) for counts in arm.bus.sync_read("Present_Temperature").values())
-    with pytest.raises(ValueError, match=r"'Goal_Position' is not read\. Use one of Present_Position"):
+    with pytest.raises(ValueError, match=r"'Goal_Position' is not available\. Use one of Present_Position"):
         arm.bus.sync_read("Goal_Position")
     with pytest.raises(ValueError, match="'elbow' is no joint"):
         arm.bus.sync_read("Present_Position", "elbow")
@@ -133,9 +133,9 @@ def test_the_servos_can_be_read_as_lerobots_are(arm: RealRobot) -> None:
         arm.bus.sync_read("Present_Position")
 
 
-def test_a_silent_servo_is_not_read_to_be_where_it_was(arm: RealRobot, twin: Twin) -> None:
+def test_a_silent_servo_is_left_out_of_a_read(arm: RealRobot, twin: Twin) -> None:
     twin.fault("off:3")
-    until(lambda: "elbow_flex" not in arm.bus.sync_read(), "it is left out")
+    until(lambda: "elbow_flex" not in arm.bus.sync_read(), "the silent servo is left out")
     assert "gripper" in arm.bus.sync_read()
 
 
@@ -145,6 +145,6 @@ def test_a_robot_without_servos_has_no_bus() -> None:
 
 
 def test_state_has_joints_and_their_velocities(arm: RealRobot) -> None:
-    told = json_of(arm.state())
-    assert set(told["joints"]) == set(told["joint_velocities"]) == set(IDS)
-    assert told["state"] == "armed" and told["unit"].startswith("degrees")
+    reading = json_of(arm.state())
+    assert set(reading["joints"]) == set(reading["joint_velocities"]) == set(IDS)
+    assert reading["state"] == "armed" and reading["unit"].startswith("degrees")

@@ -119,7 +119,7 @@ def test_saf_014_our_own_drivers_keep_it(robot: str) -> None:
     assert failed == []
 
 
-def test_what_fails_at_run_time_is_a_result_too() -> None:
+def test_a_failure_at_run_time_is_a_result_too() -> None:
     class Broken(Blinky):
         def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
             raise KeyError("joint")
@@ -128,7 +128,7 @@ def test_what_fails_at_run_time_is_a_result_too() -> None:
     assert results["refuses unknown names"].detail == "KeyError: 'joint'"
 
 
-def test_one_bench_is_open_at_a_time_and_none_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_bench_is_open_at_a_time_and_is_closed_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run of only some of a driver's cells must not leave a moving robot behind during other tests."""
     opened: list[str] = []
 
@@ -158,7 +158,7 @@ def test_one_bench_is_open_at_a_time_and_none_is_left(monkeypatch: pytest.Monkey
     other.check(cell)
     assert opened == ["other"]
     other.check(cell)
-    assert opened == [], "its last cell was run"
+    assert opened == [], "the bench closes after its last cell"
     one.check(cell)
     assert opened == []
     with pytest.raises(OSError, match="no twin"):

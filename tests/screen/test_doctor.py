@@ -43,7 +43,7 @@ def test_a_machine_on_which_the_tests_run_is_healthy(cli: Command) -> None:
     assert "everything a robot needs is here" in printed.stdout or "this computer is busy" in printed.stdout
 
 
-def test_a_directory_open_to_others_is_broken_and_the_exit_code_says_so(cli: Command, tmp_path: Path) -> None:
+def test_a_directory_open_to_others_is_a_defect_and_sets_the_exit_code(cli: Command, tmp_path: Path) -> None:
     os.chmod(tmp_path, 0o777)
     cli.environment["STRANDS_ACTORS_RUN"] = str(tmp_path)
     done = cli.run("doctor")
@@ -60,20 +60,20 @@ def test_a_computer_that_has_no_time_for_a_robot_is_named(capsys: pytest.Capture
     with busy.assumed(busy.Machine(20.0, 2)):
         (check,) = check_load()
         _show([check])
-    assert (check.state, check.found) == (WEAK, "this computer is busy: load 20 on 2 cores")
+    assert (check.state, check.text) == (WEAK, "this computer is busy: load 20 on 2 cores")
     assert "close other programs" in check.remedy
     shown = capsys.readouterr().out
-    assert "everything a robot needs is here" not in shown and "this computer has no time for it now" in shown
+    assert "everything a robot needs is here" not in shown and "this computer is too busy now" in shown
     with busy.assumed(busy.IDLE):
         (check,) = check_load()
-    assert (check.state, check.found, check.remedy) == (OK, "load 0 on 2 cores", "")
+    assert (check.state, check.text, check.remedy) == (OK, "load 0 on 2 cores", "")
 
 
 def test_a_directory_with_a_long_name_is_broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STRANDS_ACTORS_RUN", str(tmp_path / ("x" * 80)))
     (check,) = check_directory()
     assert check.state == BROKEN
-    assert "shorter place" in check.remedy
+    assert "shorter path" in check.remedy
 
 
 def test_a_python_that_is_too_old(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,8 +95,8 @@ def test_a_third_party_driver_that_breaks_is_weak_and_one_of_ours_is_broken(
         monkeypatch.setattr(drivers, "broken", why)
     ours, theirs = found(list(check_drivers()), "driver")
     assert (ours.state, theirs.state) == (BROKEN, WEAK)
-    assert "feetech" in ours.found
-    assert "no sdk" in theirs.found
+    assert "feetech" in ours.text
+    assert "no sdk" in theirs.text
 
 
 def test_a_part_that_cannot_be_examined_is_a_finding_not_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -105,10 +105,10 @@ def test_a_part_that_cannot_be_examined_is_a_finding_not_a_crash(monkeypatch: py
 
     monkeypatch.setattr("serial.tools.list_ports.comports", explode)
     (check,) = found(list(examine()), "serial")
-    assert (check.state, check.found) == (BROKEN, "OSError: no such bus")
+    assert (check.state, check.text) == (BROKEN, "OSError: no such bus")
 
 
-def test_extras_are_told_from_what_everybody_needs() -> None:
+def test_missing_requirements_are_listed_by_extra() -> None:
     requirements = [
         "trio>=0.30",
         "no-such-package-1",

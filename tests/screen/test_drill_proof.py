@@ -16,7 +16,7 @@ from trio.testing import MockClock
 from strands_actors.contract.driver import Reason
 from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.surfaces.drill import steps
-from strands_actors.surfaces.drill.certificate import Figure
+from strands_actors.surfaces.drill.certificate import StepResult
 from strands_actors.surfaces.drill.steps import RETURN_S, Drill
 from tests.fake_kinds import FakeBase
 
@@ -59,13 +59,13 @@ def test_the_root_may_give_it_as_well_as_the_gate() -> None:
     assert proof((None, None), (None, report(Reason.WIRE))) == report(Reason.WIRE)
 
 
-def test_what_is_not_confirmed_is_waited_beyond_and_told_if_nothing_better_comes() -> None:
+def test_an_unconfirmed_report_counts_only_if_no_confirmed_one_follows() -> None:
     failed = report(Reason.LINK, confirmed=False)
     assert proof((failed, None), (failed, None), (failed, report(Reason.WIRE))) == report(Reason.WIRE)
     assert proof((failed, None)) == failed
 
 
-def test_another_reason_or_an_earlier_stop_is_none() -> None:
+def test_a_report_of_another_reason_or_an_earlier_stop_is_no_proof() -> None:
     before = report(Reason.WIRE, at_ns=BEGAN_NS - 1)
     assert proof((report(Reason.ROOT), before)) is None
     assert proof((before, report(Reason.ROOT)), (before, report(Reason.WIRE))) == report(Reason.WIRE)
@@ -108,7 +108,7 @@ class Hand:
         return SimpleNamespace(last_stop=None)
 
 
-def link_loss(confirmed_s: float | None, monkeypatch: pytest.MonkeyPatch) -> Figure:
+def link_loss(confirmed_s: float | None, monkeypatch: pytest.MonkeyPatch) -> StepResult:
     tree = Hand(confirmed_s)
     told: list[str] = []
 
@@ -119,38 +119,38 @@ def link_loss(confirmed_s: float | None, monkeypatch: pytest.MonkeyPatch) -> Fig
     async def writing(self: Drill) -> AsyncIterator[None]:
         yield
 
-    async def run() -> Figure:
+    async def run() -> StepResult:
         tree.began_s = trio.current_time()
         monkeypatch.setattr(steps, "monotonic_ns", lambda: round(trio.current_time() * 1e9))
         monkeypatch.setattr(Drill, "_writing", writing)
         return await Drill(tree, None, tell).link_loss()  # type: ignore[arg-type]
 
-    figure = trio.run(run, clock=MockClock(autojump_threshold=0))
+    result = trio.run(run, clock=MockClock(autojump_threshold=0))
     assert len(told) == 2
-    return figure
+    return result
 
 
 @pytest.mark.parametrize("confirmed_s", [0.01, 2.9, 3.1, 5.5])
 def test_saf_023_the_clock_of_a_link_loss_begins_before_the_cable_is_out(
     confirmed_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    figure = link_loss(confirmed_s, monkeypatch)
-    assert figure.passed, figure.detail
-    assert figure.confirmed_ms is not None
-    assert 0 <= figure.confirmed_ms - confirmed_s * 1e3 <= 50, "no earlier than the last look before it"
+    result = link_loss(confirmed_s, monkeypatch)
+    assert result.passed, result.detail
+    assert result.confirmed_ms is not None
+    assert 0 <= result.confirmed_ms - confirmed_s * 1e3 <= 50, "within one look of the confirmation"
     away_ms = (Hand.BACK_S - Hand.PULLED_S) * 1e3
-    assert 0 <= figure.bound_ms - (away_ms + RETURN_S * 1e3) <= 100
+    assert 0 <= result.bound_ms - (away_ms + RETURN_S * 1e3) <= 100
 
 
 def test_saf_023_the_bound_of_a_link_loss_can_be_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     late = link_loss(Hand.BACK_S - Hand.PULLED_S + RETURN_S + 3.0, monkeypatch)
     assert not late.passed and "later than" in late.detail
     never = link_loss(None, monkeypatch)
-    assert not never.passed and "nobody reported" in never.detail
+    assert not never.passed and "no process reported a safe state" in never.detail
 
 
-def test_saf_023_a_proof_from_before_the_fault_is_none() -> None:
-    async def run() -> Figure:
+def test_saf_023_a_report_from_before_the_fault_is_no_proof() -> None:
+    async def run() -> StepResult:
         async def tell(text: str) -> None:
             raise AssertionError(text)
 
@@ -158,5 +158,5 @@ def test_saf_023_a_proof_from_before_the_fault_is_none() -> None:
         early = report(Reason.LINK, at_ns=BEGAN_NS - 174_000_000)
         return await drill._judge("link loss", Reason.LINK, BEGAN_NS, 3.0, early, ())
 
-    figure = trio.run(run, clock=MockClock(autojump_threshold=0))
-    assert not figure.passed and figure.detail == "its proof is from 174 ms before the fault"
+    result = trio.run(run, clock=MockClock(autojump_threshold=0))
+    assert not result.passed and result.detail == "the stop was reported 174 ms before the fault"

@@ -25,15 +25,15 @@ def forks() -> Iterator[ForkServer]:
 
 def run(forks: ForkServer, call: str, **arguments: object) -> tuple[int, bytes | None]:
     """Return the exit code and the output on stderr."""
-    said, stderr = os.pipe()
+    output, stderr = os.pipe()
     with open(os.devnull, "rb") as nothing, open(stderr, "wb") as errors:
         pid = forks.fork(call, arguments, (nothing.fileno(), errors.fileno()))
-    with open(said, "rb") as errors:
+    with open(output, "rb") as errors:
         child = Forked(forks, pid, stderr=errors)
         return child.wait(PATIENCE_S), child.communicate()[1]
 
 
-def test_a_child_has_the_environment_the_directory_and_the_path_of_who_asks(
+def test_a_child_has_the_environment_the_directory_and_the_path_of_its_requester(
     forks: ForkServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "of_this_test.py").write_text(
@@ -46,9 +46,9 @@ def test_a_child_has_the_environment_the_directory_and_the_path_of_who_asks(
     assert (tmp_path / "told").read_text() == f"{tmp_path} yes"
 
 
-def test_a_child_that_fails_says_why_and_a_code_is_passed_on(forks: ForkServer) -> None:
-    code, said = run(forks, "no_such_module:main")
-    assert code == 1 and b"No module named 'no_such_module'" in (said or b"")
+def test_a_failed_child_passes_on_its_error_and_its_exit_code(forks: ForkServer) -> None:
+    code, output = run(forks, "no_such_module:main")
+    assert code == 1 and b"No module named 'no_such_module'" in (output or b"")
     assert run(forks, "os:abort")[0] == -signal.SIGABRT
     assert run(forks, "sys:exit")[0] == 0
     assert (
@@ -78,7 +78,7 @@ def test_a_wait_ends_in_time(forks: ForkServer) -> None:
     assert child.wait(PATIENCE_S) == -signal.SIGKILL
 
 
-def test_a_server_that_has_ended_is_said_and_replaced() -> None:
+def test_an_ended_fork_server_is_reported_and_replaced() -> None:
     first = twin_server()
     assert twin_server() is first
     with open(os.devnull, "rb") as nothing:
@@ -86,7 +86,7 @@ def test_a_server_that_has_ended_is_said_and_replaced() -> None:
         first.close()
         with pytest.raises(RuntimeError, match="has ended"):
             first.fork("os:getpid", {}, (nothing.fileno(), 2))
-    assert left.poll() is None, "what it forked goes on"
+    assert left.poll() is None, "its forked child still runs"
     left.kill()
     assert left.wait(PATIENCE_S) == -signal.SIGKILL
     assert twin_server() is not first

@@ -69,7 +69,7 @@ def test_late_is_excused_only_when_the_machine_explains_it_and_unsafe_never() ->
     assert (row.trials, row.disturbed, row.worst_ms, row.late, row.safe) == (1, 1, 7.0, 0, True)
     row = summary("so101", WIRE_KILL, [outcome(7.0), outcome(70.0, after=1, stood_ms=30.0)])
     assert (row.trials, row.disturbed, row.unsafe, row.safe) == (2, 0, 1, False)
-    assert not summary("so101", WIRE_KILL, []).safe, "what was not measured is not safe"
+    assert not summary("so101", WIRE_KILL, []).safe, "a cell without trials is not safe"
 
 
 def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_nothing_follows(
@@ -86,7 +86,7 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
                 row["safe_state"] = brought_to
         path.write_text("".join(json.dumps(row) + "\n" for row in rows))
         spin = Cell(Victims.CALLER, Faults.SPIN)
-        return read(WireLog(path), expected_of(driver_of("so101"), spin), 0, 0, stood_ms=stood_ms)
+        return read(WireLog(path), expected_of(driver_of("so101"), spin), 0, 0, waited_ms=stood_ms)
 
     excused = read_of(30.0, "setpoint", "safe")
     assert (excused.safe_state, excused.instead, excused.safe, excused.disturbed) == ("hold", "limp", True, True)
@@ -94,7 +94,7 @@ def test_another_safe_state_is_excused_only_when_the_machine_explains_it_and_not
     moved = read_of(30.0, "setpoint", "safe", "setpoint")
     assert (moved.safe, moved.disturbed) == (False, False)
     assert not read_of(30.0, "setpoint").safe
-    assert not read_of(30.0, "setpoint", "safe", brought_to="").safe, "one motor is not the robot"
+    assert not read_of(30.0, "setpoint", "safe", brought_to="").safe, "one safe motor is not a safe robot"
 
 
 def write_log(path: Path, kinds: str, mark: str) -> int:
@@ -123,7 +123,7 @@ def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_s
     assert cells.safe_before(WireLog(path), expected, 1, stopped_ns) == since_ns
     limp = expected._replace(safe_states=("limp",))
     path.write_text(path.read_text().replace('"hex": ""', '"hex": "", "safe_state": "hold"'))
-    assert cells.safe_before(WireLog(path), limp, 1, stopped_ns) is None, "another safe state is not it"
+    assert cells.safe_before(WireLog(path), limp, 1, stopped_ns) is None, "another safe state does not count"
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_a_robot_that_the_fault_had_brought_to_the_safe_state_is_safe_when_the_s
         ("setpoint safe back setpoint read", False, 0.0),
     ],
 )
-def test_what_had_reached_a_robot_while_it_was_away_counts_when_it_is_back(
+def test_frames_that_reached_a_frozen_robot_count_when_it_is_back(
     kinds: str, safe: bool, safe_ms: float, tmp_path: Path
 ) -> None:
     """The log has the time at which a frame arrived, not the time at which the robot read it."""
@@ -147,7 +147,7 @@ def test_what_had_reached_a_robot_while_it_was_away_counts_when_it_is_back(
     assert (outcome.safe, outcome.safe_ms) == (safe, safe_ms)
 
 
-def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> None:
+def test_an_unsafe_trial_is_reported_with_its_wire_log(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
     kinds = [
         ("host", "enable"),
@@ -162,11 +162,14 @@ def test_what_was_not_safe_is_told_with_what_the_wire_showed(tmp_path: Path) -> 
     story = WireLog(path).story(10**6)
     assert story == "0.0 host setpoint x 3, 5.0 robot watchdog x 1, 6.5 host safe (limp) x 1"
     assert WireLog(path).story(10**9) == "nothing"
-    told = [cells.told(each, WireLog(path), 10**6) for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))]
-    assert [each.story for each in told] == ["", story, story]
-    row = summary("so101", WIRE_KILL, told)
+    lines = [
+        cells.with_story(each, WireLog(path), 10**6)
+        for each in (outcome(7.0), outcome(7.0, after=1), outcome(70.0))
+    ]
+    assert [each.story for each in lines] == ["", story, story]
+    row = summary("so101", WIRE_KILL, lines)
     assert row.stories == (story, story)
-    text = page(columns_of([row], some_trials(*told, path=tmp_path / "trials.jsonl")))
+    text = page(columns_of([row], some_trials(*lines, path=tmp_path / "trials.jsonl")))
     assert f"wire kill, not safe: from the fault on the wire showed {story}." in " ".join(text.split())
     assert [each.story for each in Trials(tmp_path / "trials.jsonl", 1).of("so101", WIRE_KILL)] == [
         "",
@@ -185,7 +188,7 @@ def test_a_run_that_was_ended_is_continued(tmp_path: Path) -> None:
     assert [each.safe_ms for each in again.of("so101", WIRE_KILL)] == [7.0, float("inf")]
     assert [run.jobs for run in again.runs] == [2, 4]
     taken = conditions(again, "so101")
-    assert (taken["trials"], taken["jobs"]) == ("2, of which disturbed: 0", "2 or 4 side by side")
+    assert (taken["trials"], taken["jobs"]) == ("2, of which disturbed: 0", "2 or 4 at a time")
     orders = left(Plan(drivers, 3, again, usual_cells))
     assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "kill")] == [1]
     assert [order.trials for order in orders if (order.victim, order.fault) == ("wire", "freeze")] == [3]
@@ -217,14 +220,16 @@ def test_one_robot_is_measured_again_and_the_page_keeps_the_others(
     assert "| never **not safe** |" in text and "**not measured**" in text
 
 
-@pytest.mark.parametrize(("name", "said"), [("m.json", "name it *.md"), ("m.md", "has no columns of a matrix")])
-def test_what_is_no_page_is_not_written_over(
-    name: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("name", "message"), [("m.json", "give a path *.md"), ("m.md", "not the data of a matrix")]
+)
+def test_a_file_that_is_no_matrix_page_is_not_overwritten(
+    name: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     there = tmp_path / "m.json"
     there.write_text('{"so101": 1}')
     assert run(["matrix", "--drivers", "so101", "-o", str(tmp_path / name)]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert there.read_text() == '{"so101": 1}' and len(list(tmp_path.iterdir())) == 1
 
 
@@ -233,7 +238,7 @@ def usual_cells(robot: str, driver: Driver) -> Iterator[Cell]:
 
 
 def left(plan: Plan, robot: str = "") -> list[Order]:
-    """Return the orders that a worker gets which has a bench of ``robot``."""
+    """Return the orders for a worker that has a bench of ``robot``."""
     orders: list[Order] = []
     while (order := plan.next_for(orders[-1].robot if orders else robot)) is not None:
         orders.append(order)
@@ -257,16 +262,16 @@ def test_a_process_that_waits_for_a_processor_is_seen_to() -> None:
             os.sched_setaffinity(process.pid, alone)
         queue, idle = Queue([process.pid for process in processes]), Queue([])
         deadline_s = time.monotonic() + 20.0
-        while queue.stood_ms() < 50.0:
+        while queue.waited_ms() < 50.0:
             assert time.monotonic() < deadline_s
             time.sleep(0.01)
-        assert idle.stood_ms() == 0.0
+        assert idle.waited_ms() == 0.0
 
 
 def test_the_page_shows_figures_reasons_and_conditions() -> None:
     rows = [
         summary("so101", WIRE_KILL, [outcome(7.0), outcome(9.0)]),
-        Row("so101", "caller", "garbage", "only the robot can have this fault"),
+        Row("so101", "caller", "garbage", "only the robot itself can have such a fault"),
     ]
     trials = some_trials(outcome(7.0), outcome(9.0))
 
@@ -275,8 +280,8 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
 
     text = shown(*rows)
     assert "| wire | kill | limp | 8.0 | 9.0 | 50 | 0 | 2 | 0 | SAF-003 |" in text
-    assert "* caller: garbage: only the robot can have this fault." in text
-    assert "1 robots, 1 cells, 2 trials, at least 2 a cell, 0 setpoints after a safe frame: every one safe" in text
+    assert "* caller was not tested with garbage. Reason: only the robot itself can have such a fault." in text
+    assert "1 cells, 2 trials, at least 2 in each cell, 0 setpoints after a safe frame: every cell safe" in text
     for key in ("date", "machine", "load", "python", "strands-actors", "jobs", "trials"):
         assert f"{key}: " in text
     excused = [outcome(70.0, stood_ms=30.0)] * 2
@@ -288,7 +293,7 @@ def test_the_page_shows_figures_reasons_and_conditions() -> None:
 
 
 @pytest.mark.long
-def test_two_trials_of_a_driver_of_somebody_elses() -> None:
+def test_two_trials_of_a_third_party_driver() -> None:
     (row,) = measure(
         "blinky", 2, Blinky, only=lambda cell: (cell.victim, cell.fault) == (Victims.WIRE, Faults.KILL)
     )
@@ -298,7 +303,7 @@ def test_two_trials_of_a_driver_of_somebody_elses() -> None:
 
 
 @pytest.mark.long
-def test_trials_side_by_side_of_a_driver_of_somebody_elses() -> None:
+def test_parallel_trials_of_a_third_party_driver() -> None:
     """The trials run in worker processes. A worker reports the orders that it cannot measure."""
     drivers: dict[str, type[Driver] | None] = {"blinky": Blinky}
     plan, trials = Plan(drivers, 1, some_trials(), usual_cells), some_trials()
@@ -350,7 +355,7 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
 
 
 @pytest.mark.long
-def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
+def test_a_caller_is_forked_from_one_thread_into_a_new_session() -> None:
     with Bench("blinky", Blinky) as bench:
         template = bench.template.pid
         assert len(os.listdir(f"/proc/{template}/task")) == 1
@@ -359,7 +364,7 @@ def test_a_caller_is_a_session_of_its_own_forked_from_one_thread() -> None:
         pid = caller.process.pid
         assert os.getsid(pid) == pid
         root = caller.pids()["root"]
-        caller.tell("exit")
+        caller.send_order("exit")
         caller.line()
         deadline_s = time.monotonic() + 20.0
         while caller.process.alive or Path(f"/proc/{root}").exists():
@@ -382,7 +387,9 @@ def test_every_requirement_about_breaking_things_is_proved_by_some_cell() -> Non
 @pytest.mark.parametrize(
     ("arguments", "named"), [(["--drivers", "so999"], "so999"), (["--repeats", "0"], "--repeats")]
 )
-def test_what_is_asked_wrongly_is_one_line(cli: Command, arguments: list[str], named: str, tmp_path: Path) -> None:
+def test_invalid_arguments_of_the_matrix_are_refused_in_one_line(
+    cli: Command, arguments: list[str], named: str, tmp_path: Path
+) -> None:
     done = cli.run("matrix", *arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

@@ -41,7 +41,7 @@ def test_it_imports_nothing_by_itself(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_a_robot_of_theirs(strands_robot: Callable[..., tuple[RealRobot, Twin]]) -> None:
+def test_the_fixture_runs_a_third_party_robot(strands_robot: Callable[..., tuple[RealRobot, Twin]]) -> None:
     robot, twin = strands_robot("blinky", Blinky)
     assert robot.send_action({"joint": 5.0})["status"] == "success"
     assert robot.stop()["status"] == "success"
@@ -80,7 +80,7 @@ def test_silence_is_of_everything_or_of_some_kinds(tmp_path: Path) -> None:
         log(path, SETPOINT % 3).silent_after(3, "setpoint")
 
 
-def test_the_bound_is_kept_or_told(tmp_path: Path) -> None:
+def test_a_missed_bound_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "wire.ndjson"
     assert log(path, SAFE % 50_000_000).safe_within(0, 0.05) == 0.05
     with pytest.raises(AssertionError, match="bound 40 ms"):

@@ -1,4 +1,4 @@
-"""All that the author of a third-party driver writes for a column of the matrix: ten lines."""
+"""The ten lines that the author of a third-party driver writes for a column of the matrix."""
 
 from __future__ import annotations
 

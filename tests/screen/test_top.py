@@ -47,8 +47,8 @@ def on_screen(cli: Command, monkeypatch: pytest.MonkeyPatch, script: Script) -> 
 async def until(pilot: Pilot[None], look: Callable[[], bool], what: str) -> None:
     deadline_s = time.monotonic() + PATIENCE_S
     while not look():
-        told = [note.message for note in pilot.app._notifications]
-        assert time.monotonic() < deadline_s, f"not on the screen: {what}. It says {told}"
+        notes = [note.message for note in pilot.app._notifications]
+        assert time.monotonic() < deadline_s, f"not on the screen: {what}. It shows {notes}"
         await pilot.pause(0.02)
 
 
@@ -68,7 +68,7 @@ def state(app: Top, robot: str = "so101") -> str:
     return rows(app).get(robot, {}).get("state", "")
 
 
-def test_nobody_is_there_and_it_quits(cli: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_top_without_a_running_robot_ignores_keys_and_quits(cli: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(app: Top, pilot: Pilot[None]) -> None:
         await until(pilot, lambda: app.query_one("#empty").display, "that nobody is there")
         for key in ("s", "e", "r", "down", "up"):
@@ -200,10 +200,13 @@ def test_a_narrow_screen_goes_without_the_least_important() -> None:
     assert dict(columns_for(120))["lease"] >= 12
 
 
-def test_without_a_terminal_it_says_what_to_use_instead(cli: Command) -> None:
+def test_without_a_terminal_top_names_the_alternative(cli: Command) -> None:
     done = cli.run("top")
     assert done.returncode == 2
-    assert done.stderr == "strands-actors: top: this is no terminal. `strands-actors tree` prints the same once\n"
+    assert (
+        done.stderr == "strands-actors: top: this needs a terminal. "
+        "Use `strands-actors tree`, which prints the robots once\n"
+    )
 
 
 @pytest.fixture
@@ -230,7 +233,7 @@ def shown_in_a_terminal(cli: Command) -> Iterator[tuple[subprocess.Popen[str], i
 
 
 LEAVES_S = 10.0
-"""Far more than it takes, for a busy machine. It once stayed for ever."""
+"""Timeout, far above the usual time, for a busy machine. An earlier version never ended."""
 
 
 def test_saf_015_it_ends_with_its_terminal(shown_in_a_terminal: tuple[subprocess.Popen[str], int, int]) -> None:
@@ -240,7 +243,7 @@ def test_saf_015_it_ends_with_its_terminal(shown_in_a_terminal: tuple[subprocess
     assert process.wait(LEAVES_S) == 128 + signal.SIGHUP
 
 
-def test_saf_015_it_ends_by_a_signal_when_nobody_reads_its_terminal(
+def test_saf_015_top_ends_by_a_signal_when_its_terminal_is_not_read(
     shown_in_a_terminal: tuple[subprocess.Popen[str], int, int],
 ) -> None:
     process, _, terminal = shown_in_a_terminal

@@ -9,13 +9,13 @@ from .growth import Sample, descendants, growth_of, sample
 HALF_AN_HOUR = [20.0 * at for at in range(60)]
 
 
-def test_what_grows_by_two_megabytes_an_hour_is_found() -> None:
+def test_growth_of_two_megabytes_an_hour_is_found() -> None:
     noisy = [Sample(t_s, 20, 3, round(30_000 + 2048 * t_s / 3600 + 300 * (at % 5))) for at, t_s in _numbered()]
     (found,) = growth_of(noisy)
     assert found.startswith("memory: ")
 
 
-def test_what_takes_memory_for_a_moment_and_half_a_megabyte_an_hour_does_not_grow() -> None:
+def test_a_short_peak_and_half_a_megabyte_an_hour_do_not_count_as_growth() -> None:
     noisy = [Sample(t_s, 20, 3, round(30_000 + 512 * t_s / 3600 + 4000 * (at % 7 == 0))) for at, t_s in _numbered()]
     assert growth_of(noisy) == []
 

@@ -1,5 +1,5 @@
-"""A leader and its follower, each a twin on a real pty with a log of its own, and an arm that is
-cleaned up whatever the test does."""
+"""A leader and its follower, each a twin on a real pty with its own log. The arm is always cleaned up after a
+test."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ class Pair:
 
     def begin(self, **keywords: Any) -> None:
         begun = json_of(self.arm.attach_teleop(self.teleoperator, deadman="key", **keywords))
-        assert "so101_leader is not calibrated" in begun["caveats"][0], "for all it knows it is no twin"
+        assert "so101_leader is not calibrated" in begun["caveats"][0], "the leader is not known to be a twin"
         self.wait(lambda now: now["leader"] == "connected" and now["leader_age_ms"] is not None, held=False)
 
     def engage(self) -> None:
-        """Let go, then hold the dead-man until it is engaged. Again, where a busy machine had a frame of
-        the leader come too late: to go on takes a new press."""
+        """Release the dead-man, then hold it until the arm is engaged. Try again if a frame of the leader was late
+        on a busy machine, because continuing needs a new press."""
         end_s = time.monotonic() + PRESSES * PRESS_S
         while True:
             self.wait(lambda now: not now["held"] and now["leader_age_ms"] is not None, held=False)
             over_s = time.monotonic() + PRESS_S
-            told = self.wait(lambda now: now["state"] == "engaged" or time.monotonic() > over_s, held=True)  # noqa: B023
-            if told["state"] == "engaged":
+            status = self.wait(lambda now: now["state"] == "engaged" or time.monotonic() > over_s, held=True)  # noqa: B023
+            if status["state"] == "engaged":
                 return
             assert time.monotonic() < end_s, f"it is not engaged: {task(self.arm)}"
 
     def wait(self, condition: Any, held: bool, within_s: float = 20.0) -> dict[str, Any]:
-        """Operate until it is so."""
+        """Operate until the condition is true, and return the status."""
         deadline_s = time.monotonic() + within_s
         while True:
             if self.pid:
@@ -58,7 +58,7 @@ class Pair:
             time.sleep(OPERATE_S)
 
     def hold_on(self, seconds: float) -> None:
-        """Hold the dead-man for so long."""
+        """Hold the dead-man for this time."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             self.arm.operate(True)
@@ -66,12 +66,12 @@ class Pair:
 
     @property
     def now(self) -> dict[str, Any]:
-        told: dict[str, Any] = task(self.arm).get("teleop", {})
-        return told
+        status: dict[str, Any] = task(self.arm).get("teleop", {})
+        return status
 
     @property
     def pid(self) -> int:
-        """Of the process of the teleoperation; 0: there is none."""
+        """Return the pid of the teleoperation's process, or 0 if no process runs."""
         return pids(self.arm).get("policy", 0)
 
 
@@ -84,7 +84,7 @@ def leader_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.fixture(scope="session")
 def follower_process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
-    with Twin("so101", tmp_path_factory.mktemp("follower")) as twin:  # it runs first, as a robot does
+    with Twin("so101", tmp_path_factory.mktemp("follower")) as twin:  # starts first, as a robot does
         yield twin
 
 
@@ -100,7 +100,7 @@ def pair(leader_process: Twin, follower_process: Twin, run_dir: Path) -> Iterato
         assert problem is None, problem
         json_of(arm.send_action(NEUTRAL))
         until(lambda: all(abs(value) < 4 for key, value in arm.get_observation().items() if key in NEUTRAL), "rest")
-        json_of(arm.release())  # and nothing is sent until it is led
+        json_of(arm.release())  # no setpoint is sent until the leader is engaged
         until(lambda: state(arm) == "holding", "it holds")
         for twin in (leader_process, follower_process):
             os.truncate(twin.log.path, 0)

@@ -1,4 +1,4 @@
-"""A teleoperation in the loop of a test, at an armed robot. In virtual time."""
+"""Run a teleoperation of an armed robot in the loop of a test, in virtual time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ActorT = TypeVar("ActorT", bound=Teleoperation)
 
 
 class GateOfPolicy:
-    """The gate as a policy process reaches it."""
+    """The gate's reference in a policy process."""
 
     def __init__(self, gate: Ref) -> None:
         self._gate = gate
@@ -50,7 +50,7 @@ class Led(NamedTuple, Generic[ActorT]):
 
 @asynccontextmanager
 async def teleoperation(make: type[ActorT], source: Mapping[str, Any], kind: str) -> AsyncIterator[Led[ActorT]]:
-    """``make``: the actor's class. Its gate may be replaced: nothing was asked of it yet."""
+    """Yield a teleoperation of the class ``make``. A test may replace its gate before the first request."""
     async with open_inline_tree() as tree, trio.open_nursery() as nursery:
         writer = await armed(tree)
         robot = tree.gate.address.split("/")[1]

@@ -1,4 +1,4 @@
-"""A teleoperation beside a gate that answers late: the press is not lost. In virtual time."""
+"""A press of the dead-man is not lost if the gate answers late. The tests run in virtual time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from strands_actors.kernel.node import AskTimeout, Ref
 from strands_actors.supervisors.gate.messages import Acquire, Beat, GetObservation
 from strands_actors.supervisors.root.messages import Operate
 from strands_actors.teleoperation.actor import Teleoperation
-from strands_actors.teleoperation.sources import Asked
+from strands_actors.teleoperation.sources import LeaderObject
 from strands_actors.testing import run_virtual
 from tests.tree.writer import setpoints
 
@@ -23,7 +23,7 @@ PRESSED_S = 0.6
 
 
 class LosesAnswers(GateOfPolicy):
-    """Of one kind of message the first ``count`` answers come too late."""
+    """A gate whose first ``count`` answers to one type of message are late."""
 
     def __init__(self, gate: Ref, kind: type[Message], count: int) -> None:
         super().__init__(gate)
@@ -40,7 +40,7 @@ class LosesAnswers(GateOfPolicy):
 
 
 class Unplugged:
-    """An object of somebody else's, whose device goes and comes."""
+    """A third-party object with a device that is unplugged and plugged in again."""
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -68,8 +68,8 @@ class Unplugged:
 class ObjectLed(Teleoperation):
     leader: Unplugged
 
-    def _source(self) -> Asked:
-        return Asked(self.leader, self.context.clock)
+    def _source(self) -> LeaderObject:
+        return LeaderObject(self.leader, self.context.clock)
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_an_object_that_is_unplugged_is_tried_again_and_takes_a_new_press(
     async def at_once(call: Any, **_: Any) -> Any:
         return call()
 
-    monkeypatch.setattr(trio.to_thread, "run_sync", at_once)  # a thread's time is not virtual
+    monkeypatch.setattr(trio.to_thread, "run_sync", at_once)  # time in a thread is not virtual
 
     async def run() -> None:
         async with teleoperation(ObjectLed, {"type": "object"}, "absolute") as led, trio.open_nursery() as nursery:
@@ -93,7 +93,7 @@ def test_an_object_that_is_unplugged_is_tried_again_and_takes_a_new_press(
             async def operate() -> None:
                 while True:
                     led.ref.tell(Operate(led.clock.now_ns(), held))
-                    led.tree.gate.tell(Beat(led.actor._rollout.over))  # the caller lives
+                    led.tree.gate.tell(Beat(led.actor._rollout.over))  # the caller is alive
                     await trio.sleep(0.02)
 
             nursery.start_soon(operate)
@@ -105,7 +105,7 @@ def test_an_object_that_is_unplugged_is_tried_again_and_takes_a_new_press(
             await trio.sleep(3.5)
             assert led.told[-1].running and led.told[-1].teleop["state"] == "idle"
             assert "Error" in led.told[-1].teleop["leader"] or "error" in led.told[-1].teleop["leader"]
-            assert leader.made >= 3, "it is tried again every second"
+            assert leader.made >= 3, "the teleoperation tries again every second"
             leader.is_there = True
             await trio.sleep(1.5)
             assert led.told[-1].teleop["state"] == "idle", "the old press counts as let go"
@@ -119,7 +119,9 @@ def test_an_object_that_is_unplugged_is_tried_again_and_takes_a_new_press(
     run_virtual(run)
 
 
-def test_an_object_that_never_was_connected_ends_it_with_its_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_object_that_never_connected_ends_the_teleoperation_with_its_message(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     leader = ObjectLed.leader = Unplugged(ConnectionError())
     leader.is_there = False
 
@@ -137,7 +139,7 @@ def test_an_object_that_never_was_connected_ends_it_with_its_words(monkeypatch: 
 
 
 @pytest.mark.parametrize("kind", [Acquire, GetObservation])
-def test_saf_009_a_press_whose_answers_come_late_engages_all_the_same(kind: type[Message]) -> None:
+def test_saf_009_a_press_with_late_answers_still_engages(kind: type[Message]) -> None:
     async def run() -> None:
         async with teleoperation(Teleoperation, {"type": "operator"}, "jog") as led:
             gate: Any = LosesAnswers(led.actor._gate, kind, 2)

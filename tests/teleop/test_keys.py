@@ -1,4 +1,4 @@
-"""Strokes of a terminal, which never tells that a key was let go."""
+"""Key strokes from a terminal, which does not report the release of a key."""
 
 from __future__ import annotations
 

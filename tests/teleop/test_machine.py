@@ -1,4 +1,4 @@
-"""The machine of a teleoperation, by itself: what frames become."""
+"""The state machine of a teleoperation, without processes: the commands that it makes from frames."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ AT_REST = {"pan": 0.0, "lift": 0.0, "jaw": 50.0}
 
 
 class Bench:
-    """A machine, its clock, and a robot that goes where it is sent."""
+    """A machine with its clock, and a robot that reaches each target at once."""
 
     def __init__(self, kind: Kind = Kind.ABSOLUTE, max_speed: float = math.inf, **robot: float) -> None:
         self.machine = Machine(AXES, kind, max_speed)
@@ -48,7 +48,7 @@ class Bench:
         if step.engage:
             step = self.machine.engage(frame, self.robot, self.now_ns)
             if self.machine.state is State.IDLE:
-                self.machine.not_engaged(self.machine.why)
+                self.machine.not_engaged(self.machine.reason)
         self.let_go += step.let_go
         if step.target is not None:
             self.sent.append(step.target)
@@ -59,7 +59,7 @@ class Bench:
         return self.machine._kind is not Kind.JOG
 
     def press(self, **values: float) -> None:
-        """Let go, press."""
+        """Release the dead-man, then press it."""
         self.frame(held=False, **values)
         self.frame(**values)
 
@@ -84,7 +84,7 @@ def test_a_dead_man_that_was_held_from_the_beginning_counts_as_not_held() -> Non
     for _ in range(50):
         bench.frame()
     assert bench.sent == []
-    assert "let go and press anew" in bench.machine.why
+    assert "let go and press anew" in bench.machine.reason
     bench.press()
     bench.frame()
     assert bench.sent
@@ -96,8 +96,8 @@ def test_a_joint_that_differs_by_more_than_15_degrees_is_not_engaged() -> None:
     for _ in range(20):
         bench.frame(pan=ALIGN_DEG + 0.5)
     assert bench.sent == [] and bench.machine.state is State.IDLE
-    assert set(bench.machine.differs) == {"pan"} and "pan by +16" in bench.machine.why
-    for _ in range(20):  # it comes near while the dead-man is still held: a new press is needed
+    assert set(bench.machine.differs) == {"pan"} and "pan by +16" in bench.machine.reason
+    for _ in range(20):  # it comes near while the dead-man is held, so a new press is needed
         bench.frame(pan=1.0)
     assert bench.sent == []
     bench.engage(pan=1.0)
@@ -119,7 +119,7 @@ def test_a_joint_that_differs_by_less_is_approached_at_30_degrees_a_second() -> 
     assert bench.sent[-1] == {"pan": 14.0, "lift": -5.0, "jaw": 50.0}
 
 
-def test_a_leader_that_runs_away_while_it_is_aligned_is_let_go_of() -> None:
+def test_a_leader_that_moves_away_during_alignment_is_released() -> None:
     bench = Bench()
     bench.press(pan=10.0)
     bench.frame(pan=10.0)
@@ -136,7 +136,7 @@ def test_a_gripper_is_approached_from_anywhere_and_slowly() -> None:
 
 
 @pytest.mark.parametrize("state", ["aligning", "engaged"])
-def test_letting_go_is_a_hold_at_once(state: str) -> None:
+def test_releasing_the_dead_man_leads_to_a_hold_at_once(state: str) -> None:
     bench = Bench()
     if state == "engaged":
         bench.engage(pan=10.0)
@@ -148,15 +148,15 @@ def test_letting_go_is_a_hold_at_once(state: str) -> None:
     assert bench.machine.state is State.IDLE and bench.let_go == 1 and len(bench.sent) == count
 
 
-def test_saf_001_a_frame_that_is_older_than_100_ms_is_a_hold() -> None:
+def test_saf_001_a_frame_older_than_100_ms_leads_to_a_hold() -> None:
     bench = Bench()
     bench.engage()
     count = len(bench.sent)
     bench.frame(age_ns=SILENT_NS + 1)
-    assert bench.machine.state is State.IDLE and bench.let_go == 1 and "silent" in bench.machine.why
+    assert bench.machine.state is State.IDLE and bench.let_go == 1 and "silent" in bench.machine.reason
     for _ in range(20):
         bench.frame()
-    assert len(bench.sent) == count, "only a new press goes on"
+    assert len(bench.sent) == count, "only a new press continues the motion"
 
 
 def test_a_frame_that_is_too_fast_is_refused_and_counted_and_the_next_is_taken() -> None:
@@ -165,13 +165,13 @@ def test_a_frame_that_is_too_fast_is_refused_and_counted_and_the_next_is_taken()
     count = len(bench.sent)
     bench.frame(pan=20.0)  # 2000 degrees a second
     assert bench.machine.refused == 1 and len(bench.sent) == count
-    assert "pan is led faster than 300 deg/s" in bench.machine.why
+    assert "pan is led faster than 300 deg/s" in bench.machine.reason
     bench.frame(pan=1.0)
     assert bench.machine.refused == 1 and bench.sent[-1]["pan"] == 1.0
     assert bench.machine.state is State.ENGAGED
 
 
-def test_the_speed_may_be_less_than_what_the_axis_can_do() -> None:
+def test_the_speed_limit_may_be_below_the_speed_of_the_axis() -> None:
     bench = Bench(max_speed=50.0)
     bench.engage()
     bench.frame(pan=0.5 * TOLERANCE - 0.01)
@@ -180,7 +180,7 @@ def test_the_speed_may_be_less_than_what_the_axis_can_do() -> None:
     assert bench.machine.refused == 1
 
 
-def test_what_the_gate_refused_counts_as_not_sent() -> None:
+def test_a_setpoint_that_the_gate_refused_counts_as_not_sent() -> None:
     bench = Bench()
     bench.engage()
     bench.frame(pan=3.0)
@@ -191,7 +191,7 @@ def test_what_the_gate_refused_counts_as_not_sent() -> None:
 
 
 @pytest.mark.parametrize("values", [{"pan": math.nan}, {"pan": math.inf}, {"elbow": 1.0}])
-def test_a_frame_that_is_none_is_refused(values: dict[str, float]) -> None:
+def test_an_invalid_frame_is_refused(values: dict[str, float]) -> None:
     bench = Bench()
     bench.engage()
     count = len(bench.sent)
@@ -202,7 +202,7 @@ def test_a_frame_that_is_none_is_refused(values: dict[str, float]) -> None:
 def test_a_leader_with_other_joints_is_not_engaged() -> None:
     bench = Bench()
     bench.press(elbow=1.0)
-    assert bench.machine.state is State.IDLE and "the leader has elbow" in bench.machine.why
+    assert bench.machine.state is State.IDLE and "the leader has elbow" in bench.machine.reason
 
 
 def test_a_leader_beyond_the_range_keeps_its_follower_at_the_end() -> None:
@@ -210,7 +210,7 @@ def test_a_leader_beyond_the_range_keeps_its_follower_at_the_end() -> None:
     bench.engage(pan=108.0)
     for pan in (110.0, 112.0, 114.0):
         bench.frame(pan=pan)
-    assert bench.sent[-1]["pan"] == 110.0 and bench.machine.at_end == ("pan",)
+    assert bench.sent[-1]["pan"] == 110.0 and bench.machine.limited_axes == ("pan",)
     assert bench.machine.refused == 0
 
 
@@ -219,7 +219,7 @@ def test_a_relative_leader_is_anchored_anew_at_each_press() -> None:
     bench.engage(pan=-20.0)
     bench.frame(pan=-19.0)
     assert bench.sent[-1]["pan"] == 51.0
-    bench.press(pan=-60.0)  # the hand went back meanwhile
+    bench.press(pan=-60.0)  # the hand has moved back in the meantime
     bench.frame(pan=-60.0)
     assert bench.sent[-1]["pan"] == 51.0, "SAF-011: no jump"
     bench.frame(pan=-59.0)
@@ -239,7 +239,7 @@ def test_a_jogged_axis_goes_on_from_where_the_robot_is() -> None:
     bench.press(pan=1.0)
     bench.frame(pan=1.0)
     assert bench.sent[-1]["pan"] == pytest.approx(40.0 + APPROACH_DEG_S * 0.01)
-    bench.now_ns += 3_000 * MS  # nobody asked for a while
+    bench.now_ns += 3_000 * MS  # no frame for 3 s
     before = bench.robot["pan"]
     bench.frame(pan=1.0)
     assert bench.robot["pan"] - before <= APPROACH_DEG_S * 0.05 + 1e-9
@@ -274,7 +274,7 @@ FRAMES = st.lists(
 
 
 @given(FRAMES, st.sampled_from([Kind.ABSOLUTE, Kind.RELATIVE]))
-def test_whatever_comes_nothing_is_sent_unheld_stale_outside_or_too_far(
+def test_no_input_leads_to_a_setpoint_that_is_unheld_stale_outside_or_too_far(
     frames: list[tuple[bool, int, float]], kind: Kind
 ) -> None:
     bench = Bench(kind)
@@ -301,19 +301,19 @@ def test_a_gripper_squeezed_twice_is_held_until_it_is_squeezed_twice_again() -> 
 
     assert not squeeze(0)
     assert squeeze(400)
-    assert squeeze(5000), "one alone grips something"
+    assert squeeze(5000), "one squeeze alone only closes the gripper"
     assert squeeze(8000)
     assert not squeeze(8400)
     assert not squeeze(20_000)
-    assert not squeeze(22_000), "too slow for two"
+    assert not squeeze(22_000), "too slow for a double squeeze"
 
 
-def test_silence_is_a_hold_and_no_new_press() -> None:
-    """An operator who was not heard for a while may have held on all the time."""
+def test_silence_leads_to_a_hold_and_needs_a_new_press() -> None:
+    """After a silence the operator may have held the dead-man all the time."""
     machine = Machine(AXES, Kind.JOG)
     still = {"pan": 0.0}
     machine.step(Frame(0, False, still, let_go=False), 0)
-    assert not machine.step(Frame(1, True, still, let_go=False), 1).engage, "nobody has let go yet"
+    assert not machine.step(Frame(1, True, still, let_go=False), 1).engage, "the dead-man was not released yet"
     machine.step(Frame(2, False, still, let_go=True), 2)
     assert machine.step(Frame(3, True, still, let_go=False), 3).engage
     machine.engage(Frame(3, True, still), AT_REST, 3)

@@ -1,4 +1,4 @@
-"""The operator's page: who may open it, what it does to a robot, and that it lets go."""
+"""The operator's page: access to it, its commands to a robot, and the release of the dead-man."""
 
 from __future__ import annotations
 
@@ -60,17 +60,17 @@ UPGRADE = {"Upgrade": "websocket", "Origin": "http://127.0.0.1:80"}
         (b"\xff\xfe\r\n\r\n", 400),
     ],
 )
-def test_who_may(data: bytes, code: int | None) -> None:
+def test_access_needs_the_token_and_a_correct_request(data: bytes, code: int | None) -> None:
     refusal = refuse(parse(data), "t", HOSTS)
     assert (None if refusal is None else refusal[0]) == code
 
 
-def test_what_was_stuck_in_a_network_is_late() -> None:
+def test_a_message_that_the_network_delayed_is_late() -> None:
     lateness = Lateness()
     assert lateness.of(1000.0, 50_000 * MS) == 0
     assert lateness.of(1033.0, 50_035 * MS) == 2 * MS
-    assert lateness.of(1066.0, 52_066 * MS) == 2000 * MS, "it came two seconds after it was sent"
-    assert lateness.of(3000.0, 51_999 * MS) == 0, "a quicker one is the new measure"
+    assert lateness.of(1066.0, 52_066 * MS) == 2000 * MS, "it arrived two seconds after it was sent"
+    assert lateness.of(3000.0, 51_999 * MS) == 0, "a quicker message is the new reference"
 
 
 @contextmanager
@@ -96,7 +96,7 @@ def say(socket: ClientConnection, held: bool, **rates: float) -> None:
     socket.send(json.dumps({"held": held, "rates": rates, "at_ms": time.monotonic() * 1e3}))
 
 
-def test_a_page_jogs_and_letting_go_of_it_in_any_way_is_a_hold(pair: Pair) -> None:
+def test_a_page_jogs_and_any_release_of_it_leads_to_a_hold(pair: Pair) -> None:
     with operated(pair) as (address, socket):
         before = pair.arm.get_observation()["wrist_roll"]
 
@@ -104,7 +104,7 @@ def test_a_page_jogs_and_letting_go_of_it_in_any_way_is_a_hold(pair: Pair) -> No
             say(socket, True, wrist_roll=1.0)
             return bool(pair.arm.get_observation()["wrist_roll"] > before + 3)
 
-        for _ in range(3):  # as the page does, again and again: until what it was told comes back
+        for _ in range(3):  # as the page does, repeatedly until its message is acknowledged
             say(socket, False)
             socket.recv()
         until(jogged, "it is jogged")
@@ -113,11 +113,11 @@ def test_a_page_jogs_and_letting_go_of_it_in_any_way_is_a_hold(pair: Pair) -> No
             pass
         assert second.value.response.status_code == 409
         gone_ns = time.monotonic_ns()
-        socket.close()  # while it is held
+        socket.close()  # while the dead-man is held
         safe = until(lambda: pair.follower.log.first_safe(gone_ns), "it holds")
         assert safe.safe_state == "hold"
         with operator(address) as again:
-            say(again, True, wrist_roll=1.0)  # held from the beginning: no new press
+            say(again, True, wrist_roll=1.0)  # held from the beginning, so it is not a new press
             time.sleep(0.2)
             say(again, True, wrist_roll=1.0)
             pair.follower.log.no_setpoint_after_safe(gone_ns)
@@ -128,13 +128,13 @@ def test_a_page_jogs_and_letting_go_of_it_in_any_way_is_a_hold(pair: Pair) -> No
     json_of(pair.arm.stop_task())
 
 
-def test_saf_002_stop_on_the_page_stops_the_robot_and_says_what_became_of_it(pair: Pair) -> None:
+def test_saf_002_stop_on_the_page_stops_the_robot_and_shows_the_result(pair: Pair) -> None:
     with operated(pair) as (_, socket):
         say(socket, False)
         before_ns = time.monotonic_ns()
-        for _ in range(3):  # as the page does, until it is answered
-            told = {"held": False, "rates": {}, "at_ms": time.monotonic() * 1e3, "stop": True}
-            socket.send(json.dumps(told))
+        for _ in range(3):  # as the page does, until an answer arrives
+            message = {"held": False, "rates": {}, "at_ms": time.monotonic() * 1e3, "stop": True}
+            socket.send(json.dumps(message))
         stopped = ""
         with contextlib.suppress(ConnectionClosed):
             while True:
@@ -149,9 +149,7 @@ def test_saf_002_stop_on_the_page_stops_the_robot_and_says_what_became_of_it(pai
         assert (task["exit_reason"], task["exit_detail"]) == ("stop", f"stopped by its page: {stopped}")
 
 
-def test_the_address_is_for_its_user_alone_and_without_its_token_there_is_nothing(
-    pair: Pair, run_dir: Path
-) -> None:
+def test_the_pages_address_is_private_and_needs_its_token(pair: Pair, run_dir: Path) -> None:
     with operated(pair) as (address, _):
         (file,) = run_dir.glob("teleop-*.url")
         assert stat.S_IMODE(os.stat(file).st_mode) == 0o600 and file.read_text() == address
@@ -167,7 +165,7 @@ def test_the_address_is_for_its_user_alone_and_without_its_token_there_is_nothin
     assert not list(run_dir.glob("teleop-*.url"))
 
 
-def test_a_port_that_is_taken_is_told(pair: Pair) -> None:
+def test_a_port_in_use_is_refused(pair: Pair) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         where = f"127.0.0.1:{taken.getsockname()[1]}"
         json_of(pair.arm.attach_teleop(Teleoperator("gamepad", listen=where)))
@@ -178,7 +176,7 @@ def test_a_port_that_is_taken_is_told(pair: Pair) -> None:
 
 
 @pytest.mark.parametrize("at_ms", [1e308, -1e308, -1.0, 1e15])
-def test_a_page_with_an_impossible_clock_is_none_of_ours(pair: Pair, at_ms: float) -> None:
+def test_a_page_with_an_impossible_clock_is_disconnected(pair: Pair, at_ms: float) -> None:
     with operated(pair) as (address, socket):
         socket.send(json.dumps({"held": False, "rates": {}, "at_ms": at_ms}))
         with pytest.raises(ConnectionClosed):
@@ -186,7 +184,7 @@ def test_a_page_with_an_impossible_clock_is_none_of_ours(pair: Pair, at_ms: floa
                 socket.recv(timeout=10.0)
         with operator(address) as again:
             say(again, False)
-            assert json.loads(again.recv(timeout=10.0))["state"], "it is served on"
+            assert json.loads(again.recv(timeout=10.0))["state"], "the page is still served"
 
 
 PADS = """
@@ -212,6 +210,6 @@ console.log(JSON.stringify(seen))
 
 @pytest.mark.needs("Node.js")
 def test_a_gamepad_counts_only_while_its_page_has_the_focus() -> None:
-    """Elsewhere a browser may tell for ever how it was last: with the dead-man held."""
+    """Without focus, a browser may report the last state for ever, with the dead-man held."""
     held = {"a": 1, "b": 0}
-    assert json.loads(run_on_page(PADS)) == [held, None, None, None, held], "back again, only a new press counts"
+    assert json.loads(run_on_page(PADS)) == [held, None, None, None, held], "after that, only a new press counts"

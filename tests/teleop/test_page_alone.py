@@ -1,4 +1,4 @@
-"""The operator's page without a robot: who may have its seat, and by which name it is found."""
+"""The operator's page without a robot: which client gets its seat, and under which host names it answers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strands_actors import Teleoperator
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.supervisors.root.messages import Operate
 from strands_actors.teleoperation.page import server
-from strands_actors.teleoperation.teleoperator import where_to_listen
+from strands_actors.teleoperation.teleoperator import parse_listen_address
 
 from .page_script import run_on_page
 
@@ -27,7 +27,7 @@ class Served:
         self.streams: list[trio.SocketStream] = []
 
     async def ask(self, path: str, host: str, *headers: str) -> tuple[trio.SocketStream, str]:
-        """Return a connection, and the first line of its answer. ``host``: as a browser calls it."""
+        """Return a connection and the first line of its answer. ``host`` is the name that a browser uses."""
         stream = await trio.open_tcp_stream("127.0.0.1", int(self.host.rpartition(":")[2]))
         self.streams.append(stream)
         rows = (f"GET {path}?token={self.token} HTTP/1.1", f"Host: {host}", *headers, "", "")
@@ -49,19 +49,19 @@ async def confirm_stop() -> str:
 async def served(
     host: str = "127.0.0.1", stop: Callable[[], Awaitable[str]] = confirm_stop
 ) -> AsyncIterator[Served]:
-    told: list[Operate] = []
+    received: list[Operate] = []
 
     async def count_stop() -> str:
         page.stops += 1
         return await stop()
 
     serving = server.Page(
-        MonotonicClock(), told.append, lambda *_: None, count_stop, lambda: {"state": "idle"}, ["a"], "t"
+        MonotonicClock(), received.append, lambda *_: None, count_stop, lambda: {"state": "idle"}, ["a"], "t"
     )
     async with trio.open_nursery() as nursery:
         tell, addresses = trio.open_memory_channel[str](1)
         nursery.start_soon(serving.serve, host, 0, tell.send_nowait)
-        page = Served(await addresses.receive(), told)
+        page = Served(await addresses.receive(), received)
         with trio.fail_after(20.0):
             yield page
         for stream in page.streams:
@@ -70,15 +70,15 @@ async def served(
 
 
 def test_a_page_that_is_silent_gives_its_seat_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A phone that sleeps, a network that is lost: nobody says that the connection has ended."""
+    """A sleeping phone or a lost network does not close its connection."""
     monkeypatch.setattr(server, "SILENT_S", 1.0)
 
     async def test() -> None:
         async with served() as page:
             silent, answer = await page.sit_down()
             assert " 101 " in answer
-            assert " 409 " in (await page.sit_down())[1], "it has the seat, so far"
-            assert await silent.receive_some(300) != b"", "what the robot does"
+            assert " 409 " in (await page.sit_down())[1], "the first client still has the seat"
+            assert await silent.receive_some(300) != b"", "a status of the robot"
             while await silent.receive_some(300):
                 pass
             assert not page.told[-1].held
@@ -103,16 +103,16 @@ console.log(before, opened)
 
 
 @pytest.mark.needs("Node.js")
-def test_a_page_that_nobody_sees_wants_no_seat() -> None:
-    """It would be silent, be turned out, and come again."""
+def test_a_hidden_page_requests_no_seat() -> None:
+    """A hidden page would be silent, lose the seat, and take it again."""
     assert run_on_page(HIDDEN).split() == ["0", "1"]
 
 
 @pytest.mark.parametrize("host", ["LocalHost", "localhost", "127.0.0.1"])
 def test_a_page_is_found_by_its_name_in_any_case(host: str) -> None:
     async def test() -> None:
-        async with served(where_to_listen(host)[0]) as page:
-            for name in (page.host, page.host.lower()):  # browsers say it in lower case
+        async with served(parse_listen_address(host)[0]) as page:
+            for name in (page.host, page.host.lower()):  # browsers send it in lower case
                 assert " 200 " in (await page.ask("/", name))[1]
 
     trio.run(test)
@@ -147,9 +147,9 @@ open = true; pressStop(); open = false; showStopped(""); console.log(shown.pop()
 """
 
 
-def test_the_pages_stop_claims_nothing_that_it_was_not_told() -> None:
+def test_the_page_shows_each_step_of_a_stop_and_only_confirmed_results() -> None:
     assert run_on_page(STOP).splitlines() == [
-        "stopping: NOT SENT: this page is not connected. use the robot's own switch | 0",
+        "stopping: NOT SENT: this page is not connected. Use the robot's own switch | 0",
         "stopping: sent | true",
         "stopping: asked, not confirmed yet | false",
         "stopped: limp, 6 motors confirmed | false",

@@ -1,4 +1,4 @@
-"""No client ends the operator's page or keeps its operator out, whatever it sends or leaves unsaid."""
+"""No client can end the operator's page or lock out its operator, by any message or by silence."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TEXT, CLOSE, PING = 1, 8, 9
 
 
 def frame(data: bytes | str, kind: int = TEXT, first: int = 0x80) -> bytes:
-    """One masked WebSocket frame. ``first``: its bits beside the kind."""
+    """Return one masked WebSocket frame. ``first`` is its first byte without the kind."""
     body = data.encode() if isinstance(data, str) else data
     length = bytes([0x80 | len(body)]) if len(body) < 126 else bytes([0xFE]) + struct.pack(">H", len(body))
     mask = b"\1\2\3\4"
@@ -52,7 +52,7 @@ async def heard(test: Callable[[], bool]) -> None:
 
 
 async def begin(page: Served) -> trio.SocketStream:
-    """Return the connection of an operator who holds the dead-man."""
+    """Return an operator's connection that holds the dead-man."""
     stream, answer = await page.sit_down()
     assert " 101 " in answer, answer
     await stream.send_all(frame(json.dumps({"held": False, "at_ms": 1.0})))
@@ -62,7 +62,7 @@ async def begin(page: Served) -> trio.SocketStream:
 
 
 async def lets_go(page: Served) -> None:
-    """Wait until the dead-man is let go of, and the seat is free."""
+    """Wait until the dead-man is released and the seat is free."""
     await heard(lambda: not page.told[-1].held)
     await (await begin(page)).aclose()
 
@@ -103,7 +103,7 @@ MANY = b"".join(frame(json.dumps({**HELD, "at_ms": 51.0 + at, "rates": {"a": 0.5
     ],
     ids=["two reads", "bytes", "fragments", "after a jam", "no more than a stop", "cut off", "a word"],
 )
-def test_saf_002_a_stop_is_heard_however_a_network_cuts_it(pieces: tuple[bytes, ...]) -> None:
+def test_saf_002_a_stop_in_any_number_of_pieces_is_read(pieces: tuple[bytes, ...]) -> None:
     async def test() -> None:
         async with served() as page:
             stream = await begin(page)
@@ -130,7 +130,7 @@ def test_a_message_that_a_network_cuts_lets_go_of_nothing() -> None:
     trio.run(test)
 
 
-def test_a_stop_that_fails_leaves_the_page_and_says_so() -> None:
+def test_a_failed_stop_is_reported_on_the_page() -> None:
     async def fail() -> str:
         raise RuntimeError("no root")
 
@@ -172,7 +172,7 @@ def test_idle_strangers_do_not_keep_the_operator_out(monkeypatch: pytest.MonkeyP
     trio.run(test)
 
 
-def test_strangers_do_not_turn_the_operator_out() -> None:
+def test_strangers_do_not_take_the_operators_seat() -> None:
     async def test() -> None:
         async with served() as page:
             stream = await begin(page)

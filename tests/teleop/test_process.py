@@ -1,5 +1,5 @@
-"""A teleoperation as real processes on twins, judged by the frames on both wires: dead, frozen or
-unplugged, what leads an arm leaves it holding."""
+"""A teleoperation as real processes on twins, judged by the frames on both wires. If the leader or its process
+is dead, frozen or unplugged, the arm holds."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .conftest import NEUTRAL, Pair
 pytestmark = pytest.mark.real_time
 
 ROOM_S = 1.0
-"""Of a busy machine; the figures are benchmarks'."""
+"""Timeout for a busy machine. The benchmarks measure the real times."""
 RADIAN = 0.017453
 
 
 def settled(pair: Pair, since_ns: int) -> int:
-    """When the first safe frame came; after it nothing may be sent."""
+    """Return the time of the first safe frame. No setpoint may follow it."""
     safe = until(lambda: pair.follower.log.first_safe(since_ns), "a safe frame")
     pair.follower.log.safe_within(since_ns, ROOM_S)
     assert safe.safe_state == "hold"
@@ -34,7 +34,7 @@ def settled(pair: Pair, since_ns: int) -> int:
 
 def test_the_arm_follows_and_the_leader_is_never_energised(pair: Pair) -> None:
     pair.begin()
-    assert pair.follower.log.host("setpoint") == [], "nobody has engaged it"
+    assert pair.follower.log.host("setpoint") == [], "the arm is not engaged"
     pair.engage()
     pair.leader.move_by_hand(shoulder_pan=10 * RADIAN)
     until(
@@ -50,7 +50,7 @@ def test_the_arm_follows_and_the_leader_is_never_energised(pair: Pair) -> None:
 
 
 def test_an_idle_teleoperation_that_was_stopped_makes_room_for_another(pair: Pair) -> None:
-    """Resumed at once, the robot looks to it as if nothing had been."""
+    """The robot is resumed at once, so the teleoperation does not see the stop in the robot's state."""
     pair.begin()
     pid = pair.pid
     json_of(pair.arm.stop())
@@ -60,7 +60,7 @@ def test_an_idle_teleoperation_that_was_stopped_makes_room_for_another(pair: Pai
     assert task(pair.arm)["running"] and pair.pid != pid
 
 
-def test_saf_003_a_killed_teleoperation_is_a_hold_and_nothing_after(pair: Pair) -> None:
+def test_saf_003_a_killed_teleoperation_leads_to_a_hold_without_later_setpoints(pair: Pair) -> None:
     pair.begin()
     pid = pair.pid
     pair.engage()
@@ -74,7 +74,7 @@ def test_saf_003_a_killed_teleoperation_is_a_hold_and_nothing_after(pair: Pair) 
     assert status(pair.arm)["state"] == "holding"
 
 
-def test_saf_003_a_frozen_teleoperation_is_a_hold_and_stays_one_when_it_thaws(pair: Pair) -> None:
+def test_saf_003_a_frozen_teleoperation_leads_to_a_hold_that_stays_when_it_continues(pair: Pair) -> None:
     pair.begin()
     pid = pair.pid
     pair.engage()
@@ -85,14 +85,14 @@ def test_saf_003_a_frozen_teleoperation_is_a_hold_and_stays_one_when_it_thaws(pa
         settled(pair, frozen_ns)
     finally:
         os.kill(pid, signal.SIGCONT)
-    pair.hold_on(0.5)  # still held: that is no new press
+    pair.hold_on(0.5)  # still held, which is not a new press
     pair.follower.log.no_setpoint_after_safe(frozen_ns)
     pair.engage()
     assert pair.follower.log.setpoints_after_safe(frozen_ns) > 0
 
 
 @pytest.mark.parametrize("how", ["unplugged", "frozen", "without power"])
-def test_saf_001_a_leader_that_is_gone_is_a_hold_until_it_is_engaged_anew(pair: Pair, how: str) -> None:
+def test_saf_001_a_lost_leader_leads_to_a_hold_until_a_new_press(pair: Pair, how: str) -> None:
     pair.begin()
     pair.engage()
     gone_ns = time.monotonic_ns()
@@ -104,7 +104,7 @@ def test_saf_001_a_leader_that_is_gone_is_a_hold_until_it_is_engaged_anew(pair: 
         case _:
             pair.leader.fault("off")
     idle = pair.wait(lambda now: now["state"] == "idle", held=True)
-    # Its last frame may have been on the way to the gate when its 100 ms were over.
+    # The leader's last frame may have expired on the way to the gate.
     assert "leader" in idle["why"] or "past its deadline" in idle["why"]
     settled(pair, gone_ns)
     match how:
@@ -120,7 +120,7 @@ def test_saf_001_a_leader_that_is_gone_is_a_hold_until_it_is_engaged_anew(pair: 
     pair.engage()
 
 
-def test_saf_001_letting_go_of_the_dead_man_is_a_hold_and_so_is_an_operator_who_is_gone(pair: Pair) -> None:
+def test_saf_001_a_released_dead_man_or_a_lost_operator_leads_to_a_hold(pair: Pair) -> None:
     pair.begin()
     pair.engage()
     since_ns = time.monotonic_ns()
@@ -128,7 +128,7 @@ def test_saf_001_letting_go_of_the_dead_man_is_a_hold_and_so_is_an_operator_who_
     settled(pair, since_ns)
     pair.follower.log.no_setpoint_after_safe(since_ns)
     pair.engage()
-    since_ns = time.monotonic_ns()  # and now nobody operates it any more
+    since_ns = time.monotonic_ns()  # from now on no operator sends frames
     until(lambda: pair.now["state"] == "idle", "it is let go of")
     settled(pair, since_ns)
     pair.follower.log.no_setpoint_after_safe(since_ns)
@@ -138,13 +138,13 @@ def test_saf_011_a_leader_that_is_elsewhere_is_not_engaged(pair: Pair) -> None:
     pair.leader.move_by_hand(**{**NEUTRAL, "shoulder_pan": 40 * RADIAN})
     pair.begin()
     pair.wait(lambda now: now["values"]["shoulder_pan"] > 35, held=False)
-    told = pair.wait(lambda now: now["differs"], held=True)
-    assert set(told["differs"]) == {"shoulder_pan"} and "move it to within 15 degrees" in told["why"]
+    shown = pair.wait(lambda now: now["differs"], held=True)
+    assert set(shown["differs"]) == {"shoulder_pan"} and "move it to within 15 degrees" in shown["why"]
     pair.hold_on(0.3)
     assert pair.follower.log.host("setpoint") == []
 
 
-def test_a_stop_ends_it_also_while_it_is_idle(pair: Pair) -> None:
+def test_a_stop_ends_an_idle_teleoperation(pair: Pair) -> None:
     pair.begin()
     pair.engage()
     since_ns = time.monotonic_ns()
@@ -158,7 +158,7 @@ def test_a_stop_ends_it_also_while_it_is_idle(pair: Pair) -> None:
     json_of(pair.arm.resume())
 
 
-def test_what_is_no_leader_is_refused_before_anything_starts(pair: Pair) -> None:
+def test_an_invalid_leader_is_refused_before_anything_starts(pair: Pair) -> None:
     arm, leader = pair.arm, pair.teleoperator
     assert "give so101_leader one of port=" in why(arm.attach_teleop("so101_leader"))
     assert "hz is 0" in why(arm.attach_teleop(leader, hz=0))
@@ -168,13 +168,13 @@ def test_what_is_no_leader_is_refused_before_anything_starts(pair: Pair) -> None
     assert pair.pid == 0
 
 
-def test_a_keyboard_jogs_and_a_map_changes_what_an_arm_says(pair: Pair) -> None:
+def test_a_keyboard_jogs_and_a_map_changes_the_actions_of_an_arm(pair: Pair) -> None:
     json_of(pair.arm.attach_teleop(Teleoperator("keyboard")))
     pair.wait(lambda now: now["leader"] == "connected", held=False)
     before = pair.arm.get_observation()["wrist_roll"]
 
     def jogged() -> bool:
-        """Whether one press jogs it: on a busy machine a press may be missed, and then it is over."""
+        """Return True if one press jogs the axis. On a busy machine a press may be missed."""
         pair.wait(lambda now: not now["held"], held=False)
         until_s = time.monotonic() + 3.0
         while time.monotonic() < until_s:
@@ -192,11 +192,11 @@ def test_a_keyboard_jogs_and_a_map_changes_what_an_arm_says(pair: Pair) -> None:
 
 
 def only_the_wrist(action: dict[str, float]) -> dict[str, float]:
-    """A map that other processes can import."""
+    """A map function that other processes can import."""
     return {"wrist_roll": -action["wrist_roll"]}
 
 
-def test_an_object_that_raises_ends_it_with_its_words(pair: Pair) -> None:
+def test_an_object_that_raises_ends_the_teleoperation_with_its_message(pair: Pair) -> None:
     json_of(pair.arm.attach_teleop(Teleoperator(f"{__name__}:Broken")))
     ended = task_ended(pair.arm)
     assert ended["exit_reason"] == "policy" and "no batteries" in ended["exit_detail"]
@@ -209,7 +209,7 @@ class Broken:
 
 
 class Steady:
-    """A teleoperator of somebody else's, in LeRobot's words."""
+    """A third-party teleoperator with the methods of LeRobot's."""
 
     def __init__(self, pan: float) -> None:
         self._pan = pan
@@ -230,7 +230,7 @@ def test_any_object_with_get_action_leads(pair: Pair) -> None:
     )
 
 
-def test_a_follower_that_is_not_to_be_energised_is_not(follower_process: Twin) -> None:
+def test_a_follower_with_arm_false_is_not_energised_before_a_resume(follower_process: Twin) -> None:
     os.truncate(follower_process.log.path, 0)
     arm = Robot("so101", mode="real", port=follower_process.port, arm=False)
     try:

@@ -1,4 +1,4 @@
-"""How often a leader arm is read, and which readings become setpoints. In virtual time."""
+"""The rate at which a leader arm is read, and the readings that become setpoints, in virtual time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ANSWERS_NS = 17_000_000
 
 
 class Leader:
-    """An arm on a bus, whose first joint goes on by ``step`` with each reading."""
+    """An arm on a bus. Its first joint advances by ``step`` with each reading."""
 
     READINGS = 2
 
@@ -37,7 +37,7 @@ class Leader:
         self._clock = clock
         self.step = 0.0
         self.told: list[tuple[int, float]] = []
-        """When it was read, and where its first joint was."""
+        """Time and first joint of each reading."""
 
     async def open(self) -> None: ...
 
@@ -57,7 +57,7 @@ class ArmLed(Teleoperation):
 
 
 class Slow(GateOfPolicy):
-    """A setpoint is answered after ``answers_s``."""
+    """A gate that answers a setpoint after ``answers_s``."""
 
     answers_s = 0.0
 
@@ -74,7 +74,7 @@ class Engaged(NamedTuple):
     gate: Slow
 
     async def sent(self) -> list[Written]:
-        """Return the setpoints of a tenth of a second."""
+        """Return the setpoints of 0.1 s."""
         await trio.sleep(0.03)
         since_ns = self.tree.node.clock.now_ns()
         await trio.sleep(0.1)

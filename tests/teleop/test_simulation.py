@@ -1,5 +1,5 @@
-"""A simulation is led as a robot is: by an arm that is moved by hand, and by rates, up to the end of
-an axis."""
+"""A simulation is teleoperated as a robot is: by an arm that is moved by hand, or by rates, up to the end of an
+axis."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PRESS_S = 3.0
 
 @pytest.fixture
 def sim(run_dir: Path) -> Iterator[SimRobot]:
-    """A simulation that holds in the middle."""
+    """A simulation that holds in the middle of its ranges."""
     made = Robot("so101")
     try:
         assert until(lambda: made.connect_eagerly() is None, "it connects")
@@ -42,7 +42,7 @@ def sim(run_dir: Path) -> Iterator[SimRobot]:
 
 
 def led(sim: SimRobot, there: Callable[[], bool], **rates: float) -> bool:
-    """Whether one press leads it there: on a busy machine a press may be missed, or end in a hold."""
+    """Return True if one press leads the joint there. On a busy machine a press may be missed or end in a hold."""
     for held, seconds in ((False, 0.2), (True, PRESS_S)):
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
@@ -72,7 +72,7 @@ def test_rates_lead_a_simulation(sim: SimRobot) -> None:
     )
 
 
-def test_who_leads_by_the_gripper_is_told_that_a_key_is_no_dead_man(sim: SimRobot) -> None:
+def test_a_leader_with_a_gripper_needs_an_option_for_a_key_as_dead_man(sim: SimRobot) -> None:
     with Teleoperator("so101_leader", transport="twin") as leader:
         assert "no teleoperation runs" in why(sim.operate(held=True))
         json_of(sim.attach_teleop(leader))
@@ -82,48 +82,48 @@ def test_who_leads_by_the_gripper_is_told_that_a_key_is_no_dead_man(sim: SimRobo
         json_of(sim.operate(held=False))
 
 
-def test_what_is_wrong_with_the_arguments_is_told(sim: SimRobot) -> None:
+def test_wrong_arguments_are_refused(sim: SimRobot) -> None:
     leader = Teleoperator("keyboard")
     assert "hz is nan" in why(sim.attach_teleop(leader, hz=float("nan")))
     assert "deadman is 'foot'" in why(sim.attach_teleop(leader, deadman="foot"))
 
 
 SLIPS: list[tuple[dict[str, Any], str]] = [
-    ({"held": "False", "shoulder_pan": 0.5}, "held is 'False'. give True or False"),
-    ({"held": 1}, "held is 1. give True or False"),
+    ({"held": "False", "shoulder_pan": 0.5}, "held is 'False'. Give True or False"),
+    ({"held": 1}, "held is 1. Give True or False"),
     ({"held": None}, "held is None"),
     (
         {"held": True, "sholder_pan": 0.5},
-        "'sholder_pan' is no axis of so101 ('shoulder_pan'?). give one of shoulder",
+        "'sholder_pan' is no axis of so101 ('shoulder_pan'?). Give one of shoulder",
     ),
-    ({"held": True, "shoulder_pan": float("nan")}, "shoulder_pan is nan. give how fast it is to go, -1..1"),
-    ({"held": True, "shoulder_pan": 50.0}, "shoulder_pan is 50.0. give how fast it is to go, -1..1"),
-    ({"held": True, "shoulder_pan": "fast"}, "shoulder_pan is 'fast'. give how fast"),
-    ({"held": True, "shoulder_pan": True}, "shoulder_pan is True. give how fast"),
-    ({"held": True, "shoulder_pan": [1]}, "shoulder_pan is [1]. give how fast"),
+    ({"held": True, "shoulder_pan": float("nan")}, "shoulder_pan is nan. Give a rate in -1..1"),
+    ({"held": True, "shoulder_pan": 50.0}, "shoulder_pan is 50.0. Give a rate in -1..1"),
+    ({"held": True, "shoulder_pan": "fast"}, "shoulder_pan is 'fast'. Give how fast"),
+    ({"held": True, "shoulder_pan": True}, "shoulder_pan is True. Give how fast"),
+    ({"held": True, "shoulder_pan": [1]}, "shoulder_pan is [1]. Give how fast"),
     ({"held": False, "sholder_pan": 0.5}, "'sholder_pan' is no axis"),
 ]
 
 
-def test_saf_014_a_slip_of_who_operates_moves_nothing(sim: SimRobot) -> None:
+def test_saf_014_a_mistake_of_the_operator_moves_nothing(sim: SimRobot) -> None:
     json_of(sim.attach_teleop(Teleoperator("keyboard")))
     before = sim.get_observation()["shoulder_pan"]
-    for slip, told in SLIPS:
-        json_of(sim.operate(held=False))  # and pressed anew
+    for slip, message in SLIPS:
+        json_of(sim.operate(held=False))  # release, then a new press
         for _ in range(5):
-            assert told in why(sim.operate(**slip)), slip
+            assert message in why(sim.operate(**slip)), slip
             time.sleep(TURN_S)
     now = task(sim)
     assert (now["steps"], now["teleop"]["held"]) == (0, False)
     assert abs(sim.get_observation()["shoulder_pan"] - before) < 0.5
-    stick: Any = numpy.float32(-32768 / 32767)  # its end
+    stick: Any = numpy.float32(-32768 / 32767)  # the end of the stick's range
     json_of(sim.operate(held=True, shoulder_pan=stick))
 
 
-def test_saf_014_a_slip_keeps_nobody_from_letting_go() -> None:
-    told: list[Operate] = []
-    tree: Any = SimpleNamespace(clock=MonotonicClock(), rollouts=SimpleNamespace(operate=told.append))
+def test_saf_014_a_mistake_does_not_prevent_a_release() -> None:
+    received: list[Operate] = []
+    tree: Any = SimpleNamespace(clock=MonotonicClock(), rollouts=SimpleNamespace(operate=received.append))
     run = operate(Robot("so101").driver, False, {"wrist": 0.5})
     assert callable(run) and "'wrist' is no axis" in why(trio.run(run, tree))
-    (only,) = told
+    (only,) = received
     assert (only.held, only.rates) == (False, {})

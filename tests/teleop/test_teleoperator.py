@@ -1,4 +1,4 @@
-"""``Teleoperator(...)`` before anything is started: what it is, and what it refuses."""
+"""``Teleoperator(...)`` before any process starts: its attributes and its refusals."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ REFUSALS: list[tuple[str, dict[str, Any], str]] = [
     ("so101_leader", {"transport": "smoke"}, "it offers twin"),
     ("so101_leader", {"port": "x", "wheels": 4}, "takes no wheels. it takes calibration, baud"),
     ("so101_leader", {"port": "x", "baud": 9600}, "baud is 9600"),
-    ("so101_leader", {"port": ""}, "port is ''. give it as text: '/dev/ttyACM1'"),
-    ("so101_leader", {"port": 5}, "port is 5. give it as text"),
-    ("so101_leader", {"transport": "twin", "id": 5}, "id is 5. give it as text: 'left'"),
-    ("so101_leader", {"transport": "twin", "relative": "no"}, "relative is 'no'. give True or False"),
-    ("tests.x:Y", {"relative": 1}, "relative is 1. give True or False"),
+    ("so101_leader", {"port": ""}, "port is ''. Give it as text: '/dev/ttyACM1'"),
+    ("so101_leader", {"port": 5}, "port is 5. Give it as text"),
+    ("so101_leader", {"transport": "twin", "id": 5}, "id is 5. Give it as text: 'left'"),
+    ("so101_leader", {"transport": "twin", "relative": "no"}, "relative is 'no'. Give True or False"),
+    ("tests.x:Y", {"relative": 1}, "relative is 1. Give True or False"),
     ("keyboard", {"port": "x"}, "keyboard has no port"),
     ("keyboard", {"relative": True}, "keyboard takes no relative"),
     ("tests.x:Y", {"transport": "twin"}, "has no transport"),
@@ -40,7 +40,9 @@ REFUSALS: list[tuple[str, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("name", "keywords", "expected"), REFUSALS)
-def test_what_cannot_be_is_refused_with_what_can(name: str, keywords: dict[str, Any], expected: str) -> None:
+def test_invalid_keywords_are_refused_with_the_valid_ones(
+    name: str, keywords: dict[str, Any], expected: str
+) -> None:
     with pytest.raises((ValueError, TypeError)) as refused:
         Teleoperator(name, **keywords)
     assert expected in str(refused.value)
@@ -78,7 +80,9 @@ def test_the_wire_of_a_leader_neither_arms_nor_writes(name: str) -> None:
         trio.run(wire.write, (0.0,) * 6, Permit())
 
 
-def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_calibration_of_a_leader_is_lerobots_file_of_a_teleoperator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     file = tmp_path / "teleoperators" / "so_leader" / "left.json"
     file.parent.mkdir(parents=True)
@@ -97,7 +101,7 @@ def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypat
     assert caveat.endswith("run `strands-actors calibrate so101_leader --port /dev/null`")
     named = Teleoperator("so101_leader", port="/dev/null", id="my right")
     assert named.caveats[0].endswith("calibrate so101_leader --port /dev/null --id 'my right'`"), (
-        "it has its file then"
+        "the command writes the file of this id"
     )
     for by_command in (leader_of("so101_leader:/dev/null:left"), leader_of("so101_leader:/dev/null", "left")):
         assert by_command.driver.travel() == calibrated.travel() and by_command.caveats == ()
@@ -105,31 +109,31 @@ def test_its_calibration_is_lerobots_of_a_teleoperator(tmp_path: Path, monkeypat
 
 
 def test_a_hand_moves_twins_alone() -> None:
-    with pytest.raises(TypeError, match="is no twin"):
+    with pytest.raises(TypeError, match="is not simulated"):
         Teleoperator("so101_leader", port="/dev/null").move_by_hand({"gripper": 1.0})
-    with pytest.raises(TypeError, match="is no arm"):
+    with pytest.raises(TypeError, match="is not a leader arm"):
         Teleoperator("keyboard").move_by_hand({"gripper": 1.0})
     with pytest.raises(TypeError, match="has no elbow"):
         Teleoperator("so101_leader", transport="twin").move_by_hand({"elbow": 1.0})
 
 
 @pytest.mark.parametrize(
-    ("positions", "told"),
+    ("positions", "message"),
     [
-        (5, "it is 5. give positions by joint: {'shoulder_pan': 10.0}"),
-        (None, "it is None. give positions by joint"),
-        (["shoulder_pan"], "it is ['shoulder_pan']. give positions by joint"),
+        (5, "it is 5. Give positions by joint: {'shoulder_pan': 10.0}"),
+        (None, "it is None. Give positions by joint"),
+        (["shoulder_pan"], "it is ['shoulder_pan']. Give positions by joint"),
         ({5: 1.0}, "has no 5. it has shoulder_pan"),
-        ({"shoulder_pan": "x"}, "shoulder_pan is 'x'. give a finite number, in degrees"),
-        ({"shoulder_pan": None}, "shoulder_pan is None. give a finite number"),
-        ({"shoulder_pan": float("nan")}, "shoulder_pan is nan. give a finite number"),
-        ({"shoulder_pan": float("inf")}, "shoulder_pan is inf. give a finite number"),
+        ({"shoulder_pan": "x"}, "shoulder_pan is 'x'. Give a finite number, in degrees"),
+        ({"shoulder_pan": None}, "shoulder_pan is None. Give a finite number"),
+        ({"shoulder_pan": float("nan")}, "shoulder_pan is nan. Give a finite number"),
+        ({"shoulder_pan": float("inf")}, "shoulder_pan is inf. Give a finite number"),
     ],
 )
-def test_saf_014_where_no_hand_could_move_it_is_told_so(positions: Any, told: str) -> None:
+def test_saf_014_invalid_positions_of_move_by_hand_are_refused(positions: Any, message: str) -> None:
     with pytest.raises(TypeError) as refused:
         Teleoperator("so101_leader", transport="twin").move_by_hand(positions)
-    assert told in str(refused.value)
+    assert message in str(refused.value)
 
 
 def test_a_koch_leader_is_moved_by_hand_and_read_and_leads_its_follower() -> None:
@@ -140,8 +144,8 @@ def test_a_koch_leader_is_moved_by_hand_and_read_and_leads_its_follower() -> Non
             assert until(lambda: arm.connect_eagerly() is None, "it connects")
             assert "deadman is" in why(arm.attach_teleop(leader, deadman="nose"))
             json_of(arm.attach_teleop(leader))
-            told = until(lambda: task(arm).get("teleop", {}).get("values"), "it is read")
-            assert told["shoulder_pan"] == pytest.approx(5.0, abs=1.0)
+            values = until(lambda: task(arm).get("teleop", {}).get("values"), "it is read")
+            assert values["shoulder_pan"] == pytest.approx(5.0, abs=1.0)
         finally:
             arm.cleanup()
 
@@ -154,46 +158,46 @@ def test_a_koch_leader_is_moved_by_hand_and_read_and_leads_its_follower() -> Non
         ("keyboard", "<Teleoperator keyboard (None)>"),
     ],
 )
-def test_the_command_says_where_a_leader_is(text: str, expected: str) -> None:
+def test_the_command_parses_the_connection_of_a_leader(text: str, expected: str) -> None:
     assert repr(leader_of(text)) == expected
 
 
-def test_a_port_whose_name_has_colons_is_no_id(tmp_path: Path) -> None:
+def test_a_port_name_with_colons_is_not_an_id(tmp_path: Path) -> None:
     port = tmp_path / "pci-0000:00:14.0-usb-0:1:1.0"
     port.symlink_to("/dev/null")
     assert repr(leader_of(f"so101_leader:{port}")) == f"<Teleoperator so101_leader ({port})>"
     assert repr(leader_of(f"so101_leader:{port}:left")) == f"<Teleoperator so101_leader ({port})>"
 
 
-def test_the_command_takes_one_id_for_who_has_one() -> None:
-    with pytest.raises(ValueError, match="name two ids"):
+def test_the_command_takes_one_id_and_only_for_an_arm() -> None:
+    with pytest.raises(ValueError, match="have different ids"):
         leader_of("so101_leader:/dev/null:left", "right")
     for text in ("keyboard", "phone", "phone:127.0.0.1"):
         with pytest.raises(TypeError, match="has no id"):
             leader_of(text, "right")
 
 
-def test_a_twin_with_an_id_is_no_port() -> None:
+def test_a_twin_with_an_id_is_not_a_port() -> None:
     assert vars(leader_of("so101_leader:twin:left"))["_port"] is None
-    with pytest.raises(ValueError, match="name two ids"):
+    with pytest.raises(ValueError, match="have different ids"):
         leader_of("so101_leader:twin:left", "right")
 
 
 def test_a_leaders_id_names_a_file_in_its_folder() -> None:
     for text in ("../left", "a/b", "x" * 200, "a\nb"):
-        with pytest.raises(ValueError, match="a calibration's file is called so: give 1 to 100 characters"):
+        with pytest.raises(ValueError, match=r"cannot name a calibration file\. Give 1 to 100 characters"):
             leader_of("so101_leader:/dev/null", text)
     assert repr(leader_of("so101_leader:/dev/null", "my left arm.v2")) == "<Teleoperator so101_leader (/dev/null)>"
 
 
-def test_the_command_wants_to_know_where() -> None:
-    with pytest.raises(ValueError, match="does not say where it is"):
+def test_the_command_requires_the_port_of_a_leader() -> None:
+    with pytest.raises(ValueError, match="lacks the port of the leader"):
         leader_of("so101_leader")
 
 
 @pytest.fixture
 def forgets_lerobot() -> Iterator[None]:
-    """What a stand-in put among the modules goes with it: another test has another one."""
+    """Remove the stand-in's modules afterwards, because another test has another stand-in."""
     yield
     for name in [name for name in sys.modules if name.partition(".")[0] in ("lerobot", "draccus")]:
         del sys.modules[name]
@@ -201,9 +205,9 @@ def forgets_lerobot() -> Iterator[None]:
 
 @pytest.mark.usefixtures("forgets_lerobot")
 def test_lerobots_own_are_made_by_their_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against a stand-in of lerobot's package: its registry, its discovery, its factory."""
-    if "lerobot" not in sys.modules and not lerobot.is_there():
-        with pytest.raises(ValueError, match="needs lerobot, in this environment"):
+    """The stand-in has the registry, the discovery and the factory of lerobot's package."""
+    if "lerobot" not in sys.modules and not lerobot.is_installed():
+        with pytest.raises(ValueError, match="needs lerobot, which is not installed"):
             Teleoperator("lerobot:stick")
     stand_in(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -214,19 +218,19 @@ def test_lerobots_own_are_made_by_their_type(tmp_path: Path, monkeypatch: pytest
     assert made.get_action() == {"shoulder_pan.pos": 2.0}
     with pytest.raises(ValueError, match="no teleoperator 'wheel'"):
         lerobot.make("wheel")
-    with pytest.raises(ValueError, match=r"stick has no speed\. it has gain"):
+    with pytest.raises(ValueError, match=r"stick has no option speed\. use gain"):
         lerobot.make("stick", speed=2.0)
     made.connect()
     with pytest.raises(ConnectionError, match=r"stick 'left' is not calibrated .* --teleop\.id=left"):
-        lerobot.make("stick", gain=0.0, id="left").connect()  # it would have asked somebody
+        lerobot.make("stick", gain=0.0, id="left").connect()  # a prompt would block here
     leader = Teleoperator("lerobot:stick", gain=2.0, id="right", port="/dev/ttyACM9")
-    told = trio.run(leader.source)
-    assert told["factory"] == lerobot.FACTORY
-    assert told["options"] == {"type": "stick", "gain": 2.0, "id": "right", "port": "/dev/ttyACM9"}
+    source = trio.run(leader.source)
+    assert source["factory"] == lerobot.FACTORY
+    assert source["options"] == {"type": "stick", "gain": 2.0, "id": "right", "port": "/dev/ttyACM9"}
 
 
 def stand_in(root: Path) -> None:
-    """What the adapter uses of lerobot, in its places."""
+    """Write the parts of lerobot that the adapter uses, under their module names."""
     package = root / "lerobot" / "teleoperators"
     for folder in (package / "stick", package / "wants_more", root / "lerobot" / "utils"):
         folder.mkdir(parents=True)

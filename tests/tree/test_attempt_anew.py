@@ -1,5 +1,6 @@
-"""A stop by a path that is made for it: served first or not, and whatever its serving does. Virtual
-time."""
+"""A stop over a stop channel that is opened for it, which may need a session first or whose session may
+fail. In virtual time.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +22,17 @@ NEVER = 1e3
 
 
 class Path(StopChannel):
-    """``serve_s``: until it is ready; ``fails``: what its serving ends with then."""
+    """A stop channel. ``serve_s`` is the time until it is ready, and ``fails`` the error with which
+    serving ends then.
+    """
 
     serve_s: ClassVar[float] = 0.0
     fails: ClassVar[Exception | None] = None
     breaks: ClassVar[Exception | None] = None
-    """What making safe ends with."""
+    """The error of ``make_safe``."""
 
     def __init__(self) -> None:
-        self.asked_s: list[float] = []
+        self.called_s: list[float] = []
         self.closed = False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
@@ -40,7 +43,7 @@ class Path(StopChannel):
         await trio.sleep_forever()
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        self.asked_s.append(trio.current_time())
+        self.called_s.append(trio.current_time())
         if self.breaks is not None:
             raise self.breaks
         return SAFE
@@ -60,17 +63,17 @@ class Driver(FakeDriver):
 
 
 def attempted(path: Path) -> tuple[tuple[MotorReport, ...], float]:
-    """Return the reports, and after how long the path was asked."""
-    found: list[tuple[tuple[MotorReport, ...], float]] = []
+    """Return the reports, and the time after which ``make_safe`` was called."""
+    results: list[tuple[tuple[MotorReport, ...], float]] = []
 
     async def run() -> None:
         began_s = trio.current_time()
         motors = await attempt_anew(Driver(path), MonotonicClock(), SafeState.LIMP)
-        found.append((motors, path.asked_s[0] - began_s))
+        results.append((motors, path.called_s[0] - began_s))
 
     run_virtual(run)
     assert path.closed
-    return found[0]
+    return results[0]
 
 
 def made(**fields: object) -> Path:
@@ -81,7 +84,7 @@ HANDOVER_S = Driver(Path()).timing.handover_s
 
 
 @pytest.mark.parametrize(
-    ("path", "asked_s"),
+    ("path", "expected_s"),
     [
         (made(), 0.0),
         (made(serve_s=HANDOVER_S / 2), HANDOVER_S / 2),
@@ -92,13 +95,13 @@ HANDOVER_S = Driver(Path()).timing.handover_s
     ],
     ids=["ready", "ready later", "never ready", "not served first", "cannot serve", "cannot serve later"],
 )
-def test_saf_022_a_stop_is_asked_for_whatever_becomes_of_its_serving(path: Path, asked_s: float) -> None:
-    motors, found_s = attempted(path)
+def test_saf_022_make_safe_is_called_whether_serving_succeeds_or_fails(path: Path, expected_s: float) -> None:
+    motors, measured_s = attempted(path)
     assert motors == SAFE
-    assert found_s == pytest.approx(asked_s)
+    assert measured_s == pytest.approx(expected_s)
 
 
-def test_saf_023_a_path_that_breaks_names_every_motor_and_why() -> None:
+def test_saf_023_a_failing_stop_channel_reports_every_motor_with_the_reason() -> None:
     motors, _ = attempted(made(breaks=OSError("the port is gone")))
     assert [motor.safe for motor in motors] == [False] * len(motors)
     assert all("the port is gone" in motor.detail for motor in motors) and motors

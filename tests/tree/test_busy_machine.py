@@ -1,4 +1,6 @@
-"""A missed deadline names a computer that is too busy: by the wire and by the root. Virtual time."""
+"""The messages of wire and root about a missed deadline say so if this computer is too busy. In virtual
+time.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ BUSY = "(this computer is busy: load 20 on 2 cores)"
 STARVED = Machine(20.0, 2)
 
 
-def test_a_link_that_is_lost_names_it() -> None:
+def test_the_message_of_a_lost_link_names_the_busy_computer() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -33,7 +35,7 @@ def test_a_link_that_is_lost_names_it() -> None:
     run_virtual(run)
 
 
-def test_arming_that_takes_too_long_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_message_of_a_slow_arming_names_the_busy_computer(monkeypatch: pytest.MonkeyPatch) -> None:
     async def never(wire: FakeWire, permit: object) -> None:
         await trio.sleep_forever()
 
@@ -47,7 +49,7 @@ def test_arming_that_takes_too_long_names_it(monkeypatch: pytest.MonkeyPatch) ->
     run_virtual(run)
 
 
-def test_a_wire_that_is_silent_names_it() -> None:
+def test_the_message_of_a_silent_wire_names_the_busy_computer() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -56,7 +58,7 @@ def test_a_wire_that_is_silent_names_it() -> None:
                 await trio.sleep(0.5)
             assert len(tree.wires_made) > 1
             assert tree.keeper.last_report is not None
-            assert BUSY in tree.keeper._why[1]
+            assert BUSY in tree.keeper._break_cause[1]
 
     run_virtual(run)
 
@@ -71,6 +73,6 @@ def test_a_wire_that_is_silent_names_it() -> None:
         (Refused("range", "a is 200", "stay within 100"), False),
     ],
 )
-def test_a_caller_is_told_only_where_a_deadline_was_missed(refusal: Refused, named: bool) -> None:
+def test_only_refusals_for_a_missed_deadline_name_the_busy_computer(refusal: Refused, named: bool) -> None:
     with assumed(STARVED):
         assert (BUSY in envelopes.refused(refusal)["content"][0]["text"]) is named

@@ -1,5 +1,6 @@
-"""A robot that stays energised on every safe state, as a gripper that keeps its grip: stopped, it
-is stopped."""
+"""A robot that stays energised in every safe state, like a gripper that keeps its grip. After a stop it
+must not move.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from strands_actors.testing.fake import FakeDriver
 
 from .writer import Writer, armed
 
-# Named here once more: the product's own sets would agree with whatever they are changed to.
+# Repeated here on purpose: a test that used the product's own sets would accept any change of them.
 LATE = {Reason.EXPIRED, Reason.LEASE, Reason.POLICY}
 ENDS = {Reason.CALLER, Reason.CLEANUP, Reason.ROOT}
 
@@ -32,7 +33,7 @@ async def moving(tree: InlineTree) -> Writer:
 
 
 @pytest.mark.parametrize("reason", sorted(set(Reason) - LATE - ENDS))
-def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
+def test_saf_008_after_a_stop_the_robot_moves_only_after_a_resume(reason: Reason) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await moving(tree)
@@ -55,8 +56,8 @@ def test_saf_008_after_a_stop_only_a_resume_moves_it(reason: Reason) -> None:
 
 
 @pytest.mark.parametrize("reason", sorted(ENDS))
-def test_saf_018_at_the_end_of_its_tree_nothing_moves_it(reason: Reason) -> None:
-    """It keeps its grip, and a resume that comes too late changes nothing."""
+def test_saf_018_after_the_end_of_its_tree_the_robot_is_not_moved(reason: Reason) -> None:
+    """It keeps its grip. A late resume changes nothing."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -71,13 +72,13 @@ def test_saf_018_at_the_end_of_its_tree_nothing_moves_it(reason: Reason) -> None
             assert isinstance(refused, Refused) and refused.code == "ending", refused
             assert tree.hardware.of("setpoint", stopped_ns + 1) == tree.hardware.of("enable", stopped_ns) == []
             again = await tree.gate.ask(Stop(Reason.ROOT), 1.0)
-            assert isinstance(again, StopReport) and again.confirmed, "nothing is to be done a second time"
+            assert isinstance(again, StopReport) and again.confirmed, "the stop is already carried out"
             assert len(tree.hardware.of("safe", stopped_ns)) == 1
 
     run_virtual(run)
 
 
-def test_saf_007_an_emergency_stop_locks_it() -> None:
+def test_saf_007_an_e_stop_locks_the_robot() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await moving(tree)
@@ -90,7 +91,7 @@ def test_saf_007_an_emergency_stop_locks_it() -> None:
 
 
 @pytest.mark.parametrize("reason", sorted(LATE))
-def test_a_lost_writer_is_followed_by_the_next(reason: Reason) -> None:
+def test_after_a_lost_writer_the_next_one_may_command(reason: Reason) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await moving(tree)
@@ -102,7 +103,7 @@ def test_a_lost_writer_is_followed_by_the_next(reason: Reason) -> None:
     run_virtual(run)
 
 
-def test_saf_008_a_crash_of_the_wire_leaves_it_held_and_disarmed() -> None:
+def test_saf_008_after_a_crash_of_the_wire_the_robot_is_held_and_disarmed() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await moving(tree)

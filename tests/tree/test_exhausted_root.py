@@ -1,5 +1,6 @@
-"""SAF-024, in virtual time: a stop of any process is made with its reserve, and who could not
-confirm one is asked at once what it lacks."""
+"""SAF-024, in virtual time: each process frees its reserve for a stop. A root that could not confirm a
+stop checks at once which resource is missing.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +20,7 @@ from .writer import armed
 
 
 def note_reserve(monkeypatch: pytest.MonkeyPatch, channel: type[FakeWire] | type[FakeStopChannel]) -> list[bool]:
-    """Return, of each stop by ``channel``, whether the reserve was free."""
+    """Return a list that gets, for each stop by ``channel``, whether the reserve was free."""
     seen: list[bool] = []
     make_safe = channel.make_safe
 
@@ -59,7 +60,7 @@ def test_saf_024_the_root_frees_its_reserve_for_a_stop(monkeypatch: pytest.Monke
     run_virtual(run)
 
 
-def test_saf_024_a_root_that_could_not_confirm_a_stop_is_asked_at_once_what_it_lacks() -> None:
+def test_saf_024_a_root_that_could_not_confirm_a_stop_checks_its_resources_at_once() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -70,19 +71,19 @@ def test_saf_024_a_root_that_could_not_confirm_a_stop_is_asked_at_once_what_it_l
             tree.wire._scope.cancel()
             await trio.sleep(1.0)
             assert failed_ns[0] - killed_ns <= tree.driver.bound_s * NS
-            assert len(failed_ns) > 1, "and after each further attempt"
+            assert len(failed_ns) > 1, "the root checks after each further attempt, too"
 
     run_virtual(run)
 
 
-def test_saf_024_a_root_whose_stop_was_confirmed_is_asked_nothing() -> None:
+def test_saf_024_a_root_whose_stop_was_confirmed_checks_nothing() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            asked: list[None] = []
-            tree.keeper._on_failed = lambda: asked.append(None)
+            checks: list[None] = []
+            tree.keeper._on_failed = lambda: checks.append(None)
             tree.wire._scope.cancel()
             await trio.sleep(1.0)
-            assert tree.keeper.confirmed and not asked
+            assert tree.keeper.confirmed and not checks
 
     run_virtual(run)

@@ -1,4 +1,4 @@
-"""The failsafe table by itself: what no sequence of events may do."""
+"""The failsafe table alone: properties that hold for every sequence of events."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from strands_actors.supervisors.gate.failsafe import (
     step,
 )
 
-# Named here once more: the product's own sets would agree with whatever they are changed to.
+# Repeated here on purpose: a test that used the product's own sets would accept any change of them.
 WRITABLE = {Mode.ARMED, Mode.HOLDING}
 OVER = {Mode.ENDING, Mode.ENDED}
 
@@ -54,7 +54,7 @@ def test_saf_008_only_a_resume_leads_to_armed(sequence: list[tuple[Event, bool]]
 
 
 @given(events)
-def test_saf_007_a_lock_outlives_everything_but_a_resume(sequence: list[tuple[Event, bool]]) -> None:
+def test_saf_007_only_a_resume_lifts_a_lock(sequence: list[tuple[Event, bool]]) -> None:
     for before, event, after, action in play(sequence):
         if before.locked_by and not after.locked_by:
             assert event is Event.RESUME and action is Action.ARM
@@ -63,7 +63,7 @@ def test_saf_007_a_lock_outlives_everything_but_a_resume(sequence: list[tuple[Ev
 
 
 @given(events)
-def test_a_stop_is_acted_on_in_every_mode(sequence: list[tuple[Event, bool]]) -> None:
+def test_a_stop_is_carried_out_in_every_mode(sequence: list[tuple[Event, bool]]) -> None:
     for _, event, after, action in play(sequence):
         if event is Event.STOP:
             assert action is Action.MAKE_SAFE
@@ -71,7 +71,7 @@ def test_a_stop_is_acted_on_in_every_mode(sequence: list[tuple[Event, bool]]) ->
 
 
 @given(events)
-def test_saf_018_from_its_end_on_a_tree_arms_nothing(sequence: list[tuple[Event, bool]]) -> None:
+def test_saf_018_after_its_end_a_tree_arms_nothing(sequence: list[tuple[Event, bool]]) -> None:
     ended = False
     for before, event, after, action in play(sequence):
         if ended:
@@ -79,17 +79,19 @@ def test_saf_018_from_its_end_on_a_tree_arms_nothing(sequence: list[tuple[Event,
             assert after.mode in OVER | {Mode.FAILED}
         if event is Event.END:
             ended = True
-            assert action is Action.MAKE_SAFE or before.mode is Mode.ENDED, "or it is confirmed already"
+            assert action is Action.MAKE_SAFE or before.mode is Mode.ENDED, (
+                "in ENDED the safe state is already confirmed"
+            )
 
 
-def test_what_was_lost_energised_is_made_safe_before_anything_else() -> None:
+def test_a_robot_that_was_lost_while_energised_is_made_safe_before_anything_else() -> None:
     assert TRANSITIONS[Mode.LOST, Event.LINK_UP].action is Action.MAKE_SAFE
     assert TRANSITIONS[Mode.ENDING, Event.LINK_UP].action is Action.MAKE_SAFE
     assert {row.mode for (mode, _), row in TRANSITIONS.items() if mode is Mode.FAILED} == {Mode.FAILED}
 
 
-# Where each event leads, from which modes; from any other mode nowhere. Here once more, by event: a
-# row that is lost from the table, or that leads elsewhere, is noticed.
+# For each event: the next mode, and the modes in which the event leads there. In other modes it has no
+# effect. Repeated here on purpose, so that a missing or wrong row of the table is noticed.
 LEADS = {
     Event.LINK_UP: {"disarmed": "down", "stopping": "lost", "ending": "ending", "ended": "ended"},
     Event.LINK_LOST: {"down": "disarmed", "lost": "arming armed holding stopping unconfirmed"},
@@ -112,12 +114,11 @@ LEADS = {
     },
     Event.SAFE_CONFIRMED: {"disarmed": "stopping", "ended": "ending"},
     Event.SAFE_UNCONFIRMED: {"unconfirmed": "stopping"},
-    Event.GIVE_UP: {"failed": "down lost disarmed arming armed holding stopping unconfirmed"},
 }
-ALWAYS_SAFE = {Event.ARM_FAILED, Event.HOLD, Event.STOP, Event.END, Event.GIVE_UP}
+ALWAYS_SAFE = {Event.ARM_FAILED, Event.HOLD, Event.STOP, Event.END}
 
 
-def test_saf_008_every_event_leads_where_it_should_and_acts_as_it_should() -> None:
+def test_saf_008_every_event_leads_to_the_expected_mode_and_action() -> None:
     expected = {
         (Mode(before), event): Mode(after)
         for event, leads in LEADS.items()
@@ -126,7 +127,7 @@ def test_saf_008_every_event_leads_where_it_should_and_acts_as_it_should() -> No
     }
     assert {place: row.mode for place, row in TRANSITIONS.items()} == expected
     for (mode, event), row in TRANSITIONS.items():
-        back = event is Event.LINK_UP and mode is not Mode.DOWN  # nobody knows what it did meanwhile
+        back = event is Event.LINK_UP and mode is not Mode.DOWN  # the state of the robot meanwhile is unknown
         makes_safe = event in ALWAYS_SAFE or back
         assert row.action is (
             Action.ARM if event is Event.RESUME else Action.MAKE_SAFE if makes_safe else Action.NONE

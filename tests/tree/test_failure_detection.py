@@ -1,5 +1,6 @@
-"""A wire with an SDK: it may say for how long its process will be silent, and that it needs a new
-one."""
+"""A wire that uses an SDK may announce for how long its process will be silent, and may report that it
+needs a new process.
+"""
 
 from __future__ import annotations
 
@@ -21,18 +22,18 @@ from .writer import armed, freeze
 
 MS = 1_000_000
 FENCED_MS = 250
-"""From the last beat to the stop channel's frame, at most."""
+"""Longest time from the last heartbeat to the stop channel's frame."""
 
 
 @pytest.fixture
 def silent_s(monkeypatch: pytest.MonkeyPatch) -> float:
-    """A driver that declares that its wire may be silent for one second."""
+    """Let the driver declare that its wire may be silent for one second."""
     monkeypatch.setattr(FakeDriver, "timing", msgspec.structs.replace(FakeDriver.timing, silent_s=1.0))
     return 1.0
 
 
 async def silence(tree: InlineTree, for_s: float) -> int:
-    """The wire announces it and then answers nobody. When that was."""
+    """Let the wire announce a silence and then answer nothing. Return the time of the announcement."""
     now_ns = tree.node.clock.now_ns()
     tree.guardian.tell(SilentUntil(now_ns + round(for_s * 1e9)))
     await trio.sleep(0.001)
@@ -42,12 +43,12 @@ async def silence(tree: InlineTree, for_s: float) -> int:
 
 async def fenced_after_ms(tree: InlineTree, since_ns: int) -> float:
     with trio.fail_after(120):
-        while not tree.hardware.of("safe", since_ns):  # noqa: ASYNC110  # there is no event for it
+        while not tree.hardware.of("safe", since_ns):  # noqa: ASYNC110  # the hardware sends no event
             await trio.sleep(0.005)
     return (tree.hardware.of("safe", since_ns)[0].t_ns - since_ns) / MS
 
 
-def test_an_announced_silence_is_no_freeze_until_it_is_over(silent_s: float) -> None:
+def test_an_announced_silence_is_not_a_freeze_until_it_is_over(silent_s: float) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -57,7 +58,7 @@ def test_an_announced_silence_is_no_freeze_until_it_is_over(silent_s: float) -> 
     run_virtual(run)
 
 
-def test_the_root_believes_what_the_driver_declares_and_no_more(silent_s: float) -> None:
+def test_the_root_accepts_no_longer_silence_than_the_driver_declares(silent_s: float) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -67,7 +68,7 @@ def test_the_root_believes_what_the_driver_declares_and_no_more(silent_s: float)
     run_virtual(run)
 
 
-def test_a_driver_that_declares_no_silence_has_none() -> None:
+def test_a_silence_is_not_accepted_if_the_driver_declares_none() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -91,8 +92,8 @@ def test_the_end_of_a_silence_is_announced_too(silent_s: float) -> None:
     run_virtual(run)
 
 
-def test_opening_and_arming_announce_it(silent_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A guardian that hears nothing while the wire opens and arms waits; afterwards it does not."""
+def test_opening_and_arming_announce_a_silence(silent_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The guardian waits longer for a heartbeat while the wire opens and arms, and no longer afterwards."""
     from strands_actors.testing import fake
 
     seen: list[int] = []
@@ -115,9 +116,12 @@ def test_opening_and_arming_announce_it(silent_s: float, monkeypatch: pytest.Mon
     assert 0.9e9 < seen[0] < 1.0e9
 
 
-def test_saf_004_a_spent_process_makes_safe_when_its_root_is_gone_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A root that spins ends nobody. Seen on a UR: the SDK hung, the root did, and no safe frame
-    was written."""
+def test_saf_004_a_wire_whose_sdk_hangs_makes_safe_when_its_root_is_gone_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A root that spins fences no process. Observed on a UR: the SDK and the root hung, and no safe frame
+    was written.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -142,7 +146,7 @@ def test_saf_004_a_spent_process_makes_safe_when_its_root_is_gone_too(monkeypatc
     run_virtual(run)
 
 
-def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
+def test_a_wire_whose_sdk_hangs_is_replaced_after_a_stop_and_counts_as_no_failure() -> None:
     async def run() -> None:
         async with open_inline_tree(budget=Budget(restarts=0)) as tree:
             for life in range(1, 4):
@@ -169,12 +173,13 @@ def test_a_spent_process_is_replaced_after_a_stop_and_is_no_failure() -> None:
 
 
 DYING_MS = 3 * FakeDriver.timing.tick_s * 1000
-"""From the last beat to the safe frame of who sees that the other dies; a silence lasts three times as
-long."""
+"""Longest time from the last heartbeat to the safe frame, when the end of the process is seen while it
+dies. To detect a silence takes three times as long.
+"""
 
 
 def test_saf_003_the_root_does_not_wait_for_the_end_of_a_wire_that_dies(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The system tells of a process' end when its memory was taken, 5 to 20 ms after it died."""
+    """The system reports the end of a process after its memory is freed, 5 to 20 ms after it died."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -189,19 +194,19 @@ def test_saf_003_the_root_does_not_wait_for_the_end_of_a_wire_that_dies(monkeypa
             assert tree.hardware.of("safe", since_ns)[0].path == "stop_channel"
             await trio.sleep(0.1)
             assert not tree.hardware.of("setpoint", since_ns)
-            assert tree.keeper._why[1] == "the wire group ended", "what is told is how it has ended"
+            assert tree.keeper._break_cause[1] == "the wire group ended", "the report gives the reason of the end"
 
     run_virtual(run)
 
 
-def test_a_wire_that_was_let_go_and_ends_is_not_broken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has confirmed the stop: the root's frame would be that of a broken wire."""
+def test_a_wire_that_was_released_and_ends_gets_no_safe_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has confirmed the stop, so the root must not treat it as broken."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
             monkeypatch.setattr(tree.wire, "dying", lambda: True)
-            freeze(tree, "watchdog")  # it beats no more
+            freeze(tree, "watchdog")  # the wire sends no more heartbeats
             tree.keeper._released = True
             since_ns = tree.node.clock.now_ns()
             await trio.sleep(DYING_MS / 1000)

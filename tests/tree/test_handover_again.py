@@ -1,5 +1,6 @@
-"""A standby that replaces another gets a stop channel of its own, whatever becomes of the first try
-(SAF-016). Real guardian, gate and standby on a fake robot, in virtual time."""
+"""A standby that replaces another one gets its own stop channel, also when the first handover fails
+(SAF-016). The guardian, gate and standby are the real ones. The robot is a fake, in virtual time.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.messages import GetStatus, Resume, Resumed, Status, Stop
-from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, Owed
+from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.standby_keeper import StandbyKeeper
 from strands_actors.supervisors.standby.messages import WatchOver
@@ -36,7 +37,7 @@ ROBOT = "again"
 
 
 class Session(FakeStopChannel):
-    """On a network: it takes ``LONG_S`` to begin, and may be refused."""
+    """A stop channel over a network session. It takes ``LONG_S`` to begin, and the robot may refuse it."""
 
     LONG_S = 0.2
     refusals = 0
@@ -70,7 +71,7 @@ class SessionDriver(FakeDriver):
 
 
 class NoProcess:
-    """In the place of the standby's process: it runs here."""
+    """Stand in for the standby's process, because the standby runs in this process."""
 
     pid = 0
 
@@ -79,14 +80,14 @@ class NoProcess:
 
 
 class Robot:
-    """``replace`` its standby."""
+    """A robot whose standby can be replaced."""
 
     def __init__(self, guardian: Guardian, gate: Any, node: Node, wires: list[InlineWire]) -> None:
         self.guardian, self.gate, self.node, self.wires = guardian, gate, node, wires
-        self.left: list[int] = []  # exit codes of its standby
+        self.exit_codes: list[int] = []  # of its standbys
 
     async def until(self, mode: Mode, standby: bool) -> None:
-        """Wait for the mode of the gate that lives, and for whether it has a standby."""
+        """Wait until the current gate has this mode, and has a standby or none."""
         with trio.fail_after(30.0):
             while True:
                 if self.gate.address in self.node.cells:
@@ -106,13 +107,13 @@ async def robot(report: Path) -> AsyncIterator[Robot]:
     hardware = FakeHardware()
     HARDWARE[ROBOT] = hardware
     driver = SessionDriver("fake", ROBOT, {})
-    at, node = addresses.of(ROBOT), Node(ROBOT, VirtualClock())
+    paths, node = addresses.of(ROBOT), Node(ROBOT, VirtualClock())
     page = new_page()
     words = words_of(page)
-    owed = Owed(words)
-    root = subprocess.Popen(["sleep", "60"])  # noqa: ASYNC220  # it is started at once
+    safety_page = SafetyPage(words)
+    root = subprocess.Popen(["sleep", "60"])  # noqa: ASYNC220  # starts at once
     beats = Heartbeat(words, ROOT, STANDBY)
-    keeper = StandbyKeeper(node, ROBOT, {}, page, owed, beats, driver.timing, None, None)  # type: ignore[arg-type]
+    keeper = StandbyKeeper(node, ROBOT, {}, page, safety_page, beats, driver.timing, None, None)  # type: ignore[arg-type]
     keeper.process = NoProcess()  # type: ignore[assignment]
     keeper._watching = True
     wires: list[InlineWire] = []
@@ -121,7 +122,7 @@ async def robot(report: Path) -> AsyncIterator[Robot]:
 
             def start_wire(state: State, cause: str) -> InlineWire:
                 beat = Heartbeat(words, WIRE, ROOT)
-                wires.append(InlineWire(node, nursery, driver, ROBOT, state, cause, beat, owed))
+                wires.append(InlineWire(node, nursery, driver, ROBOT, state, cause, beat, safety_page))
                 return wires[-1]
 
             await nursery.start(node.run)
@@ -129,22 +130,23 @@ async def robot(report: Path) -> AsyncIterator[Robot]:
                 driver,
                 Heartbeat(words, ROOT, WIRE),
                 start_wire,
-                gate=at.gate,
-                transport=at.transport,
-                owed=owed,
+                gate=paths.gate,
+                transport=paths.transport,
+                safety_page=safety_page,
                 standby=keeper,
             )
-            await nursery.start(node.cell(at.path("guardian"), lambda: guardian).run)
-            told = WatchOver(root.pid, 0, (os.dup(page),))
-            made = Robot(guardian, node.ref(at.gate, Gate), node, wires)
-            standby = Standby(driver, ROBOT, ROBOT, report, told, made.left.append)
-            await nursery.start(node.cell(at.path("standby"), lambda: standby).run)
+            await nursery.start(node.cell(paths.path("guardian"), lambda: guardian).run)
+            watched = WatchOver(root.pid, 0, (os.dup(page),))
+            made = Robot(guardian, node.ref(paths.gate, Gate), node, wires)
+            standby = Standby(driver, ROBOT, ROBOT, report, watched, made.exit_codes.append)
+            await nursery.start(node.cell(paths.path("standby"), lambda: standby).run)
             async with trio.open_nursery() as tree:
                 tree.start_soon(Supervisor([ChildSpec("wire", guardian.keep)], budget=Budget(100, 5.0)).run)
                 await made.until(Mode.DISARMED, standby=True)
                 assert isinstance(await made.gate.ask(Resume("a test"), 1.0), Resumed)
                 yield made
-                tree.cancel_scope.cancel()  # first: its end asks the standby
+                # before the standby ends, because the end of the tree asks the standby
+                tree.cancel_scope.cancel()
             nursery.cancel_scope.cancel()
     finally:
         root.kill()
@@ -154,14 +156,14 @@ async def robot(report: Path) -> AsyncIterator[Robot]:
 
 
 def test_saf_016_a_handover_ends_with_its_wire(tmp_path: Path) -> None:
-    """Else its refusal, which comes seconds later, would be told to the gate of the next one."""
+    """Otherwise the refusal of its session, which comes seconds later, would be sent to the next gate."""
 
     async def run() -> None:
         async with robot(tmp_path / "report") as made:
             await made.replace()
             await trio.sleep(Session.LONG_S / 2)
             made.wires[0]._scope.cancel()
-            while len(made.wires) < 2:  # noqa: ASYNC110  # the moment that is meant
+            while len(made.wires) < 2:  # noqa: ASYNC110  # until the next wire starts
                 await trio.sleep(0.001)
             await made.until(Mode.DISARMED, standby=True)
             await trio.sleep(20.0)
@@ -170,8 +172,8 @@ def test_saf_016_a_handover_ends_with_its_wire(tmp_path: Path) -> None:
     run_virtual(run)
 
 
-def test_saf_016_a_standby_whose_session_was_refused_asks_again(tmp_path: Path) -> None:
-    """The controller still counts its predecessor's. What moves goes on meanwhile."""
+def test_saf_016_a_standby_whose_session_was_refused_tries_again(tmp_path: Path) -> None:
+    """The controller still counts the session of the earlier standby. A moving robot continues meanwhile."""
 
     async def run() -> None:
         async with robot(tmp_path / "report") as made:
@@ -185,14 +187,14 @@ def test_saf_016_a_standby_whose_session_was_refused_asks_again(tmp_path: Path) 
     run_virtual(run)
 
 
-def test_saf_016_a_standby_whose_stop_processes_are_gone_ends_and_is_replaced(
+def test_saf_016_a_standby_whose_stop_processes_have_ended_ends_and_is_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def run() -> None:
         async with robot(tmp_path / "report") as made:
-            assert made.left == []
+            assert made.exit_codes == []
             monkeypatch.setattr(Session, "lack", "no process of UsbStop is ready to stop the robot")
             await trio.sleep(0.1)
-            assert made.left and set(made.left) == {NO_CHANNEL}
+            assert made.exit_codes and set(made.exit_codes) == {NO_CHANNEL}
 
     run_virtual(run)

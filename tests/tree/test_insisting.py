@@ -1,5 +1,6 @@
-"""What the root could not confirm safe is tried again (SAF-005, SAF-018): before the next wire,
-after it, and when the tree ends. In virtual time, judged by what is energised."""
+"""The root tries again to make safe what it could not confirm (SAF-005, SAF-018): before the next wire
+starts, afterwards, and when the tree ends. In virtual time; the energised motors decide.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +8,13 @@ import trio
 
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import MotorReport
-from strands_actors.kernel.health.processor import Standing
+from strands_actors.kernel.health.processor import ProcessorUse
 from strands_actors.supervisors.gate.failsafe import ENDING_REASONS, Mode
 from strands_actors.supervisors.gate.messages import Stop, StopReport
 from strands_actors.supervisors.root.guardian import START_DEADLINE_S
 from strands_actors.supervisors.root.messages import Fence, StateIs
 from strands_actors.supervisors.root.process import Tree
-from strands_actors.supervisors.root.stop_channel import INSIST_S, LINGER_S
+from strands_actors.supervisors.root.stop_channel import LINGER_S, REPEAT_S
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
 
 from .writer import armed, freeze, setpoints
@@ -27,12 +28,12 @@ async def kill(tree: InlineTree) -> None:
 
 
 async def end(tree: InlineTree, confirmed: bool = False) -> None:
-    """As the root does it when its caller is gone."""
+    """End the tree as the root does after its caller has ended."""
     tree.keeper.leave()
     await tree.keeper.end(Reason.CALLER, "the caller ended", confirmed)
 
 
-def test_saf_005_a_motor_that_is_heard_late_is_released_before_the_next_wire() -> None:
+def test_saf_005_a_motor_that_answers_late_is_released_before_the_next_wire() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -42,7 +43,7 @@ def test_saf_005_a_motor_that_is_heard_late_is_released_before_the_next_wire() -
             report = tree.keeper.last_report
             assert report is not None and report.unconfirmed == ["b"]
             tree.hardware.silent.clear()
-            await trio.sleep(INSIST_S / 2)
+            await trio.sleep(REPEAT_S / 2)
             assert tree.hardware.energised == LIMP
             assert {entry.path for entry in tree.hardware.of("safe")} == {"stop_channel"}
             assert (await tree.until("disarmed")).cause
@@ -50,15 +51,15 @@ def test_saf_005_a_motor_that_is_heard_late_is_released_before_the_next_wire() -
     run_virtual(run)
 
 
-def test_saf_005_a_motor_that_stays_silent_does_not_keep_the_next_wire_away() -> None:
-    """That one can say which motor it is, and goes on with it."""
+def test_saf_005_a_motor_that_stays_silent_does_not_prevent_the_next_wire() -> None:
+    """The next wire can report which motor it is, and continues to try."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
             tree.hardware.silent.add("b")
             await kill(tree)
-            await trio.sleep(INSIST_S + 1.0)
+            await trio.sleep(REPEAT_S + 1.0)
             assert len(tree.wires_made) == 2
             await tree.until("unconfirmed")
             tree.hardware.silent.clear()
@@ -68,15 +69,15 @@ def test_saf_005_a_motor_that_stays_silent_does_not_keep_the_next_wire_away() ->
     run_virtual(run)
 
 
-def test_saf_020_a_wire_that_dies_before_it_found_the_robot_again_is_no_end_of_it() -> None:
-    """The path that the wire before had handed over is closed: it is made anew."""
+def test_saf_020_a_wire_that_dies_before_it_has_connected_again_is_followed_by_safe_frames() -> None:
+    """The stop channel that the earlier wire had handed over is closed, so the root opens a new one."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
             tree.hardware.plugged = False
             await kill(tree)
-            await trio.sleep(INSIST_S + 1.0)
+            await trio.sleep(REPEAT_S + 1.0)
             assert len(tree.wires_made) == 2
             back_ns = tree.node.clock.now_ns()
             tree.hardware.plugged = True
@@ -88,7 +89,7 @@ def test_saf_020_a_wire_that_dies_before_it_found_the_robot_again_is_no_end_of_i
     run_virtual(run)
 
 
-def test_saf_018_a_tree_that_ends_stays_for_a_motor_that_is_not_confirmed() -> None:
+def test_saf_018_a_tree_that_ends_waits_for_a_motor_that_is_not_confirmed() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -120,7 +121,7 @@ def test_saf_018_a_tree_ends_although_the_robot_never_confirms() -> None:
     run_virtual(run)
 
 
-def test_a_robot_that_was_safe_when_it_fell_silent_keeps_nobody() -> None:
+def test_a_tree_ends_at_once_if_its_silent_robot_was_safe_before() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -133,9 +134,10 @@ def test_a_robot_that_was_safe_when_it_fell_silent_keeps_nobody() -> None:
     run_virtual(run)
 
 
-def test_saf_018_a_confirmed_stop_that_was_none_is_not_believed() -> None:
-    """The root was told that every motor is safe, and that was a lie: the wire ends, and makes safe
-    what is not."""
+def test_saf_018_a_false_confirmation_of_a_stop_is_not_trusted() -> None:
+    """The root gets a report that every motor is safe, but it is false. The wire makes the robot safe
+    again when it ends.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -151,7 +153,7 @@ def test_saf_018_a_wire_that_does_not_end_by_itself_is_made_safe_by_the_root() -
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.wire.let_go = lambda: None  # type: ignore[method-assign]  # it hangs
+            tree.wire.close_link = lambda: None  # type: ignore[method-assign]  # the wire hangs
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
             assert tree.hardware.of("safe")[-1].path == "stop_channel"
@@ -159,13 +161,13 @@ def test_saf_018_a_wire_that_does_not_end_by_itself_is_made_safe_by_the_root() -
     run_virtual(run)
 
 
-def test_saf_018_a_wire_that_dies_as_it_is_to_end_is_made_safe_by_the_root() -> None:
-    """Its stop was reported as confirmed; its exit code does not say so."""
+def test_saf_018_a_wire_that_dies_while_it_should_end_is_made_safe_by_the_root() -> None:
+    """Its stop was reported as confirmed, but its exit code does not confirm it."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.wire.let_go = tree.wire._scope.cancel  # type: ignore[method-assign]
+            tree.wire.close_link = tree.wire._scope.cancel  # type: ignore[method-assign]
             await end(tree, confirmed=True)
             assert tree.hardware.energised == LIMP
             assert [entry.path for entry in tree.hardware.of("safe")] == ["stop_channel"]
@@ -189,15 +191,15 @@ def test_saf_005_a_stop_channel_that_fails_is_tried_again() -> None:
             await kill(tree)
             report = tree.keeper.last_report
             assert report is not None and "a fault was asked for" in report.motors[0].detail
-            await trio.sleep(INSIST_S / 2)
+            await trio.sleep(REPEAT_S / 2)
             assert tree.hardware.energised == LIMP
             assert tree.node.cells[tree.guardian.address].incarnations == 1
 
     run_virtual(run)
 
 
-def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
-    """The wire hangs in a system call: it was killed and is not gone."""
+def test_saf_003_the_root_writes_although_the_fenced_process_has_not_ended_yet() -> None:
+    """The wire hangs in a system call: it was killed but has not ended."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -216,20 +218,20 @@ def test_saf_003_a_fence_that_sees_no_end_is_no_reason_not_to_write() -> None:
             assert isinstance(report, StopReport) and report.confirmed and report.path == "stop_channel"
             assert tree.hardware.energised == LIMP
             await trio.sleep(1.0)
-            assert len(tree.wires_made) == 1, "no two processes at one port"
+            assert len(tree.wires_made) == 1, "two wires must not use one port"
             await trio.sleep(5.0)
             assert len(tree.wires_made) == 2
 
     run_virtual(run)
 
 
-def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() -> None:
-    """It froze before its first heartbeat."""
+def test_saf_003_a_wire_that_froze_after_handing_over_its_port_is_fenced_before_the_start_deadline() -> None:
+    """The wire froze before its first heartbeat."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._failure_detector.heard_ns = 0
+            tree.keeper._failure_detector.last_received_ns = 0
             tree.keeper._heartbeat.forget()
             place = tree.wire
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
@@ -244,15 +246,15 @@ def test_saf_003_a_wire_that_has_handed_over_its_port_waits_for_no_deadline() ->
     run_virtual(run)
 
 
-def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadline() -> None:
+def test_saf_003_a_wire_that_is_stopped_while_it_starts_is_fenced_before_the_start_deadline() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            tree.keeper._failure_detector.heard_ns = 0
+            tree.keeper._failure_detector.last_received_ns = 0
             tree.keeper._heartbeat.forget()
             place = tree.wire
             freeze(tree, "watchdog")
-            place.standing = lambda: Standing(0, 0, False, True)  # type: ignore[method-assign,assignment,return-value]
+            place.processor_use = lambda: ProcessorUse(0, 0, False, True)  # type: ignore[method-assign,assignment,return-value]
             await trio.sleep(0.2)
             assert not place.alive
             assert tree.hardware.energised == LIMP
@@ -260,8 +262,8 @@ def test_saf_003_a_wire_that_is_stopped_before_it_has_begun_waits_for_no_deadlin
     run_virtual(run)
 
 
-def test_what_a_wire_said_is_not_believed_after_its_end() -> None:
-    """A state that was on its way when it was killed."""
+def test_a_state_that_arrives_after_the_end_of_its_wire_is_ignored() -> None:
+    """The state was on its way when the wire was killed."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -281,8 +283,8 @@ async def _fails() -> None:
     raise RuntimeError("a fault was asked for")
 
 
-def test_saf_003_a_part_of_the_root_that_fails_ends_the_tree_in_order() -> None:
-    """The robot is made safe first: nothing leaves the root by an exception."""
+def test_saf_003_a_failing_task_of_the_root_ends_the_tree_in_order() -> None:
+    """The robot is made safe first, because the exception does not leave the root's task."""
 
     async def run() -> None:
         root = Tree.__new__(Tree)

@@ -1,5 +1,6 @@
-"""A base, a drone and a robot behind slow HTTP, on everybody's tree. Virtual time; frames are read
-at the peer."""
+"""A base, a drone and a robot behind slow HTTP on the common tree. In virtual time; the fake robot's log
+decides.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +52,7 @@ def test_each_kind_passes_the_conformance_suite(kind: type[_Kind]) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("late_ms", [0, 1, 13, 50, 99, 140, 299])
-def test_saf_006_a_stop_leaves_at_once_however_slow_the_robot_answers(kind: type[_Kind], late_ms: int) -> None:
+def test_saf_006_a_stop_is_sent_at_once_to_a_robot_that_answers_slowly(kind: type[_Kind], late_ms: int) -> None:
     async def run() -> None:
         async with tree_of(kind) as (tree, peer, writer):
             peer.answer_s = 0.3
@@ -69,7 +70,7 @@ def test_saf_006_a_stop_leaves_at_once_however_slow_the_robot_answers(kind: type
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_robot_that_answers_slowly_is_not_taken_for_a_frozen_one(kind: type[_Kind]) -> None:
+def test_a_robot_that_answers_slowly_does_not_count_as_frozen(kind: type[_Kind]) -> None:
     async def run() -> None:
         async with tree_of(kind) as (tree, peer, writer):
             peer.answer_s = 0.3
@@ -96,7 +97,7 @@ def test_saf_003_a_dead_wire_is_made_safe_by_the_stop_channel(kind: type[_Kind])
     run_virtual(run)
 
 
-def test_saf_001_a_base_stops_when_its_command_has_expired_and_takes_the_next() -> None:
+def test_saf_001_a_base_stops_when_its_command_has_expired_and_accepts_the_next() -> None:
     async def run() -> None:
         async with tree_of(FakeBase) as (tree, peer, writer):
             began_ns = tree.node.clock.now_ns()
@@ -107,15 +108,17 @@ def test_saf_001_a_base_stops_when_its_command_has_expired_and_takes_the_next() 
             assert zero.t_ns - began_ns <= 330 * MS
             assert peer.after("setpoint", zero) == []
             assert isinstance(await writer.acquire(), object)
-            assert isinstance(await writer.send(ttl_s=0.3, wz=0.5), Accepted)  # no resume after a hold
+            # after a hold no resume is needed
+            assert isinstance(await writer.send(ttl_s=0.3, wz=0.5), Accepted)
             await trio.sleep(0.01)
-            assert peer.of("setpoint")[-1].values == (0.0, 0.5)  # what is not named rests: vx is not kept
+            # an axis that the command does not name is zero, so vx is not kept
+            assert peer.of("setpoint")[-1].values == (0.0, 0.5)
 
     run_virtual(run)
 
 
 @pytest.mark.parametrize("kind", [FakeBase, FakeDrone])
-def test_saf_001_who_moves_by_velocity_takes_no_command_without_an_end(kind: type[_Kind]) -> None:
+def test_saf_001_a_robot_with_velocity_axes_refuses_latched_commands(kind: type[_Kind]) -> None:
     async def run() -> None:
         async with tree_of(kind) as (_, peer, writer):
             answer = await writer.send(latched=True, vx=0.25)
@@ -125,10 +128,10 @@ def test_saf_001_who_moves_by_velocity_takes_no_command_without_an_end(kind: typ
     run_virtual(run)
 
 
-def test_saf_011_a_base_that_is_armed_far_from_home_does_not_drive() -> None:
+def test_saf_011_a_base_that_is_armed_with_nonzero_readings_does_not_drive() -> None:
     async def run() -> None:
         async with tree_of(FakeBase) as (tree, peer, writer):
-            peer.take(tree.node.clock.now_ns(), "setpoint", (0.4, 0.9))  # what it measures is not zero
+            peer.take(tree.node.clock.now_ns(), "setpoint", (0.4, 0.9))  # the measured values are not zero
             await trio.sleep(0.3)
             assert isinstance(await writer.send(ttl_s=0.3, wz=0.1), Accepted)
             await trio.sleep(0.01)
@@ -149,14 +152,15 @@ def test_a_drone_hovers_when_its_writer_is_late_and_lands_for_a_stop() -> None:
             began_ns = tree.node.clock.now_ns()
             answer = await tree.gate.ask(Stop(Reason.STOP, "a test"), 5.0)
             assert isinstance(answer, StopReport) and answer.confirmed
-            assert tree.node.clock.now_ns() - began_ns >= LANDING_S * 1e9  # confirmed when it is down
-            assert [sent.path for sent in peer.of("safe", began_ns)] == ["wire"], "nobody thought it frozen"
+            # the stop is confirmed after the landing
+            assert tree.node.clock.now_ns() - began_ns >= LANDING_S * 1e9
+            assert [sent.path for sent in peer.of("safe", began_ns)] == ["wire"], "the wire did not count as frozen"
             assert not peer.motors_on and peer.height_m == 0
 
     run_virtual(run)
 
 
-def test_a_stop_from_the_mesh_lets_a_drone_land_and_does_not_fence_its_wire() -> None:
+def test_a_stop_from_the_mesh_lands_a_drone_and_does_not_fence_its_wire() -> None:
     async def run() -> None:
         async with tree_of(FakeDrone) as (tree, peer, writer):
             peer.height_m = 1.0
@@ -172,19 +176,19 @@ def test_a_stop_from_the_mesh_lets_a_drone_land_and_does_not_fence_its_wire() ->
     run_virtual(run)
 
 
-def test_who_waits_for_a_stop_waits_as_long_as_the_robot_may_take() -> None:
+def test_deadlines_of_a_stop_include_the_time_that_the_robot_may_take() -> None:
     usual, landing = StopDeadlines.of(1.5), StopDeadlines.of(2 * LANDING_S)
     assert usual == (0.0, 2.0, 2.0, 3.0, 0.25, 3.25)
     assert all(longer - shorter >= 2 * LANDING_S - 1.5 for shorter, longer in zip(usual, landing, strict=True))
     assert landing.end_s >= landing.own_stop_s + landing.attempt_s
 
 
-def test_a_drone_whose_battery_is_low_lands_whoever_flies() -> None:
+def test_a_drone_with_a_low_battery_lands_even_while_it_hovers() -> None:
     async def run() -> None:
         async with tree_of(FakeDrone) as (tree, peer, writer):
             peer.height_m = 1.0
             assert isinstance(await writer.send(ttl_s=0.3, vx=0.5), Accepted)
-            await trio.sleep(0.6)  # it hovers
+            await trio.sleep(0.6)  # the drone hovers
             peer.battery_pct = 10.0
             began_ns = tree.node.clock.now_ns()
             await trio.sleep(0.2)
@@ -196,7 +200,7 @@ def test_a_drone_whose_battery_is_low_lands_whoever_flies() -> None:
     run_virtual(run)
 
 
-def test_an_estop_takes_a_drones_motors() -> None:
+def test_an_estop_switches_a_drones_motors_off() -> None:
     async def run() -> None:
         async with tree_of(FakeDrone) as (tree, peer, writer):
             assert isinstance(await writer.send(ttl_s=0.3, vx=0.5), Accepted)
@@ -207,7 +211,7 @@ def test_an_estop_takes_a_drones_motors() -> None:
     run_virtual(run)
 
 
-def test_saf_012_a_service_that_stops_answering_is_a_lost_link() -> None:
+def test_saf_012_an_http_service_that_stops_answering_is_a_lost_link() -> None:
     async def run() -> None:
         async with tree_of(FakeHttp) as (tree, peer, writer):
             assert isinstance(await writer.send(latched=True, joint1=0.01), Accepted)

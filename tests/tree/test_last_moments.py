@@ -1,5 +1,6 @@
-"""An e-stop that reaches the root in the last moments of a tree that ends (SAF-005, SAF-007): real
-guardian, real end, in virtual time; the exit of the process is caught."""
+"""An e-stop that reaches the root in the last moments of a tree that ends (SAF-005, SAF-007). Guardian
+and end are real, in virtual time. The exit of the process is replaced.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ SESSION_S = 0.2
 
 
 class SlowChannel(FakeStopChannel):
-    """Needs a session on a network."""
+    """A stop channel that needs a network session."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         await trio.sleep(SESSION_S)
@@ -42,10 +43,10 @@ class Exited(BaseException):
 
 
 def ending(tree: InlineTree, driver: Driver, seen: dict[str, Any]) -> Any:
-    """Return what ``Tree._leave`` needs of a tree."""
+    """Return an object with the members that ``Tree._leave`` uses."""
 
     async def end_standby() -> None:
-        seen["standby ended behind"] = [entry.safe_state for entry in tree.hardware.of("safe")]
+        seen["safe states before the end of the standby"] = [entry.safe_state for entry in tree.hardware.of("safe")]
 
     async def settle() -> None:
         pass
@@ -55,9 +56,9 @@ def ending(tree: InlineTree, driver: Driver, seen: dict[str, Any]) -> Any:
         _waiting=[],
         guardian=tree.keeper,
         node=tree.node,
-        owed=tree.keeper._owed,
+        safety_page=tree.keeper._safety_page,
         driver=driver,
-        at=SimpleNamespace(gate=tree.gate.address),
+        actors=SimpleNamespace(gate=tree.gate.address),
         cameras=SimpleNamespace(end=lambda: None),
         tasks=SimpleNamespace(process=None),
         keeper=SimpleNamespace(settle=settle),
@@ -70,7 +71,7 @@ def ending(tree: InlineTree, driver: Driver, seen: dict[str, Any]) -> Any:
 
 
 class ProcessOs:
-    """``os``, whose exit is seen."""
+    """Stand in for ``os``, and record the exit."""
 
     def __init__(self, seen: dict[str, Any]) -> None:
         self._seen = seen
@@ -84,11 +85,12 @@ class ProcessOs:
 
 
 @pytest.mark.parametrize("pressed_before", [False, True])
-def test_saf_007_an_e_stop_beside_the_end_of_a_tree_is_carried_out(
+def test_saf_007_an_e_stop_during_the_end_of_a_tree_is_carried_out(
     pressed_before: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The wire has ended, the robot is safe, but not as an e-stop wants it; a report of an earlier
-    e-stop says nothing about now."""
+    """The wire has ended. The robot is safe, but in a milder state than an e-stop requires. The report of
+    an earlier e-stop does not count.
+    """
     seen: dict[str, Any] = {}
     monkeypatch.setattr(process, "os", ProcessOs(seen))
     hardware = FakeHardware()
@@ -115,12 +117,14 @@ def test_saf_007_an_e_stop_beside_the_end_of_a_tree_is_carried_out(
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(leave)
                 await trio.sleep(0.001)
-                while not tree.keeper.idle.is_set():  # noqa: ASYNC110  # the moment that is meant
+                while not tree.keeper.idle.is_set():  # noqa: ASYNC110  # until the guardian is idle
                     await trio.sleep(0.001)
                 pressed_ns = tree.node.clock.now_ns()
                 report = await press(tree, "a person")
             assert report.safe_state == "off" and report.confirmed and report.at_ns >= pressed_ns
-            assert seen["standby ended behind"][-1] == "off", "it is needed until then"
+            assert seen["safe states before the end of the standby"][-1] == "off", (
+                "the standby runs until the e-stop"
+            )
             assert seen["code"] == 0
 
     run_virtual(run)

@@ -1,6 +1,7 @@
-"""SAF-021: an arming or a service that was asked for before a stop takes effect after it. No stop is
-confirmed, and no process leaves, before that can happen no more. In virtual time, judged by what the
-robot did last."""
+"""SAF-021: a request to arm, or to perform a service, that was sent before a stop may take effect after
+it. A stop is confirmed, and a process ends, only when this is no longer possible. In virtual time; the
+last entries of the fake robot's log decide.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +22,11 @@ from strands_actors.kernel.node import Node
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.messages import Perform, Resume, Resumed, Stop, StopReport
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root.stop_channel import UNSETTLED
 from strands_actors.supervisors.standby.messages import WatchOver
 from strands_actors.supervisors.standby.process import Standby
-from strands_actors.supervisors.wire.asks import Asks
+from strands_actors.supervisors.wire.late_requests import LateRequests
 from strands_actors.supervisors.wire.messages import RootGone
 from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
@@ -35,13 +36,14 @@ from .writer import Writer
 
 LATE_S = 0.2
 MOMENTS = [n * LATE_S / 6 for n in range(1, 7)]
-"""Moments of an arming at which it is cut off."""
+"""Moments at which an arming is interrupted, in seconds."""
 LIMP, ON = [False, False], [True, True]
 
 
 class LateHardware(FakeHardware):
-    """A robot that takes a request at once, and carries it out ``late_s`` later, whatever became of
-    the sender. A safe frame does not cancel what was requested before it."""
+    """A robot that accepts a request at once and carries it out ``late_s`` later, even if the sender has
+    ended. A safe frame does not cancel earlier requests.
+    """
 
     late_s = LATE_S
 
@@ -52,17 +54,17 @@ class LateHardware(FakeHardware):
 
     async def _later(self, clock: Clock, done: trio.Event) -> None:
         await trio.sleep(self.late_s)
-        for at in range(len(AXES)):
-            self.energised[at] = True
+        for index in range(len(AXES)):
+            self.energised[index] = True
             self.record(clock, "enable", "robot")
         done.set()
 
 
 class LateWire(FakeWire):
-    """Its arming, and its service, wait until the robot has carried out what was requested."""
+    """A wire that waits, when it arms and performs a service, until the robot has carried out the request."""
 
     hangs = False
-    """In a call of an SDK that nobody can cancel."""
+    """Whether arming hangs in a call of an SDK that cannot be cancelled."""
 
     def _late(self) -> LateHardware:
         assert isinstance(self._hardware, LateHardware)
@@ -111,13 +113,13 @@ def transport_of(tree: InlineTree) -> Transport:
 
 
 def kill(tree: InlineTree) -> None:
-    """Kill the wire process: it notes nothing more on the page."""
-    transport_of(tree)._asks._note = lambda: None  # type: ignore[method-assign]
+    """Kill the wire process: it writes nothing more to the shared page."""
+    transport_of(tree)._late_requests._note = lambda: None  # type: ignore[method-assign]
     tree.wire._scope.cancel()
 
 
 def stays_safe(hardware: FakeHardware) -> None:
-    """What was requested has taken effect, and a safe frame is the last word of all."""
+    """Check that the request has taken effect, and that the last frame of all is a safe frame."""
     assert hardware.of("enable"), "the robot was energised late"
     story = [entry.kind for entry in hardware.written if entry.kind in ("safe", "enable")]
     assert story[-1] == "safe" and hardware.energised == LIMP, story
@@ -131,7 +133,7 @@ async def arm(tree: InlineTree) -> Message | None:
 
 
 async def power(tree: InlineTree, **arguments: Any) -> Message | None:
-    """Ask for the service that powers, of a robot that is not armed."""
+    """Ask for the service that powers the motors, while the robot is not armed."""
     writer = Writer(tree)
     await writer.acquire()
     return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, "power", arguments), 5.0)
@@ -139,7 +141,7 @@ async def power(tree: InlineTree, **arguments: Any) -> Message | None:
 
 @pytest.fixture(params=["resume", "power"])
 def begin(request: pytest.FixtureRequest) -> Begin:
-    """Ask for an arming, or for a service that powers."""
+    """Ask for an arming, or for a service that powers the motors."""
 
     async def ask(tree: InlineTree) -> Any:
         return await (arm(tree) if request.param == "resume" else power(tree))
@@ -148,7 +150,9 @@ def begin(request: pytest.FixtureRequest) -> Begin:
 
 
 @pytest.mark.parametrize("reason", [Reason.STOP, Reason.ESTOP, Reason.CLEANUP, Reason.CALLER])
-def test_saf_021_a_stop_during_an_arming_is_confirmed_when_nothing_can_follow(begin: Begin, reason: Reason) -> None:
+def test_saf_021_a_stop_during_an_arming_is_confirmed_when_nothing_can_take_effect_any_more(
+    begin: Begin, reason: Reason
+) -> None:
     async def run() -> None:
         for moment_s in MOMENTS:
             hardware, driver = robot("stop")
@@ -169,7 +173,7 @@ def test_saf_021_a_stop_during_an_arming_is_confirmed_when_nothing_can_follow(be
     run_virtual(run)
 
 
-def test_saf_021_an_e_stop_does_not_wait_for_a_stop_that_waits(begin: Begin) -> None:
+def test_saf_021_an_e_stop_does_not_wait_for_an_earlier_stop(begin: Begin) -> None:
     async def run() -> None:
         hardware, driver = robot("estop")
         driver.fallbacks = {**driver.fallbacks, Reason.ESTOP: "off"}
@@ -190,7 +194,7 @@ def test_saf_021_an_e_stop_does_not_wait_for_a_stop_that_waits(begin: Begin) -> 
     run_virtual(run)
 
 
-def test_saf_021_a_wire_is_killed_during_an_arming_and_the_root_waits_for_what_it_asked(begin: Begin) -> None:
+def test_saf_021_a_wire_is_killed_during_an_arming_and_the_root_waits_for_the_wires_requests(begin: Begin) -> None:
     async def run() -> None:
         for moment_s in MOMENTS:
             hardware, driver = robot("wire")
@@ -208,7 +212,7 @@ def test_saf_021_a_wire_is_killed_during_an_arming_and_the_root_waits_for_what_i
                     assert len(tree.wires_made) == 2 and tree.keeper.confirmed
                     nursery.cancel_scope.cancel()
                 await trio.sleep(1.5 * LATE_S)
-                assert not hardware.of("enable", began_ns), f"energised after the root was sure, {moment_s} s"
+                assert not hardware.of("enable", began_ns), f"energised after the root had confirmed, {moment_s} s"
                 stays_safe(hardware)
                 report = tree.keeper.last_report
                 assert report is not None and report.confirmed and report.path == "stop_channel"
@@ -216,7 +220,7 @@ def test_saf_021_a_wire_is_killed_during_an_arming_and_the_root_waits_for_what_i
     run_virtual(run)
 
 
-def test_saf_021_a_wire_that_lost_its_root_leaves_when_nothing_can_follow(begin: Begin) -> None:
+def test_saf_021_a_wire_that_lost_its_root_ends_when_nothing_can_take_effect_any_more(begin: Begin) -> None:
     async def run() -> None:
         for moment_s in MOMENTS:
             hardware, driver = robot("orphan")
@@ -229,17 +233,17 @@ def test_saf_021_a_wire_that_lost_its_root_leaves_when_nothing_can_follow(begin:
                 with trio.fail_after(2 * LATE_S):
                     await tree.wire.ended()
                 left_ns = tree.node.clock.now_ns()
-                assert tree.wire.left_safe and hardware.energised == LIMP
+                assert tree.wire.ended_safe and hardware.energised == LIMP
                 assert hardware.of("safe", orphaned_ns)[0].t_ns - orphaned_ns < 50_000_000
                 await trio.sleep(1.5 * LATE_S)
-                assert not hardware.of("enable", left_ns), f"energised after the wire had left, {moment_s} s"
+                assert not hardware.of("enable", left_ns), f"energised after the wire had ended, {moment_s} s"
                 stays_safe(hardware)
 
     run_virtual(run)
 
 
-def test_saf_021_root_and_wire_are_killed_and_the_standby_waits_for_what_was_asked(tmp_path: Path) -> None:
-    """The wire died at ``moment_s`` of its arming; the standby acts at once."""
+def test_saf_021_root_and_wire_are_killed_and_the_standby_waits_for_their_requests(tmp_path: Path) -> None:
+    """The wire ended at ``moment_s`` of its arming. The standby acts at once."""
 
     class Left(BaseException):
         pass
@@ -249,16 +253,16 @@ def test_saf_021_root_and_wire_are_killed_and_the_standby_waits_for_what_was_ask
             port = "standby"
             hardware = HARDWARE[port] = LateHardware()
             driver, clock, page = LateDriver("fake", port, {}), VirtualClock(), new_page()
-            owed = Owed(words_of(page))
-            owed.safe_state = True
-            Asks(owed, clock).asking(LATE_S).__enter__().begin()
+            safety_page = SafetyPage(words_of(page))
+            safety_page.may_be_energised = True
+            LateRequests(safety_page, clock).asking(LATE_S).__enter__().begin()
             trio.lowlevel.spawn_system_task(hardware.carry_out, clock)
             await trio.sleep(moment_s)
             node, left = Node(port, clock), list[int]()
 
             class Quiet(Standby):
                 async def _tell(self, report: object) -> None:
-                    """A disk takes real time."""
+                    """Do nothing: a disk takes real time."""
 
             async with trio.open_nursery() as nursery:
                 await nursery.start(node.run)
@@ -266,25 +270,25 @@ def test_saf_021_root_and_wire_are_killed_and_the_standby_waits_for_what_was_ask
                 standby = Quiet(driver, port, port, tmp_path / "report", watched, left.append)
                 await nursery.start(node.cell(addresses.of(port).path("standby"), lambda s=standby: s).run)
                 with trio.fail_after(2 * LATE_S):
-                    while not left:  # noqa: ASYNC110  # it ends its process
+                    while not left:  # noqa: ASYNC110  # the standby ends its process
                         await trio.sleep(0.005)
                 left_ns = clock.now_ns()
-                assert left == [0] and not owed.safe_state and hardware.energised == LIMP
+                assert left == [0] and not safety_page.may_be_energised and hardware.energised == LIMP
                 await trio.sleep(1.5 * LATE_S)
                 nursery.cancel_scope.cancel()
             os.close(page)
             del HARDWARE[port]
-            assert not hardware.of("enable", left_ns), f"energised after the standby had left, {moment_s} s"
+            assert not hardware.of("enable", left_ns), f"energised after the standby had ended, {moment_s} s"
             stays_safe(hardware)
 
     run_virtual(run)
 
 
 @pytest.mark.parametrize("root_too", [False, True])
-def test_saf_021_a_wire_whose_sdk_hangs_in_an_arming_confirms_nothing(
+def test_saf_021_a_wire_whose_sdk_hangs_while_arming_confirms_nothing(
     monkeypatch: pytest.MonkeyPatch, root_too: bool
 ) -> None:
-    """Only the end of its process keeps the SDK from what it was told."""
+    """Only the end of the process prevents the SDK from carrying out the request."""
     monkeypatch.setattr(LateWire, "hangs", True)
 
     async def run() -> None:
@@ -298,9 +302,9 @@ def test_saf_021_a_wire_whose_sdk_hangs_in_an_arming_confirms_nothing(
                 report = await tree.gate.ask(Stop(Reason.STOP, "test"), 5.0)
                 assert isinstance(report, StopReport) and not report.confirmed
                 assert {motor.detail for motor in report.motors} == {UNSETTLED}
-                tree.wire.let_go()
+                tree.wire.close_link()
                 await tree.wire.ended()
-                assert not tree.wire.left_safe, "the standby has to look for what was asked"
+                assert not tree.wire.ended_safe, "the standby must check for open requests"
             else:
                 monkeypatch.setattr(LateWire, "hangs", False)
                 await tree.until("disarmed")
@@ -314,7 +318,7 @@ def test_saf_021_a_wire_whose_sdk_hangs_in_an_arming_confirms_nothing(
     run_virtual(run)
 
 
-def test_saf_021_a_service_that_was_given_up_may_still_take_effect() -> None:
+def test_saf_021_a_service_that_timed_out_may_still_take_effect() -> None:
     async def run() -> None:
         hardware, driver = robot("gives-up")
         async with open_inline_tree(hardware, driver=driver) as tree:
@@ -328,9 +332,8 @@ def test_saf_021_a_service_that_was_given_up_may_still_take_effect() -> None:
     run_virtual(run)
 
 
-def test_saf_021_a_link_that_was_lost_during_a_service_is_made_safe_when_nothing_can_follow() -> None:
-    """The first safe frame on the new link is confirmed by every motor, and the robot is energised after
-    it."""
+def test_saf_021_a_link_lost_during_a_service_is_confirmed_when_nothing_can_take_effect_any_more() -> None:
+    """Every motor confirms the first safe frame on the new link, and the robot is energised after it."""
 
     async def run() -> None:
         hardware, driver = robot("lost")
@@ -351,25 +354,25 @@ def test_saf_021_a_link_that_was_lost_during_a_service_is_made_safe_when_nothing
     run_virtual(run)
 
 
-def test_saf_021_a_robot_that_a_service_has_powered_is_owed_a_safe_state() -> None:
-    """When root and wire die then, the standby acts, although the robot was never armed."""
+def test_saf_021_a_robot_that_a_service_has_powered_must_be_made_safe() -> None:
+    """If root and wire end then, the standby acts, although the robot was never armed."""
 
     async def run() -> None:
         hardware, driver = robot("powered")
         async with open_inline_tree(hardware, driver=driver) as tree:
-            owed = transport_of(tree)._owed
-            assert not owed.safe_state
+            safety_page = transport_of(tree)._safety_page
+            assert not safety_page.may_be_energised
             await power(tree)
-            assert hardware.energised == ON and owed.safe_state
+            assert hardware.energised == ON and safety_page.may_be_energised
             report = await tree.gate.ask(Stop(Reason.STOP, "test"), 5.0)
             assert isinstance(report, StopReport) and report.confirmed
-            assert hardware.energised == LIMP and not owed.safe_state
+            assert hardware.energised == LIMP and not safety_page.may_be_energised
 
     run_virtual(run)
 
 
-def test_saf_021_what_was_answered_is_waited_for_no_more() -> None:
-    """A robot that is armed is stopped as quickly as before."""
+def test_saf_021_a_stop_does_not_wait_for_requests_that_were_answered() -> None:
+    """An armed robot is stopped as quickly as without these requests."""
 
     async def run() -> None:
         hardware, driver = robot("armed")
@@ -387,46 +390,48 @@ def test_saf_021_what_was_answered_is_waited_for_no_more() -> None:
     run_virtual(run)
 
 
-def test_saf_021_the_page_knows_every_request_that_is_under_way() -> None:
+def test_saf_021_the_shared_page_contains_every_open_request() -> None:
     async def run() -> None:
-        owed, clock = Owed(), VirtualClock()
-        asks = Asks(owed, clock)
+        safety_page, clock = SafetyPage(), VirtualClock()
+        requests = LateRequests(safety_page, clock)
 
         def unsettled_s() -> float:
-            return owed.unsettled_s(clock.now_ns())
+            return safety_page.unsettled_s(clock.now_ns())
 
-        with asks.asking(3.0) as arming:
-            assert unsettled_s() == 0 and not owed.is_asking, "nothing was asked for yet"
+        with requests.asking(3.0) as arming:
+            assert unsettled_s() == 0 and not safety_page.is_asking, "no request was sent yet"
             arming.begin()
-            with asks.asking(5.0) as service:
+            with requests.asking(5.0) as service:
                 service.begin()
-                assert owed.is_asking and unsettled_s() == 5.0
+                assert safety_page.is_asking and unsettled_s() == 5.0
                 service.answered = True
-            assert owed.is_asking and unsettled_s() == 3.0
-        assert not owed.is_asking and unsettled_s() == 3.0, "nobody has answered"
+            assert safety_page.is_asking and unsettled_s() == 3.0
+        assert not safety_page.is_asking and unsettled_s() == 3.0, "the request was not answered"
         await trio.sleep(2.0)
         assert unsettled_s() == pytest.approx(1.0)
-        with asks.asking(0.0) as setpoint:
+        with requests.asking(0.0) as setpoint:
             setpoint.begin()
-        with asks.asking(0.5) as again:
+        with requests.asking(0.5) as again:
             again.begin()
             assert unsettled_s() == pytest.approx(1.0), "the earlier one counts, too"
             again.answered = True
-        with pytest.raises(ProcessSpent), asks.asking(2.0) as hanging:
+        with pytest.raises(ProcessSpent), requests.asking(2.0) as hanging:
             hanging.begin()
             raise ProcessSpent("the SDK did not return")
         await trio.sleep(10.0)
-        assert owed.is_asking and unsettled_s() == 2.0
-        owed.cut_off(clock.now_ns())
-        assert not owed.is_asking and unsettled_s() == 2.0
+        assert safety_page.is_asking and unsettled_s() == 2.0
+        safety_page.cut_off(clock.now_ns())
+        assert not safety_page.is_asking and unsettled_s() == 2.0
         await trio.sleep(2.0)
         assert unsettled_s() == 0
 
     run_virtual(run)
 
 
-def test_saf_021_who_waits_for_a_stop_waits_for_what_may_follow_it() -> None:
+def test_saf_021_deadlines_of_a_stop_include_the_time_in_which_requests_may_take_effect() -> None:
     usual, late = StopDeadlines.of(1.5), StopDeadlines.of(1.5, 3.0)
     for name in ("gate_s", "root_s", "end_s"):
         assert getattr(late, name) >= getattr(usual, name) + 3.0
-    assert (late.attempt_s, late.own_stop_s) == (usual.attempt_s, usual.own_stop_s), "the page says when to add it"
+    assert (late.attempt_s, late.own_stop_s) == (usual.attempt_s, usual.own_stop_s), (
+        "they get the late time only if the page shows an open request"
+    )

@@ -1,4 +1,4 @@
-"""A rollout whose first action comes only after a stop: it must not begin any more."""
+"""A rollout whose first action comes only after a stop must not start any more."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from .writer import armed
 
 
 @pytest.mark.parametrize("reason", [Reason.STOP, Reason.ESTOP, Reason.POLICY])
-def test_saf_008_a_rollout_of_before_a_stop_takes_no_lease_after_it(reason: Reason) -> None:
+def test_saf_008_a_rollout_from_before_a_stop_gets_no_lease_after_it(reason: Reason) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             caller = await armed(tree)
-            begun = caller.lease.id  # what the rollout knows of its caller
+            begun = caller.lease.id  # the lease of its caller that the rollout was started under
             await tree.gate.ask(Stop(reason, "test", lock=reason is Reason.ESTOP), 1.0)
             assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
             late = await tree.gate.ask(Acquire("policy", over=begun), 1.0)
             assert isinstance(late, Refused)
             assert late.code == "stopped"
 
-            assert isinstance(await caller.acquire(), Lease)  # the robot is the caller's
+            assert isinstance(await caller.acquire(), Lease)  # the caller commands the robot
             assert isinstance(await caller.send(latched=True, a=1.0), Accepted)
             assert isinstance(await tree.gate.ask(Acquire("policy", over=caller.lease.id), 1.0), Lease)
 
     run_virtual(run)
 
 
-def test_an_operators_lockout_is_lifted_by_an_operator_only() -> None:
+def test_only_an_operator_lifts_an_operators_lockout() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             caller = await armed(tree)
@@ -42,7 +42,8 @@ def test_an_operators_lockout_is_lifted_by_an_operator_only() -> None:
             assert (await tree.status()).mode == "disarmed"
             assert isinstance(await tree.gate.ask(Resume("bob"), 1.0), Resumed)
 
-            await tree.gate.ask(Stop(Reason.STOP, "bob"), 1.0)  # no lockout: whoever has the robot may energise it
+            # without a lockout each holder of the robot may energise it
+            await tree.gate.ask(Stop(Reason.STOP, "bob"), 1.0)
             assert isinstance(await tree.gate.ask(Resume("agent", lift=False), 1.0), Resumed)
             assert isinstance(await caller.acquire(), Lease)
 

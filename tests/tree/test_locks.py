@@ -1,4 +1,6 @@
-"""SAF-018: the lock of an e-stop is a file, by name and by port, and what cannot be read locks."""
+"""SAF-018: the lock of an e-stop is a file for the robot's name and its port. An unreadable lock file
+counts as a lock.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ def by(locks: Locks) -> str:
     return "" if lock is None else lock.by
 
 
-def test_saf_018_a_lock_binds_its_name_on_any_port_and_its_port_under_any_name(tmp_path: Path) -> None:
+def test_saf_018_a_lock_applies_to_its_name_on_any_port_and_to_its_port_under_any_name(tmp_path: Path) -> None:
     one = Locks(tmp_path / "locks", "so101", "/dev/ttyACM0")
     assert one.find() is None
     since = one.put("the button")
@@ -38,7 +40,7 @@ def test_saf_018_a_lock_binds_its_name_on_any_port_and_its_port_under_any_name(t
     assert lock == ("the button", since)
     assert since.endswith("+00:00")
     assert by(Locks(tmp_path / "locks", "so101", "/dev/ttyACM1")) == "the button"
-    assert by(Locks(tmp_path / "locks", "so101")) == "the button", "its twin"
+    assert by(Locks(tmp_path / "locks", "so101")) == "the button", "the lock applies to its twin"
     assert by(Locks(tmp_path / "locks", "arm", "/dev/ttyACM0")) == "the button"
     assert by(Locks(tmp_path / "locks", "arm", "/dev/ttyACM1")) == ""
     assert by(Locks(tmp_path / "locks", "arm")) == ""
@@ -49,34 +51,36 @@ def test_saf_018_a_lock_binds_its_name_on_any_port_and_its_port_under_any_name(t
     assert os.listdir(tmp_path / "locks") == []
 
 
-def test_saf_018_a_port_is_the_device_and_not_the_path_to_it(tmp_path: Path) -> None:
+def test_saf_018_a_port_is_identified_by_its_device_and_not_by_its_path(tmp_path: Path) -> None:
     (tmp_path / "by-id").symlink_to("/dev/null")
     Locks(tmp_path / "locks", "so101", "/dev/null").put("the button")
     assert by(Locks(tmp_path / "locks", "arm", str(tmp_path / "by-id"))) == "the button"
 
 
 def test_saf_018_an_address_is_the_same_from_any_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    one, other = tmp_path / "one", tmp_path / "other"
-    one.mkdir()
-    other.mkdir()
-    (one / "port").symlink_to("/dev/null")
-    monkeypatch.chdir(one)
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    (first / "port").symlink_to("/dev/null")
+    monkeypatch.chdir(first)
     Locks(tmp_path / "locks", "left", "192.0.2.10").put("the button")
     Locks(tmp_path / "locks", "so101", "port").put("the button")
-    monkeypatch.chdir(other)
+    monkeypatch.chdir(second)
     assert by(Locks(tmp_path / "locks", "right", "192.0.2.10")) == "the button"
     assert by(Locks(tmp_path / "locks", "right", "192.0.2.11")) == ""
-    assert by(Locks(tmp_path / "locks", "arm", "/dev/null")) == "the button", "a path is a path all the same"
+    assert by(Locks(tmp_path / "locks", "arm", "/dev/null")) == "the button", (
+        "a relative path is resolved to its device"
+    )
 
 
-def test_saf_018_a_lock_of_a_twin_is_its_names_alone(tmp_path: Path) -> None:
+def test_saf_018_a_lock_of_a_twin_applies_to_its_name_only(tmp_path: Path) -> None:
     Locks(tmp_path, "so101").put("the button")
     assert by(Locks(tmp_path, "so101", "/dev/ttyACM0")) == "the button"
     assert by(Locks(tmp_path, "koch")) == ""
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"\xff\xfe", b'{"robot": 1}', b"[" * 5000])
-def test_saf_018_a_lock_that_cannot_be_read_locks(tmp_path: Path, content: bytes) -> None:
+def test_saf_018_an_unreadable_lock_file_locks(tmp_path: Path, content: bytes) -> None:
     locks = Locks(tmp_path, "so101", "/dev/ttyACM0")
     locks.put("the button")
     (file,) = tmp_path.iterdir()
@@ -89,13 +93,13 @@ def test_saf_018_a_lock_that_cannot_be_read_locks(tmp_path: Path, content: bytes
     assert locks.find() is None
 
 
-def test_saf_018_a_directory_that_cannot_be_read_locks(tmp_path: Path) -> None:
+def test_saf_018_an_unreadable_directory_locks(tmp_path: Path) -> None:
     (tmp_path / "locks").write_text("no directory")
     assert by(Locks(tmp_path / "locks", "so101")).startswith(UNREADABLE)
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_saf_018_a_disk_that_fills_leaves_the_lock_of_before_whole(
+def test_saf_018_a_full_disk_leaves_the_earlier_lock_unchanged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: bool
 ) -> None:
     locks = Locks(tmp_path, "so101")
@@ -109,7 +113,7 @@ def test_saf_018_a_disk_that_fills_leaves_the_lock_of_before_whole(
     with pytest.raises(OSError, match="No space left"):
         locks.put("the second")
     assert by(locks) == ("the first" if before else "")
-    assert len(os.listdir(tmp_path)) == before, "no draft is left"
+    assert len(os.listdir(tmp_path)) == before, "no temporary file is left"
 
 
 # -- in a tree
@@ -126,15 +130,15 @@ async def armed(tree: InlineTree) -> None:
     await tree.until("armed")
 
 
-def test_saf_018_a_tree_begins_as_locked_as_the_last_one_ended(tmp_path: Path) -> None:
-    """By whom, and since when; a resume lifts it for the next, too."""
+def test_saf_018_a_tree_starts_with_the_lock_of_the_last_one(tmp_path: Path) -> None:
+    """It has the same person and time. A resume lifts it for the next tree, too."""
     locks = Locks(tmp_path, "so101", "/dev/ttyACM0")
 
     async def main() -> None:
         async with open_inline_tree(clock=MonotonicClock(), locks=locks) as tree:
             await armed(tree)
             assert (await estop(tree)).note == ""
-            assert by(locks) == "the button", "before it is reported"
+            assert by(locks) == "the button", "the lock is on the disk before the report"
             since = (await tree.status()).locked_since
         hardware = FakeHardware()
         async with open_inline_tree(hardware, MonotonicClock(), locks=locks) as tree:
@@ -154,7 +158,7 @@ def test_saf_018_a_tree_begins_as_locked_as_the_last_one_ended(tmp_path: Path) -
 
 
 def slow_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """What an fsync waits for."""
+    """Make each fsync wait. Return the function that lets it continue."""
     go_on = threading.Event()
     sync = os.fsync
 
@@ -166,7 +170,7 @@ def slow_disk(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     return go_on.set
 
 
-def test_saf_018_the_safe_frame_waits_for_no_disk_and_the_report_does(
+def test_saf_018_the_safe_frame_does_not_wait_for_the_disk_and_the_report_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hardware = FakeHardware()
@@ -186,7 +190,7 @@ def test_saf_018_the_safe_frame_waits_for_no_disk_and_the_report_does(
                 status = await tree.until("disarmed")
                 assert hardware.of("safe", began_ns)
                 assert status.locked_by == "the button"
-                await trio.sleep(0.1)  # what must not happen has no event to wait for
+                await trio.sleep(0.1)  # fixed time, because nothing must happen
                 assert not reports
                 go_on()
             assert reports[0].confirmed
@@ -208,7 +212,7 @@ def test_saf_018_a_disk_that_hangs_is_reported(tmp_path: Path, monkeypatch: pyte
     trio.run(main)
 
 
-def test_saf_018_a_fence_keeps_its_lock_too(tmp_path: Path) -> None:
+def test_saf_018_a_fence_writes_its_lock_too(tmp_path: Path) -> None:
     locks = Locks(tmp_path, "so101")
 
     async def main() -> None:
@@ -222,21 +226,21 @@ def test_saf_018_a_fence_keeps_its_lock_too(tmp_path: Path) -> None:
     trio.run(main)
 
 
-def test_saf_018_the_newest_wish_wins(tmp_path: Path) -> None:
-    """Locked, resumed and locked again before the first is on the disk."""
+def test_saf_018_the_newest_request_wins(tmp_path: Path) -> None:
+    """Locked, resumed and locked again before the first lock is on the disk."""
     locks = Locks(tmp_path, "so101")
 
     async def main() -> None:
         keeper = LockKeeper(locks)
         async with trio.open_nursery() as nursery:
             nursery.start_soon(keeper.run)
-            for wish in ("one", "", "two", "", "one"):
-                keeper.want(wish)
+            for request in ("one", "", "two", "", "one"):
+                keeper.request(request)
                 await trio.lowlevel.checkpoint()
             kept = await keeper.kept("one")
             assert by(locks) == "one"
             assert kept.problem == ""
-            keeper.want("")
+            keeper.request("")
             await keeper.settle()
             assert by(locks) == ""
             nursery.cancel_scope.cancel()
@@ -245,7 +249,7 @@ def test_saf_018_the_newest_wish_wins(tmp_path: Path) -> None:
 
 
 class Lifts(Locks):
-    """Slowly."""
+    """Lift locks slowly."""
 
     def __init__(self, directory: Path) -> None:
         super().__init__(directory, "so101")
@@ -257,8 +261,8 @@ class Lifts(Locks):
         super().lift()
 
 
-def test_saf_018_a_lock_that_is_just_being_lifted_is_not_kept(tmp_path: Path) -> None:
-    """Resumed, and locked again by the same while the file goes."""
+def test_saf_018_a_lock_whose_file_is_being_deleted_is_not_kept(tmp_path: Path) -> None:
+    """A resume deletes the file, and the same person locks again meanwhile."""
     locks = Lifts(tmp_path)
     locks.put("one")
 
@@ -266,9 +270,9 @@ def test_saf_018_a_lock_that_is_just_being_lifted_is_not_kept(tmp_path: Path) ->
         keeper = LockKeeper(locks)
         async with trio.open_nursery() as nursery:
             nursery.start_soon(keeper.run)
-            keeper.want("")
+            keeper.request("")
             await trio.to_thread.run_sync(locks.begun.wait)
-            keeper.want("one")
+            keeper.request("one")
             kept: list[str] = []
 
             async def wait() -> None:
@@ -276,7 +280,7 @@ def test_saf_018_a_lock_that_is_just_being_lifted_is_not_kept(tmp_path: Path) ->
                 kept.append(by(locks))
 
             nursery.start_soon(wait)
-            await trio.sleep(0.05)  # what must not happen has no event to wait for
+            await trio.sleep(0.05)  # fixed time, because nothing must happen
             assert not kept
             locks.go_on.set()
             await keeper.settle()
@@ -289,10 +293,10 @@ def test_saf_018_a_lock_that_is_just_being_lifted_is_not_kept(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("fails", [(), ("A",), ("B",), ("A", "B")])
-def test_saf_018_who_presses_first_is_not_told_that_a_lock_is_kept_before_one_is(
+def test_saf_018_the_first_press_is_not_answered_with_a_kept_lock_before_one_is_kept(
     tmp_path: Path, fails: tuple[str, ...]
 ) -> None:
-    """Another presses while the lock of the first is being written."""
+    """Another person presses while the first lock is being written."""
 
     class Slow(Locks):
         def put(self, by: str) -> str:
@@ -306,7 +310,7 @@ def test_saf_018_who_presses_first_is_not_told_that_a_lock_is_kept_before_one_is
         keeper = LockKeeper(locks)
 
         async def press(by: str) -> None:
-            keeper.want(by)
+            keeper.request(by)
             kept = await keeper.kept(by)
             assert bool(kept.problem) == ("B" in fails)
             assert kept.problem or locks.find() is not None

@@ -1,5 +1,6 @@
-"""A link that is lost while the robot is energised, in virtual time: the safe frame goes first and
-waits for nothing (SAF-020)."""
+"""A link is lost while the robot is energised. The safe frame is sent first, without waiting (SAF-020).
+In virtual time.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +25,7 @@ def first_kinds(hardware: FakeHardware, since_ns: int) -> list[str]:
 
 
 async def lost(tree: InlineTree) -> int:
-    """Armed, moving, and heard no more; from when on."""
+    """Arm and move the robot, then let it stop answering. Return the time of the loss."""
     writer = await armed(tree)
     assert isinstance(await writer.send(latched=True, a=5.0), Accepted)
     await trio.sleep(0.05)
@@ -34,7 +35,7 @@ async def lost(tree: InlineTree) -> int:
     return lost_ns
 
 
-def test_saf_020_a_robot_that_is_no_longer_heard_is_made_safe_at_once() -> None:
+def test_saf_020_a_robot_that_stops_answering_is_made_safe_at_once() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             lost_ns = await lost(tree)
@@ -43,10 +44,10 @@ def test_saf_020_a_robot_that_is_no_longer_heard_is_made_safe_at_once() -> None:
             assert safe and safe[0].safe_state == "limp"
             assert safe[0].t_ns - lost_ns < 2.5e9 / tree.driver.timing.control_hz
             kinds = [kind for kind in first_kinds(tree.hardware, lost_ns) if kind != "setpoint"]
-            assert kinds[0] == "safe", "before anything is asked"
+            assert kinds[0] == "safe", "the safe frame is sent before any request"
             assert tree.hardware.energised == [False, False]
             status = await tree.status()
-            assert status.mode == "lost", "written, not confirmed"
+            assert status.mode == "lost", "the safe frame is written but not confirmed"
             assert status.last_stop is not None and not status.last_stop.confirmed
             assert all(motor.written for motor in status.last_stop.motors)
 
@@ -69,7 +70,7 @@ def test_saf_020_each_attempt_to_open_a_lost_link_begins_with_the_safe_frame() -
 
 
 @pytest.mark.parametrize("reason", [Reason.STOP, Reason.ESTOP, Reason.CALLER, Reason.CLEANUP])
-def test_saf_020_a_stop_is_written_in_the_middle_of_a_handshake(reason: Reason) -> None:
+def test_saf_020_a_stop_is_written_during_a_handshake(reason: Reason) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await lost(tree)
@@ -87,7 +88,7 @@ def test_saf_020_a_stop_is_written_in_the_middle_of_a_handshake(reason: Reason) 
     run_virtual(run)
 
 
-def test_saf_020_the_first_frame_after_the_cable_is_put_back_is_the_safe_one_though_nobody_answers() -> None:
+def test_saf_020_the_first_frame_on_a_restored_link_is_the_safe_one_even_without_answers() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -119,7 +120,7 @@ def test_saf_020_a_wire_that_starts_on_a_lost_link_begins_with_the_safe_frame() 
     run_virtual(run)
 
 
-def test_saf_020_a_wire_whose_root_is_gone_makes_safe_what_it_has_lost() -> None:
+def test_saf_020_a_wire_without_a_root_makes_a_lost_robot_safe() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await lost(tree)
@@ -137,8 +138,8 @@ def test_saf_020_a_wire_whose_root_is_gone_makes_safe_what_it_has_lost() -> None
     run_virtual(run)
 
 
-def test_saf_020_a_stop_before_the_loss_is_noticed_is_tried_on_a_new_way() -> None:
-    """The cable was out and is back before the next reading: the way that is open is dead."""
+def test_saf_020_a_stop_before_the_loss_is_detected_is_tried_on_a_new_connection() -> None:
+    """The cable was out and is back before the next reading, so the open connection is dead."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -160,8 +161,8 @@ def test_saf_020_a_stop_before_the_loss_is_noticed_is_tried_on_a_new_way() -> No
     run_virtual(run)
 
 
-def test_what_was_stopped_and_confirmed_is_asked_before_it_is_written_to() -> None:
-    """Nothing of ours is energised: somebody else may hold the robot meanwhile."""
+def test_a_confirmed_stop_is_followed_by_a_read_and_not_by_a_safe_frame() -> None:
+    """This tree has energised nothing, and another program may hold the robot meanwhile."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -180,9 +181,12 @@ def test_what_was_stopped_and_confirmed_is_asked_before_it_is_written_to() -> No
 @pytest.mark.parametrize(
     ("reason", "written"), [(Reason.STOP, True), (Reason.ESTOP, True), (Reason.CLEANUP, False)]
 )
-def test_saf_020_a_robot_that_was_never_connected_is_stopped_by_who_says_so(reason: Reason, written: bool) -> None:
-    """What an earlier program left energised can be let go; a script that ends releases nothing of
-    others."""
+def test_saf_020_a_robot_that_was_never_connected_gets_a_stop_but_not_that_of_a_cleanup(
+    reason: Reason, written: bool
+) -> None:
+    """A stop can release motors that an earlier program left energised. A script that only ends must not
+    release them.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -219,9 +223,8 @@ def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
     run_virtual(run)
 
 
-def test_saf_019_the_next_command_moves_nothing_that_a_hold_could_not_place() -> None:
-    """An axis that is not heard keeps its last target, also when another one is commanded after the
-    hold."""
+def test_saf_019_the_next_command_does_not_move_an_axis_without_a_reading() -> None:
+    """An axis that does not answer keeps its last target, even if another axis is commanded after the hold."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -229,7 +232,7 @@ def test_saf_019_the_next_command_moves_nothing_that_a_hold_could_not_place() ->
             assert isinstance(await writer.send(latched=True, a=5.0, b=5.0), Accepted)
             await trio.sleep(0.05)
             tree.hardware.silent.add("b")
-            tree.hardware.position[1] = -30.0  # where it was when it was last heard, not where it is
+            tree.hardware.position[1] = -30.0  # the last reading, which is not the current position
             await trio.sleep(0.05)
             await tree.gate.ask(Stop(Reason.LEASE), 1.0)
             assert (await tree.status()).target == (5.0, 5.0)
@@ -242,7 +245,7 @@ def test_saf_019_the_next_command_moves_nothing_that_a_hold_could_not_place() ->
     run_virtual(run)
 
 
-def test_saf_020_a_wire_without_a_way_of_its_own_is_reached_as_the_root_would(
+def test_saf_020_a_wire_without_reach_is_stopped_over_its_stop_channel(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(FakeWire, "reach", Wire.reach)
@@ -263,7 +266,9 @@ def test_saf_020_a_wire_without_a_way_of_its_own_is_reached_as_the_root_would(
     run_virtual(run)
 
 
-def test_saf_020_a_stop_channel_that_finds_nobody_breaks_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_020_a_stop_channel_that_does_not_find_the_robot_breaks_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def nobody(self: object, task_status: object = None) -> None:
         raise WireDown("the robot is not found")
 

@@ -1,4 +1,4 @@
-"""Any order of events, in virtual time, judged by the frames on the wire."""
+"""Events in any order, in virtual time. The frames on the wire decide."""
 
 from __future__ import annotations
 
@@ -43,8 +43,7 @@ class Sent:
 
 @dataclass
 class History:
-    """What the test did, to hold against what the wire saw. Each setpoint has a value of its
-    own."""
+    """The actions of the test, for comparison with the frames on the wire. Each setpoint has its own value."""
 
     sent: dict[float, Sent] = field(default_factory=dict)
     locked: list[tuple[int, int]] = field(default_factory=list)
@@ -60,14 +59,14 @@ class Player:
         self.second = Writer(tree, "bob")
         self.history = History()
         self.value = 0.0
-        self.alice_ns = 0  # when alice last did something that keeps her lease
+        self.alice_ns = 0  # time of alice's last action that keeps her lease
 
     def now(self) -> int:
         return self.tree.node.clock.now_ns()
 
     async def play(self, event: str) -> None:
-        # Unreachable while a crash is being repaired: an honest non-answer; the wire is judged all
-        # the same.
+        # The actors are unreachable while a crash is handled, and the answer says so. The frames on the
+        # wire are checked in any case.
         with contextlib.suppress(AskTimeout, Unreachable):
             await getattr(self, "_" + event.replace(" ", "_"))()
         await trio.sleep(0.003)
@@ -92,8 +91,7 @@ class Player:
         assert isinstance(await self._send(self.first, -0.001, False), Refused)
 
     async def _second_writer(self) -> None:
-        """SAF-009: bob gets the lease only when alice's has lapsed, and writes nothing without
-        one."""
+        """SAF-009: bob gets the lease only after alice's has expired, and writes nothing without it."""
         holder = (await self.tree.status()).holder
         silent_ns = self.now() - self.alice_ns
         answer = await self.second.ref.ask(Acquire("bob", again=self.second.lease.id), 1.0)
@@ -169,14 +167,14 @@ def judge(player: Player) -> None:
         # SAF-001
         if not sent.latched:
             assert entry.t_ns < sent.deadline_ns, "written after its deadline"
-        # SAF-002: nothing that was sent before a safe frame comes after it
+        # SAF-002: no setpoint that was sent before a safe frame comes after it.
         assert not any(sent.at_ns <= safe.t_ns < entry.t_ns for safe in safes), "a setpoint after a safe frame"
         # SAF-007
         assert not any(start < sent.at_ns < end for start, end in history.locked), "written while locked out"
         assert not history.locked_since or sent.at_ns <= history.locked_since
     # SAF-008
     for crash_ns in history.crashes:
-        resumed = min((at for at in history.resumes if at > crash_ns), default=2**62)
+        resumed = min((resume_ns for resume_ns in history.resumes if resume_ns > crash_ns), default=2**62)
         for entry in written:
             if entry.kind in ("setpoint", "enable"):
                 assert not crash_ns < entry.t_ns < resumed, "moved after a restart without a resume"

@@ -1,5 +1,6 @@
-"""A service that moves the robot is what a latched setpoint is: refused and ended as one. Virtual
-time."""
+"""A service that moves the robot has the rules of a latched setpoint: it is refused and ended like one.
+In virtual time.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +20,12 @@ from strands_actors.testing.fake import FakeDriver, FakeWire
 from .writer import Writer, armed, setpoints
 
 BEGUN: list[int] = []
-"""When a nod began."""
+"""The times at which a nod began."""
 
 
 @pytest.fixture(autouse=True)
 def nods(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fake robot can nod: two seconds, to another place."""
+    """Give the fake robot a service: to nod for two seconds, which ends at another position."""
     BEGUN.clear()
 
     async def perform(
@@ -53,7 +54,7 @@ async def beat(writer: Writer) -> None:
         await trio.sleep(LEASE_TTL_S / 4)
 
 
-def test_saf_002_after_a_stop_nothing_moves_before_a_resume() -> None:
+def test_saf_002_after_a_stop_a_moving_service_is_refused_until_a_resume() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -67,7 +68,7 @@ def test_saf_002_after_a_stop_nothing_moves_before_a_resume() -> None:
     run_virtual(run)
 
 
-def test_saf_014_a_condition_refuses_it_and_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_014_a_condition_refuses_a_moving_service_and_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
     fits = True
 
     def fit(observation: Observation, now_ns: int) -> Refused | None:
@@ -95,11 +96,11 @@ def test_saf_014_a_condition_refuses_it_and_ends_it(monkeypatch: pytest.MonkeyPa
     run_virtual(run)
 
 
-def test_saf_003_it_ends_with_the_lease_of_who_asked_for_it() -> None:
+def test_saf_003_a_moving_service_ends_with_the_lease_of_its_caller() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
-            answer = await ask(writer)  # nobody beats meanwhile
+            answer = await ask(writer)  # no heartbeats arrive meanwhile
             assert isinstance(answer, Refused) and answer.code == "stopped"
             holds = tree.hardware.of("safe", BEGUN[0])
             assert holds and holds[0].safe_state == "hold"
@@ -108,7 +109,7 @@ def test_saf_003_it_ends_with_the_lease_of_who_asked_for_it() -> None:
     run_virtual(run)
 
 
-def test_saf_011_the_next_command_goes_on_from_where_it_has_ended() -> None:
+def test_saf_011_the_next_command_continues_from_the_end_of_the_motion() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, trio.open_nursery() as nursery:
             writer = await armed(tree)
@@ -117,7 +118,7 @@ def test_saf_011_the_next_command_goes_on_from_where_it_has_ended() -> None:
             await trio.sleep(0.01)
             assert await ask(writer) == Performed({})
             assert not [one for one in setpoints(tree, BEGUN[0]) if one[0] == 1.0], (
-                "the older target is not sent again"
+                "the earlier target is not sent again"
             )
             assert isinstance(await writer.send(latched=True, a=2.0), Accepted)
             await trio.sleep(0.1)
@@ -127,7 +128,7 @@ def test_saf_011_the_next_command_goes_on_from_where_it_has_ended() -> None:
     run_virtual(run)
 
 
-def test_saf_001_what_ends_a_motion_is_asked_for_in_its_middle_and_no_setpoint_follows() -> None:
+def test_saf_001_a_service_that_ends_a_motion_may_interrupt_it_and_no_setpoint_follows() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, trio.open_nursery() as nursery:
             writer = await armed(tree)
@@ -135,15 +136,17 @@ def test_saf_001_what_ends_a_motion_is_asked_for_in_its_middle_and_no_setpoint_f
             assert isinstance(await writer.send(ttl_s=0.3, a=1.0), Accepted)
             await trio.sleep(0.05)
             assert await ask(writer, "lie") == Performed({})
-            assert not setpoints(tree, BEGUN[0]), "the older target is not sent again"
-            assert not tree.hardware.of("safe", BEGUN[0]), "nor does it expire: it has ended"
+            assert not setpoints(tree, BEGUN[0]), "the earlier target is not sent again"
+            assert not tree.hardware.of("safe", BEGUN[0]), (
+                "the setpoint does not expire, because the service has ended it"
+            )
             assert isinstance(await writer.send(latched=True, a=2.0), Accepted)
             nursery.cancel_scope.cancel()
 
     run_virtual(run)
 
 
-def test_saf_009_what_ends_a_motion_waits_for_another_service() -> None:
+def test_saf_009_a_service_that_ends_a_motion_is_refused_during_another_service() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, trio.open_nursery() as nursery:
             writer = await armed(tree)
@@ -157,7 +160,7 @@ def test_saf_009_what_ends_a_motion_waits_for_another_service() -> None:
     run_virtual(run)
 
 
-def test_saf_009_one_at_a_time() -> None:
+def test_saf_009_a_moving_service_excludes_other_services_and_setpoints() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, trio.open_nursery() as nursery:
             writer = await armed(tree)

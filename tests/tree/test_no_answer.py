@@ -1,5 +1,6 @@
-"""SAF-023 at the gate: a stop is confirmed only by motors that were read back, or where nothing of
-ours is energised. Virtual time."""
+"""SAF-023 at the gate: a stop is confirmed only by motors that were read back, or if this tree has
+energised nothing. In virtual time.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ LATE = (Reason.POLICY, Reason.LEASE, Reason.EXPIRED)
 
 
 async def rolls_unheard(tree: InlineTree, peer: Peer, writer: Writer, held_before: bool = False) -> None:
-    """A base that drives, and is no longer reached."""
+    """Drive a base, and then lose its link."""
     if held_before:
         assert isinstance(await writer.send(ttl_s=0.3, vx=0.25), Accepted)
         held = await tree.gate.ask(Stop(Reason.POLICY, "a task"), 1.0)
@@ -59,7 +60,7 @@ def test_saf_023_a_hold_of_a_rolling_base_whose_link_is_lost_is_not_confirmed(
 
 
 @pytest.mark.parametrize("reason", LATE)
-def test_saf_023_a_hold_in_lost_is_written_on_what_can_still_be_written(reason: Reason) -> None:
+def test_saf_023_a_hold_on_a_lost_link_is_still_written_and_not_confirmed(reason: Reason) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -68,10 +69,12 @@ def test_saf_023_a_hold_in_lost_is_written_on_what_can_still_be_written(reason: 
             await tree.until("lost", within_s=1.0)
             await trio.sleep(0.05)
             tree.hardware.energised = [True, True]
-            asked_ns = tree.node.clock.now_ns()
+            requested_ns = tree.node.clock.now_ns()
             assert_not_confirmed(await tree.gate.ask(Stop(reason, "a task"), 5.0), tree.driver.axes)
-            safe = tree.hardware.of("safe", asked_ns)
-            assert safe and safe[0].safe_state == tree.driver.fallbacks[Reason.LINK], "no milder than its loss"
+            safe = tree.hardware.of("safe", requested_ns)
+            assert safe and safe[0].safe_state == tree.driver.fallbacks[Reason.LINK], (
+                "the safe state is at least that of a lost link"
+            )
             assert (await tree.status()).cause.startswith("the link was lost")
 
     run_virtual(run)
@@ -83,7 +86,7 @@ def test_saf_023_a_release_of_a_rolling_base_whose_link_is_lost_is_not_confirmed
         async with tree_of(FakeBase) as (tree, peer, writer):
             await rolls_unheard(tree, peer, writer, held_before)
             assert writer.lease is not None
-            for _ in range(2):  # the second one has nothing to give back
+            for _ in range(2):  # the second call has no lease to release
                 answer = await tree.gate.ask(Release(writer.lease.id), 5.0)
                 assert isinstance(answer, Released)
                 assert_not_confirmed(answer.report, tree.driver.axes)
@@ -91,7 +94,7 @@ def test_saf_023_a_release_of_a_rolling_base_whose_link_is_lost_is_not_confirmed
     run_virtual(run)
 
 
-def test_saf_023_a_release_answers_when_what_was_commanded_is_held() -> None:
+def test_saf_023_a_release_is_answered_after_the_command_was_replaced_by_a_hold() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -105,29 +108,29 @@ def test_saf_023_a_release_answers_when_what_was_commanded_is_held() -> None:
     run_virtual(run)
 
 
-def test_saf_023_what_is_known_of_the_robot_s_safety_is_said_in_each_mode() -> None:
+def test_saf_023_the_safety_report_is_correct_in_each_mode() -> None:
     async def run() -> None:
         async with tree_of(FakeBase) as (tree, peer, writer):
 
-            async def known() -> StopReport:
+            async def safety() -> StopReport:
                 answer = await tree.gate.ask(GetSafety(), 1.0)
                 assert isinstance(answer, StopReport)
                 return answer
 
-            assert (await known()).confirmed, "armed, and nothing is live"
+            assert (await safety()).confirmed, "the robot is armed and no command is live"
             assert isinstance(await writer.send(ttl_s=0.3, vx=0.25), Accepted)
             await tree.gate.ask(Stop(Reason.POLICY), 1.0)
-            assert (await known()).confirmed and (await known()).motors, "it holds"
+            assert (await safety()).confirmed and (await safety()).motors, "the robot holds"
             before = len(peer.of("safe"))
             await writer.acquire()
             assert isinstance(await writer.send(ttl_s=0.3, vx=0.25), Accepted)
             peer.reachable = False
             await tree.until("lost", within_s=2.0)
-            assert not (await known()).confirmed, "the report of the hold before does not stand any more"
-            assert len(peer.of("safe")) <= before + 2, "it is asked, and orders nothing"
+            assert not (await safety()).confirmed, "the report of the earlier hold is not valid any more"
+            assert len(peer.of("safe")) <= before + 2, "a request for the report writes nothing"
             peer.reachable = True
             await tree.until("disarmed", within_s=5.0)
-            assert (await known()).confirmed
+            assert (await safety()).confirmed
             assert isinstance(await tree.gate.ask(Resume(), 5.0), Resumed)
 
     run_virtual(run)

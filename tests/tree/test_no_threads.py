@@ -1,4 +1,4 @@
-"""SAF-024: no thread can be started, and a stop and what is told of it go on."""
+"""SAF-024: when no thread can be started, a stop and its reports still work."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def no_thread(self: threading.Thread) -> None:
     raise RuntimeError("can't start new thread")
 
 
-def test_saf_024_a_note_that_no_thread_could_write_is_written_after_the_next_attempt(
+def test_saf_024_a_report_that_could_not_be_written_is_written_with_the_next_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     note = tmp_path / "so101.json"
@@ -39,7 +39,7 @@ def test_saf_024_a_note_that_no_thread_could_write_is_written_after_the_next_att
         unconfirmed.tell(report)
     assert note.read_text() == "{}"
     unconfirmed.tell(report)
-    until(lambda: msgspec.json.decode(note.read_bytes()).get("unconfirmed"), "it is written")
+    until(lambda: msgspec.json.decode(note.read_bytes()).get("unconfirmed"), "the report is written")
 
 
 def test_saf_024_a_child_that_has_ended_is_reaped_without_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,10 +61,10 @@ def test_saf_024_a_child_that_has_ended_is_reaped_without_a_thread(monkeypatch: 
 
 
 @pytest.mark.parametrize("error", [RuntimeError("can't start new thread"), MemoryError(), OSError(28, "full")])
-def test_saf_024_a_standby_goes_on_when_its_report_cannot_be_written(
+def test_saf_024_a_standby_continues_when_its_report_cannot_be_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
-    """It stops the robot beside that."""
+    """It still stops the robot."""
 
     async def run_sync(*_: object, **__: object) -> None:
         raise error

@@ -1,5 +1,7 @@
-"""Where a robot is brought when somebody has ordered a more severe state than a fault leads to
-(SAF-007, SAF-020), and from where it goes on after a hold (SAF-011). In virtual time."""
+"""The safe state that is applied after a stop has requested a more severe one than a later fault leads to
+(SAF-007, SAF-020), and the positions from which a robot continues after a hold (SAF-011). In virtual
+time.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from strands_actors.contract.driver import Reason
 from strands_actors.contract.wire import MotorReport
 from strands_actors.kernel.clock import Clock, MonotonicClock
 from strands_actors.supervisors.gate.messages import Accepted, LockKept, Resume, Resumed, Stop, StopReport
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root.messages import Fence
 from strands_actors.supervisors.root.process import Unconfirmed
 from strands_actors.supervisors.wire.messages import RootGone
@@ -32,15 +34,17 @@ def since(tree: InlineTree, t_ns: int) -> set[str]:
     return {entry.safe_state for entry in tree.hardware.of("safe", t_ns)}
 
 
-async def ordered(tree: InlineTree, stop: Stop = ESTOP) -> StopReport:
+async def request_stop(tree: InlineTree, stop: Stop = ESTOP) -> StopReport:
     report = await tree.gate.ask(stop, 3.0)
     assert isinstance(report, StopReport), report
     return report
 
 
 @pytest.mark.parametrize("is_armed", [True, False])
-def test_saf_007_an_e_stop_that_nobody_heard_is_carried_out_when_the_link_is_back(is_armed: bool) -> None:
-    """The loss of a link leads to a milder state."""
+def test_saf_007_an_e_stop_that_did_not_reach_the_robot_is_carried_out_when_the_link_is_back(
+    is_armed: bool,
+) -> None:
+    """The loss of a link alone leads to a milder safe state."""
 
     async def run() -> None:
         hardware = FakeHardware()
@@ -49,7 +53,7 @@ def test_saf_007_an_e_stop_that_nobody_heard_is_carried_out_when_the_link_is_bac
                 await armed(tree)
             hardware.plugged = False
             await tree.until("lost" if is_armed else "down", within_s=0.2)
-            report = await ordered(tree)
+            report = await request_stop(tree)
             assert not report.confirmed and report.safe_state == "off"
             await trio.sleep(5.0)
             plugged_ns = tree.node.clock.now_ns()
@@ -70,13 +74,13 @@ def test_saf_007_a_stop_after_an_unconfirmed_e_stop_is_no_milder() -> None:
         async with open_inline_tree(hardware, driver=driver_of(hardware, "milder")) as tree:
             await armed(tree)
             hardware.silent.add("b")
-            assert (await ordered(tree)).unconfirmed == ["b"]
+            assert (await request_stop(tree)).unconfirmed == ["b"]
             hardware.silent.clear()
-            report = await ordered(tree, Stop(Reason.STOP))
+            report = await request_stop(tree, Stop(Reason.STOP))
             assert report.confirmed and report.safe_state == "off"
-            # What is confirmed is over: after a resume a stop is a stop again.
+            # A confirmed e-stop is over: after a resume a stop leads to its usual safe state again.
             assert isinstance(await tree.gate.ask(Resume("test", lift=True), 1.0), Resumed)
-            assert (await ordered(tree, Stop(Reason.STOP))).safe_state == "stop"
+            assert (await request_stop(tree, Stop(Reason.STOP))).safe_state == "stop"
 
     run_virtual(run)
 
@@ -104,7 +108,7 @@ def test_saf_007_an_e_stop_during_the_roots_own_milder_attempt_is_carried_out_af
             await armed(tree)
             tree.wire._scope.cancel()
             with trio.fail_after(1.0):
-                while not hardware.of("safe"):  # noqa: ASYNC110  # of the hardware nobody tells
+                while not hardware.of("safe"):  # noqa: ASYNC110  # the hardware sends no event
                     await trio.sleep(0.0005)
             assert not tree.keeper.idle.is_set()
             report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
@@ -114,7 +118,7 @@ def test_saf_007_an_e_stop_during_the_roots_own_milder_attempt_is_carried_out_af
     run_virtual(run)
 
 
-def test_saf_007_an_e_stop_when_no_wire_is_left_is_carried_out_by_the_root() -> None:
+def test_saf_007_an_e_stop_after_the_last_wire_has_ended_is_carried_out_by_the_root() -> None:
     async def run() -> None:
         hardware = FakeHardware()
         async with open_inline_tree(hardware, driver=driver_of(hardware, "over")) as tree:
@@ -126,7 +130,7 @@ def test_saf_007_an_e_stop_when_no_wire_is_left_is_carried_out_by_the_root() -> 
             report = await tree.guardian.ask(Fence(Reason.ESTOP, "test", lock=True), 3.0)
             assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "off"
             assert hardware.of("safe")[-1].safe_state == "off" and tree.keeper.confirmed
-            # What was done is not done again.
+            # A stop that is already carried out is not carried out again.
             count = len(hardware.of("safe"))
             report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
             assert isinstance(report, StopReport) and report.confirmed
@@ -135,14 +139,14 @@ def test_saf_007_an_e_stop_when_no_wire_is_left_is_carried_out_by_the_root() -> 
     run_virtual(run)
 
 
-def test_saf_007_a_wire_whose_root_is_gone_carries_out_the_e_stop_that_was_not_heard() -> None:
+def test_saf_007_a_wire_without_a_root_carries_out_the_e_stop_that_did_not_reach_the_robot() -> None:
     async def run() -> None:
         hardware = FakeHardware()
         async with open_inline_tree(hardware, driver=driver_of(hardware, "orphan")) as tree:
             await armed(tree)
             hardware.plugged = False
             await tree.until("lost", within_s=0.2)
-            assert not (await ordered(tree)).confirmed
+            assert not (await request_stop(tree)).confirmed
             tree.keeper.leave()
             tree.node.ref(tree.gate.address.replace("gate", "watchdog")).tell(RootGone())
             await trio.sleep(1.0)
@@ -154,23 +158,24 @@ def test_saf_007_a_wire_whose_root_is_gone_carries_out_the_e_stop_that_was_not_h
     run_virtual(run)
 
 
-def test_what_was_ordered_is_on_the_page_until_it_is_confirmed() -> None:
-    """The standby reads it there: it can ask nobody."""
-    owed = Owed()
-    assert owed.order("stop") == "stop"
-    assert owed.order("off") == "off"
-    assert owed.order("stop") == "off"
-    owed.confirm("stop")
-    assert owed.order("hold") == "off"
-    owed.confirm("off")
-    assert owed.order("stop") == "stop"
-    owed.begin_anew()
-    assert owed.order("hold") == "hold"
+def test_the_requested_safe_state_is_on_the_shared_page_until_it_is_confirmed() -> None:
+    """The standby reads it from that page, because it cannot ask another process."""
+    safety_page = SafetyPage()
+    assert safety_page.order("stop") == "stop"
+    assert safety_page.order("off") == "off"
+    assert safety_page.order("stop") == "off"
+    safety_page.confirm("stop")
+    assert safety_page.order("hold") == "off"
+    safety_page.confirm("off")
+    assert safety_page.order("stop") == "stop"
+    safety_page.begin_anew()
+    assert safety_page.order("hold") == "hold"
 
 
-def test_saf_011_after_a_hold_the_next_command_moves_what_it_names_and_nothing_else() -> None:
-    """The robot goes on while the hold is carried out, and its wire does not say at which targets it
-    holds."""
+def test_saf_011_after_a_hold_the_next_command_moves_only_the_axes_that_it_names() -> None:
+    """The robot still moves while the hold is carried out, and its wire does not report the targets of
+    the hold.
+    """
 
     class Coasting(FakeHardware):
         def make_safe(self, clock: Clock, safe_state: str, path: str) -> tuple[MotorReport, ...]:
@@ -194,7 +199,9 @@ def test_saf_011_after_a_hold_the_next_command_moves_what_it_names_and_nothing_e
 
 
 def test_saf_007_an_e_stop_while_a_wire_begins_is_carried_out_by_the_root() -> None:
-    """It has energised nothing and has no stop channel yet; what the one before left is milder."""
+    """The new wire has energised nothing and has no stop channel yet. The safe state that the previous
+    wire left is milder than the e-stop's.
+    """
 
     async def run() -> None:
         hardware = FakeHardware()
@@ -212,7 +219,7 @@ def test_saf_007_an_e_stop_while_a_wire_begins_is_carried_out_by_the_root() -> N
     run_virtual(run)
 
 
-def test_saf_007_an_e_stop_between_two_wires_waits_for_none() -> None:
+def test_saf_007_an_e_stop_between_two_wires_does_not_wait_for_the_next_wire() -> None:
     async def run() -> None:
         hardware = FakeHardware()
         async with open_inline_tree(hardware, driver=driver_of(hardware, "between")) as tree:
@@ -284,48 +291,48 @@ def test_saf_007_an_e_stop_cuts_a_landing_on_a_lost_link(monkeypatch: pytest.Mon
             hardware.answers = False
             await tree.until("lost", within_s=0.2)
             async with trio.open_nursery() as nursery:
-                nursery.start_soon(ordered, tree, Stop(Reason.STOP))
+                nursery.start_soon(request_stop, tree, Stop(Reason.STOP))
                 await trio.sleep(0.5)
                 pressed_ns = tree.node.clock.now_ns()
-                await ordered(tree)
+                await request_stop(tree)
                 first = next(safe for safe in hardware.of("safe", pressed_ns))
                 assert first.safe_state == "off" and first.t_ns - pressed_ns < 50_000_000
 
     run_virtual(run)
 
 
-def test_saf_005_each_stop_is_told_of_the_first_report_that_covers_it() -> None:
-    """Not of a milder stop that came while the lock of an e-stop was being written."""
+def test_saf_005_each_stop_is_answered_with_the_first_report_that_covers_it() -> None:
+    """Not with the report of a milder stop that came while the lock of an e-stop was being written."""
 
     async def run() -> None:
         hardware = FakeHardware()
         async with open_inline_tree(hardware, driver=driver_of(hardware, "first")) as tree:
             await armed(tree)
             tree.keeper._keep_lock = lambda: None  # type: ignore[method-assign]  # the disk hangs
-            told: list[StopReport] = []
+            reports: list[StopReport] = []
 
             async def press() -> None:
-                told.append(await ordered(tree))
+                reports.append(await request_stop(tree))
 
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(press)
                 await trio.sleep(0.1)
-                assert (await ordered(tree, Stop(Reason.STOP))).safe_state == "stop" and not told
+                assert (await request_stop(tree, Stop(Reason.STOP))).safe_state == "stop" and not reports
                 tree.gate.tell(LockKept(tree.keeper.state.epoch, "now"))
-            assert told[0].safe_state == "off"
+            assert reports[0].safe_state == "off"
 
     run_virtual(run)
 
 
-def test_saf_007_an_e_stop_that_nobody_heard_outlives_the_wire_that_was_asked() -> None:
-    """The port was never opened, and then the wire dies: the root has reached no motor either."""
+def test_saf_007_an_e_stop_that_did_not_reach_the_robot_outlives_the_wire_that_received_it() -> None:
+    """The wire never opened the port, and then it ends. The root has reached no motor either."""
 
     async def run() -> None:
         hardware = FakeHardware()
         async with open_inline_tree(hardware, driver=driver_of(hardware, "never")) as tree:
             hardware.plugged = False
             await tree.until("down", within_s=0.2)
-            assert not (await ordered(tree)).confirmed
+            assert not (await request_stop(tree)).confirmed
             tree.wire._scope.cancel()
             await trio.sleep(0.5)
             assert tree.keeper.last_report is not None and not tree.keeper.last_report.confirmed
@@ -337,9 +344,9 @@ def test_saf_007_an_e_stop_that_nobody_heard_outlives_the_wire_that_was_asked() 
     run_virtual(run)
 
 
-def test_saf_005_no_attempt_waits_for_the_note_on_unconfirmed_motors(tmp_path: Path) -> None:
+def test_saf_005_no_attempt_waits_for_the_file_that_lists_unconfirmed_motors(tmp_path: Path) -> None:
     note = tmp_path / "so101.json"
-    os.mkfifo(note)  # who reads it waits, as for a disk that hangs
+    os.mkfifo(note)  # opening it blocks, like a file on a disk that hangs
 
     async def run() -> None:
         async with open_inline_tree(clock=MonotonicClock()) as tree:
@@ -348,25 +355,27 @@ def test_saf_005_no_attempt_waits_for_the_note_on_unconfirmed_motors(tmp_path: P
             tree.hardware.silent.add("b")
             tree.wire._scope.cancel()
             with trio.fail_after(20):
-                while len(tree.hardware.of("safe")) < 3:  # noqa: ASYNC110  # of the hardware nobody tells
+                while len(tree.hardware.of("safe")) < 3:  # noqa: ASYNC110  # the hardware sends no event
                     await trio.sleep(0.01)
 
     trio.run(run)
     note.write_text('{"robot": "so101"}')  # the disk answers
-    until(note.is_file, "the note")
+    until(note.is_file, "the file is there")
     assert json.loads(note.read_text()) == {"robot": "so101", "unconfirmed": ["b"]}
 
 
 @pytest.mark.parametrize("locks", [True, False])
-def test_saf_007_an_e_stop_that_met_a_wire_which_began_is_forgotten_with_its_resume(locks: bool) -> None:
-    """A person presses twice. What was done, and lifted, is no order for a fault much later."""
+def test_saf_007_an_e_stop_while_a_wire_starts_is_forgotten_after_its_resume(locks: bool) -> None:
+    """A person presses the e-stop twice. It is carried out and lifted by a resume, and must not decide
+    the safe state of a much later fault.
+    """
 
     async def run() -> None:
         hardware = FakeHardware()
         async with open_inline_tree(hardware, driver=driver_of(hardware, "twice")) as tree:
             await armed(tree)
             tree.guardian.tell(Fence(Reason.ESTOP, "A", lock=True))
-            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the moment that is meant
+            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # until the second wire starts
                 await trio.sleep(0.0005)
             second = await tree.guardian.ask(Fence(Reason.ESTOP, "B", lock=locks), 3.0)
             assert isinstance(second, StopReport) and second.confirmed and second.safe_state == "off"

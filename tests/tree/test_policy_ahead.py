@@ -1,5 +1,6 @@
-"""When a rollout begins its next inference: before the buffer runs dry, and no sooner than it has
-to."""
+"""The time at which a rollout starts its next inference: early enough for the buffer, and not earlier
+than necessary.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ CHUNK = [{"a": 0.0}] * 10
 
 
 @pytest.mark.parametrize(("took_ms", "left"), [(0, 5), (30, 5), (33, 5), (40, 6), (60, 9), (80, 12), (1000, 150)])
-def test_it_is_low_at_half_a_chunk_or_when_an_inference_may_outlast_it(took_ms: int, left: int) -> None:
+def test_the_buffer_is_low_at_half_a_chunk_or_when_an_inference_may_outlast_it(took_ms: int, left: int) -> None:
     buffer = Buffer(PERIOD_S)
     assert buffer.low
     buffer.add(CHUNK * 16, 0)
@@ -35,12 +36,12 @@ def test_it_is_low_at_half_a_chunk_or_when_an_inference_may_outlast_it(took_ms: 
 
 
 @pytest.mark.parametrize("took", range(1, 10))  # periods
-def test_a_policy_that_is_quicker_than_its_chunks_never_leaves_it_dry(took: int) -> None:
+def test_a_policy_that_is_quicker_than_its_chunks_never_leaves_the_buffer_empty(took: int) -> None:
     buffer = Buffer(PERIOD_S)
     buffer.add(CHUNK, took * PERIOD_NS)
     due = longest = 0
     for _ in range(1000):
-        buffer.next()  # raises when dry
+        buffer.next()  # raises if the buffer is empty
         longest = max(longest, len(buffer))
         if due:
             due -= 1
@@ -52,18 +53,18 @@ def test_a_policy_that_is_quicker_than_its_chunks_never_leaves_it_dry(took: int)
 
 
 class Slow:
-    """Takes 70 ms for each 100 ms of actions."""
+    """Compute for 70 ms for each 100 ms of actions."""
 
     def __init__(self) -> None:
-        self.asked_at: list[float] = []
+        self.called_at_s: list[float] = []
 
     def get_actions_sync(self, observation: Mapping[str, float], instruction: str) -> list[dict[str, float]]:
-        self.asked_at.append(trio.from_thread.run_sync(trio.current_time))
+        self.called_at_s.append(trio.from_thread.run_sync(trio.current_time))
         trio.from_thread.run(trio.sleep, 0.07)
         return CHUNK
 
 
-def test_the_setpoints_of_a_slow_policy_come_without_a_pause() -> None:
+def test_the_setpoints_of_a_slow_policy_have_no_pause() -> None:
     policy = Slow()
 
     async def run() -> None:
@@ -88,9 +89,9 @@ def test_the_setpoints_of_a_slow_policy_come_without_a_pause() -> None:
                 nursery.cancel_scope.cancel()
             sent = [entry.t_ns for entry in tree.hardware.of("setpoint")]
             assert len(sent) >= 60
-            # dry for 20 ms, the wire's own keepalive aside, when asked at half a chunk only
-            assert max(after - before for before, after in itertools.pairwise(policy.asked_at)) < 0.105
+            # If the next inference only started at half a chunk, the buffer would be empty for 20 ms,
+            # apart from the wire's keepalive.
+            assert max(after - before for before, after in itertools.pairwise(policy.called_at_s)) < 0.105
 
-    # an inference is in a thread: virtual time stands still until the loop has been idle for so
-    # long
+    # An inference runs in a thread, and virtual time waits until the loop has been idle for this long.
     trio.run(run, clock=trio.testing.MockClock(autojump_threshold=0.005))

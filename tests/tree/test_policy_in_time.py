@@ -1,4 +1,4 @@
-"""Which end of a rollout comes first: its steps, or its duration."""
+"""The end of a rollout with a number of steps and a duration: the first of the two counts."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class Still:
     ("limited", "n_steps", "reason"),
     [(True, 10_000_000, "duration"), (True, 20, "n_steps"), (True, 0, "duration"), (False, 80, "n_steps")],
 )
-def test_a_rollout_that_is_told_over_the_mesh_is_over_in_time(limited: bool, n_steps: int, reason: str) -> None:
-    """Of one that its own program counts the steps of, these win."""
+def test_a_rollout_ends_at_its_duration_or_its_number_of_steps(limited: bool, n_steps: int, reason: str) -> None:
+    """A rollout without a limited duration ends after its steps."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -50,6 +50,5 @@ def test_a_rollout_that_is_told_over_the_mesh_is_over_in_time(limited: bool, n_s
                 nursery.cancel_scope.cancel()
             assert ended[0].exit_reason == reason, ended[0]
 
-    # an inference is in a thread: virtual time stands still until the loop has been idle for so
-    # long
+    # An inference runs in a thread, and virtual time waits until the loop has been idle for this long.
     trio.run(run, clock=trio.testing.MockClock(autojump_threshold=0.005))

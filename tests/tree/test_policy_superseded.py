@@ -1,4 +1,4 @@
-"""A setpoint whose place a newer one of the same rollout took was not refused by anybody."""
+"""A setpoint that a newer one of the same rollout has replaced does not count as refused."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ class Still:
 
 def test_a_superseded_setpoint_does_not_end_the_rollout(monkeypatch: pytest.MonkeyPatch) -> None:
     judge = Gate._setpoint
-    asked: list[Setpoint] = []
+    setpoints: list[Setpoint] = []
 
     def every_third(gate: Gate, message: Setpoint) -> Accepted | Refused:
-        asked.append(message)
+        setpoints.append(message)
         answer = judge(gate, message)
-        return SUPERSEDED if len(asked) % 3 == 0 and len(asked) < 40 else answer
+        return SUPERSEDED if len(setpoints) % 3 == 0 and len(setpoints) < 40 else answer
 
     monkeypatch.setattr(Gate, "_setpoint", every_third)
 
@@ -59,6 +59,5 @@ def test_a_superseded_setpoint_does_not_end_the_rollout(monkeypatch: pytest.Monk
                 nursery.cancel_scope.cancel()
             assert ended[0].exit_reason == "n_steps", ended[0]
 
-    # an inference is in a thread: virtual time stands still until the loop has been idle for so
-    # long
+    # An inference runs in a thread, and virtual time waits until the loop has been idle for this long.
     trio.run(run, clock=trio.testing.MockClock(autojump_threshold=0.005))

@@ -1,4 +1,6 @@
-"""A policy of one action at a time, 500 times a second: what it is told and what it sends."""
+"""A policy that returns one action at a time, at 500 Hz: the observations that it gets, and the setpoints
+that it sends.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ STEPS = 100
 
 
 class Follower:
-    """Moves on from what it is shown, by one each time."""
+    """Move by a small step from the observed position each time."""
 
     def __init__(self) -> None:
         self.seen: list[float] = []
@@ -34,15 +36,18 @@ class Follower:
         return [{"a": observation["a"] + 0.01}]
 
 
-def test_each_inference_is_shown_what_the_answer_to_a_setpoint_brought(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The wire reads at its control rate, so each is shown what was read since the one before. Hardly any
-    observation is asked for by itself."""
-    asked: list[type] = []
+def test_each_inference_gets_the_observation_that_came_with_the_last_acknowledgement(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The wire reads at its control rate, so each acknowledgement brings a new observation. The policy
+    hardly ever has to ask for one separately.
+    """
+    requests: list[type] = []
     receive = Gate.receive
 
     @functools.wraps(receive)
     def count(gate: Gate, message: Any) -> Any:
-        asked.append(type(message))
+        requests.append(type(message))
         return receive(gate, message)
 
     policy = Follower()
@@ -72,6 +77,6 @@ def test_each_inference_is_shown_what_the_answer_to_a_setpoint_brought(monkeypat
 
     monkeypatch.setattr(Gate, "receive", count)
     trio.run(run, clock=trio.testing.MockClock(autojump_threshold=0.002))
-    assert asked.count(GetObservation) < STEPS / 4
+    assert requests.count(GetObservation) < STEPS / 4
     assert policy.seen == sorted(policy.seen)
     assert policy.seen[-1] > policy.seen[0]

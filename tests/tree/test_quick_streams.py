@@ -1,4 +1,4 @@
-"""A stream that does not wait for every answer: what is refused in between ends it all the same."""
+"""A stream of setpoints that does not wait for every answer also ends when one of them is refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from strands_actors.testing import FakeDriver, InlineTree, open_inline_tree, run
 from .writer import Writer, armed, setpoints
 
 
-def test_saf_014_after_a_refusal_nobody_waited_for_no_setpoint_passes() -> None:
+def test_saf_014_after_a_refusal_in_a_stream_no_setpoint_passes() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -28,13 +28,13 @@ def test_saf_014_after_a_refusal_nobody_waited_for_no_setpoint_passes() -> None:
             answer = await writer.send(a=4.0)
             assert isinstance(answer, Refused) and answer.code == "range" and "1000000000" in answer.reason
             assert (await tree.status()).refusals == 3
-            await writer.acquire()  # who asks for the lease anew begins anew
+            await writer.acquire()  # a new lease starts a new stream
             assert isinstance(await writer.send(a=4.0), Accepted)
 
     run_virtual(run)
 
 
-def test_who_waits_for_the_answer_may_go_on() -> None:
+def test_a_writer_that_waits_for_the_refusal_may_continue() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -45,11 +45,11 @@ def test_who_waits_for_the_answer_may_go_on() -> None:
     run_virtual(run)
 
 
-# -- as quick as the watchdog's ticks (10 ms here), which come with it
+# # -- a stream at the rate of the watchdog's ticks (10 ms here), in which each setpoint carries a tick
 
 
 async def stream(writer: Writer, for_s: float, stand: bool = False) -> None:
-    """Setpoints, one each tick; what is refused is not waited for."""
+    """Send one setpoint each tick, without waiting for refusals."""
     until_s = trio.current_time() + for_s
     value = 0.0
     while trio.current_time() < until_s:
@@ -64,7 +64,7 @@ def watchdog(tree: InlineTree) -> WatchdogMemory:
     return actor.memory()
 
 
-def test_a_quick_stream_brings_the_watchdogs_ticks() -> None:
+def test_the_setpoints_of_a_quick_stream_carry_the_watchdogs_ticks() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -72,15 +72,15 @@ def test_a_quick_stream_brings_the_watchdogs_ticks() -> None:
             await stream(writer, 2.0)
             after = watchdog(tree)
             assert len(tree.hardware.of("setpoint")) == 200
-            assert after.probe - before.probe <= 2  # of 200, before the first has come
-            assert after.cycle - before.cycle == pytest.approx(100, abs=2)  # 50 a second, as ever
+            assert after.probe - before.probe <= 2  # of 200, before the first setpoint
+            assert after.cycle - before.cycle == pytest.approx(100, abs=2)  # 50 per second, as without a stream
             await trio.sleep(1.0)
             assert watchdog(tree).probe - after.probe == pytest.approx(100, abs=2)
 
     run_virtual(run)
 
 
-def test_saf_001_when_a_quick_stream_ends_its_last_setpoint_expires_as_any_other() -> None:
+def test_saf_001_the_last_setpoint_of_a_quick_stream_expires_like_any_other() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -94,7 +94,7 @@ def test_saf_001_when_a_quick_stream_ends_its_last_setpoint_expires_as_any_other
     run_virtual(run)
 
 
-def test_saf_009_a_quick_stream_does_not_outlive_the_lease_it_writes_under() -> None:
+def test_saf_009_a_quick_stream_ends_with_the_lease_above_its_own() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             owner = await armed(tree)
@@ -102,7 +102,7 @@ def test_saf_009_a_quick_stream_does_not_outlive_the_lease_it_writes_under() -> 
             answer = await policy.ref.ask(Acquire("policy", owner.lease.id), 1.0)
             assert isinstance(answer, Lease)
             policy.lease = answer
-            began_ns = tree.node.clock.now_ns()  # from now on nobody beats for the owner
+            began_ns = tree.node.clock.now_ns()  # the owner of the lease sends no heartbeat from now on
             await stream(policy, 2.0)
             safe = tree.hardware.of("safe")[0]
             assert safe.t_ns - began_ns <= LEASE_TTL_NS + 11_000_000
@@ -112,7 +112,7 @@ def test_saf_009_a_quick_stream_does_not_outlive_the_lease_it_writes_under() -> 
     run_virtual(run)
 
 
-def test_a_condition_that_no_longer_holds_ends_a_quick_stream_before_its_next_but_one_setpoint(
+def test_a_broken_condition_ends_a_quick_stream_with_the_next_setpoint(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     broken = False
@@ -129,19 +129,22 @@ def test_a_condition_that_no_longer_holds_ends_a_quick_stream_before_its_next_bu
             await stream(writer, 0.2)
             broken, broke_ns = True, tree.node.clock.now_ns()
             await stream(writer, 0.1)
-            assert tree.hardware.of("safe")[0].t_ns - broke_ns <= 5_000_000  # half a tick after the one refused
+            # half a tick after the refused setpoint
+            assert tree.hardware.of("safe")[0].t_ns - broke_ns <= 5_000_000
             assert tree.hardware.of("setpoint")[-1].t_ns < broke_ns
 
     run_virtual(run)
 
 
-def test_saf_003_a_root_that_falls_silent_is_noticed_beside_a_quick_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_003_a_root_that_falls_silent_is_detected_during_a_quick_stream(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
             await stream(writer, 0.2)
-            monkeypatch.setattr(Heartbeat, "heard_ns", watchdog(tree).root.heard_ns)
-            silent_ns = watchdog(tree).root.heard_ns
+            monkeypatch.setattr(Heartbeat, "last_received_ns", watchdog(tree).root.last_received_ns)
+            silent_ns = watchdog(tree).root.last_received_ns
             await stream(writer, 0.5, stand=True)
             safe = tree.hardware.of("safe")[0]
             limit_ns = round((FakeDriver.timing.heartbeat_ttl_s + 2 * FakeDriver.timing.tick_s) * 1e9)

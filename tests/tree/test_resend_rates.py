@@ -1,7 +1,7 @@
-"""A latched setpoint is sent again at the rate that its driver declares (SAF-004), in virtual time, by
-the frames that reach the wire.
+"""A latched setpoint is resent at the rate that its driver declares (SAF-004). In virtual time; the
+frames on the wire decide.
 
-The transport sends again for every wire, by ``Timing`` alone. So each driver's own ``Timing`` is put on
+The transport resends for every wire, and uses only ``Timing``. So each driver's own ``Timing`` is put on
 the fake robot, and the frames are counted.
 """
 
@@ -23,11 +23,10 @@ from strands_actors.testing.fake import HARDWARE, FakeDriver
 from .writer import armed
 
 COUNTED_S = 0.9
-"""Shorter than a lease lives without a heartbeat."""
+"""Shorter than the time that a lease lives without a heartbeat."""
 ROUNDING_S = 1e-4
 SELDOM_S = 1.0
-"""A driver with a longer period than that sends nothing again: its wire or its robot keeps the
-setpoint up."""
+"""For a driver with a longer period nothing is resent: its wire or its robot keeps the setpoint in force."""
 
 
 def drivers() -> list[Driver]:
@@ -40,7 +39,7 @@ def drivers() -> list[Driver]:
 
 
 @pytest.mark.parametrize("driver", drivers(), ids=lambda driver: driver.robot)
-def test_saf_004_a_latched_setpoint_is_sent_again_at_the_declared_rate(driver: Driver) -> None:
+def test_saf_004_a_latched_setpoint_is_resent_at_the_declared_rate(driver: Driver) -> None:
     timing = driver.timing
     cycle_s = max(1.0 / timing.control_hz, timing.tick_s)
 
@@ -65,7 +64,7 @@ def test_saf_004_a_latched_setpoint_is_sent_again_at_the_declared_rate(driver: D
     run_virtual(run)
 
 
-def test_a_stream_that_is_on_time_is_not_doubled() -> None:
+def test_the_setpoints_of_a_punctual_stream_are_not_resent() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             period_s = tree.driver.timing.keepalive_s

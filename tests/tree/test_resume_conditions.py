@@ -1,5 +1,6 @@
-"""What ``resume()`` of an armed robot answers when a condition of the robot is broken, and which
-cause of a stop is kept. Virtual time."""
+"""The answers of ``resume()`` for an armed robot with a broken condition, and the cause of a stop that is
+kept. In virtual time.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +28,13 @@ from .writer import Writer, armed
 _ports = itertools.count()
 
 WORDS: dict[str, dict[str, str]] = {}
-"""By port: what the robot says is wrong with it. ``script`` is mended by arming, ``begun`` by a
-service, the others by a person."""
+"""The faults that each port's robot reports, with their texts. Arming repairs ``script``, a service
+repairs ``begun``, and a person must repair the others.
+"""
 
 
 class WordyWire(FakeWire):
-    """Reports words beside its positions; ``arm`` refuses while a person has to mend something."""
+    """Report the words of ``WORDS`` as faults with each reading."""
 
     port = ""
 
@@ -98,7 +100,7 @@ async def next_reading() -> None:
     await trio.sleep(0.05)
 
 
-def test_saf_023_an_armed_robot_with_a_broken_condition_is_not_answered_armed() -> None:
+def test_saf_023_resume_of_an_armed_robot_with_a_broken_condition_is_refused() -> None:
     async def run() -> None:
         async with tree_with_words() as (tree, words, writer):
             words["error"] = "protective stop"
@@ -108,14 +110,14 @@ def test_saf_023_an_armed_robot_with_a_broken_condition_is_not_answered_armed() 
             assert answer.text == "resume: protective stop. mend it"
             words.clear()
             await next_reading()
-            assert isinstance(await resume(tree), Resumed), "the remedy works, without a stop before"
+            assert isinstance(await resume(tree), Resumed), "after the remedy no stop is needed"
             await writer.acquire()
             assert isinstance(await writer.send(a=1.0), Accepted)
 
     run_virtual(run)
 
 
-def test_saf_023_what_arming_mends_is_mended_by_resume_alone() -> None:
+def test_saf_023_a_condition_that_arming_repairs_needs_only_a_resume() -> None:
     async def run() -> None:
         async with tree_with_words() as (tree, words, writer):
             words["script"] = "the script is not running"
@@ -132,7 +134,7 @@ def test_saf_023_what_arming_mends_is_mended_by_resume_alone() -> None:
     run_virtual(run)
 
 
-def test_saf_023_a_person_comes_before_what_arming_mends() -> None:
+def test_saf_023_a_condition_for_a_person_is_reported_before_one_that_arming_repairs() -> None:
     async def run() -> None:
         async with tree_with_words() as (tree, words, _):
             words |= {"script": "the script is not running", "error": "protective stop"}
@@ -140,7 +142,7 @@ def test_saf_023_a_person_comes_before_what_arming_mends() -> None:
             before_ns = tree.node.clock.now_ns()
             answer = await resume(tree)
             assert isinstance(answer, Refused) and answer.code == "error"
-            assert tree.hardware.of("safe", before_ns) == [], "an arm that somebody looks at is not touched"
+            assert tree.hardware.of("safe", before_ns) == [], "an arm that a person must repair is not armed again"
             del words["error"]
             await next_reading()
             assert isinstance(await resume(tree), Resumed)
@@ -148,7 +150,7 @@ def test_saf_023_a_person_comes_before_what_arming_mends() -> None:
     run_virtual(run)
 
 
-def test_a_robot_that_a_service_has_to_begin_stays_armed() -> None:
+def test_a_robot_with_a_condition_that_a_service_repairs_stays_armed() -> None:
     async def run() -> None:
         async with tree_with_words() as (tree, words, _):
             words["begun"] = "it stands on the floor"
@@ -159,7 +161,7 @@ def test_a_robot_that_a_service_has_to_begin_stays_armed() -> None:
     run_virtual(run)
 
 
-def test_saf_009_a_stop_wins_over_a_resume_that_arms_anew() -> None:
+def test_saf_009_a_stop_wins_over_a_resume_that_arms_again() -> None:
     async def run() -> None:
         async with tree_with_words() as (tree, words, _):
             words["script"] = "the script is not running"
@@ -181,7 +183,7 @@ def test_saf_009_a_stop_wins_over_a_resume_that_arms_anew() -> None:
     run_virtual(run)
 
 
-def test_the_error_that_comes_a_moment_later_is_the_cause_that_is_kept() -> None:
+def test_an_error_shortly_after_a_stop_replaces_its_cause() -> None:
     async def run() -> None:
         async with tree_with_words(always=True) as (tree, words, writer):
             assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
@@ -197,10 +199,10 @@ def test_the_error_that_comes_a_moment_later_is_the_cause_that_is_kept() -> None
     run_virtual(run)
 
 
-def test_a_command_that_expired_as_the_robot_failed_has_not_ended_by_itself(
+def test_an_expired_command_does_not_hide_a_fault_at_the_same_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Else who comes over the mesh would go on without a resume."""
+    """Otherwise a peer on the mesh could continue without a resume."""
     now_ns = 5 * NS
     expired = Cause("the setpoint expired", Reason.EXPIRED, Rank.LATE, now_ns + SOON_NS, lapse=Lapse.EXPIRED)
     monkeypatch.setitem(HARDWARE, "fake-cause", FakeHardware())
@@ -214,7 +216,7 @@ def test_a_command_that_expired_as_the_robot_failed_has_not_ended_by_itself(
     assert expired.refined(driver, seen, now_ns).lapse == Lapse.NONE
 
 
-def test_what_comes_later_than_a_fifth_of_a_second_is_another_matter() -> None:
+def test_an_error_later_than_a_fifth_of_a_second_does_not_replace_the_cause() -> None:
     async def run() -> None:
         async with tree_with_words(always=True) as (tree, words, writer):
             assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
@@ -228,7 +230,7 @@ def test_what_comes_later_than_a_fifth_of_a_second_is_another_matter() -> None:
     run_virtual(run)
 
 
-def test_a_person_s_stop_is_the_cause_whatever_shows_after_it() -> None:
+def test_a_person_s_stop_stays_the_cause_when_an_error_follows() -> None:
     async def run() -> None:
         async with tree_with_words(always=True) as (tree, words, writer):
             words["ends_script"] = ""
@@ -241,7 +243,7 @@ def test_a_person_s_stop_is_the_cause_whatever_shows_after_it() -> None:
     run_virtual(run)
 
 
-def test_what_our_own_stop_leads_to_is_not_taken_for_its_cause() -> None:
+def test_a_condition_that_the_stop_itself_breaks_is_not_its_cause() -> None:
     async def run() -> None:
         async with tree_with_words() as (tree, words, writer):
             words["ends_script"] = ""

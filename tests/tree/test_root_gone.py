@@ -1,5 +1,6 @@
-"""The root dies at any step of what it does, and its wire is alone (SAF-003, SAF-018, SAF-020). In
-virtual time, judged by the frames and by what is energised in the end."""
+"""The root ends at each step of its work, and the wire must act alone (SAF-003, SAF-018, SAF-020). In
+virtual time; the frames and the energised motors decide.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +28,13 @@ STEPS = (
     "it is about to write again",
     "it is done",
 )
-"""Of a guardian that ends a wire."""
+"""The steps of a guardian that ends a wire."""
 
 
 class Root:
-    """A root that dies when it comes to one of its ``STEPS``: its wire sees the end of the link,
-    and the dead does nothing more (until the test is over, when its tree has to end)."""
+    """A root that dies at one of its ``STEPS``. Then its wire sees the end of the link, and the root does
+    nothing more. It continues at the end of the test, so that its tree can end.
+    """
 
     def __init__(self, tree: InlineTree, dies_when: str) -> None:
         self._tree = tree
@@ -73,12 +75,12 @@ class Root:
 
     def die(self) -> None:
         self.dead = True
-        self._tree.wire.let_go()
+        self._tree.wire.close_link()
 
 
 @asynccontextmanager
 async def moving_tree(dies_when: str = "") -> AsyncIterator[tuple[InlineTree, Root]]:
-    """A robot on its way, and its root."""
+    """Run a robot that moves, and its root."""
     async with open_inline_tree() as tree:
         writer = await armed(tree)
         root = Root(tree, dies_when)
@@ -98,7 +100,7 @@ def transport_of(tree: InlineTree) -> Transport:
 
 @pytest.mark.parametrize("step", STEPS)
 def test_saf_003_a_root_may_die_at_any_step_of_ending_a_healthy_wire(step: str) -> None:
-    """It was wrong about the wire, which answered all the time."""
+    """The root fences a wire that answered all the time."""
 
     async def run() -> None:
         async with moving_tree(step) as (tree, root):
@@ -114,7 +116,7 @@ def test_saf_003_a_root_may_die_at_any_step_of_ending_a_healthy_wire(step: str) 
 
 
 @pytest.mark.parametrize("step", STEPS[1:])
-def test_saf_016_a_root_that_wrote_before_it_died_has_made_a_frozen_wire_safe(step: str) -> None:
+def test_saf_016_a_root_that_wrote_before_it_died_has_made_a_frozen_wires_robot_safe(step: str) -> None:
     async def run() -> None:
         async with moving_tree(step) as (tree, root):
             freeze(tree, "gate")
@@ -125,8 +127,8 @@ def test_saf_016_a_root_that_wrote_before_it_died_has_made_a_frozen_wire_safe(st
     run_virtual(run)
 
 
-def test_saf_002_a_root_that_ends_beside_a_healthy_wire_fences_it_before_it_writes() -> None:
-    """That wire streams: between a safe frame and the fence it could write a setpoint."""
+def test_saf_002_a_root_that_ends_while_its_wire_runs_fences_the_wire_before_it_writes() -> None:
+    """That wire streams, so it could write a setpoint between a safe frame and the fence."""
 
     async def run() -> None:
         async with moving_tree() as (tree, root):
@@ -139,14 +141,14 @@ def test_saf_002_a_root_that_ends_beside_a_healthy_wire_fences_it_before_it_writ
 # -- the wire without its root
 
 
-def test_saf_018_a_motor_that_is_silent_when_the_root_dies_is_released_when_it_is_heard() -> None:
+def test_saf_018_a_motor_that_is_silent_when_the_root_dies_is_released_when_it_answers() -> None:
     async def run() -> None:
         async with moving_tree() as (tree, root):
             tree.hardware.silent.add("b")
             root.die()
             await trio.sleep(10.0)
             assert tree.hardware.energised == [False, True]
-            assert tree.wire.alive, "it has not ended: it has a robot to make safe"
+            assert tree.wire.alive, "the wire still tries to make the robot safe"
             tree.hardware.silent.clear()
             await trio.sleep(2.5)
             assert tree.hardware.energised == LIMP
@@ -154,7 +156,7 @@ def test_saf_018_a_motor_that_is_silent_when_the_root_dies_is_released_when_it_i
     run_virtual(run)
 
 
-def test_saf_018_a_wire_without_a_root_tries_no_longer_than_is_said() -> None:
+def test_saf_018_a_wire_without_a_root_tries_no_longer_than_the_published_time() -> None:
     async def run() -> None:
         async with moving_tree() as (tree, root):
             tree.hardware.silent.add("b")
@@ -162,14 +164,15 @@ def test_saf_018_a_wire_without_a_root_tries_no_longer_than_is_said() -> None:
             await trio.sleep(LINGER_S / 2)
             assert tree.wire.alive
             await trio.sleep(LINGER_S / 2 + 10.0)
-            assert not tree.wire.alive and not tree.wire.left_safe
+            assert not tree.wire.alive and not tree.wire.ended_safe
 
     run_virtual(run)
 
 
 def test_saf_020_the_root_dies_while_the_cable_is_out() -> None:
-    """Nobody is there to be handed the port when the robot is back; it is made safe all the
-    same."""
+    """The wire cannot hand over its port, because there is no root. The robot is made safe when its cable
+    is back.
+    """
 
     async def run() -> None:
         async with moving_tree() as (tree, root):
@@ -188,7 +191,7 @@ def test_saf_020_the_root_dies_while_the_cable_is_out() -> None:
     run_virtual(run)
 
 
-def test_saf_003_a_transport_that_fails_as_the_root_dies_is_passed_by() -> None:
+def test_saf_003_the_stop_channel_is_used_if_the_transport_fails_after_the_root_died() -> None:
     async def run() -> None:
         async with moving_tree() as (tree, root):
             wire: Any = transport_of(tree)._wire
@@ -205,7 +208,7 @@ def test_saf_003_a_transport_that_fails_as_the_root_dies_is_passed_by() -> None:
     run_virtual(run)
 
 
-def test_saf_003_a_transport_that_hangs_as_the_root_dies_is_passed_by() -> None:
+def test_saf_003_the_stop_channel_is_used_if_the_transport_hangs_after_the_root_died() -> None:
     async def run() -> None:
         async with moving_tree() as (tree, root):
             wire: Any = transport_of(tree)._wire
@@ -218,20 +221,20 @@ def test_saf_003_a_transport_that_hangs_as_the_root_dies_is_passed_by() -> None:
             root.die()
             await trio.sleep(3.0)
             assert tree.hardware.energised == LIMP
-            assert not tree.wire.alive and tree.wire.left_safe
+            assert not tree.wire.alive and tree.wire.ended_safe
 
     run_virtual(run)
 
 
 def test_a_wire_that_has_energised_nothing_ends_with_its_root_at_once() -> None:
-    """Its robot was never there."""
+    """Its robot was never connected."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             tree.hardware.plugged = False
             await tree.until("down")
             place = tree.wire
-            place.let_go()
+            place.close_link()
             await trio.sleep(0.1)
             assert not place.alive
 

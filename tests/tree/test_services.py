@@ -1,5 +1,4 @@
-"""A driver's own services, conditions and clocks, and a stop channel that is kept ready. Virtual
-time."""
+"""A driver's services, conditions and timing, and a stop channel that is kept ready. In virtual time."""
 
 from __future__ import annotations
 
@@ -21,12 +20,12 @@ from strands_actors.testing.fake import FakeDriver, FakeStopChannel, FakeWire
 from .writer import Writer, armed, setpoints
 
 DONE: list[tuple[str, int]] = []
-"""What was written by a service, and when."""
+"""Each write of a service: its name and its time."""
 
 
 @pytest.fixture(autouse=True)
 def waves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The fake robot can wave: ``times`` writes, 0.1 s apart."""
+    """Give the fake robot a service: to wave, with ``times`` writes 0.1 s apart."""
     DONE.clear()
 
     async def perform(
@@ -70,7 +69,7 @@ def test_a_service_reaches_the_wire_and_is_answered() -> None:
     ("wave", {"times": 51}, "not_connected"),
     ("wave", {"times": 20}, "timeout"),  # would take two seconds
 ])  # fmt: skip
-def test_saf_014_a_service_that_is_not_done(service: str, arguments: dict[str, Any], code: str) -> None:
+def test_saf_014_a_service_that_is_refused_or_fails(service: str, arguments: dict[str, Any], code: str) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             answer = await ask(await armed(tree), service, **arguments)
@@ -78,13 +77,15 @@ def test_saf_014_a_service_that_is_not_done(service: str, arguments: dict[str, A
             assert len(DONE) <= 10
             began = len(DONE)
             await trio.sleep(3.0)
-            assert len(DONE) == began  # and it is not done later
+            assert len(DONE) == began  # the service is not continued later
 
     run_virtual(run)
 
 
-def test_saf_002_what_needs_an_armed_robot_waits_for_a_resume_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where the wire of a stopped robot would do it: its motors may have kept their power."""
+def test_saf_002_a_service_that_needs_an_armed_robot_is_refused_between_a_stop_and_a_resume(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also if the wire of a stopped robot could perform it, because the motors may still have power."""
     powers = Service("stand up", within_s=1.0, arguments={"times": 3}, powers=True, needs_armed=True)
     monkeypatch.setattr(FakeDriver, "SERVICES", {"wave": powers})
 
@@ -105,7 +106,7 @@ def test_saf_002_what_needs_an_armed_robot_waits_for_a_resume_after_a_stop(monke
     run_virtual(run)
 
 
-def test_saf_009_a_service_needs_the_lease_and_the_present_epoch() -> None:
+def test_saf_009_a_service_needs_the_lease_and_the_current_epoch() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -120,7 +121,7 @@ def test_saf_009_a_service_needs_the_lease_and_the_present_epoch() -> None:
     run_virtual(run)
 
 
-def test_saf_007_a_lockout_binds_services_too() -> None:
+def test_saf_007_a_lockout_refuses_services_too() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -133,7 +134,7 @@ def test_saf_007_a_lockout_binds_services_too() -> None:
     run_virtual(run)
 
 
-def test_saf_002_a_stop_ends_a_service_and_nothing_of_it_comes_after() -> None:
+def test_saf_002_a_stop_ends_a_service_and_no_write_of_it_follows() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -148,7 +149,7 @@ def test_saf_002_a_stop_ends_a_service_and_nothing_of_it_comes_after() -> None:
                 stopped_ns = tree.node.clock.now_ns()
                 report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
                 assert isinstance(report, StopReport) and report.confirmed
-                # the stop did not wait for the service
+                # The stop did not wait for the service.
                 assert tree.node.clock.now_ns() - stopped_ns < 0.05 * NS
             assert isinstance(answers[0], Refused) and answers[0].code == "stopped"
             await trio.sleep(1.0)
@@ -157,7 +158,7 @@ def test_saf_002_a_stop_ends_a_service_and_nothing_of_it_comes_after() -> None:
     run_virtual(run)
 
 
-def test_a_service_and_setpoints_keep_out_of_each_others_way() -> None:
+def test_a_service_and_setpoints_exclude_each_other() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -173,7 +174,7 @@ def test_a_service_and_setpoints_keep_out_of_each_others_way() -> None:
     run_virtual(run)
 
 
-def test_a_command_that_comes_with_a_service_is_written_before_it_and_judged_first(
+def test_a_command_that_comes_with_a_service_is_checked_and_written_before_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     waving = Service("wave a hand", within_s=1.0, arguments={"times": 3}, in_motion=True)
@@ -193,13 +194,13 @@ def test_a_command_that_comes_with_a_service_is_written_before_it_and_judged_fir
             assert written.t_ns <= DONE[0][1]
             answer = await both(nobody=1.0)
             assert isinstance(answer, Refused) and "nobody" in answer.text
-            assert len(DONE) == 1, "the service was refused with it"
+            assert len(DONE) == 1, "the service was refused together with the command"
             assert {values[0] for values in setpoints(tree)} == {1.0}
 
     run_virtual(run)
 
 
-def test_a_service_for_a_robot_that_stands_takes_no_command() -> None:
+def test_a_service_without_in_motion_accepts_no_command() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -239,9 +240,8 @@ class Weather:
         return Refused("storm", "it storms", "wait") if self.storm else None
 
 
-def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One lets the robot down where the driver's table would hold it, and is looked at in a hold,
-    too."""
+def test_a_condition_may_have_its_own_reason_and_safe_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This one makes the robot limp where the driver's table would hold it. It is checked in a hold, too."""
     weather = Weather()
     grounded = Condition(weather, Reason.LINK, "limp", always=True)
     monkeypatch.setattr(FakeDriver, "conditions", (grounded,))
@@ -263,8 +263,8 @@ def test_a_condition_has_a_reason_and_a_safe_state_of_its_own(monkeypatch: pytes
     run_virtual(run)
 
 
-def test_a_condition_refuses_and_ends_what_is_live(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody has to send anything for it: the gate looks at every tick."""
+def test_a_condition_refuses_commands_and_ends_a_live_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The gate checks it at every tick, without any message."""
     weather = Weather()
     monkeypatch.setattr(FakeDriver, "conditions", (Condition(weather),))
 
@@ -276,7 +276,7 @@ def test_a_condition_refuses_and_ends_what_is_live(monkeypatch: pytest.MonkeyPat
             assert isinstance(answer, Refused) and answer.code == "storm"
             assert tree.hardware.of("setpoint") == []
             await trio.sleep(0.1)
-            assert (await tree.status()).mode == "armed"  # nothing was live: nothing to end
+            assert (await tree.status()).mode == "armed"  # no command was live, so the mode does not change
             weather.storm = False
             assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
             await trio.sleep(0.1)
@@ -299,7 +299,7 @@ def quick(**changes: Any) -> Timing:
     return msgspec.structs.replace(FakeDriver.timing, **changes)
 
 
-def test_a_frozen_wire_is_fenced_as_soon_as_its_driver_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_frozen_wire_is_fenced_after_the_drivers_heartbeat_time(monkeypatch: pytest.MonkeyPatch) -> None:
     timing = quick(tick_s=0.002, heartbeat_ttl_s=0.016, control_hz=500.0, keepalive_s=0.002)
     monkeypatch.setattr(FakeDriver, "timing", timing)
 
@@ -309,7 +309,7 @@ def test_a_frozen_wire_is_fenced_as_soon_as_its_driver_says(monkeypatch: pytest.
             tree.hardware.read_hangs = True
             frozen_ns = tree.node.clock.now_ns()
             with trio.fail_after(1.0):
-                while not tree.hardware.of("safe", frozen_ns):  # noqa: ASYNC110  # the wire's own record
+                while not tree.hardware.of("safe", frozen_ns):  # noqa: ASYNC110  # the hardware sends no event
                     await trio.sleep(0.001)
             safe = tree.hardware.of("safe", frozen_ns)[0]
             assert safe.path == "stop_channel"
@@ -349,15 +349,15 @@ def test_no_arming_before_the_stop_channel_is_ready(monkeypatch: pytest.MonkeyPa
                 assert trio.current_time() - began >= 1.0
                 await armed(tree)
                 assert ended == []
-                tree.wire._scope.cancel()  # the wire ends: its path is used, closed, and made anew
+                tree.wire._scope.cancel()  # The wire ends: its stop channel is used, closed, and opened again.
                 await tree.until("disarmed")
                 assert ended == ["served"]
 
     run_virtual(run)
 
 
-def test_a_stop_channel_that_cannot_be_had_keeps_the_robot_unarmed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And costs no restarts: it is tried again, with pauses."""
+def test_a_stop_channel_that_cannot_be_opened_keeps_the_robot_unarmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It costs no restarts, because it is tried again with pauses."""
     attempts: list[float] = []
 
     async def serve(self: FakeStopChannel, task_status: Any = trio.TASK_STATUS_IGNORED) -> None:
@@ -394,7 +394,7 @@ def test_saf_003_a_stop_channel_that_is_lost_stops_the_robot(monkeypatch: pytest
             assert isinstance(await writer.send(latched=True, a=1.0), Accepted)
             before, lost = lost, trio.Event()
             before.set()
-            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the tree's own record
+            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the list has no event
                 await trio.sleep(0.01)
             await tree.until("disarmed")
             assert tree.keeper.last_report is not None and tree.keeper.last_report.path == "stop_channel"

@@ -1,5 +1,4 @@
-"""A rollout whose gate answers slowly, as one on another host may: its setpoints keep their
-rate."""
+"""A rollout whose gate answers slowly, as on another host. Its setpoints must keep their rate."""
 
 from __future__ import annotations
 
@@ -25,13 +24,13 @@ PERIOD_S = 1 / 30
 
 
 class Gate(Actor):
-    """Answers setpoints ``after_s`` later, with what ``answer`` gives for the how manieth it is."""
+    """Answer setpoints after ``after_s``. ``answer`` gives the answer for the number of the setpoint."""
 
     def __init__(self, after_s: float, answer: Callable[[int], Message | None]) -> None:
         self._after_s = after_s
         self._answer = answer
         self.at_s: list[float] = []
-        self.asked = 0
+        self.asks = 0
 
     def receive(
         self, message: Acquire | GetObservation | Setpoint | Release
@@ -43,8 +42,8 @@ class Gate(Actor):
                 return Observation(0, (0.0,), (0,))
             case Setpoint():
                 self.at_s.append(trio.current_time())
-                if self.context.asked:
-                    self.asked += 1
+                if self.context.expects_answer:
+                    self.asks += 1
                     deferred = self.context.defer()
                     self.context.start_soon(self._later, deferred, self._answer(len(self.at_s)))
                     return deferred
@@ -85,31 +84,31 @@ def roll_out(gate: Gate, ask_s: float = 2.0) -> TaskStatus:
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.01, 0.2, 0.6])
-def test_the_stream_keeps_its_rate_however_long_answers_take(after_s: float) -> None:
+def test_the_stream_keeps_its_rate_with_slow_answers(after_s: float) -> None:
     gate = Gate(after_s, lambda _: Accepted(1, ()))
     status = roll_out(gate)
     assert status.exit_reason == "duration", status
     gaps = [after - before for before, after in zip(gate.at_s, gate.at_s[1:], strict=False)]
     assert len(gate.at_s) > 0.9 * 3.0 / PERIOD_S
     assert max(gaps) < 2 * PERIOD_S
-    assert 1 <= gate.asked <= len(gate.at_s)
-    assert gate.asked == len(gate.at_s) or gate.asked < 3.5 / after_s, "one question at a time"
+    assert 1 <= gate.asks <= len(gate.at_s)
+    assert gate.asks == len(gate.at_s) or gate.asks < 3.5 / after_s, "one ask at a time"
 
 
-def test_a_refusal_ends_it_whenever_it_comes() -> None:
+def test_a_late_refusal_ends_the_rollout() -> None:
     gate = Gate(0.2, lambda number: Refused("limit", "too far") if number > 10 else Accepted(1, ()))
     status = roll_out(gate)
     assert (status.exit_reason, status.refusal) == ("gate", "limit")
     assert 11 <= len(gate.at_s) < 25
 
 
-def test_a_setpoint_that_a_newer_one_overtook_is_no_refusal() -> None:
-    """After a pause of the network several arrive at once."""
+def test_a_superseded_setpoint_is_not_a_refusal() -> None:
+    """After a pause of the network several setpoints arrive at once."""
     gate = Gate(0.2, lambda number: SUPERSEDED if number % 2 else Accepted(1, ()))
     assert roll_out(gate).exit_reason == "duration"
 
 
-def test_an_answer_that_never_comes_ends_it() -> None:
+def test_an_answer_that_never_comes_ends_the_rollout() -> None:
     gate = Gate(60.0, lambda _: None)
     status = roll_out(gate, ask_s=1.0)
     assert status.exit_reason == "publish", status

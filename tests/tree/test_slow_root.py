@@ -1,4 +1,4 @@
-"""A wire that is ready before its root has said what lives there."""
+"""A wire that is ready before its root has announced its actors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AT = addresses.of("late")
 
 
 async def status_with_a_root_after(late_s: float) -> Status:
-    """What the gate says a moment after the guardian was there."""
+    """Return the gate's status a moment after the guardian has started."""
     hardware = HARDWARE["late"] = FakeHardware()
     driver = FakeDriver("fake", "late", {})
     node = Node("late", VirtualClock())
@@ -42,7 +42,7 @@ async def status_with_a_root_after(late_s: float) -> Status:
         del HARDWARE["late"]
 
 
-def test_it_waits_for_a_root_that_is_late() -> None:
+def test_the_wire_waits_for_a_late_root() -> None:
     async def run() -> None:
         status = await status_with_a_root_after(1.0)
         assert (status.mode, status.connect_error) == (Mode.DISARMED, "")
@@ -50,9 +50,9 @@ def test_it_waits_for_a_root_that_is_late() -> None:
     run_virtual(run)
 
 
-def test_it_does_not_wait_for_ever() -> None:
+def test_the_wire_does_not_wait_for_ever() -> None:
     async def run() -> None:
         status = await status_with_a_root_after(FakeDriver.timing.handover_s + 0.05)
-        assert "the root did not take its path" in status.connect_error
+        assert "the root process did not answer" in status.connect_error
 
     run_virtual(run)

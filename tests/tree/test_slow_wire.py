@@ -1,5 +1,4 @@
-"""A wire that takes its time: stops do not wait for it, and what it keeps up beside the calls ends
-with it."""
+"""A wire whose calls are slow: stops do not wait for them, and its background tasks end with it."""
 
 from __future__ import annotations
 
@@ -60,20 +59,21 @@ def test_saf_002_a_stop_does_not_wait_for_a_write_and_the_write_does_not_follow_
     run_virtual(run)
 
 
-def test_saf_002_nothing_follows_a_hold_that_the_wire_had_to_end() -> None:
-    """Neither what was accepted while it was tried, nor what comes before the gate has heard; by a
-    second hold that comes meanwhile, no more than by one."""
+def test_saf_002_no_setpoint_follows_a_failed_hold() -> None:
+    """Neither a setpoint that was accepted while the hold was tried, nor one that comes before the gate
+    knows of the failure. A second hold meanwhile makes no difference.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
             assert isinstance(await writer.send(a=0.2), Accepted)
             tree.hardware.holds, tree.hardware.confirm_s = False, 0.15
-            await trio.sleep(0.2)  # it has expired, and a hold is tried
+            await trio.sleep(0.2)  # the setpoint has expired, and a hold is tried
             assert await mode_of(tree) == Mode.HOLDING
             await writer.read_epoch()
             assert isinstance(await writer.send(ttl_s=1.0, a=0.3), Accepted)
-            await trio.sleep(0.12)  # what goes on expires, too
+            await trio.sleep(0.12)  # the second setpoint expires, too
             for _ in range(30):
                 await writer.read_epoch()
                 writer.ref.tell(writer.setpoint(ttl_s=1.0, a=0.3))
@@ -83,18 +83,18 @@ def test_saf_002_nothing_follows_a_hold_that_the_wire_had_to_end() -> None:
             await trio.sleep(0.5)
             assert await mode_of(tree) == Mode.DISARMED
             answer = await writer.send(a=0.3)
-            assert isinstance(answer, Refused) and "it could not hold: it slips" in answer.text
+            assert isinstance(answer, Refused) and "the robot could not hold: it slips" in answer.text
             tree.hardware.holds = True
             assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
             await writer.acquire()
             assert isinstance(await writer.send(a=0.1), Accepted)
             await trio.sleep(0.01)
-            assert tree.hardware.after("setpoint", limp), "armed again it moves"
+            assert tree.hardware.after("setpoint", limp), "the robot moves after the next arming"
 
     run_virtual(run)
 
 
-def test_saf_002_nothing_follows_such_a_hold_whatever_the_gate_does() -> None:
+def test_saf_002_no_setpoint_follows_a_failed_hold_even_if_the_gate_is_frozen() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -103,7 +103,7 @@ def test_saf_002_nothing_follows_such_a_hold_whatever_the_gate_does() -> None:
             await trio.sleep(0.2)
             await writer.read_epoch()
             assert isinstance(await writer.send(ttl_s=1.0, a=0.3), Accepted)
-            freeze(tree, "gate")  # it is not heard that the hold has failed
+            freeze(tree, "gate")  # the gate does not learn that the hold has failed
             await trio.sleep(0.5)
             limp = next(safe for safe in tree.hardware.of("safe") if safe.safe_state == "limp")
             assert tree.hardware.after("setpoint", limp) == []
@@ -111,36 +111,38 @@ def test_saf_002_nothing_follows_such_a_hold_whatever_the_gate_does() -> None:
     run_virtual(run)
 
 
-def test_what_a_wire_keeps_up_begins_with_it_and_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
+def test_the_background_task_of_a_wire_starts_and_ends_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    events: list[str] = []
 
     async def serve(self: FakeWire, task_status: trio.TaskStatus[None]) -> None:
-        told.append("begun")
+        events.append("begun")
         await trio.sleep(0.2)
-        told.append("ready")
+        events.append("ready")
         task_status.started()
         try:
             await trio.sleep_forever()
         finally:
-            told.append("ended")
+            events.append("ended")
 
     monkeypatch.setattr(FakeWire, "serve", serve)
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            assert told == ["begun", "ready"]
+            assert events == ["begun", "ready"]
             tree.hardware.plugged = False
             await trio.sleep(0.1)
-            assert told[:3] == ["begun", "ready", "ended"]
+            assert events[:3] == ["begun", "ready", "ended"]
             tree.hardware.plugged = True
             await trio.sleep(1.0)
-            assert told.count("begun") == told.count("ended") + 1 and tree.hardware.opens == 2
+            assert events.count("begun") == events.count("ended") + 1 and tree.hardware.opens == 2
 
     run_virtual(run)
 
 
-def test_saf_012_a_background_that_loses_the_link_loses_it_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_012_a_background_task_that_loses_the_link_leads_to_a_safe_state(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     async def serve(self: FakeWire, task_status: trio.TaskStatus[None]) -> None:
         task_status.started()
         await trio.sleep(0.5)
@@ -153,14 +155,16 @@ def test_saf_012_a_background_that_loses_the_link_loses_it_for_all(monkeypatch: 
             writer = await armed(tree)
             writer.ref.tell(writer.setpoint(latched=True, a=1.0))
             await trio.sleep(0.9)
-            safe = tree.hardware.of("safe")[0]  # when it is open again: safe first
+            safe = tree.hardware.of("safe")[0]  # the first frame after the link is open again
             assert tree.hardware.after("setpoint", safe) == [] and setpoints(tree)
             assert await mode_of(tree) in (Mode.LOST, Mode.DISARMED, Mode.STOPPING)
 
     run_virtual(run)
 
 
-def test_saf_004_the_firmware_is_fed_only_while_gate_and_transport_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_004_the_firmware_watchdog_is_fed_only_while_gate_and_transport_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     fed: list[float] = []
 
     async def feed(self: FakeWire) -> None:
@@ -173,7 +177,7 @@ def test_saf_004_the_firmware_is_fed_only_while_gate_and_transport_answer(monkey
             await armed(tree)
             await trio.sleep(0.5)
             assert len(fed) >= 20
-            tree.hardware.read_hangs = True  # the transport answers no more
+            tree.hardware.read_hangs = True  # the transport does not answer any more
             await trio.sleep(0.1)
             count = len(fed)
             await trio.sleep(0.05)
@@ -183,8 +187,9 @@ def test_saf_004_the_firmware_is_fed_only_while_gate_and_transport_answer(monkey
 
 
 def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A driver may say that its calls take longer than a heartbeat; a wire that keeps to it is left
-    in peace."""
+    """A driver may declare that its calls take longer than a heartbeat. Its wire is fenced only after
+    this time.
+    """
     monkeypatch.setattr(FakeDriver, "timing", msgspec.structs.replace(FakeDriver.timing, call_s=0.4))
 
     async def run() -> None:
@@ -205,8 +210,8 @@ def test_saf_003_a_write_that_takes_longer_than_declared_is_a_frozen_wire(monkey
     run_virtual(run)
 
 
-def test_saf_001_a_setpoint_that_was_too_late_is_not_re_sent_either() -> None:
-    """Latched, so that nothing but its deadline forbids it."""
+def test_saf_001_a_setpoint_that_was_too_late_is_not_resent_either() -> None:
+    """It is latched, so that only its deadline forbids it."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -217,6 +222,6 @@ def test_saf_001_a_setpoint_that_was_too_late_is_not_re_sent_either() -> None:
             assert setpoints(tree) == []
             assert await writer.send(ttl_s=0.5, latched=True, a=2.0) is not None
             await trio.sleep(0.2)
-            assert setpoints(tree), "one that comes in time is"
+            assert setpoints(tree), "a setpoint in time is written"
 
     run_virtual(run)

@@ -1,5 +1,6 @@
-"""SAF-016: nothing is armed without a standby, or while the root could not stop the robot; what moves goes
-on without them. In virtual time."""
+"""SAF-016: nothing is armed without a standby, or while the root could not stop the robot. A robot that
+moves already continues. In virtual time.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ def test_saf_016_nothing_is_armed_without_a_standby() -> None:
     run_virtual(run)
 
 
-def test_saf_016_what_moves_goes_on_without_a_standby_and_is_not_armed_again() -> None:
+def test_saf_016_a_robot_that_moves_continues_without_a_standby_and_is_not_armed_again() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -46,7 +47,7 @@ def test_saf_016_what_moves_goes_on_without_a_standby_and_is_not_armed_again() -
     run_virtual(run)
 
 
-def test_saf_016_nothing_is_armed_while_no_stop_process_of_the_roots_is_ready(
+def test_saf_016_nothing_is_armed_while_no_stop_process_of_the_root_is_ready(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     lacks = [""]
@@ -57,7 +58,9 @@ def test_saf_016_nothing_is_armed_while_no_stop_process_of_the_roots_is_ready(
             writer = await armed(tree)
             lacks[0] = "no process of UsbStop is ready to stop the robot"
             await trio.sleep(0.03)
-            assert isinstance(await writer.send(a=1.0), Accepted), "root's wire and standby are there"
+            assert isinstance(await writer.send(a=1.0), Accepted), (
+                "the wire and the standby can still stop the robot"
+            )
             assert isinstance(await tree.gate.ask(Stop(Reason.STOP, "a test"), 2.0), StopReport)
             answer = await tree.gate.ask(Resume("a test"), 1.0)
             assert isinstance(answer, Refused) and answer.code == "no_standby" and lacks[0] in answer.reason, answer

@@ -1,5 +1,6 @@
-"""Stops that meet a tree between two of its states (SAF-007, SAF-009, SAF-017, SAF-018). In virtual
-time."""
+"""Stops that arrive while a tree is between two of its states (SAF-007, SAF-009, SAF-017, SAF-018). In
+virtual time.
+"""
 
 from __future__ import annotations
 
@@ -23,28 +24,28 @@ async def kill(tree: InlineTree) -> None:
     await trio.sleep(0.05)
 
 
-def test_saf_007_a_resume_that_was_asked_for_before_a_stop_does_not_lift_it() -> None:
-    """It waited for the link, and an operator has pressed e-stop since."""
+def test_saf_007_a_resume_from_before_a_stop_does_not_lift_it() -> None:
+    """The resume waited for the link, and an operator pressed the e-stop meanwhile."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
-            asked_ns = tree.node.clock.now_ns()
+            requested_ns = tree.node.clock.now_ns()
             await trio.sleep(0.01)
             assert isinstance(await tree.gate.ask(Stop(Reason.ESTOP, "operator", lock=True), 1.0), StopReport)
-            answer = await tree.gate.ask(Resume("script", lift=True, asked_ns=asked_ns), 1.0)
+            answer = await tree.gate.ask(Resume("script", lift=True, requested_ns=requested_ns), 1.0)
             assert isinstance(answer, Refused) and answer.code == "stopped"
             status = await tree.status()
             assert status.locked_by == "operator" and status.mode == Mode.DISARMED
             assert tree.hardware.energised == LIMP
             now_ns = tree.node.clock.now_ns()
-            assert isinstance(await tree.gate.ask(Resume("script", asked_ns=now_ns), 1.0), Resumed)
+            assert isinstance(await tree.gate.ask(Resume("script", requested_ns=now_ns), 1.0), Resumed)
 
     run_virtual(run)
 
 
-def test_saf_017_a_visitor_stops_and_does_not_end_the_tree() -> None:
-    """Whatever reason it gives. The router stamps the channel on what it sends."""
+def test_saf_017_a_visitor_can_stop_the_robot_but_cannot_end_the_tree() -> None:
+    """For each reason in its message. The router adds the channel to the message."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -55,16 +56,16 @@ def test_saf_017_a_visitor_stops_and_does_not_end_the_tree() -> None:
                     status = await tree.status()
                     assert status.mode == Mode.DISARMED, (reason, status.mode)
                     assert status.last_stop is not None
-                    wanted = reason if reason in (Reason.STOP, Reason.ESTOP) else None
-                    assert status.last_stop.reason is wanted or (
-                        wanted is None and status.last_stop.reason is (Reason.ESTOP if lock else Reason.STOP)
+                    expected = reason if reason in (Reason.STOP, Reason.ESTOP) else None
+                    assert status.last_stop.reason is expected or (
+                        expected is None and status.last_stop.reason is (Reason.ESTOP if lock else Reason.STOP)
                     )
                     assert isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
 
     run_virtual(run)
 
 
-def test_saf_018_a_lock_outlives_what_a_wire_told_before_it_was_fenced() -> None:
+def test_saf_018_a_lock_outlives_a_late_message_of_the_fenced_wire() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -72,7 +73,7 @@ def test_saf_018_a_lock_outlives_what_a_wire_told_before_it_was_fenced() -> None
             fence = tree.wire.fence
 
             async def slowly() -> bool:
-                # What it had told before reaches the guardian now.
+                # A message that the wire had sent before reaches the guardian now.
                 tree.guardian.tell(StateIs(Mode.HOLDING, tree.keeper.state.epoch, "", "the setpoint expired"))
                 await trio.sleep(0.05)
                 return await fence()
@@ -87,13 +88,13 @@ def test_saf_018_a_lock_outlives_what_a_wire_told_before_it_was_fenced() -> None
 
 
 def test_a_stop_after_the_safe_frames_of_a_dead_wire_is_answered_at_once() -> None:
-    """The root waits for a standby that is slow to let go."""
+    """The root waits for a standby that is slow to release its channel."""
 
     class Slow:
         async def guard(self, descriptors: tuple[int, ...]) -> None:
             return None
 
-        async def let_go(self) -> None:
+        async def release_channel(self) -> None:
             await trio.sleep(0.5)
 
     async def run() -> None:
@@ -110,7 +111,7 @@ def test_a_stop_after_the_safe_frames_of_a_dead_wire_is_answered_at_once() -> No
 
 
 def test_saf_018_a_tree_whose_next_wire_cannot_be_started_is_made_safe_and_ends() -> None:
-    """There are no descriptors left, and then its caller ends."""
+    """No file descriptors are left, and then the caller ends."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -156,18 +157,18 @@ def test_saf_003_a_fence_that_fails_does_not_keep_the_root_from_making_safe() ->
     run_virtual(run)
 
 
-def test_stops_while_a_wire_begins_cost_no_restart() -> None:
+def test_stops_while_a_wire_starts_cost_no_restart() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
             await kill(tree)
             await tree.until("disarmed")
             count = len(tree.wires_made)
-            tree.keeper._failure_detector.heard_ns = 0  # as long as its first heartbeat has not come
+            tree.keeper._failure_detector.last_received_ns = 0  # as before the first heartbeat
             freeze(tree, "watchdog")
             tree.keeper._heartbeat.forget()
             for _ in range(8):
-                tree.keeper._failure_detector.heard_ns = 0
+                tree.keeper._failure_detector.last_received_ns = 0
                 report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 3.0)
                 assert isinstance(report, StopReport) and report.confirmed
             assert len(tree.wires_made) == count
@@ -177,11 +178,12 @@ def test_stops_while_a_wire_begins_cost_no_restart() -> None:
 
 @pytest.mark.parametrize("locks", [True, False])
 @pytest.mark.parametrize("after_s", [0.001, 0.005, 0.009])
-def test_saf_007_a_resume_from_before_a_stop_that_met_a_new_wire_does_not_lift_it(
+def test_saf_007_a_resume_from_before_a_stop_during_the_start_of_a_wire_does_not_lift_it(
     after_s: float, locks: bool
 ) -> None:
-    """The root answers such a stop by itself: the wire has energised nothing. The resume waited for
-    the link."""
+    """The root itself answers such a stop, because the new wire has energised nothing. The resume waited
+    for the link.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -190,19 +192,19 @@ def test_saf_007_a_resume_from_before_a_stop_that_met_a_new_wire_does_not_lift_i
                 tree.guardian.tell(Fence(Reason.ESTOP, "A", lock=True))
             else:
                 tree.wire._scope.cancel()
-            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # the moment that is meant
+            while len(tree.wires_made) < 2:  # noqa: ASYNC110  # until the second wire starts
                 await trio.sleep(0.0002)
-            asked_ns = tree.node.clock.now_ns()
+            requested_ns = tree.node.clock.now_ns()
             await trio.sleep(after_s)
             reason = Reason.ESTOP if locks else Reason.STOP
             report = await tree.guardian.ask(Fence(reason, "B", lock=locks), 3.0)
             assert isinstance(report, StopReport) and report.confirmed and len(tree.wires_made) == 2
             status = await tree.until("disarmed")
-            answer = await tree.gate.ask(Resume("operator", lift=True, asked_ns=asked_ns), 1.0)
+            answer = await tree.gate.ask(Resume("operator", lift=True, requested_ns=requested_ns), 1.0)
             assert isinstance(answer, Refused) and answer.code == "stopped"
             assert tree.hardware.energised == LIMP
             assert bool(status.locked_by) == locks
             now_ns = tree.node.clock.now_ns()
-            assert isinstance(await tree.gate.ask(Resume("operator", lift=True, asked_ns=now_ns), 1.0), Resumed)
+            assert isinstance(await tree.gate.ask(Resume("operator", lift=True, requested_ns=now_ns), 1.0), Resumed)
 
     run_virtual(run)

@@ -1,4 +1,4 @@
-"""A writer's process that the system has stopped: what it left behind ends before its lifetime."""
+"""The system has stopped the process of a writer. Its commands end before their lifetime."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .writer import Writer, armed
 MS = 1_000_000
 
 
-def test_it_counts_looks_in_a_row_and_tells_once() -> None:
+def test_the_detector_needs_several_looks_in_a_row_and_reports_once() -> None:
     stopped: set[int] = set()
     stopped_detector = StoppedDetector(stopped.__contains__)
     assert stopped_detector.look([7, 8]) == []
@@ -43,7 +43,7 @@ def test_a_process_that_is_no_longer_a_writer_is_forgotten() -> None:
     assert stopped_detector.look([7]) == []
 
 
-def test_the_system_tells_of_a_stopped_process() -> None:
+def test_is_stopped_recognises_a_stopped_process() -> None:
     with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as child:
         try:
             assert not is_stopped(child.pid)
@@ -56,7 +56,7 @@ def test_the_system_tells_of_a_stopped_process() -> None:
                 assert time.monotonic() < deadline
         finally:
             child.kill()
-    assert not is_stopped(child.pid), "and of one that is gone, nothing"
+    assert not is_stopped(child.pid), "an ended process is not stopped"
 
 
 STAT = b"4711 (a name) with ) in it) %s 1 1 1 0 -1 %d " + b"0 " * 21 + b"%d " + b"0 " * 21
@@ -72,34 +72,34 @@ STAT = b"4711 (a name) with ) in it) %s 1 1 1 0 -1 %d " + b"0 " * 21 + b"%d " + 
         (STAT % (b"Z", 0x400004, 0), Life(dying=True)),
     ],
 )
-def test_a_killed_process_is_known_before_it_has_got_a_processor_to_die_on(stat: bytes, life: Life) -> None:
+def test_a_killed_process_is_recognised_before_it_gets_a_processor_to_end_on(stat: bytes, life: Life) -> None:
     assert _life(stat) == life
 
 
-def test_the_guardian_tells_of_a_writer_that_was_killed() -> None:
+def test_the_guardian_reports_a_killed_writer() -> None:
     async def run(child: subprocess.Popen[bytes]) -> None:
         async with open_inline_tree() as tree:
-            told: list[int] = []
+            reported: list[int] = []
             dying = trio.Event()
 
             def on_dying(pid: int) -> None:
-                told.append(pid)
+                reported.append(pid)
                 dying.set()
 
             tree.keeper._writers = lambda: [child.pid]
             tree.keeper._on_dying = on_dying
             await trio.sleep(0.1)
-            assert told == []
+            assert reported == []
             child.kill()
             with trio.fail_after(100.0):
                 await dying.wait()
-            assert set(told) == {child.pid}
+            assert set(reported) == {child.pid}
 
     with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]) as child:
         run_virtual(lambda: run(child))
 
 
-def test_the_system_tells_of_a_killed_process() -> None:
+def test_life_of_recognises_a_killed_process() -> None:
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
     assert life_of(child.pid) == Life()
     child.kill()
@@ -107,7 +107,7 @@ def test_the_system_tells_of_a_killed_process() -> None:
     while not life_of(child.pid).dying:
         assert time.monotonic() < deadline
     child.wait()
-    assert life_of(child.pid) == Life(), "and of one that is gone, nothing"
+    assert life_of(child.pid) == Life(), "an ended process is neither stopped nor dying"
 
 
 async def holding_pid(writer: Writer, pid: int, over: int = 0) -> Writer:
@@ -118,7 +118,9 @@ async def holding_pid(writer: Writer, pid: int, over: int = 0) -> Writer:
 
 
 async def after_stop_of(tree: InlineTree, pid: int) -> tuple[str, str]:
-    """Mode and cause, 5 ms after the gate was told: no lifetime has passed."""
+    """Return mode and cause 5 ms after the gate has received the stop of a process. No lifetime has
+    passed by then.
+    """
     tree.gate.tell(Stopped(pid))
     await trio.sleep(0.005)
     status = await tree.status()
@@ -126,27 +128,27 @@ async def after_stop_of(tree: InlineTree, pid: int) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("latched", [True, False])
-def test_saf_003_what_a_stopped_caller_commanded_is_held_at_once(latched: bool) -> None:
+def test_saf_003_the_command_of_a_stopped_caller_is_held_at_once(latched: bool) -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await holding_pid(await armed(tree), 77)
             await writer.send(latched=latched, a=5.0)
-            assert await after_stop_of(tree, 78) == ("armed", ""), "somebody else's"
+            assert await after_stop_of(tree, 78) == ("armed", ""), "the process of another program does not count"
             mode, cause = await after_stop_of(tree, 77)
             assert mode == "holding" and "the process of writer is stopped" in cause
             since_ns = tree.hardware.of("safe")[-1].t_ns
-            await writer.send(latched=latched, a=6.0)  # it goes on as if nothing had been
+            await writer.send(latched=latched, a=6.0)  # the writer continues as before
             await trio.sleep(0.1)
             assert not tree.hardware.of("setpoint", since_ns)
 
     run_virtual(run)
 
 
-def test_saf_003_a_stopped_policy_holds_and_a_caller_that_only_looks_on_does_nothing() -> None:
+def test_saf_003_a_stopped_policy_leads_to_a_hold_and_a_stopped_caller_without_a_command_does_not() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             caller = await holding_pid(await armed(tree), 77)
-            assert await after_stop_of(tree, 77) == ("armed", ""), "it commanded nothing"
+            assert await after_stop_of(tree, 77) == ("armed", ""), "the caller has sent no command"
             policy = Writer(tree, "policy")
             await holding_pid(policy, 88, over=caller.lease.id)
             await policy.send(a=5.0)

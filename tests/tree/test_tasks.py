@@ -1,5 +1,6 @@
-"""Named policies as the root has them: a start that is late, a stop that nobody answers. In virtual
-time, judged by the frames that reach the wire."""
+"""Tasks (named policies) in the root: a start that is late, and a stop without an answer. In virtual
+time; the frames on the wire decide.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ S = 1_000_000_000
 
 
 class Mover(Actor):
-    """A policy: takes the lease, and sends a setpoint every 20 ms until it is stopped."""
+    """A policy that takes the lease and sends a setpoint every 20 ms until it is stopped."""
 
     def __init__(self, tree: InlineTree, over: int) -> None:
         self._writer = Writer(tree, "policy")
@@ -54,7 +55,7 @@ class Mover(Actor):
 
 
 class InlineProcess(ChildProcess):
-    """A policy "process" in this loop: it moves the robot until it is killed."""
+    """A policy "process" in this loop. It moves the robot until it is killed."""
 
     def __init__(self, tree: InlineTree, over: int) -> None:
         super().__init__(4711, None)  # type: ignore[arg-type]
@@ -97,8 +98,7 @@ class _Link:
 
 @asynccontextmanager
 async def tasks_of(tree: InlineTree, start_s: float = 0.0, safe_s: float = 1.5) -> AsyncIterator[Ref]:
-    """Its tasks, whose processes take ``start_s`` to be started. ``safe_s``: what a stop may
-    take."""
+    """Run the tree's tasks actor. Its processes take ``start_s`` to start, and a stop may take ``safe_s``."""
     path = addresses.of(robot_of(tree)).path("tasks")
     async with trio.open_nursery() as nursery:
 
@@ -120,7 +120,7 @@ def robot_of(tree: InlineTree) -> str:
     return tree.gate.address.split("/")[1]
 
 
-def wanted(tree: InlineTree, writer: Writer, within_s: float) -> StartTask:
+def start_message(tree: InlineTree, writer: Writer, within_s: float) -> StartTask:
     deadline_ns = tree.node.clock.now_ns() + round(within_s * S)
     rollout = Rollout(robot_of(tree), tree.driver.axes, "", 0.02, 0.1, 60.0, over=writer.lease.id)
     return StartTask("no:where", {}, rollout, deadline_ns)
@@ -132,11 +132,11 @@ async def running(tasks: Ref) -> bool:
     return status.running
 
 
-def test_saf_010_a_task_that_is_started_too_late_moves_nothing() -> None:
+def test_saf_010_a_task_that_starts_too_late_moves_nothing() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, tasks_of(tree, start_s=4.0) as tasks:
             writer = await armed(tree)
-            answer = await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            answer = await tasks.ask(start_message(tree, writer, within_s=2.0), 5.0)
             assert isinstance(answer, Refused) and answer.code == "expired", answer
             await trio.sleep(2.0)
             assert setpoints(tree) == []
@@ -145,11 +145,11 @@ def test_saf_010_a_task_that_is_started_too_late_moves_nothing() -> None:
     run_virtual(run)
 
 
-def test_a_task_that_is_started_in_time_moves_the_robot() -> None:
+def test_a_task_that_starts_in_time_moves_the_robot() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, tasks_of(tree, start_s=0.5) as tasks:
             writer = await armed(tree)
-            answer = await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            answer = await tasks.ask(start_message(tree, writer, within_s=2.0), 5.0)
             assert isinstance(answer, TaskStatus) and answer.running, answer
             await trio.sleep(0.5)
             assert setpoints(tree)
@@ -159,13 +159,13 @@ def test_a_task_that_is_started_in_time_moves_the_robot() -> None:
     run_virtual(run)
 
 
-def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_ends_no_actor() -> None:
-    """The policy does not answer, and the gate is not there to be asked."""
+def test_saf_003_stopping_a_task_while_the_wire_is_dead_ends_no_actor() -> None:
+    """The policy does not answer, and there is no gate to ask."""
 
     async def run() -> None:
         async with open_inline_tree() as tree, tasks_of(tree) as tasks:
             writer = await armed(tree)
-            await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            await tasks.ask(start_message(tree, writer, within_s=2.0), 5.0)
             await trio.sleep(0.1)
             freeze(tree, "policy")
             slow(tree.keeper.channels.own)
@@ -173,22 +173,22 @@ def test_saf_003_a_stop_of_a_task_beside_a_dead_wire_ends_no_actor() -> None:
             status = await tasks.ask(StopTask(), 2.0)
             assert isinstance(status, TaskStatus) and not status.running, status
             assert "the wire is gone" in status.exit_detail
-            assert tree.node.cells[tasks.address].incarnations == 1, "the actor lives on"
+            assert tree.node.cells[tasks.address].incarnations == 1, "the actor was not restarted"
             await tree.until("disarmed")
             assert tree.hardware.energised == [False, False]
 
     run_virtual(run)
 
 
-def test_saf_010_a_stop_of_a_task_that_is_not_answered_fences_the_wire() -> None:
+def test_saf_010_stopping_a_task_without_an_answer_of_the_wire_fences_it() -> None:
     """The wire hangs while it holds the robot."""
 
     async def run() -> None:
         async with open_inline_tree() as tree, tasks_of(tree) as tasks:
             writer = await armed(tree)
-            await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            await tasks.ask(start_message(tree, writer, within_s=2.0), 5.0)
             await trio.sleep(0.1)
-            asked_ns = tree.node.clock.now_ns()
+            requested_ns = tree.node.clock.now_ns()
             freeze(tree, "policy")
             transport = tree.node.cells[addresses.of(robot_of(tree)).transport].actor
             slow(transport._wire)  # type: ignore[attr-defined]
@@ -196,34 +196,34 @@ def test_saf_010_a_stop_of_a_task_that_is_not_answered_fences_the_wire() -> None
             assert isinstance(status, TaskStatus) and not status.running, status
             assert "fenced" in status.exit_detail
             await tree.until("disarmed")
-            assert tree.hardware.of("safe", asked_ns)[-1].path == "stop_channel"
+            assert tree.hardware.of("safe", requested_ns)[-1].path == "stop_channel"
             assert tree.hardware.energised == [False, False]
 
     run_virtual(run)
 
 
-def test_a_robot_that_may_take_long_to_be_safe_is_not_fenced_for_it_when_its_task_is_stopped() -> None:
-    """A drone that lands, a base behind a slow service."""
+def test_stopping_a_task_does_not_fence_a_robot_that_declares_a_long_stop() -> None:
+    """Such as a drone that lands, or a base behind a slow service."""
 
     async def run() -> None:
         async with open_inline_tree() as tree, tasks_of(tree, safe_s=4.0) as tasks:
             writer = await armed(tree)
-            await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            await tasks.ask(start_message(tree, writer, within_s=2.0), 5.0)
             await trio.sleep(0.1)
-            asked_ns = tree.node.clock.now_ns()
+            requested_ns = tree.node.clock.now_ns()
             freeze(tree, "policy")
             tree.hardware.confirm_s = 1.0
             status = await tasks.ask(StopTask(), 6.0)
             assert isinstance(status, TaskStatus) and not status.running, status
             assert "fenced" not in status.exit_detail
-            assert {sent.path for sent in tree.hardware.of("safe", asked_ns)} == {"wire"}
-            assert tree.hardware.energised == [True, True], "it holds"
+            assert {sent.path for sent in tree.hardware.of("safe", requested_ns)} == {"wire"}
+            assert tree.hardware.energised == [True, True], "the robot holds"
 
     run_virtual(run)
 
 
 def slow(way: Any) -> None:
-    """It takes a second to begin to make safe."""
+    """Delay the beginning of make_safe by a second."""
     make_safe = way.make_safe
 
     async def late(safe_state: str) -> tuple[MotorReport, ...]:
@@ -234,11 +234,11 @@ def slow(way: Any) -> None:
     way.make_safe = late
 
 
-def test_a_restarted_actor_ends_the_process_that_it_no_longer_attends_to() -> None:
+def test_a_restarted_tasks_actor_ends_the_process_of_the_earlier_one() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree, tasks_of(tree) as tasks:
             writer = await armed(tree)
-            await tasks.ask(wanted(tree, writer, within_s=2.0), 5.0)
+            await tasks.ask(start_message(tree, writer, within_s=2.0), 5.0)
             await trio.sleep(0.1)
             actor = tree.node.cells[tasks.address].actor
             assert isinstance(actor, Tasks)

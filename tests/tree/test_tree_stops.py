@@ -1,5 +1,6 @@
-"""Stops, leases, links and bad input (SAF-005 to SAF-014), in virtual time, by the frames that
-reach the wire."""
+"""Stops, leases, links and invalid input (SAF-005 to SAF-014). In virtual time; the frames on the wire
+decide.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +30,7 @@ from .writer import Writer, armed, freeze, setpoints
 MS = 1_000_000
 
 
-def test_saf_005_an_unconfirmed_motor_is_named_and_no_success() -> None:
+def test_saf_005_a_stop_with_an_unconfirmed_motor_names_it_and_is_not_confirmed() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -46,7 +47,7 @@ def test_saf_005_an_unconfirmed_motor_is_named_and_no_success() -> None:
     run_virtual(run)
 
 
-def test_saf_005_an_unconfirmed_motor_is_released_as_soon_as_it_is_heard_again() -> None:
+def test_saf_005_an_unconfirmed_motor_is_released_as_soon_as_it_answers_again() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -54,7 +55,7 @@ def test_saf_005_an_unconfirmed_motor_is_released_as_soon_as_it_is_heard_again()
             await tree.gate.ask(Stop(Reason.STOP), 1.0)
             tried = len(tree.hardware.of("safe"))
             await trio.sleep(5.0)
-            assert len(tree.hardware.of("safe")) == tried, "a motor that is not heard is not written to for ever"
+            assert len(tree.hardware.of("safe")) == tried, "a silent motor gets no more frames"
             tree.hardware.silent.clear()
             await tree.until("disarmed", within_s=0.7)
             assert tree.hardware.energised == [False, False]
@@ -68,16 +69,16 @@ def test_saf_006_stop_does_not_wait_for_a_flood_of_setpoints() -> None:
             writer = await armed(tree)
             for index in range(900):
                 tree.node.ref(tree.gate.address, sender=f"strands/test/{index}").tell(writer.setpoint(a=1.0))
-            asked_ns = tree.node.clock.now_ns()
+            requested_ns = tree.node.clock.now_ns()
             report = await tree.gate.ask(Stop(Reason.STOP), 1.0)
             assert isinstance(report, StopReport) and report.confirmed
-            assert tree.hardware.of("safe")[0].t_ns - asked_ns < 10 * MS
+            assert tree.hardware.of("safe")[0].t_ns - requested_ns < 10 * MS
             assert setpoints(tree) == []
 
     run_virtual(run)
 
 
-def test_saf_007_lockout_binds_every_writer_and_outlives_a_crash() -> None:
+def test_saf_007_a_lockout_applies_to_every_writer_and_outlives_a_crash() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -116,7 +117,7 @@ def test_saf_008_a_restart_resumes_nothing() -> None:
             assert setpoints(tree, restarted_ns) == []
             assert isinstance(await tree.gate.ask(Resume(), 1.0), Resumed)
             answer = await writer.ref.ask(old, 1.0)
-            assert isinstance(answer, Refused), "nor does what was prepared before it come back to life"
+            assert isinstance(answer, Refused), "a setpoint from before the restart stays invalid"
             assert setpoints(tree, restarted_ns) == []
 
     run_virtual(run)
@@ -135,7 +136,7 @@ def test_saf_009_second_writer_is_refused_with_the_holders_name() -> None:
             await trio.sleep(0.02)
             assert all(values[0] == 1.0 for values in setpoints(tree))
             await trio.sleep(1.5)
-            assert isinstance(await second.acquire(), Lease), "a lapsed lease may be taken"
+            assert isinstance(await second.acquire(), Lease), "an expired lease may be acquired"
 
     run_virtual(run)
 
@@ -166,7 +167,7 @@ def test_saf_005_a_fence_before_the_link_is_back_names_every_motor() -> None:
             await armed(tree)
             tree.hardware.plugged = False
             tree.wire._scope.cancel()
-            await trio.sleep(3.0)  # fenced, not confirmed; the next wire looks for the link
+            await trio.sleep(3.0)  # the wire is fenced and not confirmed, and the next wire waits for the link
             assert len(tree.wires_made) > 1
             report = await tree.guardian.ask(Fence(Reason.STOP, "test"), 1.0)
             assert isinstance(report, StopReport) and not report.confirmed
@@ -205,7 +206,7 @@ def test_saf_011_first_target_is_the_measured_position() -> None:
     run_virtual(run)
 
 
-def test_saf_012_link_loss_is_seen_and_comes_back_disarmed() -> None:
+def test_saf_012_a_lost_link_is_detected_and_the_robot_is_disarmed_afterwards() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -220,7 +221,7 @@ def test_saf_012_link_loss_is_seen_and_comes_back_disarmed() -> None:
             tree.hardware.plugged = True
             await tree.until("disarmed", within_s=5.0)
             safe = tree.hardware.of("safe", lost_ns)
-            assert safe and safe[0].safe_state == "limp", "it was left energised: safe comes first"
+            assert safe and safe[0].safe_state == "limp", "the robot was energised, so the safe frame comes first"
             assert setpoints(tree, lost_ns + 40 * MS) == []
             assert tree.hardware.energised == [False, False]
             answer = await writer.send(a=1.0)
@@ -229,7 +230,7 @@ def test_saf_012_link_loss_is_seen_and_comes_back_disarmed() -> None:
     run_virtual(run)
 
 
-def test_saf_014_bad_input_is_refused_and_nothing_is_written() -> None:
+def test_saf_014_invalid_input_is_refused_and_nothing_is_written() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -247,8 +248,8 @@ def test_saf_014_bad_input_is_refused_and_nothing_is_written() -> None:
     run_virtual(run)
 
 
-def test_the_end_of_a_delegate_holds_before_it_is_answered() -> None:
-    """A policy writes under its caller's lease; when it gives its own back the robot holds."""
+def test_the_release_of_a_policys_lease_is_answered_after_a_hold() -> None:
+    """A policy commands under its caller's lease. When it releases its own lease, the robot is held."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -268,8 +269,8 @@ def test_the_end_of_a_delegate_holds_before_it_is_answered() -> None:
     run_virtual(run)
 
 
-def test_the_budget_is_for_failures_in_a_row() -> None:
-    """Repeated crashes are each made safe, and the group comes back closed each time."""
+def test_repeated_crashes_are_each_made_safe_and_disarmed() -> None:
+    """Three crashes are within the restart budget, and the next wire starts disarmed each time."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -286,7 +287,7 @@ def test_the_budget_is_for_failures_in_a_row() -> None:
     run_virtual(run)
 
 
-def test_status_and_observation_are_answered_while_a_stop_is_confirmed() -> None:
+def test_status_and_observation_are_answered_during_a_slow_stop() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             await armed(tree)
@@ -303,17 +304,17 @@ def test_status_and_observation_are_answered_while_a_stop_is_confirmed() -> None
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(tree.gate.ask, Stop(Reason.STOP), 2.0)
                 await trio.sleep(0.01)
-                asked_s = trio.current_time()
+                requested_s = trio.current_time()
                 assert (await tree.status()).mode == "stopping"
                 assert not isinstance(await tree.gate.ask(GetObservation(), 1.0), Refused)
-                assert trio.current_time() - asked_s < 0.01
-            assert len(tree.wires_made) == 1, "a bounded confirmation is not mistaken for a freeze"
+                assert trio.current_time() - requested_s < 0.01
+            assert len(tree.wires_made) == 1, "a slow confirmation does not count as a freeze"
 
     run_virtual(run)
 
 
-def test_a_probe_of_the_gate_is_cheap_to_forge() -> None:
-    """A stranger's probe cannot expire a live setpoint earlier than its deadline, nor extend it."""
+def test_a_forged_probe_of_the_gate_changes_no_deadline() -> None:
+    """The probe of another sender can neither expire a live setpoint early nor extend it."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:

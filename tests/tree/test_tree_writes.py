@@ -1,5 +1,6 @@
-"""What is written, and how long it is repeated (SAF-001 to SAF-004), in virtual time, by the frames
-that reach the wire."""
+"""The frames that are written, and for how long they are resent (SAF-001 to SAF-004). In virtual time;
+the frames on the wire decide.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +19,9 @@ MS = 1_000_000
 
 
 def test_saf_001_deadline_is_checked_at_the_wire() -> None:
-    """The gate lets it in, the bus is slow, the deadline passes: it is not written."""
+    """The gate accepts the setpoint, but the bus is slow and the deadline passes before the write. The
+    setpoint is not written.
+    """
 
     async def run() -> None:
         async with open_inline_tree(FakeHardware(write_s=0.05)) as tree:
@@ -31,7 +34,7 @@ def test_saf_001_deadline_is_checked_at_the_wire() -> None:
 
 
 def test_saf_001_deadline_is_checked_at_the_wire_by_the_transport_alone() -> None:
-    """As above, with a gate that no longer answers and so cannot expire it."""
+    """The same with a frozen gate, which cannot expire the setpoint."""
 
     async def run() -> None:
         async with open_inline_tree(FakeHardware(write_s=0.05)) as tree:
@@ -39,7 +42,7 @@ def test_saf_001_deadline_is_checked_at_the_wire_by_the_transport_alone() -> Non
             assert isinstance(await writer.send(ttl_s=0.03, a=5.0), Accepted)
             freeze(tree, "gate")
             await trio.sleep(0.08)
-            assert len(tree.wires_made) == 1, "not yet fenced"
+            assert len(tree.wires_made) == 1, "the wire is not fenced yet"
             assert setpoints(tree) == []
 
     run_virtual(run)
@@ -53,15 +56,16 @@ def test_saf_001_no_setpoint_after_its_deadline_while_resending() -> None:
             assert isinstance(await writer.ref.ask(setpoint, 1.0), Accepted)
             await trio.sleep(1.0)
             written = tree.hardware.of("setpoint")
-            assert len(written) >= 4, "it is re-sent while it lives"
+            assert len(written) >= 4, "the setpoint is resent until its deadline"
             assert all(entry.t_ns < setpoint.deadline_ns for entry in written)
 
     run_virtual(run)
 
 
 def test_saf_002_older_epoch_is_refused_at_the_wire() -> None:
-    """A setpoint that was gated before a stop waits in the transport's mailbox while the stop
-    overtakes it."""
+    """A setpoint that the gate accepted before a stop waits in the transport's mailbox, and the stop
+    overtakes it.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -81,8 +85,8 @@ def test_saf_002_older_epoch_is_refused_at_the_wire() -> None:
     run_virtual(run)
 
 
-def test_saf_002_a_waiting_stop_revokes_a_write_under_way() -> None:
-    """The write is already waiting for its bus when the stop arrives: its bytes do not leave."""
+def test_saf_002_a_waiting_stop_cancels_a_write_that_has_begun() -> None:
+    """The write waits for its bus when the stop arrives. Its bytes are never sent."""
 
     async def run() -> None:
         async with open_inline_tree(FakeHardware(write_s=0.01)) as tree:
@@ -98,7 +102,7 @@ def test_saf_002_a_waiting_stop_revokes_a_write_under_way() -> None:
     run_virtual(run)
 
 
-def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
+def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_with_the_reason() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -108,7 +112,7 @@ def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
             held_ns = tree.node.clock.now_ns()
             answer = await writer.send(a=6.0)
             assert isinstance(answer, Refused) and answer.code == "stale_epoch"
-            assert answer.text.endswith("(the setpoint expired). send it again")
+            assert answer.text.endswith("(the setpoint expired). Send it again")
             await trio.sleep(0.1)
             assert setpoints(tree, held_ns) == []
             await tree.gate.ask(Stop(Reason.STOP, "op"), 1.0)
@@ -121,8 +125,9 @@ def test_saf_002_a_setpoint_of_an_older_epoch_is_refused_by_name() -> None:
 
 
 def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
-    """A transport that hangs in its write is let go later: it was fenced, so nothing follows. The
-    frame before the fence is for a root that dies in between."""
+    """A transport that hangs in a write may continue later, but after the fence nothing can follow. The
+    frame before the fence is for a root that dies in between.
+    """
 
     async def run() -> None:
         async with open_inline_tree() as tree:
@@ -140,7 +145,7 @@ def test_saf_002_the_last_safe_frame_comes_after_the_fence() -> None:
             tree.hardware.write_s = 0.5
             await writer.send(ttl_s=5.0, latched=True, a=5.0)
             await trio.sleep(2.0)
-            assert ended == [False, True], "before, and when the wire group had ended"
+            assert ended == [False, True], "one safe frame before the fence, and one after the wire group has ended"
             assert setpoints(tree) == []
 
     run_virtual(run)
@@ -200,14 +205,14 @@ def test_saf_004_frozen_transport_stops_the_keepalive_and_is_fenced() -> None:
     run_virtual(run)
 
 
-def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
-    """The watchdog asks for a re-send only when the transport answered the last cycle."""
+def test_saf_004_the_watchdog_asks_a_transport_that_has_not_answered_for_no_resend() -> None:
+    """The watchdog asks for a resend only if the transport has answered the last cycle."""
 
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
             transport = tree.node.cells[tree.gate.address.replace("gate", "transport")]
-            asked: list[Cycle] = []
+            cycles: list[Cycle] = []
             put = transport.mailbox.put
             answered: list[int] = []
 
@@ -217,7 +222,7 @@ def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
 
                 def put(self, message: object, reply: object, sender: str) -> bool:
                     if isinstance(message, Cycle):
-                        asked.append(message)
+                        cycles.append(message)
                         answered.append(watchdog._transport_answered)
                     return put(message, reply, sender)  # type: ignore[arg-type]
 
@@ -229,16 +234,16 @@ def test_saf_004_a_transport_that_has_not_answered_gets_no_resend() -> None:
                 await writer.send(ttl_s=0.3, a=5.0)
                 await trio.sleep(0.02)
             transport.mailbox = box
-            resends = [cycle for cycle in asked if cycle.resend_epoch]
+            resends = [cycle for cycle in cycles if cycle.resend_epoch]
             assert resends, "some cycles were answered in time"
-            assert len(resends) < len(asked), "a cycle that follows an unanswered one asks for none"
-            for cycle, last_answer in zip(asked, answered, strict=True):
+            assert len(resends) < len(cycles), "a cycle after an unanswered one asks for no resend"
+            for cycle, last_answer in zip(cycles, answered, strict=True):
                 assert (cycle.resend_epoch == 0) or last_answer == cycle.number - 1
 
     run_virtual(run)
 
 
-def test_saf_004_frozen_writer_is_not_kept_alive() -> None:
+def test_saf_004_the_setpoint_of_a_frozen_writer_is_not_resent_for_ever() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -246,7 +251,7 @@ def test_saf_004_frozen_writer_is_not_kept_alive() -> None:
             sent_ns = tree.node.clock.now_ns()
             await trio.sleep(3.0)
             last = tree.hardware.of("setpoint")[-1]
-            assert 900 * MS < last.t_ns - sent_ns <= 1020 * MS, "re-sent while the lease lived, no longer"
+            assert 900 * MS < last.t_ns - sent_ns <= 1020 * MS, "resent until the end of the lease"
             safe = tree.hardware.of("safe", sent_ns)
             assert [entry.safe_state for entry in safe] == ["hold"]
             status = await tree.status()
@@ -255,7 +260,7 @@ def test_saf_004_frozen_writer_is_not_kept_alive() -> None:
     run_virtual(run)
 
 
-def test_a_beaten_lease_keeps_a_latched_setpoint() -> None:
+def test_a_lease_with_heartbeats_keeps_a_latched_setpoint() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -269,7 +274,7 @@ def test_a_beaten_lease_keeps_a_latched_setpoint() -> None:
     run_virtual(run)
 
 
-def test_a_latched_setpoint_lives_from_when_its_thread_answered_not_from_the_beat() -> None:
+def test_a_latched_setpoint_lives_from_the_last_response_of_its_thread_and_not_from_the_heartbeat() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -285,7 +290,7 @@ def test_a_latched_setpoint_lives_from_when_its_thread_answered_not_from_the_bea
     run_virtual(run)
 
 
-def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_rollout() -> None:
+def test_saf_004_a_thread_that_only_computes_loses_its_latched_setpoint_but_not_its_rollout() -> None:
     async def run() -> None:
         async with open_inline_tree() as tree:
             writer = await armed(tree)
@@ -303,7 +308,7 @@ def test_saf_004_a_thread_that_only_computes_loses_what_it_latched_but_not_its_r
                 await trio.sleep(0.05)
                 writer.ref.tell(Beat(writer.lease.id, answered_ago_s=-1.0))
                 assert isinstance(await policy.send(ttl_s=0.1, a=6.0), Accepted)
-            for _ in range(30):  # but a process that is frozen as a whole ends it
+            for _ in range(30):  # without heartbeats, as of a frozen process, the rollout ends too
                 await trio.sleep(0.05)
                 last = await policy.send(ttl_s=0.1, a=6.0)
             assert isinstance(last, Refused)

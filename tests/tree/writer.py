@@ -27,7 +27,7 @@ class Writer:
         return answer
 
     async def read_epoch(self) -> None:
-        """Take over the present epoch and keep the lease.
+        """Read the current epoch and keep the lease.
 
         A new acquisition during a hold would be answered only after the hold.
         """

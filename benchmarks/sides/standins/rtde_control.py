@@ -1,5 +1,4 @@
-"""A stand-in for ur-rtde's control interface. It stores the time and the elbow's value of every setpoint in
-memory."""
+"""A fake of ur-rtde's control interface. It stores the time and the elbow's value of every setpoint in memory."""
 
 from __future__ import annotations
 
@@ -14,7 +13,8 @@ class RTDEControlInterface:
     def __init__(self, host: str, frequency: float | None = None) -> None:
         pass
 
-    def servoJ(  # the SDK's name
+    # The name of the method is the one in the SDK.
+    def servoJ(
         self, q: Sequence[float], speed: float, acceleration: float, period: float, lookahead: float, gain: float
     ) -> bool:
         FRAMES.append((time.monotonic_ns(), q[2]))

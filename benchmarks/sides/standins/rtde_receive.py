@@ -1,5 +1,4 @@
-"""A stand-in for ur-rtde's receive interface. Its arm is running, in a normal safety mode, and does not
-move."""
+"""A fake of ur-rtde's receive interface. Its arm runs, in a normal safety mode, and does not move."""
 
 from __future__ import annotations
 
@@ -10,7 +9,8 @@ class RTDEReceiveInterface:
     def __init__(self, host: str, frequency: float | None = None) -> None:
         pass
 
-    def getRobotMode(self) -> int:  # the SDK's names
+    # The name of the method is the one in the SDK.
+    def getRobotMode(self) -> int:
         return RUNNING
 
     def getSafetyMode(self) -> int:

@@ -1,6 +1,6 @@
-"""A stand-in for Unitree's ``unitree_sdk2py``. ``install()`` registers the modules that strands-robots imports.
+"""A fake of Unitree's ``unitree_sdk2py``. ``install()`` registers the modules that strands-robots imports.
 
-Its robot stands in mode 501 with a charged battery. The time and the stiffness of every LowCmd are stored in
+The fake robot stands in mode 501 with a charged battery. The time and the stiffness of every LowCmd are stored in
 memory.
 """
 
@@ -16,7 +16,7 @@ FRAMES: list[tuple[int, float]] = []
 """Nanoseconds of CLOCK_MONOTONIC, and the sum of all kp, which is 0 in a frame of zero torque."""
 MOTORS = 35
 
-HEARD = {
+MESSAGES = {
     "rt/lowstate": SimpleNamespace(mode_machine=5, imu_state=None, motor_state=None),
     "rt/lf/bmsstate": SimpleNamespace(soc=80, current=0, cycle=1),
 }
@@ -35,10 +35,11 @@ class LowCmd:
 
 
 class Publisher:
-    def __init__(self, topic: str, kind: Any) -> None:
+    def __init__(self, topic: str, message_type: Any) -> None:
         pass
 
-    def Init(self) -> None:  # the SDK's names
+    # The names of this class' methods are those of the SDK.
+    def Init(self) -> None:
         pass
 
     def Write(self, command: LowCmd) -> None:
@@ -49,12 +50,12 @@ class Publisher:
 
 
 class Subscriber:
-    def __init__(self, topic: str, kind: Any) -> None:
+    def __init__(self, topic: str, message_type: Any) -> None:
         self._topic = topic
 
-    def Init(self, heard: Callable[[Any], None], depth: int) -> None:
-        if self._topic in HEARD:
-            heard(HEARD[self._topic])
+    def Init(self, handler: Callable[[Any], None], depth: int) -> None:
+        if self._topic in MESSAGES:
+            handler(MESSAGES[self._topic])
 
     def Close(self) -> None:
         pass
@@ -104,7 +105,7 @@ def install() -> None:
         for depth in range(1, len(parts) + 1):
             name = ".".join(parts[:depth])
             module = sys.modules.setdefault(name, ModuleType(name))
-            module.__path__ = []  # a package
+            module.__path__ = []  # makes the module a package
             if depth > 1:
                 setattr(sys.modules[".".join(parts[: depth - 1])], parts[depth - 1], module)
         vars(sys.modules[".".join(parts)]).update(names)

@@ -1,4 +1,7 @@
-"""Booster's SDK: commands are published on its topic, and its client's Move(0, 0, 0) stops."""
+"""The client for a Booster T1: Booster's SDK.
+
+Setpoints are published on the SDK's topic, and Move(0, 0, 0) stops.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import time
 
 import booster_robotics_sdk_python as booster
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 DOMAIN = 91
 """The DDS domain of the twin (``benchmarks.wires``)."""
@@ -17,14 +20,14 @@ SERVED_MS = 30_000
 SPEED_M_S = 0.2
 
 
-class Client(Hand):
+class Client(BaseClient):
     def __init__(self, robot: str, port: str) -> None:
         booster.ChannelFactory.Instance().Init(DOMAIN, "127.0.0.1")
         self._loco = booster.B1LocoClient()
         self._loco.Init()
         if not self._loco.WaitForService(SERVED_MS):
-            raise RuntimeError("the robot does not serve")
-        self._heard: list[float] = []
+            raise RuntimeError("the robot's service does not answer")
+        self._reading: list[float] = []
         self._subscriber = booster.B1LowStateSubscriber(self._on_state)
         self._subscriber.InitChannel()
         self._commands = booster.B1LowCmdPublisher()
@@ -32,14 +35,14 @@ class Client(Hand):
         self._loco.ChangeMode(booster.RobotMode.kWalking)
         self._loco.UpperBodyCustomControl(True)
         until_s = time.monotonic() + 10.0
-        while not self._heard:
+        while not self._reading:
             if time.monotonic() > until_s:
-                raise RuntimeError("the robot tells no state")
+                raise RuntimeError("the robot publishes no state")
             time.sleep(0.01)
-        self._here = self._heard[0]
+        self._base = self._reading[0]
 
     def _on_state(self, state: booster.LowState) -> None:
-        self._heard = [state.motor_state_serial[ELBOW].q]
+        self._reading = [state.motor_state_serial[ELBOW].q]
 
     def setpoint(self, number: int) -> int:
         began_ns = time.monotonic_ns()
@@ -47,7 +50,7 @@ class Client(Hand):
         command.cmd_type = booster.LowCmdType.PARALLEL
         command.resize_motor_cmd(MOTORS)
         motor = command.motor_cmd_at(ELBOW)
-        motor.q, motor.kp, motor.kd = self._here + STEP_RAD * wave(number), 60.0, 3.0
+        motor.q, motor.kp, motor.kd = self._base + STEP_RAD * wave(number), 60.0, 3.0
         self._commands.Write(command)
         return began_ns
 

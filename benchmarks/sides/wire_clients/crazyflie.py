@@ -1,4 +1,6 @@
-"""Bitcraze's cflib, with a flying drone. It is under the GPL, so it has a separate environment."""
+"""The client for a Crazyflie: Bitcraze's cflib, with a drone that flies. cflib is under the GPL, so it has a
+separate environment.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ import cflib.crtp
 from cflib.crazyflie import Crazyflie
 from cflib.crazyflie.syncCrazyflie import SyncCrazyflie
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 SPEED_M_S = 0.2
 HEIGHT_M = 0.5
@@ -17,8 +19,8 @@ TAKEOFF_S = 2.0
 PERIOD_S = 0.05
 
 
-class Client(Hand):
-    """The client. Its stop is that of cflib's ``MotionCommander``: a hover at zero speed."""
+class Client(BaseClient):
+    """The client. Its stop is the one of cflib's ``MotionCommander``: the drone hovers with speed zero."""
 
     def __init__(self, robot: str, port: str) -> None:
         cflib.crtp.init_drivers()

@@ -1,4 +1,4 @@
-"""The HTTP service of the vendor's SDK process, with requests."""
+"""The client for an EarthRover: it calls the HTTP service of the vendor's SDK with the package requests."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import time
 
 import requests
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 SPEED = 0.3
 TIMEOUT_S = 5.0
 
 
-class Client(Hand):
-    """The client. Each thread has a session, since sessions of requests are not thread-safe."""
+class Client(BaseClient):
+    """The client. Each thread has its own ``requests.Session``, since these sessions are not thread-safe."""
 
     def __init__(self, robot: str, port: str) -> None:
         self._base = f"http://{port}"

@@ -1,4 +1,4 @@
-"""pylibfranka. The caller runs the 1 kHz loop."""
+"""Franka's pylibfranka. The script runs the 1 kHz control loop itself."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import time
 
 import pylibfranka as franka
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 STEP_RAD = 0.03
 FAR_RAD = 1.0
 SPEED_RAD_S = 0.4
 
 
-class Client(Hand):
+class Client(BaseClient):
     def __init__(self, robot: str, port: str) -> None:
         self._robot = franka.Robot(port.partition(":")[0], franka.RealtimeConfig.kIgnore)
-        self._here = list(self._robot.read_once().q)
+        self._base = list(self._robot.read_once().q)
 
     def _go(self, far: float) -> int:
         """Move along a cosine, slowly enough for every safety limit. Return when the goal is reached."""
@@ -27,7 +27,7 @@ class Client(Hand):
         active = self._robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
         start: list[float] = []
         elapsed_s = 0.0
-        goal = self._here[0] + far
+        goal = self._base[0] + far
         while elapsed_s < seconds:
             state, duration = active.readOnce()
             start = start or list(state.q_d)
@@ -42,13 +42,13 @@ class Client(Hand):
         return self._go(STEP_RAD * wave(number))
 
     def move(self, number: int) -> None:
-        self._go(-FAR_RAD if self._here[0] > 0 else FAR_RAD)
+        self._go(-FAR_RAD if self._base[0] > 0 else FAR_RAD)
 
     def stop(self) -> None:
         self._robot.stop()
 
     def again(self) -> None:
-        self._here = list(self._robot.read_once().q)
+        self._base = list(self._robot.read_once().q)
 
     def stream(self, hz: float, seconds: float) -> None:
         moving = threading.Thread(target=self.move, args=(0,), daemon=True)

@@ -1,4 +1,4 @@
-"""microduck-cli's client of the robot's daemon."""
+"""The client for a Microduck: that of microduck-cli, which connects to the robot's daemon."""
 
 from __future__ import annotations
 
@@ -6,17 +6,18 @@ import time
 
 from microduck_cli.ipc.client import RobotClient
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 SPEED_M_S = 0.15
 
 
-class Client(Hand):
+class Client(BaseClient):
     def __init__(self, robot: str, port: str) -> None:
         self._duck = RobotClient(port, clock=time.monotonic)
         self._duck.connect()
         self._duck.request("robot.enable", {"on": True})
-        time.sleep(1.0)  # until it stands
+        # Wait until the robot stands.
+        time.sleep(1.0)
 
     def setpoint(self, number: int) -> int:
         began_ns = time.monotonic_ns()

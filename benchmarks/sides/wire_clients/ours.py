@@ -1,4 +1,4 @@
-"""This package, with the same code for every robot."""
+"""The client of this package. Its code is the same for every robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from benchmarks.stage import at_home
 from strands_actors import Robot
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 STEPS = {
     "xarm7": ("joint1", 0.03),
@@ -38,10 +38,11 @@ SETTLES_S = {"kinova_gen3": 0.3, "kuka_iiwa": 0.06, "panda": 0.7, "fr3": 0.7}
 PATIENCE_S = 40.0
 
 
-class Client(Hand):
-    """Our client.
+class Client(BaseClient):
+    """The client of this package.
 
-    ``scale`` makes steps smaller, as a faster stream requires. ``options`` are passed to ``Robot``.
+    ``scale`` is a factor for the size of steps, which must be smaller at a higher rate. ``options`` are passed to
+    ``Robot``.
     """
 
     def __init__(self, robot: str, port: str, scale: float = 1.0, **options: Any) -> None:
@@ -51,7 +52,8 @@ class Client(Hand):
         self._robot: Any = Robot(robot, mode="real", port=port, **options)
         self._key, step = STEPS[robot]
         self._step = step * scale
-        for _ in range(3):  # on a busy computer the twin may answer too late
+        # On a busy computer the simulated robot may answer too late, so connecting is tried again.
+        for _ in range(3):
             if (problem := self._robot.connect_eagerly()) is None:
                 break
         if problem is not None:
@@ -62,22 +64,22 @@ class Client(Hand):
         name = self._robot.driver.BEFORE_MOTION
         if name:
             self._until(lambda: self._robot.service(name), name)
-        seen = self._robot.get_observation()
-        self._others = dict(seen) if self._robot.driver.WHOLE_ACTIONS else {}
-        self._here = 0.0 if self._key in SPEEDS else seen[self._key]
+        observation = self._robot.get_observation()
+        self._others = dict(observation) if self._robot.driver.WHOLE_ACTIONS else {}
+        self._base = 0.0 if self._key in SPEEDS else observation[self._key]
 
-    def _until(self, ask: Callable[[], Any], what: str) -> None:
+    def _until(self, ask: Callable[[], Any], action_name: str) -> None:
         until_s = time.monotonic() + PATIENCE_S
         while (answer := ask())["status"] != "success":
             if time.monotonic() > until_s:
-                raise RuntimeError(f"{what}: {answer}")
+                raise RuntimeError(f"{action_name}: {answer}")
             time.sleep(0.05)
 
     def setpoint(self, number: int) -> int:
         return self._send(self._step * wave(number))
 
     def _send(self, far: float) -> int:
-        action = {**self._others, self._key: self._here + far}
+        action = {**self._others, self._key: self._base + far}
         began_ns = time.monotonic_ns()
         answer = self._robot.send_action(action)
         if answer["status"] != "success":
@@ -89,7 +91,7 @@ class Client(Hand):
         if far is None:
             self.setpoint(number)
         else:
-            self._send(-far if self._here > 0 else far)
+            self._send(-far if self._base > 0 else far)
 
     def stop(self) -> None:
         self._robot.stop()
@@ -99,14 +101,17 @@ class Client(Hand):
         self._prepare()
 
     def _resume(self) -> Any:
-        """Resume, and clear a reflex. An arm goes into one if commands come late, on a busy computer."""
+        """Resume the robot, and clear its reflex (the stop by an arm's own controller). On a busy computer,
+        commands come late and trigger a reflex.
+        """
         answer = self._robot.resume()
         if answer["status"] != "success" and "recover" in self._robot.driver.SERVICES:
             self._robot.recover()
         return answer
 
     def stream(self, hz: float, seconds: float) -> None:
-        if self._robot.driver.WHOLE_ACTIONS:  # a single motion, with the cycle of the wire
+        # This robot takes one motion at a time, and our process that talks to it sends the path in its own cycle.
+        if self._robot.driver.WHOLE_ACTIONS:
             self.move(0)
             time.sleep(seconds)
         else:

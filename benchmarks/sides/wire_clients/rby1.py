@@ -1,4 +1,6 @@
-"""Rainbow Robotics' rby1-sdk: setpoints are a stream of commands, and CancelControl stops."""
+"""The client for an RB-Y1: Rainbow Robotics' rby1-sdk. Setpoints are sent as a stream of commands. CancelControl
+stops.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +8,18 @@ import time
 
 import rby1_sdk as rb
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 STEP_RAD = 0.03
 PERIOD_S = 0.02
 HOLD_S = 0.3
 
 
-class Client(Hand):
+class Client(BaseClient):
     def __init__(self, robot: str, port: str) -> None:
         self._robot = rb.create_robot(port, "a")
         if not self._robot.connect(3):
-            raise RuntimeError("it does not connect")
+            raise RuntimeError("the client cannot connect to the robot")
         self._robot.power_on(".*")
         self._robot.servo_on(".*")
         self._robot.enable_control_manager()
@@ -25,11 +27,11 @@ class Client(Hand):
         self.again()
 
     def again(self) -> None:
-        self._here = self._robot.get_state().position[8:15].copy()
+        self._base = self._robot.get_state().position[8:15].copy()
         self._stream = self._robot.create_command_stream(1)
 
     def setpoint(self, number: int) -> int:
-        target = self._here.copy()
+        target = self._base.copy()
         target[6] += STEP_RAD * wave(number)
         began_ns = time.monotonic_ns()
         header = rb.CommandHeaderBuilder().set_control_hold_time(HOLD_S)

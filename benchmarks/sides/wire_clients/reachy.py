@@ -1,4 +1,4 @@
-"""The REST service of Reachy Mini's daemon, with requests."""
+"""The client for a Reachy Mini: it calls the REST service of the robot's daemon with the package requests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 
 import requests
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 STEP_RAD = 0.1
 FAR_RAD = 0.5
@@ -15,8 +15,8 @@ MOVE_S = 2.0
 TIMEOUT_S = 5.0
 
 
-class Client(Hand):
-    """The client. Each thread has a session, since sessions of requests are not thread-safe."""
+class Client(BaseClient):
+    """The client. Each thread has its own ``requests.Session``, since these sessions are not thread-safe."""
 
     def __init__(self, robot: str, port: str) -> None:
         self._base = f"http://{port}/api/move"
@@ -44,7 +44,9 @@ class Client(Hand):
         self._post("goto", {"body_yaw": self._far, "duration": MOVE_S})
 
     def stop(self) -> None:
-        """Ask for the running moves and stop each, because no request stops everything."""
+        """Request the running moves and stop each of them, because the service has no request that stops
+        everything.
+        """
         running = self._session().get(f"{self._base}/running", timeout=TIMEOUT_S).json()
         for move in running:
             self._post("stop", move)

@@ -1,4 +1,4 @@
-"""Boston Dynamics' bosdyn-client, with its keepalives of lease and e-stop."""
+"""The client for a Spot: Boston Dynamics' bosdyn-client. It sends the keepalives of its lease and its e-stop."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from bosdyn.client.estop import EstopEndpoint, EstopKeepAlive
 from bosdyn.client.lease import LeaseKeepAlive
 from bosdyn.client.robot_command import RobotCommandBuilder, blocking_stand
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 SPEED_M_S = 0.3
 LIVES_S = 0.6
 
 
-class Client(Hand):
+class Client(BaseClient):
     def __init__(self, robot: str, port: str) -> None:
         address, _, certificate = port.partition("?ca=")
         host, _, number = address.rpartition(":")

@@ -1,4 +1,4 @@
-"""Hello Robot's stretch_body in a separate environment. It drives the lift's board."""
+"""The client for a Stretch: Hello Robot's stretch_body, in a separate environment. It commands only the lift."""
 
 from __future__ import annotations
 
@@ -8,33 +8,35 @@ import sys
 import time
 from pathlib import Path
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 STEP_M = 0.02
 
 
-class Client(Hand):
-    """The client. Its stop is the motor's hold."""
+class Client(BaseClient):
+    """The client. Its stop makes the motor hold its position."""
 
     def __init__(self, robot: str, port: str) -> None:
         fleet = Path(port).parent / "fleet"
-        (known,) = fleet.iterdir()
-        os.environ["HELLO_FLEET_PATH"], os.environ["HELLO_FLEET_ID"] = str(fleet), known.name
-        os.environ["HOME"] = str(fleet.parent)  # for its log
+        (robot_folder,) = fleet.iterdir()
+        os.environ["HELLO_FLEET_PATH"], os.environ["HELLO_FLEET_ID"] = str(fleet), robot_folder.name
+        # stretch_body writes its log into the home directory.
+        os.environ["HOME"] = str(fleet.parent)
         with contextlib.redirect_stdout(sys.stderr):
-            import stretch_body.lift  # it reads these variables when imported
+            # The module reads the environment variables above when it is imported.
+            import stretch_body.lift
 
             self._lift = stretch_body.lift.Lift()
             if not self._lift.startup(threaded=False):
-                raise RuntimeError("the lift does not start")
+                raise RuntimeError("the board of the lift does not answer")
             self._lift.pull_status()
-            self._here = self._lift.status["pos"]
+            self._base = self._lift.status["pos"]
             self._lift.motor.disable_sync_mode()
             self._lift.push_command()
 
     def setpoint(self, number: int) -> int:
         began_ns = time.monotonic_ns()
-        self._lift.move_to(self._here + STEP_M * wave(number))
+        self._lift.move_to(self._base + STEP_M * wave(number))
         self._lift.push_command()
         return began_ns
 

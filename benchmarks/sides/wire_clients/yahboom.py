@@ -6,12 +6,12 @@ import time
 
 import roslibpy
 
-from .hand import Hand, wave
+from .hand import BaseClient, wave
 
 SPEED_M_S = 0.3
 
 
-class Client(Hand):
+class Client(BaseClient):
     def __init__(self, robot: str, port: str) -> None:
         host, _, number = port.rpartition(":")
         ros = roslibpy.Ros(host, int(number))
@@ -20,7 +20,7 @@ class Client(Hand):
         self._drive.advertise()
 
     def _publish(self, x: float) -> None:
-        zero = type(x)(0)  # a stop uses whole numbers
+        zero = type(x)(0)  # in a stop the speeds are whole numbers
         linear, angular = {"x": x, "y": zero, "z": zero}, {"x": zero, "y": zero, "z": zero}
         self._drive.publish(roslibpy.Message({"linear": linear, "angular": angular}))
 

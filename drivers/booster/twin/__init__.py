@@ -1,9 +1,10 @@
-"""Run a T1 on its own DDS network: its computer, a MuJoCo body, 23 motors.
+"""Simulate a T1 on its own DDS network: its onboard computer, its 23 motors, and its body in
+MuJoCo.
 
-Besides the control lines of every twin it takes ``fall``, ``get-up``, ``mode NAME``,
-``battery PERCENT`` and ``answer API STATUS``. The last one sets the status with which a function is
-answered without being carried out (``answer GET_MODE 500``). With ``nothing`` it is carried out and
-not answered; ``-`` restores the normal behaviour.
+Besides the control lines of every simulated robot it takes ``fall``, ``get-up``, ``mode NAME``,
+``battery PERCENT`` and ``answer API STATUS``. ``answer GET_MODE 500`` makes a function fail: it is
+answered with this status and not carried out. With ``nothing`` as the status the function is
+carried out and not answered. The status ``-`` restores the normal behaviour.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from .server import BoosterServer, BoosterTwinOptions
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, BoosterTwinOptions, options)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, BoosterTwinOptions, options)
     model = model_of(robot)
 
     def build(wire_log: WireLog) -> BoosterServer:
-        return BoosterServer(model, wire_log, given)
+        return BoosterServer(model, wire_log, twin_options)
 
     run_server(build, **start)

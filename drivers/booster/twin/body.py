@@ -1,4 +1,4 @@
-"""Build the twin's body from the robot's table."""
+"""Build the MuJoCo body of the simulated T1 from its table in ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from strands_actors.drivers.common.physics.model_rows import with_limits
 
 
 def body_of(model: Model) -> LeggedBody:
-    """Return the body. Its limits and torques come from the motors, the rest from ``links``."""
+    """Return the body. Joint limits and torques come from the motors in the table, all else from
+    ``links``."""
     table = TABLES.table(model.name)
     motors = {motor.key: motor for motor in model.motors}
 

@@ -36,11 +36,11 @@ Row = tuple[float, ...]
 
 
 class Onboard:
-    """The robot's computer.
+    """The simulated onboard computer of the robot.
 
     Args:
-        model: The robot.
-        note: Called with a kind and a text for each change: ``mode``, ``fall``, ``twist``,
+        model: The robot type.
+        note: Called with a kind and a text when one of these changes: ``mode``, ``fall``, ``twist``,
             ``upper_body``.
         mode: The mode after a boot.
     """
@@ -60,40 +60,42 @@ class Onboard:
         self.body.stand_up()
         self.mode = self._first_mode
         self.fall = Fall.IS_READY
-        self.ours = False  # True while the host has the upper body
-        self.simulated = False  # True while the simulation has it
+        self.host_has_arms = False  # True while the host commands the upper body
+        self.simulated = False  # True while a local simulation moves the upper body
         self.twist: Row = (0.0, 0.0, 0.0)
         self.odometer = Odometer(0.0, 0.0, 0.0)
         self._command: Command | None = None
-        self._wanted = list(self._home)  # goal of arms and head
+        self._goal = list(self._home)  # goal of arms and head
         self._target = list(self._home)  # setpoint on the way to the goal
         self._since_s = self._now_s = 0.0
 
     # -- commands
 
     def command(self, command: Command) -> None:
-        """Take a LowCmd. The newest one stays in force as long as the mode obeys it."""
-        if self.ours or self.mode is Mode.CUSTOM:
+        """Store a LowCmd if the host may command motors in this mode. The newest command stays in
+        force."""
+        if self.host_has_arms or self.mode is Mode.CUSTOM:
             self._command = command
 
-    def aim(self, arms: Sequence[float]) -> None:
-        """Set the goal of the arms for the simulation."""
-        self._wanted[FIRST_ARM : LAST_ARM + 1] = arms
+    def set_arm_targets(self, arms: Sequence[float]) -> None:
+        """Set the goal of the arms, in the place of a client."""
+        self._goal[FIRST_ARM : LAST_ARM + 1] = arms
 
     def set_mode(self, mode: Mode) -> None:
         if self.mode not in STANDS and mode in STANDS:
-            self.body.stand_up()  # as if a person held it for that
+            # Put the robot on its feet, as a person would do before this change of the mode.
+            self.body.stand_up()
         self.mode = mode
         self.take_back()
         self._stand()
         self._note("mode", mode.name.lower())
 
     def take_back(self) -> None:
-        """Take the upper body back from the host, and move it to the home pose."""
-        if self.ours:
+        """End the host's control of the upper body, and move the arms to the home pose."""
+        if self.host_has_arms:
             self._note("upper_body", "back")
-        self.ours, self._command = False, None
-        self._wanted, self._target = list(self._home), list(self.body.position_rad)
+        self.host_has_arms, self._command = False, None
+        self._goal, self._target = list(self._home), list(self.body.position_rad)
 
     def fall_over(self) -> None:
         if self.fall is not Fall.IS_READY:
@@ -132,7 +134,7 @@ class Onboard:
     def _control(self, passed_s: float) -> None:
         most = TURN_RAD_S * passed_s
         for slot in range(LAST_ARM + 1):
-            self._target[slot] += max(-most, min(most, self._wanted[slot] - self._target[slot]))
+            self._target[slot] += max(-most, min(most, self._goal[slot] - self._target[slot]))
         if any(self.twist):
             vx, vy, vyaw = self.twist
             self.body.carry(vx, vy, vyaw, passed_s)
@@ -146,7 +148,7 @@ class Onboard:
         self.body.drive(*self._drives())
 
     def _drives(self) -> tuple[Row, Row, Row, Row, Row]:
-        """Return the command to every motor by slot: q, dq, tau, kp, kd."""
+        """Return the commands of all motors, one row each for q, dq, tau, kp and kd."""
         rows = [self._own(slot) for slot in range(len(self.model.motors))]
         command = self._command
         if command is not None:
@@ -158,7 +160,7 @@ class Onboard:
         return q, dq, tau, kp, kd
 
     def _own(self, slot: int) -> Row:
-        """Return the onboard controller's command to a motor."""
+        """Return the command that the onboard controller gives to one motor: q, dq, tau, kp, kd."""
         if self.mode not in (*STANDS, Mode.CUSTOM) or self.fall is not Fall.IS_READY:
             return 0.0, 0.0, 0.0, 0.0, DAMPING
         if slot <= LAST_ARM:
@@ -166,7 +168,7 @@ class Onboard:
         return self._home[slot], 0.0, 0.0, STAND_KP, STAND_KD
 
     def _watch(self, now_s: float) -> None:
-        """Advance the fall state: falling, lying, getting up."""
+        """Advance the simulated fall by one step: falling, lying on the ground, getting up."""
         match self.fall:
             case Fall.IS_READY if self.body.fallen and self.mode is not Mode.DAMPING:
                 self.set_mode(Mode.DAMPING)
@@ -247,7 +249,7 @@ class Onboard:
         if self.mode not in STANDS:
             return rpc.TRANSITION_FAILED, None
         pitch, yaw = self._head
-        self._wanted[pitch], self._wanted[yaw] = pitch_rad, yaw_rad
+        self._goal[pitch], self._goal[yaw] = pitch_rad, yaw_rad
         return rpc.OK, None
 
     def _hand_over(self, start: object) -> tuple[int, Any]:
@@ -258,6 +260,6 @@ class Onboard:
         elif self.mode not in STANDS or self.fall is not Fall.IS_READY:
             return rpc.TRANSITION_FAILED, None
         else:
-            self.ours, self.simulated = True, False
+            self.host_has_arms, self.simulated = True, False
             self._note("upper_body", "host")
         return rpc.OK, None

@@ -1,12 +1,14 @@
-"""Serve the twin's network: LowState 500 times a second, LowCmd, the service, and the slow topics.
+"""Serve the simulated robot on DDS: LowState 500 times a second, LowCmd, the service, and slow
+topics.
 
-The log has every LowCmd and every request. Of the robot's side it has the answers, and changes that
-the robot makes by itself: ``mode``, ``fall``, ``twist``, ``upper_body``. Kinds of the host's frames:
+The log contains every LowCmd and every request of the host. It also contains the robot's answers,
+and changes that the robot makes by itself: ``mode``, ``fall``, ``twist``, ``upper_body``. Kinds of
+the host's messages:
 
 ``setpoint``  a LowCmd that moves an arm, a ``Move`` that is not zero, a ``RotateHead``
-``safe``      ``Move(0, 0, 0)``; after it a LowCmd that holds each arm joint exactly at a position that was
-              reported lately; giving back the upper body; damping mode. The entry also names the safe
-              state of the whole robot: ``""`` as long as it walks, or the host still has its arms
+``safe``      ``Move(0, 0, 0)``, and then a LowCmd that holds each arm joint exactly at a position that was
+              reported lately; giving back the upper body; damping mode. The log entry also names the safe
+              state of the whole robot; it is empty as long as the robot walks or the host has the arms
 ``enable``    taking the upper body
 ``read``, ``config``, ``garbled``
 """
@@ -55,7 +57,7 @@ class BoosterTwinOptions(DdsOptions, frozen=True):
 
 
 class BoosterServer(DdsServer):
-    """Serve one robot. The methods at the end are its faults."""
+    """Serve one simulated robot. The methods at the end inject faults."""
 
     def __init__(self, model: Model, log: WireLog, options: BoosterTwinOptions) -> None:
         mode = Mode[options.mode.upper()]
@@ -64,10 +66,12 @@ class BoosterServer(DdsServer):
         self.onboard.percent = options.battery
         self.body = BoosterBody(self.onboard)
         self._name = options.robot_name
-        self._told: deque[tuple[float, ...]] = deque(maxlen=LATELY)
-        self._due_ns: dict[str, int] = {}  # next time of each slow topic
-        self._answered: dict[Api, int | None] = {}  # the status that replaces an action; None for no answer
-        self._stood: set[bytes] = set()  # participants that stopped the base and sent no command since
+        self._reported_rows: deque[tuple[float, ...]] = deque(maxlen=LATELY)
+        self._due_ns: dict[str, int] = {}  # when each slow topic is sent next
+        # Functions that are not carried out but answered with this status; None for no answer.
+        self._answered: dict[Api, int | None] = {}
+        # The clients that have stopped the base and sent no motion command since.
+        self._stood: set[bytes] = set()
 
     def make_endpoints(self, participant: Participant) -> None:
         def topic(name: str) -> str:
@@ -90,7 +94,7 @@ class BoosterServer(DdsServer):
         if self.is_off:
             return
         body = bytes(payload[4:])
-        self.take(writer, t_ns, lambda t_ns: self._take_command(body, writer, t_ns))
+        self.receive(writer, t_ns, lambda t_ns: self._take_command(body, writer, t_ns))
 
     def _take_command(self, body: bytes, writer: bytes, t_ns: int) -> None:
         try:
@@ -106,18 +110,18 @@ class BoosterServer(DdsServer):
         self.onboard.command(command)
 
     def _holds(self, command: Command) -> bool:
-        """Return True if the command keeps each arm joint exactly, to the last bit, at a position that was
-        reported lately."""
+        """Return True if the command holds each arm joint exactly, to the last bit, at a recently
+        reported position."""
         goals = tuple(motor.q for motor in command.motors[_ARMS])
         if any(motor.dq or motor.tau for motor in command.motors) or len(goals) * 4 != _ROW.size:
             return False
-        return all(any(row[index] == q for row in self._told) for index, q in enumerate(goals))
+        return all(any(row[index] == q for row in self._reported_rows) for index, q in enumerate(goals))
 
     def _on_request(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
         if self.is_off:
             return
         body = bytes(payload[4:])
-        self.take(writer, t_ns, lambda t_ns: self._take_request(body, writer, t_ns))
+        self.receive(writer, t_ns, lambda t_ns: self._take_request(body, writer, t_ns))
 
     def _take_request(self, body: bytes, writer: bytes, t_ns: int) -> None:
         try:
@@ -138,7 +142,8 @@ class BoosterServer(DdsServer):
             self._answers.write(CDR + answer)
 
     def _serve(self, request: Request) -> Response | None:
-        """Serve a request as the onboard computer does, unless ``answer`` has changed that."""
+        """Carry out and answer a request, unless the control line ``answer`` has changed its
+        answer."""
         status = next((status for api, status in self._answered.items() if api == request.api), rpc.OK)
         if status:
             return Response(request.id, status)
@@ -146,7 +151,8 @@ class BoosterServer(DdsServer):
         return None if status is None else response
 
     def _kind_of(self, request: Request) -> tuple[str, str]:
-        """Return the kind of a request, and the safe state to which it brings the whole robot."""
+        """Return the kind of a request for the log, and the safe state of the whole robot that it
+        causes."""
         try:
             body = rpc.parsed(request.body)
         except MalformedFrame:
@@ -154,7 +160,7 @@ class BoosterServer(DdsServer):
         walks = any(self.onboard.twist)
         match request.api:
             case Api.MOVE if not any(body.get(name) for name in ("vx", "vy", "vyaw")):
-                return "safe", "" if self.onboard.ours else SafeState.HOLD
+                return "safe", "" if self.onboard.host_has_arms else SafeState.HOLD
             case Api.MOVE | Api.ROTATE_HEAD:
                 return "setpoint", ""
             case Api.UPPER_BODY if body.get("start") is False:
@@ -167,12 +173,12 @@ class BoosterServer(DdsServer):
 
     # -- sent frames
 
-    def say(self, tick: int, now_ns: int) -> None:
+    def send_due(self, tick: int, now_ns: int) -> None:
         state = self.onboard.state()
         if self.lies:
             state = state._replace(q=tuple(rad + WRONG_RAD for rad in state.q))
-        self._told.append(_ROW.unpack(_ROW.pack(*state.q[_ARMS])))
-        self.say_state(self._states, p.encode_state(state), now_ns)
+        self._reported_rows.append(_ROW.unpack(_ROW.pack(*state.q[_ARMS])))
+        self.send_state(self._states, p.encode_state(state), now_ns)
         if self.is_off:
             return
         if self._is_due("fall", FALL_S, now_ns):

@@ -1,7 +1,7 @@
-"""Let a simulation drive the twin's body.
+"""Let a local simulation move the simulated robot's arms, in the place of a client.
 
-The simulation may have the upper body while the host does not have it. The onboard controller keeps
-the robot on its legs.
+This is possible only while no client has the upper body. The onboard controller keeps the robot
+standing.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from strands_actors.drivers.booster.robots import FIRST_ARM, LAST_ARM
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 
 from .onboard import Onboard
 
@@ -27,37 +27,39 @@ class BoosterBody:
         return self._onboard.body.spec
 
     @property
-    def hands(self) -> Sequence[Hand]:
+    def commanders(self) -> Sequence[Commander]:
         onboard = self._onboard
-        hand = Hand.WIRE if onboard.ours else Hand.SIM if onboard.simulated else Hand.NONE
-        return (hand,) * len(self.axes)
+        commander = (
+            Commander.WIRE if onboard.host_has_arms else Commander.SIM if onboard.simulated else Commander.NONE
+        )
+        return (commander,) * len(self.axes)
 
     def pass_time(self) -> None:
-        """Do nothing: the onboard computer's own ticks advance the body."""
+        """Do nothing. The simulated onboard computer advances the body by itself."""
 
     def felt(self) -> Felt:
         body = self._onboard.body
         rows = (body.position_rad, body.velocity_rad_s, body.effort_nm)
         position, velocity, effort = (row[_ARMS] for row in rows)
-        return Felt(float(body.data.time), position, velocity, effort, self.hands)
+        return Felt(float(body.data.time), position, velocity, effort, self.commanders)
 
     def pose(self) -> Sequence[float]:
         pose: list[float] = self._onboard.body.data.qpos.tolist()
         return pose
 
-    def take(self, on: bool) -> None:
+    def energise(self, on: bool) -> None:
         onboard = self._onboard
-        if onboard.ours or on == onboard.simulated:
+        if onboard.host_has_arms or on == onboard.simulated:
             return
         onboard.simulated = on
-        onboard.aim(onboard.body.position_rad[_ARMS])
+        onboard.set_arm_targets(onboard.body.position_rad[_ARMS])
 
-    def aim(self, values: Sequence[float]) -> None:
+    def set_targets(self, values: Sequence[float]) -> None:
         if self._onboard.simulated:
-            self._onboard.aim(values)
+            self._onboard.set_arm_targets(values)
 
     def hold(self) -> None:
-        self.aim(self._onboard.body.position_rad[_ARMS])
+        self.set_targets(self._onboard.body.position_rad[_ARMS])
 
     def step(self, steps: int) -> None:
         for _ in range(steps):

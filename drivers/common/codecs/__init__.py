@@ -1,1 +1,1 @@
-"""Messages and their bytes. Pure: no clock, no socket."""
+"""Codecs: each module converts the messages of one protocol to bytes and back. They use no clock and no socket."""

@@ -1,7 +1,8 @@
-"""gRPC over HTTP/2, for both ends. Pure: bytes in, events and bytes out; no socket, no clock.
+"""Encode and decode gRPC over HTTP/2, as client and as server.
 
-h2 does the HTTP/2. gRPC adds five bytes before each message, and a status in the trailers. Source:
-"gRPC over HTTP2" of the gRPC documentation. Messages are never compressed.
+Pure: bytes in, events and bytes out; no socket, no clock. The library h2 handles HTTP/2. gRPC adds five bytes
+before each message, and a status in the trailers. Source: "gRPC over HTTP2" of the gRPC documentation. Messages are
+never compressed.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ Header = tuple[str, str]
 
 
 class Status(enum.IntEnum):
-    """The result of a call."""
+    """The status code with which a gRPC call ends."""
 
     OK = 0
     CANCELLED = 1
@@ -62,51 +63,52 @@ class Status(enum.IntEnum):
 
 
 class Called(NamedTuple):
-    """A client has begun a call."""
+    """Event at the server: a client has begun a gRPC call."""
 
     stream: int
     path: str
 
 
-class Heard(NamedTuple):
-    """One message of a call has arrived."""
+class MessageReceived(NamedTuple):
+    """Event: one message of a gRPC call has arrived."""
 
     stream: int
     message: bytes
 
 
 class HalfClosed(NamedTuple):
-    """The client has sent its last message on this call."""
+    """Event at the server: the client has sent its last message on this call."""
 
     stream: int
 
 
 class Ended(NamedTuple):
-    """The call is over. The server has ended it, or one end has given it up."""
+    """Event: a gRPC call has ended. Either the server has ended it, or one of the two peers has cancelled it."""
 
     stream: int
     status: Status
     text: str = ""
 
 
-class Left(NamedTuple):
-    """The peer ends the connection."""
+class PeerLeft(NamedTuple):
+    """Event: the peer has announced that it closes the connection (HTTP/2 GOAWAY)."""
 
-    why: str
+    reason: str
 
 
-Event = Called | Heard | HalfClosed | Ended | Left
+Event = Called | MessageReceived | HalfClosed | Ended | PeerLeft
 
 
 class MessageDecoder:
-    """Find messages in the data of one stream, which comes in any pieces."""
+    """Split the data of one HTTP/2 stream into gRPC messages. The data may arrive in pieces of any size."""
 
     def __init__(self, max_message: int = MAX_MESSAGE) -> None:
         self._max = max_message
-        self._pending = bytearray()  # removes from the front and appends without a copy
+        # A bytearray can drop bytes at its front, and grow at its end, without copying the rest.
+        self._pending = bytearray()
 
     def feed(self, data: bytes) -> Iterator[bytes]:
-        """Yield each complete message. Raise ``MalformedFrame`` for one that is too long or compressed."""
+        """Yield each complete message. Raise ``MalformedFrame`` if a message is too long or compressed."""
         self._pending += data
         while len(self._pending) >= _PREFIX:
             size = int.from_bytes(self._pending[1:_PREFIX], "big")
@@ -122,52 +124,53 @@ class MessageDecoder:
 
 
 def framed(message: bytes) -> bytes:
-    """Return a message with gRPC's five bytes before it."""
+    """Return a message with gRPC's prefix of five bytes."""
     return b"\0" + len(message).to_bytes(4, "big") + message
 
 
 class _FrameSizes:
-    """Check the size of each HTTP/2 frame at its beginning, and count the frames.
+    """Check the size of each HTTP/2 frame when its header arrives, and count the frames.
 
-    h2 itself would wait for the end of a frame that is far too long. It needs up to 0.05 ms for a frame
-    without content, and one read may hold hundreds.
+    h2 itself would first receive the whole frame, even one that is far too long. Counting bounds the time of one
+    read: h2 needs up to 0.05 ms for each frame without content, and one read may hold hundreds of them.
     """
 
     def __init__(self, skip: int) -> None:
-        """Start before ``skip`` bytes that are no frame."""
+        """Start at the first byte of the connection. Its first ``skip`` bytes (the client's preface) are no
+        frame."""
         self._skip = skip
         self._head = b""
 
     def feed(self, data: bytes, frames: int) -> tuple[int, int]:
-        """Measure the beginning of ``data`` that ends within at most ``frames`` frames.
+        """Find how much of ``data`` may be decoded now, if at most ``frames`` frames may begin in it.
 
         Returns:
-            Its length in bytes, and the number of frames that begin in it.
+            The length of this part in bytes, and the number of frames that begin in it.
 
         Raises:
             MalformedFrame: A frame is too long.
         """
-        at = begun = 0
-        while at < len(data):
+        offset = begun = 0
+        while offset < len(data):
             if not self._skip and not self._head and begun == frames:
                 break
             if self._skip:
-                step = min(self._skip, len(data) - at)
+                step = min(self._skip, len(data) - offset)
                 self._skip -= step
             else:
-                step = min(_FRAME_HEAD - len(self._head), len(data) - at)
-                self._head += data[at : at + step]
+                step = min(_FRAME_HEAD - len(self._head), len(data) - offset)
+                self._head += data[offset : offset + step]
                 if len(self._head) == _FRAME_HEAD:
                     begun += 1
                     self._skip, self._head = int.from_bytes(self._head[:3], "big"), b""
                     if self._skip > _MAX_FRAME:
                         raise MalformedFrame(f"HTTP/2: a frame of {self._skip} bytes")
-            at += step
-        return at, begun
+            offset += step
+        return offset, begun
 
 
 class _End:
-    """The common part of client and server."""
+    """The code that the client and the server of a gRPC connection share."""
 
     def __init__(self, client: bool, max_message: int) -> None:
         config = h2.config.H2Configuration(client_side=client, header_encoding="utf-8")
@@ -192,47 +195,48 @@ class _End:
 
     @property
     def has_unread(self) -> bool:
-        """True if ``feed`` has kept bytes for the next call."""
+        """True if ``feed_some`` has kept received bytes for its next call."""
         return bool(self._unread)
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return the events in the received bytes.
+        """Decode the received bytes, and return the events in them.
 
         Raises:
-            MalformedFrame: Nothing later on this connection can be decoded.
+            MalformedFrame: The bytes are malformed. Nothing that follows on this connection can be decoded.
         """
         events, _ = self.feed_some(data, sys.maxsize)
         return events
 
     def feed_some(self, data: bytes, frames: int) -> tuple[list[Event], int]:
-        """As ``feed``, but for at most so many frames. The rest is kept for the next call.
+        """Decode as ``feed`` does, but at most ``frames`` HTTP/2 frames. The other bytes are kept for the next
+        call.
 
         Returns:
-            The events, and the number of frames that were begun.
+            The events, and the number of frames that began in the decoded bytes.
         """
         unread = self._unread + data
         size, begun = self._sizes.feed(unread, frames)
         read, self._unread = unread[:size], unread[size:]
         try:
-            return [told for event in self._http.receive_data(read) for told in self._told(event)], begun
+            return [decoded for event in self._http.receive_data(read) for decoded in self._events_of(event)], begun
         except h2.exceptions.ProtocolError as error:
             raise MalformedFrame(f"HTTP/2: {error or type(error).__name__}") from None
         except (ValueError, UnicodeError, KeyError, IndexError) as error:
             raise MalformedFrame(f"HTTP/2: {type(error).__name__}") from None
 
     def outgoing(self) -> bytes:
-        """Return the bytes to send now."""
+        """Return the bytes that must be sent to the peer now."""
         return self._http.data_to_send()
 
     def reset(self, stream: int) -> None:
-        """Give up a call. Does nothing if it is over."""
+        """Cancel a call (HTTP/2 RST_STREAM). Does nothing if the call has ended."""
         self._forget(stream)
         try:
             self._http.reset_stream(stream, h2.errors.ErrorCodes.CANCEL)
         except h2.exceptions.ProtocolError:
             return
 
-    def _told(self, event: h2.events.Event) -> Iterator[Event]:
+    def _events_of(self, event: h2.events.Event) -> Iterator[Event]:
         match event:
             case h2.events.RemoteSettingsChanged():
                 self.settled = True
@@ -241,12 +245,12 @@ class _End:
                     self._http.acknowledge_received_data(size, stream)
                 if stream in self._decoders:
                     for message in self._decoders[stream].feed(data):
-                        yield Heard(stream, message)
+                        yield MessageReceived(stream, message)
             case h2.events.StreamReset(stream_id=stream, error_code=code):
                 if self._forget(stream):
                     yield Ended(stream, Status.CANCELLED, f"the peer gave it up (HTTP/2 error {int(code)})")
             case h2.events.ConnectionTerminated(error_code=code):
-                yield Left(f"HTTP/2 error {int(code)}" if code else "it said goodbye")
+                yield PeerLeft(f"HTTP/2 error {int(code)}" if code else "it said goodbye")
 
     def _begin(self, stream: int) -> None:
         self._decoders[stream] = MessageDecoder(self._max_message)
@@ -256,7 +260,7 @@ class _End:
 
 
 class ClientEnd(_End):
-    """The client's end of one connection."""
+    """The client side of one gRPC connection."""
 
     def __init__(self, authority: str, scheme: str = "http", max_message: int = MAX_MESSAGE) -> None:
         super().__init__(True, max_message)
@@ -271,10 +275,10 @@ class ClientEnd(_End):
             metadata: More header fields.
 
         Returns:
-            Its stream.
+            The stream id of the call.
 
         Raises:
-            MalformedFrame: The peer accepts no more calls.
+            MalformedFrame: HTTP/2 allows no further call on this connection.
         """
         headers = [
             (":method", "POST"),
@@ -300,10 +304,10 @@ class ClientEnd(_End):
         Args:
             stream: The stream of the call.
             message: The encoded message.
-            last: True ends our side of the call.
+            last: True if no message of ours follows on this call.
 
         Raises:
-            MalformedFrame: The peer's window has no room for it, because the peer does not read.
+            MalformedFrame: The peer's window has no room for the message, because the peer does not read.
         """
         data = framed(message)
         try:
@@ -314,7 +318,7 @@ class ClientEnd(_End):
         except h2.exceptions.ProtocolError as error:
             raise MalformedFrame(f"HTTP/2: {error}") from None
 
-    def _told(self, event: h2.events.Event) -> Iterator[Event]:
+    def _events_of(self, event: h2.events.Event) -> Iterator[Event]:
         match event:
             case h2.events.ResponseReceived(stream_id=stream, headers=headers, stream_ended=ended):
                 fields = _pairs(headers)
@@ -327,12 +331,12 @@ class ClientEnd(_End):
             case h2.events.StreamEnded(stream_id=stream):
                 yield from self._over(stream, Status.UNKNOWN, "it ended without a status")
             case _:
-                yield from super()._told(event)
+                yield from super()._events_of(event)
 
     def _trailed(self, stream: int, fields: dict[str, str]) -> Iterator[Event]:
         number = fields.get("grpc-status", "")
-        known = number.isdecimal() and int(number) in tuple(Status)
-        status = Status(int(number)) if known else Status.UNKNOWN
+        is_valid = number.isdecimal() and int(number) in tuple(Status)
+        status = Status(int(number)) if is_valid else Status.UNKNOWN
         yield from self._over(stream, status, unquote(fields.get("grpc-message", "")))
 
     def _over(self, stream: int, status: Status, text: str) -> Iterator[Event]:
@@ -341,7 +345,8 @@ class ClientEnd(_End):
 
 
 class ServerEnd(_End):
-    """The server's end of one connection. Data waits here while the client's window has no room."""
+    """The server side of one gRPC connection. It keeps data while the client's HTTP/2 window has no room for
+    more."""
 
     def __init__(self, max_message: int = MAX_MESSAGE) -> None:
         super().__init__(False, max_message)
@@ -350,14 +355,14 @@ class ServerEnd(_End):
         self._trailers: dict[int, list[Header]] = {}
 
     def has_room(self, stream: int) -> bool:
-        """Return True if the stream is open and no data waits on it."""
+        """Return True if the stream is open and all data sent on it so far fitted into the client's window."""
         return stream in self._decoders and not self._waiting.get(stream)
 
     def send(self, stream: int, message: bytes) -> None:
-        """Answer with one message. Does nothing if the call is over.
+        """Send one message of a call's answer. Does nothing if the call has ended.
 
         Raises:
-            MalformedFrame: Too much data waits already.
+            MalformedFrame: Too much data already waits for this client to read.
         """
         if stream not in self._decoders:
             return
@@ -369,7 +374,7 @@ class ServerEnd(_End):
         self._flush(stream)
 
     def end(self, stream: int, status: Status = Status.OK, text: str = "") -> None:
-        """End a call, after the data that waits on it. Does nothing if it is over."""
+        """End a call once its waiting data has been sent. Does nothing if the call has ended."""
         if stream not in self._decoders:
             return
         self._answer(stream)
@@ -381,7 +386,7 @@ class ServerEnd(_End):
         super().reset(stream)
         self._drop(stream)
 
-    def _told(self, event: h2.events.Event) -> Iterator[Event]:
+    def _events_of(self, event: h2.events.Event) -> Iterator[Event]:
         match event:
             case h2.events.RequestReceived(stream_id=stream, headers=headers):
                 self._begin(stream)
@@ -391,12 +396,12 @@ class ServerEnd(_End):
                     yield HalfClosed(stream)
             case h2.events.StreamReset(stream_id=stream):
                 self._drop(stream)
-                yield from super()._told(event)
+                yield from super()._events_of(event)
             case h2.events.WindowUpdated(stream_id=stream):
                 for each in [stream] if stream else list(self._waiting):
                     self._flush(each)
             case _:
-                yield from super()._told(event)
+                yield from super()._events_of(event)
 
     def _answer(self, stream: int) -> None:
         if stream not in self._answered:
@@ -426,7 +431,7 @@ class ServerEnd(_End):
 
 
 def _pairs(headers: object) -> dict[str, str]:
-    """Return header fields by name. The last of several with one name wins."""
+    """Return a dict of the header fields. If a name occurs several times, its last value is kept."""
     assert isinstance(headers, list)
     return {_text(name): _text(value) for name, value in headers}
 

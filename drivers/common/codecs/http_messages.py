@@ -1,8 +1,8 @@
-"""HTTP/1.1 messages as bytes, for robots behind a service, for both ends. Pure, over h11.
+"""Encode and decode HTTP/1.1, as client and as server, for robots that are reached through an HTTP service.
 
-Everything is bounded: the head of a message, its body, the number of its chunks, and how much received
-data one turn takes in. A client refuses anything that it has not requested: an answer without a request,
-a compressed body, a redirect. After malformed bytes an end decodes nothing more.
+Pure, over h11. Four sizes are bounded: the head of a message, its body, the number of its chunks, and the amount of
+received data that one call decodes. A client refuses everything that it has not requested: a response without a
+request, a compressed body, a redirect. After malformed bytes, neither side decodes anything more.
 """
 
 from __future__ import annotations
@@ -32,32 +32,32 @@ REASONS = {200: "OK", 400: "Bad Request", 404: "Not Found", 405: "Method Not All
 
 
 class Request(NamedTuple):
-    """A received request. ``raw`` has its bytes on the wire."""
+    """A received request. ``raw`` holds the received bytes of the whole request."""
 
     method: str
     target: str
-    headers: Mapping[str, str]  # names in lower case
+    headers: Mapping[str, str]  # header names are in lower case
     body: bytes
     raw: bytes
 
 
 class Response(NamedTuple):
-    """A received response."""
+    """A received HTTP response."""
 
     status: int
-    headers: Mapping[str, str]  # names in lower case
+    headers: Mapping[str, str]  # header names are in lower case
     body: bytes
 
 
-def encode_response(status: int, body: bytes, kind: str = "application/json") -> bytes:
-    """Return a response that keeps its connection open. ``kind`` is its content type."""
+def encode_response(status: int, body: bytes, content_type: str = "application/json") -> bytes:
+    """Encode an HTTP response, after which the connection stays open."""
     reason = REASONS.get(status, "Unknown")
-    head = f"HTTP/1.1 {status} {reason}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n\r\n"
+    head = f"HTTP/1.1 {status} {reason}\r\nContent-Type: {content_type}\r\nContent-Length: {len(body)}\r\n\r\n"
     return head.encode("ascii") + body
 
 
 class _Incoming:
-    """One message while it is received."""
+    """A message that is being received, with the parts of it that have arrived so far."""
 
     def __init__(self, http: h11.Connection, max_body: int) -> None:
         self._http = http
@@ -72,14 +72,14 @@ class _Incoming:
         self._http.receive_data(data)
 
     def advance(self, parts: int) -> tuple[bool, bool, int]:
-        """Take in at most ``parts`` parts of the received data.
+        """Decode at most ``parts`` parts (h11 events) of the received data.
 
         Returns:
-            True if the message is complete; True if it needs more bytes; the number of parts that are
-            left for this turn.
+            Three values: whether the message is complete, whether more bytes are needed, and how many more
+            parts may be decoded in this turn.
 
         Raises:
-            MalformedFrame: It is no HTTP, or it exceeds a bound.
+            MalformedFrame: The data is no HTTP, or the message exceeds a bound.
         """
         while parts > 0:
             parts -= 1
@@ -89,7 +89,8 @@ class _Incoming:
                 raise MalformedFrame(f"HTTP: {error}") from None
             match event:
                 case h11.NEED_DATA:
-                    # Chunks have heads, which no other bound covers.
+                    # This bound also covers the heads of the chunks, which count neither as head nor as body of the
+                    # message.
                     if self._size > MAX_HEAD + 2 * self._max_body:
                         raise MalformedFrame(f"HTTP: a message of more than {MAX_HEAD + 2 * self._max_body} bytes")
                     return False, True, parts
@@ -113,7 +114,7 @@ class _Incoming:
 
     @property
     def rest(self) -> bytes:
-        """The bytes that were received after the message."""
+        """The received bytes that follow this message."""
         return bytes(self._http.trailing_data[0])
 
     def _begin(self, event: h11.Request | h11.Response) -> None:
@@ -129,7 +130,7 @@ class _Incoming:
             self._check_response(event)
 
     def _check_response(self, response: h11.Response) -> None:
-        """Raise ``MalformedFrame`` for a response that was not requested."""
+        """Raise ``MalformedFrame`` for a response that is compressed, redirects, or has no length."""
         encoding = self.headers.get("content-encoding", "identity")
         if encoding.lower() != "identity":
             raise MalformedFrame(f"HTTP: the answer is compressed ({encoding[:40]}), which was not asked for")
@@ -150,10 +151,11 @@ class _Incoming:
 
 
 class ClientEnd:
-    """The client's end. It may send a request before earlier ones are answered."""
+    """The client side of an HTTP connection. It may send a request before earlier ones are answered
+    (pipelining)."""
 
     def __init__(self, host: str, max_body: int = MAX_BODY) -> None:
-        """Make the end of one connection.
+        """Prepare the client side of one connection.
 
         Args:
             host: Value of the ``Host`` header, with the port.
@@ -163,16 +165,16 @@ class ClientEnd:
         self._max_body = max_body
         self._answers: deque[_Incoming] = deque()
         self._unread = b""
-        self._has_parts = False  # the first answer has parts that the last turn did not take in
+        self._has_parts = False  # True if parts of the first response were received but not decoded yet
         self._failure = ""
 
     @property
     def has_unread(self) -> bool:
-        """True if ``feed`` has left data for the next turn."""
+        """True if ``feed`` has kept received data that its next call will decode."""
         return self._has_parts or bool(self._unread)
 
-    def request(self, method: str, target: str, body: bytes = b"", kind: str = "application/json") -> bytes:
-        """Return a request that keeps its connection open.
+    def request(self, method: str, target: str, body: bytes = b"", content_type: str = "application/json") -> bytes:
+        """Encode a request, after which the connection stays open.
 
         Raises:
             ValueError: The method or the target is not valid.
@@ -180,7 +182,7 @@ class ClientEnd:
         http = h11.Connection(h11.CLIENT, max_incomplete_event_size=MAX_HEAD)
         headers = [("Host", self._host), ("Accept", "*/*"), ("Accept-Encoding", "identity")]
         if method != "GET":
-            headers += [("Content-Type", kind), ("Content-Length", str(len(body)))]
+            headers += [("Content-Type", content_type), ("Content-Length", str(len(body)))]
         try:
             head = http.send(h11.Request(method=method, target=target, headers=headers))
             http.send(h11.Data(data=body))
@@ -191,13 +193,15 @@ class ClientEnd:
         return (head or b"") + body
 
     def feed(self, data: bytes) -> list[Response]:
-        """Take in ``data``, as much as one turn may take. While ``has_unread``, feed empty bytes.
+        """Decode received data, up to a fixed amount (``EVENTS`` parts) per call.
+
+        If ``has_unread`` is True afterwards, call again with empty ``data`` to decode more.
 
         Returns:
             The complete responses, in the order of the requests.
 
         Raises:
-            MalformedFrame: Nothing later on this connection can be decoded.
+            MalformedFrame: The data is malformed. Nothing that follows on this connection can be decoded.
         """
         if self._failure:
             raise MalformedFrame(f"bytes after the end ({self._failure})")
@@ -209,15 +213,15 @@ class ClientEnd:
 
     def _feed(self, data: bytes) -> Iterator[Response]:
         self._unread += data
-        left = EVENTS
-        while left > 0 and self.has_unread:
+        remaining = EVENTS
+        while remaining > 0 and self.has_unread:
             if not self._answers:
                 raise MalformedFrame("HTTP: an answer to no request")
             answer = self._answers[0]
             if self._unread:
                 answer.receive(self._unread)
                 self._unread = b""
-            is_whole, needs_more, left = answer.advance(left)
+            is_whole, needs_more, remaining = answer.advance(remaining)
             self._has_parts = not is_whole and not needs_more
             if is_whole:
                 self._unread = answer.rest
@@ -227,17 +231,17 @@ class ClientEnd:
 
 
 class ServerEnd:
-    """The server's end."""
+    """The server side of an HTTP connection."""
 
     def __init__(self, max_body: int = MAX_BODY) -> None:
         self._max_body = max_body
         self._begin()
 
     def feed(self, data: bytes) -> Iterator[Request]:
-        """Yield each request as soon as it is complete.
+        """Decode received data, and yield each request as soon as it is complete.
 
         Raises:
-            MalformedFrame: Nothing later on this connection can be decoded.
+            MalformedFrame: The data is malformed. Nothing that follows on this connection can be decoded.
         """
         while data:
             self._raw += data

@@ -1,4 +1,4 @@
-"""JSON-RPC 2.0 with one object per line (NDJSON), for both ends. Pure: no socket, no clock."""
+"""Encode and decode JSON-RPC 2.0, with one JSON object per line (NDJSON). Pure: no socket, no clock."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Id = int | str | None
 
 
 class Call(NamedTuple):
-    """A request, or a notification, which gets no answer."""
+    """A received request, or a notification (a request that gets no answer)."""
 
     method: str
     params: Mapping[str, Any]
@@ -33,14 +33,14 @@ class Call(NamedTuple):
 
 
 class Result(NamedTuple):
-    """The answer to a request that succeeded."""
+    """A received answer to a request that succeeded."""
 
     id: Id
     value: Any
 
 
 class Failure(NamedTuple):
-    """The answer to a request that failed."""
+    """A received answer to a request that failed."""
 
     id: Id
     code: int
@@ -67,7 +67,7 @@ def encode_failure(number: Id, code: int, message: str) -> bytes:
 
 
 class LineDecoder:
-    """Split the bytes of one end, which come in any pieces, into lines."""
+    """Split the received bytes of one peer into lines. The bytes may arrive in pieces of any size."""
 
     def __init__(self, longest: int = MAX_LINE) -> None:
         self._longest = longest
@@ -77,8 +77,8 @@ class LineDecoder:
         """Yield the complete lines, without line ends and without empty lines.
 
         Raises:
-            MalformedFrame: A line is too long. Later lines cannot be told apart from it, so the
-                connection is of no further use.
+            MalformedFrame: A line is too long. The start of the next line is unknown, so the connection must be
+                closed.
         """
         self._rest += data
         while (end := self._rest.find(b"\n")) >= 0:
@@ -95,7 +95,7 @@ class LineDecoder:
 
 
 def decode(line: bytes) -> Message:
-    """Return the message in a line. Raise ``MalformedFrame`` if it is no message of JSON-RPC 2.0."""
+    """Return the JSON-RPC 2.0 message in a line. Raise ``MalformedFrame`` for any other content."""
     try:
         content = _JSON.decode(line)
     except (msgspec.DecodeError, RecursionError, UnicodeDecodeError):

@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class MalformedFrame(ValueError):
-    """Bytes that are no frame of the protocol. The text names the error."""
+    """The received bytes are not a valid frame of the protocol. The exception's text describes the error."""

@@ -1,8 +1,8 @@
-"""Messages to and from the signalling server of GStreamer's ``webrtcsink``: JSON texts of a WebSocket (its
-``net/webrtc/protocol``). Pure.
+"""Encode and decode the JSON messages of the signalling server of GStreamer's ``webrtcsink``, which arrive over a
+WebSocket (its ``net/webrtc/protocol``). Pure.
 
-A viewer asks for the producers, then for a session with one of them. The producer offers its streams and
-the viewer answers. Then each sends the other the addresses at which it can be reached.
+A viewer requests the list of video senders ("producers"), then a session with one of them. The producer offers its
+streams and the viewer answers. Then each of the two sends the other its network addresses.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ class Producer(msgspec.Struct, frozen=True):
 
 
 class Description(msgspec.Struct, frozen=True):
-    """An offer or an answer."""
+    """A WebRTC session description: an offer or an answer, in SDP."""
 
     type: str
     sdp: str
 
 
 class Candidate(msgspec.Struct, frozen=True, rename="camel"):
-    """An address of the other end, for one of its streams. An empty one ends the list."""
+    """A network address of the other end, for one of its streams. An empty ``candidate`` ends the list."""
 
     candidate: str
     sdp_m_line_index: int | None = None
 
 
-class Told(msgspec.Struct, frozen=True, rename="camel"):
-    """Any message of the server. A field that its type does not have is empty."""
+class ServerMessage(msgspec.Struct, frozen=True, rename="camel"):
+    """A received message of the signalling server. A field that this type of message does not have is empty."""
 
     type: str
     session_id: str = ""
@@ -50,11 +50,11 @@ class Told(msgspec.Struct, frozen=True, rename="camel"):
     details: str = ""
 
 
-_decode = msgspec.json.Decoder(Told).decode
+_decode = msgspec.json.Decoder(ServerMessage).decode
 
 
-def decode_incoming(text: str | bytes) -> Told:
-    """Return the message in a text of the server. Raise ``MalformedFrame`` if it is no message."""
+def decode_incoming(text: str | bytes) -> ServerMessage:
+    """Decode a text of the signalling server. Raise ``MalformedFrame`` if it is not one of its messages."""
     try:
         return _decode(text)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -1,8 +1,8 @@
-"""One end of a WebSocket, bytes in and bytes out, over wsproto. Pure: no socket, no clock.
+"""Encode and decode WebSocket frames, as client and as server, over wsproto. Pure: no socket, no clock.
 
-No extension is offered or accepted, so nothing is compressed. Messages are bounded in bytes and in
-fragments, and each turn takes in a bounded amount. After malformed bytes an end decodes nothing more, but a
-client can still make a stop.
+No extension is offered or accepted, so nothing is compressed. Messages are bounded in bytes and in fragments, and
+each call of ``feed`` decodes a bounded number of frames. After malformed bytes neither side decodes anything more,
+but a client can still encode a stop command.
 """
 
 from __future__ import annotations
@@ -55,65 +55,70 @@ Headers = Sequence[tuple[bytes, bytes]]
 
 
 class Accepted(NamedTuple):
-    """The server has accepted the upgrade. Messages may be sent."""
+    """Event at the client: the server has accepted the upgrade to WebSocket. Messages may be sent."""
 
 
 class Rejected(NamedTuple):
-    """The server has answered the upgrade with an HTTP status instead."""
+    """Event at the client: the server has refused the upgrade to WebSocket, with this HTTP status."""
 
     status: int
 
 
 class Opened(NamedTuple):
-    """A client asks for an upgrade. Answer with ``accept`` or ``reject``. Header names are in lower case."""
+    """Event at the server: a client requests the upgrade to WebSocket. Reply with ``accept`` or ``reject``.
+
+    Header names are in lower case.
+    """
 
     target: str
     headers: dict[str, str]
 
 
 class Ponged(NamedTuple):
-    """The peer has answered a ping, so it has read everything that was sent before the ping."""
+    """Event: the peer has answered a ping, so it has read everything that was sent before the ping."""
 
     payload: bytes
 
 
 class Closed(NamedTuple):
-    """The peer has closed the connection. Nothing follows."""
+    """Event: the peer has closed the connection. No event follows."""
 
     code: int
     reason: str
 
 
-Heard = str | bytes | Accepted | Rejected | Opened | Ponged | Closed
+Received = str | bytes | Accepted | Rejected | Opened | Ponged | Closed
 
 
 class _End:
     _answers_close = True
 
-    def __init__(self, kind: ConnectionType, max_message: int) -> None:
-        self._connection = WSConnection(kind)
+    def __init__(self, connection_type: ConnectionType, max_message: int) -> None:
+        self._connection = WSConnection(connection_type)
         self._max_message = max_message
         self._parts: list[str] | list[bytes] = []
         self._length = self._fragments = 0
-        self._ping: Ping | None = None  # the newest one without an answer
+        self._ping: Ping | None = None  # the newest received ping that was not answered yet
         self._close = b""
         self._ended = False
         self._has_unread = False
 
     @property
     def has_unread(self) -> bool:
-        """True if ``feed`` has left data for the next turn."""
+        """True if ``feed`` has kept received data that its next call will decode."""
         return self._has_unread
 
-    def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Heard]:
-        """Yield the received events, as much as one turn may take. Afterwards send ``replies``.
+    def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Received]:
+        """Decode received bytes, and yield the events in them. Afterwards send the bytes of ``replies``.
+
+        If ``has_unread`` is True afterwards, call again with empty ``data`` to decode more.
 
         Args:
-            data: Received bytes. While ``has_unread``, feed empty bytes.
-            frames: Most frames of this turn.
+            data: Received bytes.
+            frames: Most frames that this call decodes.
 
         Raises:
-            MalformedFrame: Nothing later on this connection can be decoded.
+            MalformedFrame: The bytes are malformed. Nothing that follows on this connection can be decoded.
         """
         if self._ended:
             raise MalformedFrame("bytes after the end")
@@ -123,40 +128,43 @@ class _End:
                 self._connection.receive_data(data)
             for event in islice(self._connection.events(), frames):
                 count += 1
-                heard = self._take(event)
-                if heard is not None:
-                    yield heard
+                received = self._take(event)
+                if received is not None:
+                    yield received
             self._has_unread = count == frames and not self._ended
         except MalformedFrame:
             self._ended = True
             raise
-        except (ProtocolError, ValueError) as error:  # ValueError comes from a header that is no text.
+        # ValueError is raised for a header that is not ASCII text.
+        except (ProtocolError, ValueError) as error:
             self._ended = True
             raise MalformedFrame(str(error) or type(error).__name__) from None
 
     def replies(self) -> bytes:
-        """Return the answers to the newest ping and to a close since the last call. RFC 6455 requires no
-        answer to earlier pings."""
+        """Return the bytes that answer the newest ping and a close frame, if they arrived since the last call.
+
+        RFC 6455 requires no answer to earlier pings.
+        """
         ping, close, self._ping, self._close = self._ping, self._close, None, b""
         if ping is None or self._connection.state is not ConnectionState.OPEN:
             return close
         return self._send(ping.response()) + close
 
     def message(self, message: str | bytes) -> bytes:
-        """Return the frame of a text or binary message. Raise ``MalformedFrame`` if it cannot be sent
-        now."""
+        """Return the frame of a text or binary message. Raise ``MalformedFrame`` if it is too long or the
+        connection is not open."""
         if len(message) > self._max_message:
             raise MalformedFrame(f"message of {len(message)}, more than {self._max_message}")
         return self._send(TextMessage(data=message) if isinstance(message, str) else BytesMessage(data=message))
 
     def ping(self, payload: bytes) -> bytes:
-        """Return the frame of a ping. Raise ``MalformedFrame`` if it cannot be sent now."""
+        """Return the frame of a ping. Raise ``MalformedFrame`` if it is too long or the connection is not open."""
         if len(payload) > MAX_CONTROL:
             raise MalformedFrame(f"ping of {len(payload)} bytes, more than {MAX_CONTROL}")
         return self._send(Ping(payload=payload))
 
     def close(self, code: int = NORMAL_CLOSURE) -> bytes:
-        """Return the frame of a close; empty if there is nothing to close."""
+        """Return a close frame; empty if the connection is not open or is already closed."""
         if self._connection.state not in (ConnectionState.OPEN, ConnectionState.REMOTE_CLOSING):
             return b""
         return self._send(CloseConnection(code=code))
@@ -167,7 +175,7 @@ class _End:
         except ProtocolError as error:
             raise MalformedFrame(f"not open: {error}") from None
 
-    def _take(self, event: Event) -> Heard | None:
+    def _take(self, event: Event) -> Received | None:
         match event:
             case TextMessage() | BytesMessage():
                 return self._message(event)
@@ -177,7 +185,8 @@ class _End:
             case Pong():
                 return Ponged(bytes(event.payload))
             case CloseConnection():
-                if self._connection.state is ConnectionState.OPEN:  # wsproto reports a parse error like this.
+                # wsproto reports a frame that it cannot parse as a CloseConnection in the state OPEN.
+                if self._connection.state is ConnectionState.OPEN:
                     raise MalformedFrame(event.reason or "no WebSocket frame")
                 if self._answers_close and self._connection.state is ConnectionState.REMOTE_CLOSING:
                     self._close = self._send(event.response())
@@ -213,31 +222,34 @@ class _End:
 
 
 class ClientEnd(_End):
-    """The client's end. ``request`` is the upgrade to send.
+    """The client side of a WebSocket. ``request`` holds the bytes of the upgrade request.
 
-    It does not answer a close. A single garbled byte may look like a close, and no stop would count after
-    the answer. The service sees the end of the connection instead.
+    It does not answer a close frame: a single damaged byte may look like one, and after the answer the service
+    would ignore a stop command. Instead, the service notices when the TCP connection ends.
     """
 
     _answers_close = False
 
     def __init__(self, host: str, target: str, headers: Headers = (), max_message: int = MAX_MESSAGE) -> None:
-        """Make the upgrade. ``host`` includes the port, as in the ``Host`` header."""
+        """Encode the upgrade request. ``host`` includes the port, as in the ``Host`` header."""
         super().__init__(ConnectionType.CLIENT, max_message)
         self.request = self._send(Request(host=host, target=target, extra_headers=list(headers)))
         self._stops = FrameProtocol(client=True, extensions=[])
 
     def stop(self, messages: Sequence[str]) -> bytes:
-        """Return the frames of a stop. They depend on no received data, so they can be sent before the
-        answer to the upgrade, and after malformed bytes."""
+        """Return the frames that carry a stop command.
+
+        They depend on no received data, so they can be sent before the upgrade is answered, and after malformed
+        bytes.
+        """
         return b"".join(bytes(self._stops.send_data(message, fin=True)) for message in messages)
 
 
 class ServerEnd(_End):
-    """The server's end. Its first event is ``Opened``."""
+    """The server side of a WebSocket. Its first event is ``Opened``."""
 
     def __init__(self, max_message: int = MAX_MESSAGE, keeps_early: bool = True) -> None:
-        """Make an end.
+        """Prepare the server side of one connection.
 
         Args:
             max_message: Most bytes of one message.
@@ -245,11 +257,11 @@ class ServerEnd(_End):
                 (rosbridge) keeps them, uvicorn drops them.
         """
         super().__init__(ConnectionType.SERVER, max_message)
-        self._head = b""  # the upgrade, until it is complete
-        self._early: bytes | None = b""  # frames from before ``accept``; None after it
+        self._head = b""  # the bytes of the upgrade request, until it is complete
+        self._early: bytes | None = b""  # frames that arrived before ``accept`` was called; None from then on
         self._keeps_early = keeps_early
 
-    def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Heard]:
+    def feed(self, data: bytes, frames: int = FRAMES) -> Iterator[Received]:
         if self._early is None:
             yield from super().feed(data, frames)
         elif _HEAD_END in self._head:
@@ -266,8 +278,11 @@ class ServerEnd(_End):
                 yield from super().feed(head + end, frames)
 
     def accept(self) -> bytes:
-        """Return the answer that accepts the upgrade. Feed empty bytes once afterwards, since messages may
-        have come before it."""
+        """Return the response that accepts the upgrade.
+
+        Call ``feed`` once with empty bytes afterwards, because messages may have arrived before the upgrade was
+        accepted.
+        """
         answer = self._send(AcceptConnection())
         if self._early:
             self._connection.receive_data(self._early)
@@ -276,6 +291,6 @@ class ServerEnd(_End):
         return answer
 
     def reject(self, status: int) -> bytes:
-        """Return the answer that refuses the upgrade."""
+        """Return the response that refuses the upgrade."""
         self._ended = True
         return self._send(RejectConnection(status_code=status))

@@ -1,9 +1,9 @@
-"""Read XML as MuJoCo's reader does, and change parts of it in place. Pure.
+"""Read XML as MuJoCo's reader does, and change parts of the text in place. Pure.
 
-MuJoCo's reader takes names as they are written. A prefix needs no declaration (``drake:``, plugins of
-Gazebo). An entity that XML does not define stays unchanged. Everything after the first element is ignored.
-A standard parser refuses such files. Here each element keeps its place in the text, so that a caller can
-replace an attribute and leave every other character unchanged.
+MuJoCo's reader is more tolerant than a standard parser, which refuses such files. It needs no declaration of a
+prefix (``drake:``, plugins of Gazebo). It leaves an entity that XML does not define unchanged. It ignores
+everything after the first element. Each element that this module returns knows its position in the text, so that a
+caller can replace an attribute and leave every other character unchanged.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ first two."""
 
 
 class NotXml(ValueError):
-    """The text is no XML. The message has the error and its line."""
+    """The text is not valid XML. The exception's text has the error and its line."""
 
 
 class Attribute(NamedTuple):
     value: str
-    start: int  # place of the whole attribute in the text
+    start: int  # offset of the whole attribute (name, sign and value) in the text
     end: int
 
 
 class Element:
-    """One element. ``start`` and ``end`` are its place in the text; ``inside`` is the place after its
-    name."""
+    """One XML element. ``start`` and ``end`` are its first and last offset in the text, ``inside`` is the offset
+    after its name."""
 
     __slots__ = ("attributes", "children", "end", "inside", "start", "tag")
 
@@ -50,23 +50,24 @@ class Element:
         self.end = end
 
     def get(self, name: str, default: str = "") -> str:
-        """Return the value of an attribute."""
-        found = self.attributes.get(name)
-        return default if found is None else found.value
+        """Return the value of the attribute ``name``; ``default`` if the element does not have it."""
+        attribute = self.attributes.get(name)
+        return default if attribute is None else attribute.value
 
     def all(self, tag: str) -> list[Element]:
-        """Return the children with this name."""
+        """Return the direct children with this tag."""
         return [child for child in self.children if child.tag == tag]
 
     def first(self, *tags: str) -> Element | None:
-        """Return the first child with the first name, then its first child with the second name, and so on."""
-        found: Element | None = self
+        """Descend by one child per tag: the first child with the first tag, then its first child with the second,
+        and so on. Return None if one is missing."""
+        element: Element | None = self
         for tag in tags:
-            found = next(iter(found.all(tag)), None) if found is not None else None
-        return found
+            element = next(iter(element.all(tag)), None) if element is not None else None
+        return element
 
     def iterate(self, tag: str) -> Iterator[Element]:
-        """Yield all elements with this name inside this one, in the order of the text."""
+        """Yield all elements with this tag below this element, in the order of the text."""
         waiting = self.children[::-1]
         while waiting:
             element = waiting.pop()
@@ -76,7 +77,7 @@ class Element:
 
 
 class Edit(NamedTuple):
-    """Replace ``text[start:end]`` by ``text``."""
+    """An edit of a text: replace ``text[start:end]`` by the new ``text``."""
 
     start: int
     end: int
@@ -84,25 +85,25 @@ class Edit(NamedTuple):
 
 
 def parse(text: str) -> Element:
-    """Return the first element of a text, in a time that grows with its length. Raise ``NotXml``."""
+    """Return the first element of a text. The time grows in proportion to the text. Raise ``NotXml``."""
     opened: list[Element] = []
-    at = 0
-    while (at := text.find("<", at)) >= 0:
-        if (skipped := _skipped(text, at)) is not None:
-            at = skipped
+    offset = 0
+    while (offset := text.find("<", offset)) >= 0:
+        if (skipped := _skipped(text, offset)) is not None:
+            offset = skipped
             continue
-        tag = _TAG.match(text, at)
+        tag = _TAG.match(text, offset)
         if tag is None:
-            raise NotXml(f"line {_line(text, at)}: a tag has no end")
+            raise NotXml(f"line {_line(text, offset)}: a tag has no end")
         closes, name, inside = tag.groups()
-        at = tag.end()
+        offset = tag.end()
         if closes:
             if not opened or opened[-1].tag != name:
                 raise NotXml(f"line {_line(text, tag.start())}: </{name}> closes no element that is open")
             element = opened.pop()
-            element.end = at
+            element.end = offset
         else:
-            element = Element(name, _attributes(inside, tag.start(3)), tag.start(), tag.end(2), at)
+            element = Element(name, _attributes(inside, tag.start(3)), tag.start(), tag.end(2), offset)
             if opened:
                 opened[-1].children.append(element)
             if not inside.endswith("/"):
@@ -117,39 +118,40 @@ def parse(text: str) -> Element:
 
 
 def edited(text: str, edits: Iterable[Edit]) -> str:
-    """Return the text with all edits applied. They must not overlap."""
-    parts, at = [], 0
+    """Return the text with all edits applied. The edits must not overlap."""
+    parts, offset = [], 0
     for start, end, new in sorted(edits):
-        parts += [text[at:start], new]
-        at = end
-    return "".join([*parts, text[at:]])
+        parts += [text[offset:start], new]
+        offset = end
+    return "".join([*parts, text[offset:]])
 
 
 def escaped(value: str) -> str:
-    """Return a value in the form that it needs between double quotes."""
+    """Escape a value, so that it can be written between double quotes."""
     return value.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
 
 
-def _skipped(text: str, at: int) -> int | None:
-    """Return the end of a comment or similar part that begins here; None if there is no such part."""
+def _skipped(text: str, offset: int) -> int | None:
+    """Return the end of a comment, CDATA section or declaration that begins at ``offset``; None if there is no such
+    part."""
     for begin, end in _SKIPPED:
-        if text.startswith(begin, at):
-            found = text.find(end, at + len(begin))
-            if found < 0:
-                raise NotXml(f"line {_line(text, at)}: {begin} has no end")
-            return found + len(end)
+        if text.startswith(begin, offset):
+            close_offset = text.find(end, offset + len(begin))
+            if close_offset < 0:
+                raise NotXml(f"line {_line(text, offset)}: {begin} has no end")
+            return close_offset + len(end)
     return None
 
 
 def _attributes(inside: str, offset: int) -> dict[str, Attribute]:
-    found: dict[str, Attribute] = {}
+    attributes: dict[str, Attribute] = {}
     for match in _ATTRIBUTE.finditer(inside):
         name, double, single = match.groups()
         value = single if double is None else double
         if value is None:
             continue
-        found.setdefault(name, Attribute(_plain(value), offset + match.start(), offset + match.end()))
-    return found
+        attributes.setdefault(name, Attribute(_plain(value), offset + match.start(), offset + match.end()))
+    return attributes
 
 
 def _plain(value: str) -> str:
@@ -164,5 +166,5 @@ def _character(entity: re.Match[str]) -> str:
     return chr(code) if 0 < code <= 0x10FFFF else entity[0]
 
 
-def _line(text: str, at: int) -> int:
-    return text.count("\n", 0, at) + 1
+def _line(text: str, offset: int) -> int:
+    return text.count("\n", 0, offset) + 1

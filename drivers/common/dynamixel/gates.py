@@ -1,4 +1,4 @@
-"""The refusal codes of a Dynamixel's faults."""
+"""The refusal code of each fault that a Dynamixel servo can report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identify a Dynamixel, and check that it is the right one. Its EEPROM is not changed."""
+"""Read the registers of a Dynamixel servo, and check that it is the expected one. Its EEPROM is not changed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Identity(msgspec.Struct, frozen=True):
     drive_mode: int
     mode: int
     homing_offset: int
-    low: int  # position limits in counts, for mode 3 only
+    low: int  # lowest goal position in counts; the servo applies it in mode 3 only
     high: int
     max_temperature_c: float
     min_voltage_v: float
@@ -48,14 +48,17 @@ class Identity(msgspec.Struct, frozen=True):
 
     @property
     def travel(self) -> tuple[int, int]:
-        """Lowest and highest goal. In mode 3 the servo refuses goals beyond its limits; in the other modes it
-        takes any number of turns."""
+        """Lowest and highest goal position that the servo accepts, in counts. In mode 3 the servo refuses goals
+        beyond its limit registers; in the other modes it accepts any number of turns."""
         return (self.low, self.high) if self.mode == table.POSITION_MODE else ANYWHERE
 
 
 def reach(axis: Axis, servo: Identity, calibrated: bool) -> tuple[int, int]:
-    """Return the range in which the joint may rest when it is energised. A servo that counts turns and stands
-    outside our range would travel the whole way back at the first command."""
+    """Return the range of counts in which the joint may be when it is energised.
+
+    A servo that counts whole turns may be outside the joint's range. It would turn all the way back at the first
+    command.
+    """
     if servo.mode == table.POSITION_MODE:
         return servo.travel
     return (axis.low, axis.high) if calibrated else (0, TOP)
@@ -87,26 +90,26 @@ async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Raise ``WireDown`` unless the servo is the one of the table, and the one that was calibrated."""
+    """Raise ``WireDown`` unless the servo has the table's model and the values of the calibration."""
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode not in POSITION_MODES:
         name = table.MODE_NAMES.get(servo.mode, "unknown")
         raise WireDown(
-            f"{axis.label} is in mode {servo.mode} ({name}), must be 3, 4 or 5 (a position mode). "
-            "Calibrate it again"
+            f"{axis.label} is in mode {servo.mode} ({name}), must be in mode 3, 4 or 5 (a position mode). "
+            "Calibrate the servo again"
         )
     if motor is not None:
-        found = {
+        servo_values = {
             "homing_offset": servo.homing_offset,
             "range_min": servo.low,
             "range_max": servo.high,
             "drive_mode": servo.drive_mode & _INVERTED,
         }
-        check_calibration(axis, motor, found)
+        check_calibration(axis, motor, servo_values)
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object] | float]:
-    """Return the facts for ``status``, by axis key."""
+    """Return the servos' properties that ``status`` shows: each by its name, then by axis key."""
     by_key = {axis.key: servos[axis.id] for axis in axes}
     return {
         **facts_of(by_key),

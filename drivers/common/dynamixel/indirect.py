@@ -1,4 +1,8 @@
-"""Indirect addresses of one servo: a block of bytes that shows other registers side by side."""
+"""Simulate the indirect addresses of a Dynamixel servo.
+
+A host can read and write registers from all over the table through one contiguous block. A second block holds the
+addresses of these registers.
+"""
 
 from __future__ import annotations
 
@@ -13,70 +17,71 @@ FIRST_TARGET = t.EEPROM_END
 """First register that can be shown. Registers of the EEPROM cannot be."""
 
 
-class Where(enum.Enum):
+class Region(enum.Enum):
     TABLE = enum.auto()
-    POINTERS = enum.auto()  # the registers with the addresses
-    OWN = enum.auto()  # bytes that show themselves
+    POINTERS = enum.auto()  # the registers that hold the indirect addresses
+    OWN = enum.auto()  # the block's own storage: bytes that refer to no other register
 
 
 class Run(NamedTuple):
-    """Bytes side by side. ``at`` is their index in the place that ``where`` names."""
+    """Consecutive bytes in one of the memories of ``Region``. ``offset`` is the index of the first byte in it."""
 
-    where: Where
-    at: int
+    region: Region
+    offset: int
     size: int
     last_target: int = 0
 
     def refuses(self, data: bytes) -> int:
-        """Return the error number of a write outside the table; 0 if it is allowed."""
-        if self.where is not Where.POINTERS:
+        """Return the error number of a write with an address outside the register table; 0 if the write is
+        allowed."""
+        if self.region is not Region.POINTERS:
             return 0
-        if self.at % 2 or self.size % 2:
+        if self.offset % 2 or self.size % 2:
             return p.LENGTH_ERROR
-        words = (int.from_bytes(data[at : at + 2], "little") for at in range(0, len(data), 2))
+        words = (int.from_bytes(data[offset : offset + 2], "little") for offset in range(0, len(data), 2))
         return 0 if all(FIRST_TARGET <= word <= self.last_target for word in words) else p.RANGE_ERROR
 
 
 class Indirect:
-    """The indirect addresses in their state after a power-on: each byte shows itself."""
+    """The indirect addresses of one servo. After a power-on each byte of the block refers to its own storage."""
 
     def __init__(self, blocks: Sequence[t.IndirectBlock]) -> None:
-        self._addresses = [block.addresses + at for block in blocks for at in range(2 * block.size)]
-        self._data = [block.data + at for block in blocks for at in range(block.size)]
+        self._addresses = [block.addresses + offset for block in blocks for offset in range(2 * block.size)]
+        self._data = [block.data + offset for block in blocks for offset in range(block.size)]
         self._pointers = bytearray(b"".join(address.to_bytes(2, "little") for address in self._data))
         self._own = bytearray(len(self._data))
 
     def runs(self, address: int, size: int) -> list[Run] | None:
-        """Return the places of ``size`` bytes from ``address``; None if one of them does not exist."""
+        """Return where ``size`` bytes from ``address`` are stored; None if one of them does not exist."""
         runs: list[Run] = []
         for byte in range(address, address + size):
-            found = self._find(byte)
-            if found is None:
+            location = self._find(byte)
+            if location is None:
                 return None
-            where, at = found
-            if runs and runs[-1].where is where and runs[-1].at + runs[-1].size == at:
+            region, offset = location
+            if runs and runs[-1].region is region and runs[-1].offset + runs[-1].size == offset:
                 runs[-1] = runs[-1]._replace(size=runs[-1].size + 1)
             else:
-                runs.append(Run(where, at, 1, self._data[-1]))
+                runs.append(Run(region, offset, 1, self._data[-1]))
         return runs
 
     def read(self, run: Run, table: bytes | bytearray) -> bytes:
-        source = {Where.TABLE: table, Where.POINTERS: self._pointers, Where.OWN: self._own}[run.where]
-        return bytes(source[run.at : run.at + run.size])
+        source = {Region.TABLE: table, Region.POINTERS: self._pointers, Region.OWN: self._own}[run.region]
+        return bytes(source[run.offset : run.offset + run.size])
 
     def write(self, run: Run, data: bytes) -> None:
-        target = self._pointers if run.where is Where.POINTERS else self._own
-        target[run.at : run.at + run.size] = data
+        target = self._pointers if run.region is Region.POINTERS else self._own
+        target[run.offset : run.offset + run.size] = data
 
-    def _find(self, address: int) -> tuple[Where, int] | None:
+    def _find(self, address: int) -> tuple[Region, int] | None:
         if address < t.TABLE_SIZE:
-            return Where.TABLE, address
+            return Region.TABLE, address
         if address in self._addresses:
-            return Where.POINTERS, self._addresses.index(address)
+            return Region.POINTERS, self._addresses.index(address)
         if address not in self._data:
             return None
-        at = self._data.index(address)
-        target = int.from_bytes(self._pointers[2 * at : 2 * at + 2], "little")
+        offset = self._data.index(address)
+        target = int.from_bytes(self._pointers[2 * offset : 2 * offset + 2], "little")
         if target < t.TABLE_SIZE:
-            return Where.TABLE, target
-        return (Where.OWN, self._data.index(target)) if target in self._data else (Where.OWN, at)
+            return Region.TABLE, target
+        return (Region.OWN, self._data.index(target)) if target in self._data else (Region.OWN, offset)

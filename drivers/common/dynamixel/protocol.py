@@ -1,10 +1,11 @@
-"""Dynamixel Protocol 2.0: frames and checksums. Pure: no I/O, no clock. The registers are in
-``table``.
+"""Encode and decode the frames of Dynamixel Protocol 2.0, with their checksums. Pure: no I/O, no clock.
 
-Instruction ``FF FF FD 00 id len len inst params.. crc crc``, status ``FF FF FD 00 id len len 55 err
-params.. crc crc``; ``len`` (two bytes, low first, as every word here) counts what follows it.
-Inside the body ``FF FF FD`` is sent as ``FF FF FD FD``, so that a header is never data. There is no
-sequence number: a late reply looks like the answer to the next question of the same id and length.
+The registers are in ``table``. An instruction is ``FF FF FD 00 id len len inst params.. crc crc``, a status is ``FF
+FF FD 00 id len len 55 err params.. crc crc``. ``len`` is the number of bytes that follow it. It has two bytes, the
+low one first, as every word of this protocol.
+
+Inside the body ``FF FF FD`` is sent as ``FF FF FD FD``, so that no data looks like a header. Frames have no
+sequence number: a late reply looks like the reply to the next request of the same id and length.
 """
 
 from __future__ import annotations
@@ -73,14 +74,15 @@ _CRC = _crc_table()
 
 
 def crc16(data: bytes, crc: int = 0) -> int:
-    """Return the CRC of ``data``. ``crc`` is that of the bytes before it."""
+    """Return the CRC of ``data``. If ``data`` continues earlier bytes, ``crc`` is the CRC of those bytes."""
     for byte in data:
         crc = (crc << 8 & 0xFFFF) ^ _CRC[crc >> 8 ^ byte]
     return crc
 
 
 class Packet(NamedTuple):
-    """One checked frame. ``code`` is the instruction, or STATUS. Only STATUS has an ``error`` byte."""
+    """One frame with a correct CRC. ``code`` is the instruction; STATUS marks a reply. Only a reply has an
+    ``error`` byte."""
 
     id: int
     code: int
@@ -93,13 +95,16 @@ class Packet(NamedTuple):
 
     @property
     def failure(self) -> str:
-        """Why the servo did not carry out the request; empty if it did. The alert bit is no failure."""
+        """Return why the servo did not carry out the request; empty if it did.
+
+        A set alert bit alone is no failure.
+        """
         number = self.error & ~ALERT
         return ERROR_NUMBERS.get(number, f"error {number}") if number else ""
 
 
 def frame(servo_id: int, code: int, params: bytes = b"", error: int = 0) -> bytes:
-    """Return the bytes of one frame; ``error``: the error byte, if it is a status."""
+    """Return the bytes of one frame. A status frame also needs its ``error`` byte."""
     body = bytes((code, error)) if code == STATUS else bytes((code,))
     stuffed = (body + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     data = HEADER + bytes((servo_id,)) + (len(stuffed) + 2).to_bytes(2, "little") + stuffed
@@ -119,7 +124,7 @@ def ping(servo_id: int) -> bytes:
 
 
 def reboot(servo_id: int) -> bytes:
-    """Return a frame that reboots the servo. It loses torque and RAM."""
+    """Return a frame that reboots the servo, which then has no torque and its default RAM values."""
     return frame(servo_id, REBOOT)
 
 
@@ -140,19 +145,19 @@ def sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
 
 
 def fast_sync_read(ids: Sequence[int], address: int, size: int) -> bytes:
-    """Return a ``sync_read`` that all servos answer in one frame (``fast_status``)."""
+    """Return a ``sync_read`` that all servos answer together in one frame (see ``fast_status``)."""
     return frame(BROADCAST, FAST_SYNC_READ, _words(address, size) + bytes(ids))
 
 
 def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int]) -> bytes:
-    """Return the single frame that answers a fast read.
+    """Return the single frame in which all servos answer a fast sync read or fast bulk read.
 
-    It has id, error and data of each servo in turn, each followed by the CRC of all bytes so far. Each has the
-    requested length, so nothing is stuffed [assumed].
+    Servo after servo, the frame has the id, error and data of this servo, then the CRC of all bytes so far. The
+    data has exactly the requested length, so ``FF FF FD`` in it is not escaped [assumed].
 
     Args:
-        answers: Id, error and data of the servos that answer.
-        sizes: Sizes for all requested servos. With fewer answers the frame ends early.
+        answers: Id, error and data of each servo that answers.
+        sizes: Data sizes of all requested servos. If fewer servos answer, the frame ends early.
     """
     data = HEADER + bytes((BROADCAST,)) + _words(1 + sum(4 + size for size in sizes)) + bytes((STATUS,))
     for servo_id, error, block in answers:
@@ -163,8 +168,10 @@ def fast_status(answers: Sequence[tuple[int, int, bytes]], sizes: Sequence[int])
 
 def fast_answers(packet: Packet, size: int) -> dict[int, Packet]:
     """Return each servo's answer, by id, from the answer to a fast sync read of ``size`` bytes."""
-    block = bytes((packet.error,)) + packet.params + b"\0\0"  # the last CRC closed the frame
-    rows = [block[at : at + 4 + size] for at in range(0, len(block) - size - 3, 4 + size)]
+    # A reply to a fast read ends with the CRC of its last servo, which the decoder has removed. Two bytes replace
+    # it.
+    block = bytes((packet.error,)) + packet.params + b"\0\0"
+    rows = [block[offset : offset + 4 + size] for offset in range(0, len(block) - size - 3, 4 + size)]
     return {row[1]: Packet(row[1], STATUS, row[2 : 2 + size], row[0]) for row in rows}
 
 
@@ -174,15 +181,16 @@ def sync_write(register: Register, values: Mapping[int, int]) -> bytes:
 
 
 def goals(counts: Mapping[int, int]) -> bytes:
-    """Return a frame with a setpoint for several servos."""
+    """Return one frame that sets the goal positions of several servos."""
     return sync_write(GOAL_POSITION, counts)
 
 
 def hold(positions: Mapping[int, int]) -> bytes:
-    """Return a frame that sets the goals to the measured positions.
+    """Return a frame that sets the goal positions to the measured positions.
 
-    It writes the block profile velocity + goal (112, eight bytes; velocity 0 means no profile, as after power on).
-    A setpoint writes only the goal. So the two differ on the wire, and a moving servo stops without a profile.
+    It writes two registers at once: profile velocity and goal (address 112, eight bytes). Velocity 0 means no
+    profile, as after a power-on, so a moving servo stops at once. A setpoint writes only the goal. So a log can
+    distinguish a hold from a setpoint.
     """
     rows = b"".join(
         bytes((servo_id,)) + bytes(PROFILE_VELOCITY.size) + GOAL_POSITION.encode(count)
@@ -202,8 +210,11 @@ a length and wait for 65 kB. A length of 0 is invalid, so its parser starts agai
 
 
 class Decoder:
-    """Decode a stream of bytes into checked packets. Garbage is skipped and counted. An incomplete frame
-    waits for its remaining bytes."""
+    """Decode a stream of bytes into packets with a correct CRC.
+
+    Bytes that belong to no packet are skipped and counted. An incomplete frame is kept until the rest of it
+    arrives.
+    """
 
     def __init__(self) -> None:
         self._buffer = bytearray()
@@ -212,19 +223,19 @@ class Decoder:
 
     @property
     def pending(self) -> int:
-        """The number of bytes of an incomplete frame."""
+        """The number of received bytes of a frame that is not complete yet."""
         return len(self._buffer)
 
     def clear(self) -> None:
         self._buffer.clear()
 
     def take_damaged(self) -> list[tuple[int, bytes]]:
-        """Return the frames with a wrong CRC since the last call, with their ids.
+        """Return the frames with a wrong CRC since the last call, each with its servo id.
 
-        The addressed servo reports them.
+        The simulated bus answers them: a real servo also reports a wrong CRC in its status.
         """
-        taken, self._damaged = self._damaged, []
-        return taken
+        damaged, self._damaged = self._damaged, []
+        return damaged
 
     def feed(self, data: bytes) -> Iterator[Packet]:
         buffer = self._buffer
@@ -258,13 +269,14 @@ class Decoder:
 
 
 def _beginning(buffer: bytearray) -> int:
-    """Return how many of the last bytes may be the beginning of a header."""
+    """Return the number of bytes at the end of the buffer that may be the beginning of a header."""
     return next((size for size in (3, 2, 1) if buffer.endswith(HEADER[:size])), 0)
 
 
 def _packet(whole: bytes) -> Packet:
     servo_id, code, body = whole[4], whole[7], whole[8:-2]
-    if code == STATUS and servo_id == BROADCAST:  # The answer to a fast read is not stuffed.
+    # The reply to a fast read is sent without escaping ``FF FF FD``.
+    if code == STATUS and servo_id == BROADCAST:
         return Packet(servo_id, code, body[1:], body[0] if body else 0)
     body = body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
     if code == STATUS:
@@ -273,14 +285,14 @@ def _packet(whole: bytes) -> Packet:
 
 
 def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
-    """Return the first address of a sync write, and the bytes for each servo."""
-    address, size = (int.from_bytes(packet.params[at : at + 2], "little") for at in (0, 2))
+    """Return the first address that a sync write changes, and the bytes for each servo, by id."""
+    address, size = (int.from_bytes(packet.params[offset : offset + 2], "little") for offset in (0, 2))
     rows = packet.params[4:]
     return address, {rows[i]: rows[i + 1 : i + 1 + size] for i in range(0, len(rows) - size, size + 1)}
 
 
 def classify(packet: Packet) -> str:
-    """Return the kind of a request for the wire log: setpoint, safe, enable, read, config or other."""
+    """Return the kind of a request, for the log: setpoint, safe, enable, read, config or other."""
     if packet.code in (PING, READ, SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and len(packet.params) > 2:
@@ -294,8 +306,8 @@ def classify(packet: Packet) -> str:
 def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     covers = range(address, address + max(map(len, rows), default=0))
     if TORQUE_ENABLE.address in covers:
-        at = TORQUE_ENABLE.address - address
-        return "safe" if all(row[at] == 0 for row in rows if len(row) > at) else "enable"
+        offset = TORQUE_ENABLE.address - address
+        return "safe" if all(row[offset] == 0 for row in rows if len(row) > offset) else "enable"
     if address == PROFILE_VELOCITY.address and covers.stop == GOALS.stop and not any(any(row[:4]) for row in rows):
         return "safe"
     if covers.start < GOALS.stop and covers.stop > GOALS.start:
@@ -304,7 +316,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
 
 
 def safe_state(packet: Packet, ids: Collection[int]) -> str:
-    """Return the safe state that this request alone brings all of ``ids`` to: ``limp``, ``hold`` or empty."""
+    """Return the safe state to which this request alone brings all servos in ``ids``: ``limp``, ``hold``, or empty
+    if it does not."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

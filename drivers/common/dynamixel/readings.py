@@ -1,4 +1,4 @@
-"""What a Dynamixel reports in every cycle."""
+"""Decode the registers that a Dynamixel servo reports in every read cycle."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class DynamixelReadings(Readings[protocol.Packet]):
 
     @property
     def unnamed(self) -> bool:
-        """Return whether a servo has an alert that was not read yet."""
+        """True if a servo has set its alert bit, and the register with the kind of alert was not read yet."""
         return UNNAMED in self._alerts.values()
 
     def watchdogs_are(self, counts: int) -> None:
-        """Set ``counts`` as what all of them were set to, as was read back."""
+        """Note the value of all bus watchdog registers, after it was written and read back."""
         self._watchdog.clear()
         self._watchdog_counts = counts
 

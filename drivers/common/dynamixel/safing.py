@@ -1,5 +1,5 @@
-"""Making every Dynamixel safe: how long its replies may talk over a safe frame, and what counts as
-a hold."""
+"""Make Dynamixel servos safe: how often a safe frame is repeated so that replies cannot garble every copy, and when
+a servo counts as holding."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ class DynamixelSafing(Safing[protocol.Packet]):
     ANYWHERE: ClassVar[tuple[int, int]] = ANYWHERE
 
     def holds(self, block: bytes, base: int, goal: int | None) -> str:
-        """A servo that its bus watchdog has stopped holds where it is, and takes no goal."""
+        """Return why a servo does not hold; empty if it does. A servo that its bus watchdog has stopped also counts
+        as holding: it keeps its position and refuses goals."""
         tripped = table.BUS_WATCHDOG.decode(block, base) == table.WATCHDOG_TRIPPED
         if tripped and table.TORQUE_ENABLE.decode(block, base):
             return ""

@@ -1,4 +1,4 @@
-"""One servo of the twin: its control table, and how the table moves the joint."""
+"""A simulated Dynamixel servo: its control table, and the effect of the table on the joint."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD,
 
 from . import protocol as p
 from . import table as t
-from .indirect import Indirect, Run, Where
+from .indirect import Indirect, Region, Run
 
 FIRMWARE_VERSION = 52
 ROOM_TEMPERATURE_C = 30
@@ -50,18 +50,18 @@ POSITION_MODES = frozenset((t.POSITION_MODE, t.EXTENDED_POSITION_MODE, t.CURRENT
 WITHOUT_CURRENT = frozenset((t.VELOCITY_MODE, t.POSITION_MODE, t.EXTENDED_POSITION_MODE, t.PWM_MODE))
 
 
-class Kind(NamedTuple):
-    """The differences between models: values at delivery, from the vendor's control tables."""
+class ModelValues(NamedTuple):
+    """Register values in which the servo models differ, as delivered, from the vendor's control tables."""
 
     max_temperature_c: int
-    min_voltage: int  # 0.1 V
+    min_voltage: int  # unit: 0.1 V
     max_voltage: int
     velocity_limit: int
-    current_limit: int  # mA. 0: without a current sensor; it reports its load.
+    current_limit: int  # mA; 0 for a model without a current sensor, which reports its load instead
     shutdown: int
-    stall_current: int  # mA at the stall torque
-    velocity_max: int  # The highest permitted velocity limit.
-    gains: tuple[int, int, int, int]  # velocity I and P, position D and P
+    stall_current: int  # current at the stall torque, in mA
+    velocity_max: int  # highest value that the velocity limit register accepts
+    gains: tuple[int, int, int, int]  # gains: velocity I and P, position D and P
     modes: frozenset[int]
     indirect: tuple[t.IndirectBlock, ...]
 
@@ -69,10 +69,10 @@ class Kind(NamedTuple):
 _LARGE = t.IndirectBlock(168, 224, 28), t.IndirectBlock(578, 634, 28)
 _SMALL = (t.IndirectBlock(168, 208, 20),)
 
-XL430 = Kind(72, 60, 140, 265, 0, 0x34, 0, 1023, (1000, 100, 4000, 640), WITHOUT_CURRENT, _LARGE)
-XL330 = Kind(70, 35, 70, 445, 1750, 0x35, 1470, 2047, (1600, 180, 0, 400), frozenset(t.MODE_NAMES), _SMALL)
-XM430 = Kind(80, 95, 160, 200, 1193, 0x34, 2300, 1023, (1920, 100, 0, 800), frozenset(t.MODE_NAMES), _LARGE)
-KINDS = {
+XL430 = ModelValues(72, 60, 140, 265, 0, 0x34, 0, 1023, (1000, 100, 4000, 640), WITHOUT_CURRENT, _LARGE)
+XL330 = ModelValues(70, 35, 70, 445, 1750, 0x35, 1470, 2047, (1600, 180, 0, 400), frozenset(t.MODE_NAMES), _SMALL)
+XM430 = ModelValues(80, 95, 160, 200, 1193, 0x34, 2300, 1023, (1920, 100, 0, 800), frozenset(t.MODE_NAMES), _LARGE)
+MODEL_VALUES = {
     "XL430-W250": XL430,
     "XM430-W350": XM430,
     "XL330-M288": XL330,
@@ -117,9 +117,9 @@ WORDS = (*RANGES, *GOALS, t.MODE, t.CURRENT_LIMIT, t.VELOCITY_LIMIT)
 
 
 def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
-    """Return the table with the values at delivery, and zeros elsewhere. Id, rate (1 Mbaud) and mode are those of
-    an assembled arm."""
-    kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
+    """Return a servo's control table with the values at delivery, and zeros elsewhere. Only id, baud rate (1 Mbaud)
+    and operating mode are those of an assembled arm."""
+    model_values = MODEL_VALUES.get(t.MODEL_NUMBERS.get(model, ""), XL430)
     table = bytearray(t.TABLE_SIZE)
     for register, value in {
         t.MODEL: model,
@@ -131,35 +131,37 @@ def factory_table(servo_id: int, model: int, mode: int) -> bytearray:
         t.SECONDARY_ID: 255,
         t.PROTOCOL_TYPE: 2,
         t.MOVING_THRESHOLD: 10,
-        t.MAX_TEMPERATURE: kind.max_temperature_c,
-        t.MAX_VOLTAGE: kind.max_voltage,
-        t.MIN_VOLTAGE: kind.min_voltage,
+        t.MAX_TEMPERATURE: model_values.max_temperature_c,
+        t.MAX_VOLTAGE: model_values.max_voltage,
+        t.MIN_VOLTAGE: model_values.min_voltage,
         t.PWM_LIMIT: PWM_MAX,
-        t.CURRENT_LIMIT: kind.current_limit,
-        t.VELOCITY_LIMIT: kind.velocity_limit,
+        t.CURRENT_LIMIT: model_values.current_limit,
+        t.VELOCITY_LIMIT: model_values.velocity_limit,
         t.MAX_POSITION: COUNTS - 1,
-        t.SHUTDOWN: kind.shutdown,
+        t.SHUTDOWN: model_values.shutdown,
         t.STATUS_LEVEL: 2,
-        **dict(zip((t.VELOCITY_I, t.VELOCITY_P, t.POSITION_D, t.POSITION_P), kind.gains, strict=True)),
+        **dict(zip((t.VELOCITY_I, t.VELOCITY_P, t.POSITION_D, t.POSITION_P), model_values.gains, strict=True)),
     }.items():
         table[register.address : register.address + register.size] = register.encode(value)
     return table
 
 
 class Servo(TwinServo):
-    """A servo with all modes of its model. It follows the velocity of a profile and ignores its acceleration."""
+    """A simulated servo with all operating modes of its model. It moves at the profile velocity and ignores the
+    profile acceleration."""
 
     def __init__(self, plant: Plant, joint: int, servo_id: int, model: int, mode: int, voltage_v: float) -> None:
         self.zero_count = float(ZERO_COUNT)
-        # For the joint, so it can be negative, or include the ratio of a gear.
+        # Counts per radian of the joint, not of the servo. A gear between them changes the value, also to a
+        # negative one.
         self.counts_per_rad = COUNTS_PER_RAD
         super().__init__(plant, joint, factory_table(servo_id, model, mode), voltage_v, ROOM_TEMPERATURE_C)
-        self._kind = KINDS.get(t.MODEL_NUMBERS.get(model, ""), XL430)
+        self._model_values = MODEL_VALUES.get(t.MODEL_NUMBERS.get(model, ""), XL430)
         self._eeprom = bytearray(self.factory[: t.EEPROM_END])
         self._overload_since_s: float | None = None
-        self._heard_s = math.inf
+        self._last_packet_s = math.inf
         self._waiting = b""
-        self._indirect = Indirect(self._kind.indirect)
+        self._indirect = Indirect(self._model_values.indirect)
         self.power_cycle()
 
     @property
@@ -184,11 +186,11 @@ class Servo(TwinServo):
         return p.ALERT if self.table[t.HARDWARE_ERROR.address] else 0
 
     def power_cycle(self) -> None:
-        """Keep the EEPROM, reset the RAM to the values at delivery, switch the torque off, and set the goal to the
-        joint's position [assumed]."""
+        """Simulate a power cycle. The EEPROM is kept and the RAM gets its values at delivery. The torque is off,
+        and the goal is the joint's position [assumed]."""
         self.table[:] = self.factory
         self.table[: t.EEPROM_END] = self._eeprom
-        self._indirect = Indirect(self._kind.indirect)
+        self._indirect = Indirect(self._model_values.indirect)
         self._begin_mode()
         self._overload_since_s = None
         self._waiting = b""
@@ -197,8 +199,14 @@ class Servo(TwinServo):
         self._apply()
 
     def reset(self, option: int) -> int:
-        """Restore the values at delivery: ``ALL``, or all but the id, or all but id and rate. Return the error
-        number."""
+        """Reset the registers to their values at delivery.
+
+        Args:
+            option: ``ALL``, ``ALL_BUT_ID`` or ``ALL_BUT_ID_AND_RATE``: the registers that are reset.
+
+        Returns:
+            The error number; 0 for success.
+        """
         kept = {ALL: (), ALL_BUT_ID: (t.ID,), ALL_BUT_ID_AND_RATE: (t.ID, t.BAUD)}.get(option)
         if kept is None:
             return p.RANGE_ERROR
@@ -211,7 +219,7 @@ class Servo(TwinServo):
         return 0
 
     def clear_turns(self, params: bytes) -> int:
-        """Clear the count of whole turns, unless the joint moves. Return the error number."""
+        """Set the count of whole turns to 0, unless the joint moves. Return the error number, 0 for success."""
         if params != CLEAR_TURNS:
             return p.RANGE_ERROR
         if abs(self.reading.rad_s) > MOVING_RAD_S:
@@ -223,7 +231,7 @@ class Servo(TwinServo):
         return 0
 
     def read(self, address: int, size: int) -> tuple[int, bytes]:
-        """Return the error number and the data."""
+        """Read ``size`` bytes from ``address``. Return the error number, 0 for success, and the bytes."""
         if address + size > t.TABLE_SIZE:
             runs = self._indirect.runs(address, size)
             if runs is None:
@@ -235,42 +243,45 @@ class Servo(TwinServo):
         return 0, bytes(self.table[address : address + size])
 
     def write(self, address: int, data: bytes) -> int:
-        """Write data and return the error number. A refused write changes nothing."""
-        runs = [Run(Where.TABLE, address, len(data))]
+        """Write ``data`` at ``address``. Return the error number, 0 for success. A refused write changes
+        nothing."""
+        runs = [Run(Region.TABLE, address, len(data))]
         if address + len(data) > t.TABLE_SIZE:
-            found = self._indirect.runs(address, len(data))
-            if found is None:
+            indirect_runs = self._indirect.runs(address, len(data))
+            if indirect_runs is None:
                 return p.ACCESS_ERROR
-            runs = found
-        at = 0
+            runs = indirect_runs
+        offset = 0
         blocks = []
         for run in runs:
-            blocks.append((run, data[at : at + run.size]))
-            at += run.size
+            blocks.append((run, data[offset : offset + run.size]))
+            offset += run.size
         for run, block in blocks:
-            in_table = run.where is Where.TABLE
-            error = self._refuses(range(run.at, run.at + run.size), block) if in_table else run.refuses(block)
+            in_table = run.region is Region.TABLE
+            error = (
+                self._refuses(range(run.offset, run.offset + run.size), block) if in_table else run.refuses(block)
+            )
             if error:
                 return error
         for run, block in blocks:
-            if run.where is Where.TABLE:
-                self._put_bytes(run.at, block)
+            if run.region is Region.TABLE:
+                self._put_bytes(run.offset, block)
             else:
                 self._indirect.write(run, block)
         self._apply()
         return 0
 
-    def _put_bytes(self, at: int, block: bytes) -> None:
-        self.table[at : at + len(block)] = block
-        if at >= t.EEPROM_END:
+    def _put_bytes(self, address: int, block: bytes) -> None:
+        self.table[address : address + len(block)] = block
+        if address >= t.EEPROM_END:
             return
-        if t.MODE.address in range(at, at + len(block)):
+        if t.MODE.address in range(address, address + len(block)):
             self._begin_mode()
         self._eeprom[:] = self.table[: t.EEPROM_END]
 
     def _begin_mode(self) -> None:
-        """Set the goals to the values at delivery: the limits, and 0 for the goal that drives the mode
-        [assumed]."""
+        """Set the goal registers as at delivery: the goal that the operating mode follows to 0, the others to their
+        limits [assumed]."""
         mode = self.get(t.MODE)
         driven = {t.PWM_MODE: t.GOAL_PWM, t.CURRENT_MODE: t.GOAL_CURRENT, t.VELOCITY_MODE: t.GOAL_VELOCITY}.get(
             mode
@@ -303,11 +314,16 @@ class Servo(TwinServo):
         ):
             return p.RANGE_ERROR
         if register is t.TORQUE_ENABLE and value and self.alert:
-            return p.ACCESS_ERROR  # Until a reboot.
+            # A servo with a hardware error refuses torque until it is rebooted.
+            return p.ACCESS_ERROR
         if register is t.MODE:
-            return 0 if value in self._kind.modes else p.RANGE_ERROR
+            return 0 if value in self._model_values.modes else p.RANGE_ERROR
         if register is t.VELOCITY_LIMIT or register is t.CURRENT_LIMIT:
-            most = self._kind.velocity_max if register is t.VELOCITY_LIMIT else self._kind.current_limit
+            most = (
+                self._model_values.velocity_max
+                if register is t.VELOCITY_LIMIT
+                else self._model_values.current_limit
+            )
             return 0 if value <= most else p.RANGE_ERROR
         if register in LIMITS:
             return 0 if abs(value) <= self.get(LIMITS[register]) else p.LIMIT_ERROR
@@ -317,54 +333,56 @@ class Servo(TwinServo):
         return 0
 
     def keep(self, params: bytes) -> None:
-        """Keep address and data of a REG_WRITE until ACTION."""
+        """Store address and data of a REG_WRITE instruction, until ACTION writes them."""
         self._waiting = params
         self.put(t.REGISTERED, 1)
 
     def act(self) -> int:
-        """Carry out ACTION: write the kept data."""
+        """Carry out ACTION: write the data that REG_WRITE has stored. Return the error number, 0 for success."""
         if not self._waiting:
             return p.INSTRUCTION_ERROR
         params, self._waiting = self._waiting, b""
         self.put(t.REGISTERED, 0)
         return self.write(int.from_bytes(params[:2], "little"), params[2:])
 
-    # -- the firmware alone
+    # -- actions of the firmware without a request
 
     def hear(self, now_s: float) -> None:
-        """Note an instruction packet for this servo. Every packet feeds the bus watchdog."""
-        self._heard_s = now_s
+        """Note that an instruction packet for this servo has arrived. Every packet restarts the bus watchdog."""
+        self._last_packet_s = now_s
         self.put(t.REALTIME_TICK, int(now_s * 1000) % 32_768)
 
     @property
     def trips_at_s(self) -> float:
-        """The time of the bus watchdog's trip without a packet. Infinite if watchdog or torque is off."""
+        """The time at which the bus watchdog stops this servo if no packet arrives before. Infinite if the watchdog
+        or the torque is off."""
         counts = self.get(t.BUS_WATCHDOG)
         if counts <= t.WATCHDOG_OFF or not self.energised:
             return math.inf
-        return self._heard_s + counts * t.WATCHDOG_COUNT_S
+        return self._last_packet_s + counts * t.WATCHDOG_COUNT_S
 
     def trip(self) -> None:
-        """Stop at the joint's position, with torque on [assumed: like a hold]."""
+        """Simulate the bus watchdog: stop at the joint's position, with torque on [assumed: like a hold]."""
         self.put(t.BUS_WATCHDOG, t.WATCHDOG_TRIPPED)
-        self.lead(self.reading.rad)
+        self.move_target(self.reading.rad)
 
     def protect(self, now_s: float) -> None:
-        """Note hardware errors, which stay until a reboot. Switch the torque off for those in SHUTDOWN."""
+        """Set the hardware error bits, which stay set until a reboot. Switch the torque off for the errors that the
+        register SHUTDOWN names."""
         table = self.table
-        found = table[t.HARDWARE_ERROR.address]
+        errors = table[t.HARDWARE_ERROR.address]
         if not self.get(t.MIN_VOLTAGE) <= round(self.voltage_v * 10) <= self.get(t.MAX_VOLTAGE):
-            found |= t.VOLTAGE_BIT
+            errors |= t.VOLTAGE_BIT
         if self.temperature_c >= self.get(t.MAX_TEMPERATURE):
-            found |= t.OVERHEAT_BIT
+            errors |= t.OVERHEAT_BIT
         if abs(self.reading.load) < OVERLOAD_LOAD:
             self._overload_since_s = None
         elif self._overload_since_s is None:
             self._overload_since_s = now_s
         elif now_s - self._overload_since_s >= OVERLOAD_S:
-            found |= t.OVERLOAD_BIT
-        table[t.HARDWARE_ERROR.address] = found
-        if found & table[t.SHUTDOWN.address] and self.energised:
+            errors |= t.OVERLOAD_BIT
+        table[t.HARDWARE_ERROR.address] = errors
+        if errors & table[t.SHUTDOWN.address] and self.energised:
             self.put(t.TORQUE_ENABLE, 0)
             self._apply()
 
@@ -375,17 +393,19 @@ class Servo(TwinServo):
         sign = self._sign
         count = self._count()
         if self.get(t.MODE) == t.POSITION_MODE:
-            count %= COUNTS  # the other modes count turns
+            # In position mode the encoder count stays within one turn. In the other modes it includes whole turns.
+            count %= COUNTS
         if self.fault is Fault.WRONG:
             count += COUNTS // 2
         amount = max(-1.0, min(1.0, sign * load))
-        stall = self._kind.stall_current or 1000  # without a current sensor: 0.1 % of its torque
+        # A model without a current sensor reports its load, in units of 0.1 % of the stall torque.
+        stall = self._model_values.stall_current or 1000
         for register, value in (
             (t.POSITION, count + self.get(t.HOMING_OFFSET)),
             (t.VELOCITY, round(rad_s / self._rad_s_a_unit)),
             (t.PRESENT_PWM, round(amount * PWM_MAX)),
             (t.VELOCITY_TRAJECTORY, round(self.rate_rad_s / abs(self._rad_s_a_unit))),
-            (t.POSITION_TRAJECTORY, round(self._count_of(self.led_rad)) + self.get(t.HOMING_OFFSET)),
+            (t.POSITION_TRAJECTORY, round(self._count_of(self.target_rad)) + self.get(t.HOMING_OFFSET)),
             (t.MOVING_STATUS, self._moving_status(count)),
             (t.CURRENT, round(amount * stall)),
             (t.VOLTAGE, round(self.voltage_v * 10)),
@@ -400,28 +420,28 @@ class Servo(TwinServo):
 
     @property
     def _rad_s_a_unit(self) -> float:
-        """The joint's speed for one count of a velocity register."""
+        """The joint's speed in rad/s for one unit of a velocity register."""
         return self._sign / VELOCITY_UNITS * COUNTS_PER_RAD / self.counts_per_rad
 
     def _count_of(self, rad: float) -> float:
         return self.zero_count + self._sign * rad * self.counts_per_rad
 
     def _count(self) -> int:
-        """Return the encoder's count, including whole turns."""
+        """Return the encoder's position in counts, including whole turns."""
         return round(self._count_of(self.reading.rad))
 
     def _moving_status(self, count: int) -> int:
         off = abs(self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET) - count)
-        on_the_way = bool(self.rate_rad_s)
+        is_moving = bool(self.rate_rad_s)
         return (
             IN_POSITION * (off <= IN_POSITION_COUNTS)
-            | PROFILE_ONGOING * on_the_way
-            | FOLLOWING_ERROR * (not on_the_way and off > IN_POSITION_COUNTS)
+            | PROFILE_ONGOING * is_moving
+            | FOLLOWING_ERROR * (not is_moving and off > IN_POSITION_COUNTS)
             | RECTANGULAR_PROFILE * (self.get(t.PROFILE_VELOCITY) > 0)
         )
 
     def _apply(self) -> None:
-        """Apply the table to the joint."""
+        """Make the simulated joint follow the control table."""
         on = self.energised
         if not on or not self.plant.torque(self.joint):
             self.stand()
@@ -430,8 +450,9 @@ class Servo(TwinServo):
         self.plant.set_torque(self.joint, on)
 
     def _drive(self, mode: int) -> float:
-        """Set the joint's target from the goals of the mode. Return the permitted share of the effort."""
-        power, stall = self.get(t.GOAL_PWM) / PWM_MAX, self._kind.stall_current
+        """Set the joint's target from the goal registers that the operating mode uses. Return the share of the
+        maximum effort that these registers permit."""
+        power, stall = self.get(t.GOAL_PWM) / PWM_MAX, self._model_values.stall_current
         current = self.get(t.GOAL_CURRENT) / stall if stall else 1.0
         direction = math.copysign(1.0, self._rad_s_a_unit)
         if mode == t.VELOCITY_MODE:
@@ -445,14 +466,15 @@ class Servo(TwinServo):
             return abs(current)
         count = self.get(t.GOAL_POSITION) - self.get(t.HOMING_OFFSET)
         rad = self._sign * (count - self.zero_count) / self.counts_per_rad
-        self.lead(rad, self._profile_rad_s(rad))
+        self.move_target(rad, self._profile_rad_s(rad))
         return min(abs(power), abs(current)) if mode == t.CURRENT_POSITION_MODE else abs(power)
 
     def _profile_rad_s(self, goal_rad: float) -> float:
-        """Return the speed of the move; 0 means full speed."""
+        """Return the speed of the move to a goal in rad/s; 0 means full speed."""
         profile = self.get(t.PROFILE_VELOCITY)
         if not profile or not self.table[t.DRIVE_MODE.address] & TIMED_PROFILE:
             return profile * abs(self._rad_s_a_unit)
         if self.rate_rad_s and goal_rad == self.aimed_rad:
-            return self.rate_rad_s  # The same move goes on.
+            # The goal is the same, so the move continues at its speed.
+            return self.rate_rad_s
         return abs(goal_rad - self.reading.rad) / (profile / 1000)

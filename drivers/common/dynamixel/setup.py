@@ -1,4 +1,4 @@
-"""Ids and calibration of Dynamixel servos."""
+"""Set ids, baud rates and calibrations of Dynamixel servos."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class DynamixelSetup(Setup[p.Packet]):
     _model = (t.MODEL.address, t.MODEL.size)
 
     async def unlock(self, axis: Axis) -> None:
-        """Do nothing: a servo without torque is unlocked."""
+        """Do nothing: a Dynamixel's EEPROM can be written whenever its torque is off."""
 
     async def lock(self, axis: Axis) -> None:
         """Do nothing."""
@@ -46,12 +46,14 @@ class DynamixelSetup(Setup[p.Packet]):
             await self._write(axis.id, axis, register, value)
 
     def offset_to_middle(self, position: int) -> int:
-        """Return the offset for this position. The servo adds its offset to the measured position."""
+        """Return the homing offset with which a servo at ``position`` reports ``HALF_TURN``. The servo adds the
+        offset to the measured position."""
         return HALF_TURN - position
 
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
         await self._write(servo, axis, t.ID, axis.id)
-        self.bus.send(p.write(axis.id, t.BAUD, t.BAUD_RATES.index(baud)))  # its answer comes at either speed
+        # The servo may acknowledge this write at the old or at the new baud rate, so no answer is awaited.
+        self.bus.send(p.write(axis.id, t.BAUD, t.BAUD_RATES.index(baud)))
         await self.clock.sleep_until_ns(self.clock.now_ns() + 50_000_000)
 
     async def _write(self, servo: int, axis: Axis, register: t.Register, value: int) -> None:

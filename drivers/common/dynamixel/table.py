@@ -1,4 +1,4 @@
-"""The control table of X-series servos, and what its values mean. Pure data."""
+"""The control table of X-series servos, and the meaning of its values. Pure data."""
 
 from __future__ import annotations
 
@@ -6,80 +6,90 @@ from typing import NamedTuple
 
 
 class Register(NamedTuple):
-    """One entry of the control table. Signed words are two's complement."""
+    """One register of the control table: address, size in bytes, and whether it is signed (two's complement)."""
 
     address: int
     size: int = 1
     signed: bool = False
 
     def encode(self, value: int) -> bytes:
-        """Little-endian bytes. Raise ``ValueError`` outside the register's range."""
+        """Encode a value, little-endian. Raise ``ValueError`` if it does not fit the register."""
         try:
             return value.to_bytes(self.size, "little", signed=self.signed)
         except OverflowError:
             raise ValueError(f"{value} does not fit {self.size} byte(s)") from None
 
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """Return the value in ``data``, a block that was read from address ``base`` (default: this
-        register's own)."""
+        """Return the value of this register.
+
+        Args:
+            data: A block of bytes that contains the register.
+            base: The address of the first byte of the block. The default is the address of this register.
+        """
         start = 0 if base is None else self.address - base
         return int.from_bytes(data[start : start + self.size], "little", signed=self.signed)
 
 
-# EEPROM: cannot be written while torque is on
+# EEPROM registers. The servo refuses to write them while its torque is on.
 MODEL = Register(0, 2)
 FIRMWARE = Register(6)
 ID = Register(7)
 BAUD = Register(8)
-RETURN_DELAY = Register(9)  # 2 us a count, factory 250
-DRIVE_MODE = Register(10)  # bit 0: turns the other way; the servo does it, not the host
+RETURN_DELAY = Register(9)  # unit: 2 us; value at delivery: 250
+# Bit 0 reverses the direction. The servo applies it by itself, so the host must not.
+DRIVE_MODE = Register(10)
 MODE = Register(11)
 SECONDARY_ID = Register(12)
 PROTOCOL_TYPE = Register(13)
 HOMING_OFFSET = Register(20, 4, True)
-MOVING_THRESHOLD = Register(24, 4)  # 0.229 rpm
-MAX_TEMPERATURE = Register(31)  # deg C
-MAX_VOLTAGE = Register(32, 2)  # 0.1 V
+MOVING_THRESHOLD = Register(24, 4)  # unit: 0.229 rpm
+MAX_TEMPERATURE = Register(31)  # unit: deg C
+MAX_VOLTAGE = Register(32, 2)  # unit: 0.1 V
 MIN_VOLTAGE = Register(34, 2)
-PWM_LIMIT = Register(36, 2)  # 885 is full power
+PWM_LIMIT = Register(36, 2)  # full power is 885
 CURRENT_LIMIT = Register(38, 2)
 VELOCITY_LIMIT = Register(44, 4)
 MAX_POSITION = Register(48, 4)
 MIN_POSITION = Register(52, 4)
-SHUTDOWN = Register(63)  # which hardware errors take the torque away
+SHUTDOWN = Register(63)  # the hardware errors on which the servo switches its torque off
 # RAM
 TORQUE_ENABLE = Register(64)
 LED = Register(65)
-STATUS_LEVEL = Register(68)  # 0: answers a ping, 1: and a read, 2: everything
+STATUS_LEVEL = Register(68)  # 0: the servo answers a ping only, 1: also a read, 2: every instruction
 REGISTERED = Register(69)
 HARDWARE_ERROR = Register(70)
 VELOCITY_I, VELOCITY_P = Register(76, 2), Register(78, 2)
 POSITION_D, POSITION_I, POSITION_P = Register(80, 2), Register(82, 2), Register(84, 2)
 FEEDFORWARD_2, FEEDFORWARD_1 = Register(88, 2), Register(90, 2)
-BUS_WATCHDOG = Register(98, 1, True)  # 20 ms a count; 0: off, -1: tripped
+BUS_WATCHDOG = Register(98, 1, True)  # unit: 20 ms; 0: off, -1: the watchdog has stopped the servo
 GOAL_PWM = Register(100, 2, True)
 GOAL_CURRENT = Register(102, 2, True)
 GOAL_VELOCITY = Register(104, 4, True)
 PROFILE_ACCELERATION = Register(108, 4)
-PROFILE_VELOCITY = Register(112, 4)  # 0 means full speed
+PROFILE_VELOCITY = Register(112, 4)  # 0 means no limit of the speed
 GOAL_POSITION = Register(116, 4, True)
 # read only
-REALTIME_TICK = Register(120, 2)  # ms, up to 32767
+REALTIME_TICK = Register(120, 2)  # the servo's clock in ms; it wraps after 32767
 MOVING = Register(122)
 MOVING_STATUS = Register(123)
 PRESENT_PWM = Register(124, 2, True)
-CURRENT = Register(126, 2, True)  # XL330: 1 mA; XL430, which has no current sensor: load, 0.1 %
-VELOCITY = Register(128, 4, True)  # 0.229 rpm
+# The unit is 1 mA on an XL330. An XL430 has no current sensor, and reports its load here, in units of 0.1 %.
+CURRENT = Register(126, 2, True)
+VELOCITY = Register(128, 4, True)  # unit: 0.229 rpm
 POSITION = Register(132, 4, True)
 VELOCITY_TRAJECTORY = Register(136, 4, True)
 POSITION_TRAJECTORY = Register(140, 4, True)
-VOLTAGE = Register(144, 2)  # 0.1 V
-TEMPERATURE = Register(146)  # deg C
+VOLTAGE = Register(144, 2)  # unit: 0.1 V
+TEMPERATURE = Register(146)  # unit: deg C
 
 
 class IndirectBlock(NamedTuple):
-    """``size`` words from ``addresses`` on say which byte is found at each of as many from ``data``
-    on: at delivery itself, RAM that a host may use as it likes."""
+    """The addresses of one block of indirect addressing.
+
+    From ``addresses`` on there are ``size`` words. Each word is the address of the register that the byte at the
+    same index from ``data`` on shows. At delivery each word points to its own data byte, which a host may use as
+    free RAM.
+    """
 
     addresses: int
     data: int
@@ -136,7 +146,7 @@ HARDWARE_BITS = {
 
 
 def error_words(hardware_error: int) -> str:
-    """Return the names of the bits set in register 70."""
-    known = [word for bit, word in HARDWARE_BITS.items() if hardware_error & bit]
+    """Return the names of the bits that are set in register 70 (hardware error)."""
+    names = [word for bit, word in HARDWARE_BITS.items() if hardware_error & bit]
     rest = hardware_error & ~sum(HARDWARE_BITS)
-    return ", ".join(known + ([f"unknown 0x{rest:02x}"] if rest else []))
+    return ", ".join(names + ([f"unknown 0x{rest:02x}"] if rest else []))

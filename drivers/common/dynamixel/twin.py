@@ -1,4 +1,4 @@
-"""The robot's end of a Dynamixel bus: servos with their control tables, MuJoCo behind them."""
+"""Simulate the servos of a Dynamixel bus: their control tables, and their joints in MuJoCo."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], now_s: Callable[[], float] = time.monotonic) -> Self:
-        """Return the bus of the joints of one table of a ``robots.toml``."""
+        """Return a simulated bus with the joints of one robot's table in ``robots.toml``."""
         numbers = {name: number for number, name in t.MODEL_NUMBERS.items()}
         plant = Plant.from_table(table)
         servos = [
-            Servo(plant, at, joint["id"], numbers[joint["model"]], joint["mode"], float(joint["voltage_v"]))
-            for at, joint in enumerate(table["joints"])
+            Servo(plant, index, joint["id"], numbers[joint["model"]], joint["mode"], float(joint["voltage_v"]))
+            for index, joint in enumerate(table["joints"])
         ]
         return cls(plant, servos, now_s)
 
@@ -43,7 +43,8 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
         return Exchange(kind, p.frame(*packet), replies, safe_state)
 
     def step_to(self, now_s: float) -> None:
-        """A bus watchdog trips in the silence before a request, not when the request ends it."""
+        """Advance the simulation to ``now_s``. If the time of a bus watchdog ends earlier, its servo is stopped at
+        that earlier time, before the next request is handled."""
         while (due := min(self.servos, key=lambda servo: servo.trips_at_s)).trips_at_s <= now_s:
             super().step_to(due.trips_at_s)
             if due.energised:
@@ -51,28 +52,29 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
         super().step_to(now_s)
 
     def answer(self, packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> Iterable[Reply | None]:
-        asked = _asked(packet, hearing)
-        for servo in {each.servo for each in asked}:
+        parts = _split_request(packet, hearing)
+        for servo in {each.servo for each in parts}:
             servo.hear(self.now_s())
         match packet.code:
             case p.SYNC_READ | p.BULK_READ:
-                return [_read(*each[:3]) for each in asked]
+                return [_read(*each[:3]) for each in parts]
             case p.FAST_SYNC_READ:
                 size = _word(packet.params, 2)
-                return _fast_read([(servo_id, size) for servo_id in packet.params[4:]], asked)
+                return _fast_read([(servo_id, size) for servo_id in packet.params[4:]], parts)
             case p.FAST_BULK_READ:
-                return _fast_read([(servo_id, size) for servo_id, _, size in _bulk_read_rows(packet.params)], asked)
+                return _fast_read([(servo_id, size) for servo_id, _, size in _bulk_read_rows(packet.params)], parts)
             case p.SYNC_WRITE | p.BULK_WRITE:
-                for servo, address, _, data in asked:
+                for servo, address, _, data in parts:
                     servo.write(address, data)
                 return ()
             case _:
-                replies = [_answer(each.servo, packet) for each in asked]
+                replies = [_answer(each.servo, packet) for each in parts]
                 return replies if packet.code == p.PING or packet.id != p.BROADCAST else ()
 
 
-class Asked(NamedTuple):
-    """A request to one servo: read ``size`` bytes at ``address``, or write ``data`` there."""
+class RequestPart(NamedTuple):
+    """The part of a request that concerns one servo: read ``size`` bytes at ``address``, or write ``data``
+    there."""
 
     servo: Servo
     address: int
@@ -80,8 +82,9 @@ class Asked(NamedTuple):
     data: bytes
 
 
-def _asked(packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> list[Asked]:
-    """In the order of the request; a servo that is not there leaves no gap."""
+def _split_request(packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> list[RequestPart]:
+    """Split a request into its parts for the servos, in the order of the request. Ids without a servo are left
+    out."""
     params = packet.params
     rows: Iterable[tuple[int, int, int, bytes]]
     match packet.code:
@@ -99,28 +102,28 @@ def _asked(packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> list[Ask
             ids = sorted(hearing) if packet.id == p.BROADCAST else [packet.id]
             rows = ((servo_id, 0, 0, b"") for servo_id in ids)
     return [
-        Asked(servo, address, size, data)
+        RequestPart(servo, address, size, data)
         for servo_id, address, size, data in rows
         for servo in hearing.get(servo_id, ())
     ]
 
 
 def _bulk_read_rows(params: bytes) -> list[tuple[int, int, int]]:
-    """Id, address and size of each."""
+    """Return id, address and size of each servo's part of a bulk read."""
     starts = range(0, len(params) - 4, 5)
-    return [(params[at], _word(params, at + 1), _word(params, at + 3)) for at in starts]
+    return [(params[offset], _word(params, offset + 1), _word(params, offset + 3)) for offset in starts]
 
 
 def _bulk_rows(params: bytes) -> Iterator[tuple[int, int, int, bytes]]:
-    at = 0
-    while at + 5 <= len(params):
-        size = _word(params, at + 3)
-        yield params[at], _word(params, at + 1), size, params[at + 5 : at + 5 + size]
-        at += 5 + size
+    offset = 0
+    while offset + 5 <= len(params):
+        size = _word(params, offset + 3)
+        yield params[offset], _word(params, offset + 1), size, params[offset + 5 : offset + 5 + size]
+        offset += 5 + size
 
 
-def _word(data: bytes, at: int) -> int:
-    return int.from_bytes(data[at : at + 2], "little")
+def _word(data: bytes, offset: int) -> int:
+    return int.from_bytes(data[offset : offset + 2], "little")
 
 
 def _status(servo: Servo, error: int = 0, params: bytes = b"", kind: str = "read") -> Reply:
@@ -133,25 +136,30 @@ def _read(servo: Servo, address: int, size: int) -> Reply | None:
     return _status(servo, *servo.read(address, size))
 
 
-def _fast_read(rows: Sequence[tuple[int, int]], asked: Sequence[Asked]) -> list[Reply]:
-    """One frame of all; it ends at the first servo that is not there. ``rows``: ids and sizes."""
+def _fast_read(rows: Sequence[tuple[int, int]], parts: Sequence[RequestPart]) -> list[Reply]:
+    """Return the single frame in which the servos answer a fast read. The frame ends at the first missing servo.
+
+    Args:
+        rows: Id and data size of each requested servo.
+        parts: The requests to the servos that exist.
+    """
     answers = []
-    for (servo_id, size), (servo, address, _, _) in zip(rows, asked, strict=False):
+    for (servo_id, size), (servo, address, _, _) in zip(rows, parts, strict=False):
         if servo.id != servo_id:
             break
         error, block = servo.read(address, size)
         answers.append((servo_id, error | servo.alert, block.ljust(size, b"\0")))
     if not answers:
         return []
-    first = asked[0].servo
+    first = parts[0].servo
     return [Reply(first.return_delay_s, p.fast_status(answers, [size for _, size in rows]), first.id)]
 
 
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
-    """Carry out a request to one servo or to all. Return None if it gets no answer."""
+    """Carry out a request to one servo. Return its reply; None if the servo does not reply."""
     params = packet.params
-    # The reply has the id and the delay from before the request.
-    said = _status(servo, kind=p.classify(packet))
+    # Prepare the servo's reply before the request changes anything, so that it has the old id and the old delay.
+    reply = _status(servo, kind=p.classify(packet))
     error = 0
     match packet.code:
         case p.PING:
@@ -175,4 +183,4 @@ def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
             error = p.INSTRUCTION_ERROR
     if servo.get(t.STATUS_LEVEL) < 2:
         return None
-    return said._replace(data=p.status(said.unit or 0, error | servo.alert))
+    return reply._replace(data=p.status(reply.unit or 0, error | servo.alert))

@@ -1,24 +1,24 @@
 """Values of the bus watchdog (register 98), which stops a servo when its bus is silent.
 
-With torque on, a servo that has received no instruction for the set time stops where it is and
-keeps its torque. It sets the register to -1, and refuses goals until 0 is written. This is the third
-line of defence. The wire process stops the arm within 50 ms, the root's stop channel within 150 ms,
-and the firmware when both are gone, or the cable.
+The firmware stops a servo with torque if no instruction has arrived for the set time. The servo keeps its position
+and its torque, sets the register to -1, and refuses goals until 0 is written. An arm thus has three lines of
+defence. The wire process (which talks to the robot) stops the arm within 50 ms. The root (which supervises that
+process) stops it within 150 ms. The firmware stops it if both processes have ended or the cable is cut.
 
-*Any* instruction feeds it, a read too. So a process that only reads could keep a servo driving to
-its last goal for ever. Two rules prevent that:
+*Any* instruction restarts the watchdog, even a read. So a process that only reads could let a servo drive to its
+last goal without limit. Two rules prevent this:
 
-* The watchdog actor orders the reads, and orders no read when the gate or the transport does not
-  answer.
-* After a setpoint the wire reads for ``FEED_S`` only, unless another setpoint, a re-send or a safe
-  frame follows. One always follows while all processes work. The wire also stops reading when a
-  servo answered a safe frame and is still driven.
+* The watchdog actor of the wire process requests each read. It requests none while the gate (which admits commands)
+  or the transport does not answer.
+* After a setpoint the wire process reads for ``FEED_S`` only, unless another setpoint, a re-sent one or a safe
+  frame follows. One of these follows as long as all processes work. The wire process also stops reading if a servo
+  has answered a safe frame and still moves.
 
-Without reads, the wire reports the last readings, whose age makes the gate refuse every move, and
-the firmware stops the arm. An arm that rests or holds may be read for ever.
+Without reads, the wire process reports the last readings. They soon are too old, so the gate refuses every move,
+and the firmware stops the arm. An arm that is limp or holds may be read without limit.
 
-A trip is reported as a fault. Only the next ``resume()`` clears it, with the torque off, because it
-is not documented how a servo treats its old goal when the trip is cleared under torque.
+A servo that its watchdog has stopped is reported as a fault. Only the next ``resume()`` clears this state, with the
+torque off. The vendor does not document how a servo treats its old goal if the state is cleared under torque.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The Dynamixel bus in the wire process, and the root's stop channel to it."""
+"""The Dynamixel bus in the process that talks to the robot, and the supervising process's own path to stop it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     ) -> None:
         super().__init__(config, clock, open_port)
         self._readings = DynamixelReadings((), {})
-        self._feed_until_ns: int | None = None  # None: the arm rests or holds, and may be read for ever
+        # Time at which reading ends, so that the bus watchdogs can stop the servos. None: the arm is limp or holds,
+        # and may be read without limit.
+        self._feed_until_ns: int | None = None
 
     async def handshake(self, bus: HalfDuplexBus[protocol.Packet]) -> Handshake[protocol.Packet]:
         self._feed_until_ns = None
@@ -65,16 +67,19 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     # -- arming
 
     async def before_arming(self, permit: Permit) -> None:
-        """No latched alert, and every bus watchdog off: of one that has tripped with its torque
-        off."""
+        """Refuse to arm a servo with a hardware alert, and switch every bus watchdog off.
+
+        A servo that its watchdog has stopped loses its torque first, because its old goal might become active
+        again. Raise ``WireDown``.
+        """
         bus = self.session.bus
         replies = await self.ask_all(*_STATE, "its state")
         for axis in self.axes:
             state = replies[axis.id].params
             if alert := table.HARDWARE_ERROR.decode(state, _STATE[0]):
                 raise WireDown(
-                    f"arm: {axis.label} has {table.error_words(alert)} latched. "
-                    "Clear the cause, then reboot it with the arm supported"
+                    f"arm: {axis.label} has stored a hardware error ({table.error_words(alert)}). "
+                    "Clear its cause, support the arm, then reboot the servo"
                 )
             tripped = table.BUS_WATCHDOG.decode(state, _STATE[0]) == table.WATCHDOG_TRIPPED
             if tripped and table.TORQUE_ENABLE.decode(state, _STATE[0]):
@@ -87,20 +92,21 @@ class DynamixelWire(ServoWire[protocol.Packet]):
         self._feed_until_ns = None
 
     async def _set_watchdogs(self, counts: int) -> None:
-        """On every servo, and read back. Raise ``WireDown``."""
+        """Write the bus watchdog of every servo, and read it back. Raise ``WireDown`` if a servo has another
+        value."""
         register = table.BUS_WATCHDOG
         self.session.bus.send(protocol.sync_write(register, dict.fromkeys(self.config.ids, counts)))
         replies = await self.ask_all(register.address, register.size, "its bus watchdog")
         for axis in self.axes:
-            found = register.decode(replies[axis.id].params)
-            if found != counts:
+            value = register.decode(replies[axis.id].params)
+            if value != counts:
                 raise WireDown(
-                    f"arm: the bus watchdog of {axis.label} is {found}, must be {counts}. "
-                    "Power-cycle it and try again"
+                    f"arm: the bus watchdog register (98) of {axis.label} is {value}, must be {counts}. "
+                    "Power-cycle the servo and try again"
                 )
         self._readings.watchdogs_are(counts)
 
-    # -- what feeds the watchdogs is earned
+    # -- reading, which restarts the servos' bus watchdogs
 
     async def read(self) -> Observation:
         session = self.session
@@ -109,11 +115,12 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             await trio.lowlevel.checkpoint()
             return session.observation
         if now_ns - session.bus.sent_ns >= watchdog.SECONDS * NS:
-            self.check_torque_soon()  # they may have tripped in that silence
-        seen = await super().read()
+            # The bus watchdogs may have stopped the servos during this silence.
+            self.check_torque_soon()
+        observation = await super().read()
         if self._readings.unnamed:
             self.check_torque_soon()
-        return seen
+        return observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         await super().write(values, permit)

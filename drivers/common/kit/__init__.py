@@ -1,1 +1,1 @@
-"""Parts that drivers, wires and stop channels are made of."""
+"""Building blocks of the drivers, of the code that talks to robots, and of the code that stops them."""

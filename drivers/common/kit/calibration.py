@@ -1,7 +1,8 @@
-"""lerobot's calibration files: one JSON file per robot id, ``{motor: {id, drive_mode, homing_offset,
-range_min, range_max}}``. All values are integers, positions in encoder counts.
+"""Read, check and write lerobot's calibration files.
 
-The caller reads a file once. Other processes get plain data.
+There is one JSON file per robot id: ``{motor: {id, drive_mode, homing_offset, range_min, range_max}}``. All values
+are integers; positions are encoder counts. Only the process of the user's script reads a file. Other processes
+receive its content.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from strands_actors.contract.shown import shown
 
 
 class MotorCalibration(msgspec.Struct, frozen=True):
-    """One motor of the file. ``range_min`` and ``range_max`` bound its real travel."""
+    """The calibration of one motor. ``range_min`` and ``range_max`` are the ends of the joint's travel, in
+    counts."""
 
     id: int
     drive_mode: int
@@ -47,7 +49,7 @@ def _within(field: str, value: int, low: int, high: int) -> None:
 
 
 def folder(environ: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of lerobot's calibration files, by lerobot's own environment variables."""
+    """Return the folder of lerobot's calibration files. lerobot's environment variables can move it."""
     if root := environ.get("HF_LEROBOT_CALIBRATION"):
         return Path(root).expanduser()
     if home := environ.get("HF_LEROBOT_HOME"):
@@ -61,14 +63,16 @@ LEADERS = "teleoperators"
 """Folders of the files, as lerobot names them."""
 
 
-def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, kind: str = ROBOTS) -> Path | None:
-    """Return the file of a robot; None if there is no such file.
+def find(
+    robot_types: Iterable[str], robot_id: str, root: Path | None = None, category: str = ROBOTS
+) -> Path | None:
+    """Return the path of a robot's calibration file; None if there is no such file.
 
     Args:
-        robot_types: lerobot's types. The first that has a file wins.
+        robot_types: The names that lerobot may use for this type of robot. The first with a file is used.
         robot_id: The id of the robot.
         root: The folder of all files. The default is ``folder()``.
-        kind: ``ROBOTS`` or ``LEADERS``.
+        category: ``ROBOTS`` or ``LEADERS``.
 
     Raises:
         ValueError: The id cannot be the name of a file.
@@ -76,25 +80,27 @@ def find(robot_types: Iterable[str], robot_id: str, root: Path | None = None, ki
     base = folder() if root is None else root
     require_id(robot_id)
     for robot_type in robot_types:
-        path = base / kind / robot_type / f"{robot_id}.json"
+        path = base / category / robot_type / f"{robot_id}.json"
         if path.is_file():
             return path
     return None
 
 
 def require_id(robot_id: str) -> None:
-    """Raise ``ValueError`` unless the id can be the name of a file in its folder, and of no file elsewhere."""
+    """Raise ``ValueError`` unless the id can be a file name. It must not lead to a file outside the folder."""
     if not 0 < len(robot_id) <= LONGEST_ID or not robot_id.isprintable() or set(robot_id) & set("/\\"):
         raise ValueError(
-            f"id is {shown(robot_id)}, and a calibration's file is called so: give 1 to {LONGEST_ID} characters "
+            f"id is {shown(robot_id)}, which cannot name a calibration file. Give 1 to {LONGEST_ID} characters "
             "without a slash"
         )
 
 
-def ids(robot_types: Iterable[str], root: Path | None = None, kind: str = ROBOTS) -> list[str]:
-    """Return the ids that have a file, sorted."""
+def ids(robot_types: Iterable[str], root: Path | None = None, category: str = ROBOTS) -> list[str]:
+    """Return the sorted robot ids for which a calibration file exists."""
     base = folder() if root is None else root
-    return sorted({path.stem for robot_type in robot_types for path in (base / kind / robot_type).glob("*.json")})
+    return sorted(
+        {path.stem for robot_type in robot_types for path in (base / category / robot_type).glob("*.json")}
+    )
 
 
 def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, MotorCalibration]:
@@ -111,7 +117,8 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
 
 
 def prepare(path: Path) -> None:
-    """Make the folder of a file and write into it once, before work is done that ``save`` would lose.
+    """Make the folder of a file, and check that it can be written. Call it before a calibration, so that no
+    calibration is done that ``save`` could not write.
 
     Raises:
         OSError: The file could not be saved.
@@ -127,10 +134,10 @@ def _beside(path: Path) -> Path:
 
 
 def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
-    """Write a file in lerobot's format, whole or not at all.
+    """Write a file in lerobot's format. If writing fails, an existing file is unchanged.
 
     Raises:
-        OSError: The file could not be written. An old file is unchanged.
+        OSError: The file could not be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     new = _beside(path)
@@ -143,32 +150,32 @@ def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
 
 
 def _text_of(path: Path) -> str:
-    """Return the text of a regular file of at most ``MAX_BYTES``. A device or a pipe might have no end, or
-    wait for a writer.
+    """Return the text of a regular file of at most ``MAX_BYTES``. A device or a pipe is refused, because reading it
+    might never end.
 
     Raises:
-        OSError, ValueError: It cannot be read.
+        OSError, ValueError: The file cannot be read.
     """
     if not path.is_file():
-        raise ValueError("it is no file" if path.exists() else "there is none")
+        raise ValueError("it is not a regular file" if path.exists() else "it does not exist")
     with path.open("rb") as file:
         data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
-        raise ValueError(f"it is longer than {MAX_BYTES} bytes")
+        raise ValueError(f"the file is longer than {MAX_BYTES} bytes")
     return data.decode()
 
 
 def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str) -> dict[str, MotorCalibration]:
-    """Check the content of a file, or a dict that was given instead of a file.
+    """Check the content of a calibration file, or a dict that was given instead of a file.
 
     Args:
         content: The decoded content.
-        motors: The names and ids that it must have.
+        motors: The motors that it must have, each with the id of its servo.
         max_offset: The largest value that the servo's homing offset register can hold.
-        source: Its name for messages.
+        source: The name of the file or dict, for messages.
 
     Raises:
-        ValueError: The content is wrong. The text says where.
+        ValueError: The content is wrong. The exception's text names the motor and the field.
     """
     expected = ", ".join(motors)
     if not isinstance(content, Mapping):
@@ -189,8 +196,8 @@ def check(content: Any, motors: Mapping[str, int], max_offset: int, source: str)
             )
         if motor.id != motors[name]:
             raise ValueError(
-                f"calibration {source}: {name} has id {motor.id}, this robot has {motors[name]} there. "
-                "Use the file of this robot"
+                f"calibration {source}: the file has id {motor.id} for {name}, this robot has id {motors[name]}. "
+                "Use the calibration file of this robot"
             )
     return checked
 

@@ -1,8 +1,8 @@
-"""Targets of motors that take position, speed, torque and gains at once, as in legged robots.
+"""Check targets of motors that take position, speed, torque and gains at once, as in legged robots.
 
-This module parses an action into a target and refuses a target out of limits. It is pure and never
-clips a value. A target is five rows, each in the order of the joints: q (rad), dq (rad/s), tau (Nm),
-kp (Nm/rad), kd (Nm s/rad).
+This module converts an action into a target, and refuses a target that exceeds the limits. It is pure and never
+clips a value. A target has five rows of values, each in the order of the joints: q (rad), dq (rad/s), tau (Nm), kp
+(Nm/rad), kd (Nm s/rad).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ FLOAT32_ROUNDING = 1e-6
 
 
 class Joint(msgspec.Struct, frozen=True):
-    """One motor, in radians, newton metres and seconds."""
+    """One joint with its motor: its limits and default gains, in radians, newton metres and seconds."""
 
     key: str
     slot: int
-    mode: int  # value of its slot's mode field that makes it obey
+    mode: int  # value of the ``mode`` field in the motor's command, with which the motor obeys
     low: float
     high: float
     torque: float
@@ -52,7 +52,7 @@ class Joint(msgspec.Struct, frozen=True):
 
 
 class Motors(Protocol):
-    """The table of a robot's motors that can be commanded."""
+    """The joints of one robot model that can be commanded."""
 
     @property
     def name(self) -> str: ...
@@ -68,10 +68,10 @@ _COLUMNS = {"key": str, "slot": int, "mode": int}
 
 
 def parse_joints(text: str) -> tuple[Joint, ...]:
-    """Parse the joints of a table: one line each, in the columns of ``Joint``.
+    """Parse a table of joints. Each line is one joint; its columns are the fields of ``Joint``.
 
     Raises:
-        ValueError: A line has another number of columns, or a column is no number.
+        ValueError: A line has another number of columns, or a column is not a number.
     """
     return tuple(_parse_joint(line) for line in text.splitlines() if line.strip())
 
@@ -79,114 +79,119 @@ def parse_joints(text: str) -> tuple[Joint, ...]:
 def _parse_joint(line: str) -> Joint:
     words = line.split()
     if len(words) != len(Joint.__struct_fields__):
-        raise ValueError(f"a joint has {len(Joint.__struct_fields__)} columns, this has {len(words)}: {line}")
+        raise ValueError(f"a joint has {len(Joint.__struct_fields__)} columns, not {len(words)}: {line}")
     columns = zip(Joint.__struct_fields__, words, strict=True)
     return msgspec.convert({name: _COLUMNS.get(name, float)(word) for name, word in columns}, Joint)
 
 
-# -- names and numbers
+# -- converting an action into a target
 
 
 class Parser:
-    """Turn an action, which has joints by name, into a whole target."""
+    """Convert an action, a dict by joint name, into a target for all joints."""
 
     def __init__(self, model: Motors) -> None:
         self._model = model
         self._keys = ", ".join(joint.key for joint in model.joints)
         self._count = len(model.joints)
-        self._index = {spelling: at for at, joint in enumerate(model.joints) for spelling in _spellings(joint.key)}
+        self._index = {
+            spelling: index for index, joint in enumerate(model.joints) for spelling in _spellings(joint.key)
+        }
         zero = (0.0,) * self._count
         self._rest = (*zero, *zero, *(joint.kp for joint in model.joints), *(joint.kd for joint in model.joints))
 
     def parse(self, action: Mapping[str, object], state: GateState) -> Candidate | Refused:
-        """Return the whole target of an action, or a refusal.
+        """Convert an action into a target for all joints, or return a refusal.
 
-        A number is q in radians, sent with the joint's own gains. A dict has q, and any other row that
-        differs from the joint's default. A joint that is not named keeps its target; before the first
-        target it is held at its measured position.
+        The value of a joint is a number or a dict. A number is q in radians, and the joint's default gains apply. A
+        dict has q, and may replace dq, tau, kp and kd. A joint that the action does not name keeps its target. If
+        there is no target yet, it holds its measured position.
         """
         count = self._count
         if not action:
             return Refused(Code.EMPTY, "the action names no joint", f"use {self._keys}", "{}", self._keys)
-        fresh = len(state.target) == count  # The robot was armed, and no target was accepted since.
+        # ``state.target`` has only positions until the first target after arming is accepted.
+        fresh = len(state.target) == count
         before = state.observation.position if fresh else state.target
         whole = len(action) == count
         target = [*before[:count], *self._rest] if fresh or whole else list(before)
-        index = self._index
+        index_of = self._index
         named: list[int] = []
         for key, value in action.items():
-            at = index.get(key)
-            if at is None:
+            index = index_of.get(key)
+            if index is None:
                 return self._unknown(key)
             if not whole:
-                target[at + count :: count] = self._rest[at::count]
+                target[index + count :: count] = self._rest[index::count]
             if type(value) is float and math.isfinite(value):
-                target[at] = value
+                target[index] = value
             else:
-                refusal = self._take(target, at, value)
+                refusal = self._take(target, index, value)
                 if refusal is not None:
                     return refusal
-            named.append(at)
+            named.append(index)
         if len(set(named)) < len(named):
-            return self._twice(next(at for at in named if named.count(at) > 1))
+            return self._twice(next(index for index in named if named.count(index) > 1))
         return Candidate(tuple(target), tuple(named))
 
     def named(self, action: Mapping[str, object]) -> list[int]:
-        """Return the joints of an accepted action, by index, in the order of the motors."""
+        """Return the indices of the joints in an accepted action, in ascending order."""
         return sorted(self._index[key] for key in action)
 
-    def _take(self, target: list[float], at: int, value: object) -> Refused | None:
-        """Set the rows of a joint whose value is no plain float. This runs 500 times a second for every
-        joint, so the checks of known names and floats come first."""
+    def _take(self, target: list[float], index: int, value: object) -> Refused | None:
+        """Set the target of a joint whose value is a dict, or a number that is not a finite float.
+
+        Actions arrive up to 500 times a second, so the common cases are checked first.
+        """
         if type(value) is not dict:
             value = dict(value) if isinstance(value, Mapping) else {"q": value}
         if "q" not in value:
-            return self._without_q(at, value)
+            return self._without_q(index, value)
         count = self._count
         for name, part in value.items():
             row = _ROW.get(name)
             if row is None:
-                return self._unknown_row(at, name)
+                return self._unknown_row(index, name)
             if type(part) is not float or not math.isfinite(part):
                 number = finite(part)
                 if number is None:
-                    return self._no_number(at, name, part)
+                    return self._no_number(index, name, part)
                 part = number
-            target[at + count * row] = part
+            target[index + count * row] = part
         return None
 
-    def _without_q(self, at: int, value: Mapping[Any, object]) -> Refused:
+    def _without_q(self, index: int, value: Mapping[Any, object]) -> Refused:
         return Refused(
             MotorCode.NO_Q,
-            f"{self._model.joints[at].key} has no q",
-            "give q in radians, and of dq, tau, kp, kd what is wanted",
+            f"the command of {self._model.joints[index].key} has no q (position)",
+            "give q in radians. dq, tau, kp and kd are optional",
             ", ".join(str(name)[:40] for name in value) or "{}",
             ", ".join(ROWS),
         )
 
-    def _unknown_row(self, at: int, name: object) -> Refused:
-        shown, known = str(name)[:40] or "''", ", ".join(ROWS)
-        why = f"{self._model.joints[at].key}.{shown} is not known"
-        return Refused(Code.UNKNOWN_KEY, why, f"use {known}", shown, known)
+    def _unknown_row(self, index: int, name: object) -> Refused:
+        shown, row_names = str(name)[:40] or "''", ", ".join(ROWS)
+        reason = f"{self._model.joints[index].key}.{shown} is not known"
+        return Refused(Code.UNKNOWN_KEY, reason, f"use {row_names}", shown, row_names)
 
-    def _no_number(self, at: int, name: object, part: object) -> Refused:
+    def _no_number(self, index: int, name: object, part: object) -> Refused:
         shown = str(part)[:40]
-        why = f"{self._model.joints[at].key}.{name} is {shown}"
-        return Refused(Code.NOT_FINITE, why, "send a finite number", shown, "a finite number")
+        reason = f"{self._model.joints[index].key}.{name} is {shown}"
+        return Refused(Code.NOT_FINITE, reason, "send a finite number", shown, "a finite number")
 
     def _unknown(self, key: object) -> Refused:
         shown = str(key)[:40] or "''"
-        why = f"{shown} is not a joint of {self._model.name}"
-        return Refused(Code.UNKNOWN_JOINT, why, f"use {self._keys}", shown, self._keys)
+        reason = f"{shown} is not a joint of {self._model.name}"
+        return Refused(Code.UNKNOWN_JOINT, reason, f"use {self._keys}", shown, self._keys)
 
-    def _twice(self, at: int) -> Refused:
-        both = " and ".join(_spellings(self._model.joints[at].key)[:2])
-        return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both)
+    def _twice(self, index: int) -> Refused:
+        both = " and ".join(_spellings(self._model.joints[index].key)[:2])
+        return Refused(Code.BOTH_SPELLINGS, f"{both} are both given for one joint", "send only one", both)
 
 
 def _spellings(key: str) -> tuple[str, ...]:
-    """Return the accepted spellings of a joint. Names in the models end with ``_joint``; those on the wire
-    do not always."""
+    """Return the accepted names of a joint. In robot models a joint's name ends with ``_joint``; in the robot's
+    messages it may not."""
     bare = key.removesuffix("_joint")
     return bare, f"{bare}_joint", f"{bare}.pos", f"{bare}_joint.pos"
 
@@ -195,7 +200,7 @@ def _spellings(key: str) -> tuple[str, ...]:
 
 
 def target_gates(model: Motors, control_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of the checks. The first that refuses gives the answer."""
+    """Return the checks of a target, in their order. If several checks refuse, the first refusal is reported."""
     in_range = past_range(_table(model), rounding=FLOAT32_ROUNDING)
     return (
         finite_rows(model),
@@ -212,8 +217,10 @@ def _table(model: Motors) -> tuple[Axis, ...]:
 
 
 def finite_rows(model: Motors) -> GateCheck:
-    """Refuse a target with a number that is not finite, even for a joint that is not named. Such a joint
-    holds its measured position, and its values are sent with its gains all the same."""
+    """Refuse a target with a number that is not finite, even for a joint that the action does not name.
+
+    The motor of such a joint also receives a target: its measured position, which may not be finite.
+    """
     count = len(model.joints)
 
     def finite_rows(candidate: Candidate, state: GateState) -> Refused | None:
@@ -221,12 +228,12 @@ def finite_rows(model: Motors) -> GateCheck:
         if all(map(math.isfinite, values)):
             return None
         place, value = next((place, value) for place, value in enumerate(values) if not math.isfinite(value))
-        row, at = divmod(place, count)
-        key, remedy = model.joints[at].key, "send a finite number"
-        if at not in candidate.named:
-            remedy = "wait until the robot tells where it is, or name it with a finite q"
-        why = f"{key}.{ROWS[row]} is {value}"
-        return Refused(Code.NOT_FINITE, why, remedy, str(value), "a finite number")
+        row, index = divmod(place, count)
+        key, remedy = model.joints[index].key, "send a finite number"
+        if index not in candidate.named:
+            remedy = "wait until the robot reports its position, or send a finite q for this joint"
+        reason = f"{key}.{ROWS[row]} is {value}"
+        return Refused(Code.NOT_FINITE, reason, remedy, str(value), "a finite number")
 
     return finite_rows
 
@@ -235,7 +242,7 @@ _WORDS = {DQ: (Code.TOO_FAST, "dq", "rad/s"), TAU: (MotorCode.TOO_STRONG, "tau",
 
 
 def within(model: Motors, row: int) -> GateCheck:
-    """Refuse a speed or a torque (by ``row``) beyond the joint's limit."""
+    """Refuse a speed (row ``DQ``) or a torque (row ``TAU``) that exceeds the joint's limit."""
     count = len(model.joints)
     most = tuple(joint.speed if row == DQ else joint.torque for joint in model.joints)
     code, name, unit = _WORDS[row]
@@ -244,14 +251,15 @@ def within(model: Motors, row: int) -> GateCheck:
 
     def within(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
-        if values[first : first + count] == nothing:  # the usual case, 500 times a second
+        # Usually all values are 0. This early return saves time, because the check runs 500 times a second.
+        if values[first : first + count] == nothing:
             return None
-        for at in candidate.named:
-            value = values[first + at]
-            if not -most[at] <= value <= most[at]:
-                limit = f"-{most[at]:g}..{most[at]:g} {unit}"
-                why = f"{model.joints[at].key}.{name}={value:.4g} is outside {limit}"
-                return Refused(code, why, "stay within it", f"{value:.4g}", limit)
+        for index in candidate.named:
+            value = values[first + index]
+            if not -most[index] <= value <= most[index]:
+                limit = f"-{most[index]:g}..{most[index]:g} {unit}"
+                reason = f"{model.joints[index].key}.{name}={value:.4g} is outside {limit}"
+                return Refused(code, reason, "stay within this range", f"{value:.4g}", limit)
         return None
 
     return within
@@ -263,15 +271,16 @@ def gains(model: Motors) -> GateCheck:
 
     def gains(candidate: Candidate, state: GateState) -> Refused | None:
         values = candidate.values
-        if values[KP * count :] == state.target[KP * count :]:  # the usual case: accepted before
+        # Usually the gains are those of the last target, which were accepted before.
+        if values[KP * count :] == state.target[KP * count :]:
             return None
         for row, name, most in rows:
             first = count * row
-            for at in candidate.named:
-                if not 0.0 <= values[first + at] <= most:
-                    value, limit = f"{values[first + at]:.4g}", f"0..{most:g}"
-                    why = f"{model.joints[at].key}.{name}={value} is outside {limit}"
-                    return Refused(MotorCode.GAIN, why, "stay within it", value, limit)
+            for index in candidate.named:
+                if not 0.0 <= values[first + index] <= most:
+                    value, limit = f"{values[first + index]:.4g}", f"0..{most:g}"
+                    reason = f"{model.joints[index].key}.{name}={value} is outside {limit}"
+                    return Refused(MotorCode.GAIN, reason, "stay within this range", value, limit)
         return None
 
     return gains
@@ -280,8 +289,8 @@ def gains(model: Motors) -> GateCheck:
 def steps(model: Motors, control_s: float) -> GateCheck:
     """Refuse a step from the last target that is longer than the joint turns in one period of the stream.
 
-    A single command counts as one period of the control loop, because a far target is a blow. The first
-    command steps from the measured position.
+    A single command may step as far as the joint turns in one period of the control loop, because a motor would
+    drive to a far target at full force. The first step counts from the measured position.
     """
     count = len(model.joints)
     from_target = too_fast(
@@ -292,7 +301,8 @@ def steps(model: Motors, control_s: float) -> GateCheck:
     )
 
     def steps(candidate: Candidate, state: GateState) -> Refused | None:
-        if len(state.target) == count:  # Nothing was accepted since it was armed.
+        # No target was accepted since the robot was armed, so the step starts at the measured position.
+        if len(state.target) == count:
             state = replace(state, target=state.observation.position)
         return from_target(candidate, state)
 

@@ -13,9 +13,9 @@ class Outcome(NamedTuple):
     """The result of a stop for the whole robot.
 
     Attributes:
-        written: The safe frame has left.
-        acknowledged: The robot has answered.
-        detail: Why the robot is not known to be safe; empty if it is.
+        written: True if the stop command was sent.
+        acknowledged: True if the robot has answered the stop command.
+        detail: Why it is unknown whether the robot is safe; empty if the robot is safe.
     """
 
     written: bool
@@ -29,15 +29,15 @@ class Outcome(NamedTuple):
 
         Args:
             axes: Keys of the axes.
-            ids: Number of each motor. The default is 1, 2, 3 and so on.
+            ids: Id of each axis's motor. The default is 1, 2, 3 and so on.
             targets: Position at which each axis holds. The default is None for each.
         """
         written, acknowledged, detail = self
         numbers = ids or range(1, len(axes) + 1)
-        held = targets or (None,) * len(axes)
+        goals = targets or (None,) * len(axes)
         return tuple(
             MotorReport(axis, number, written, acknowledged, not detail, detail, target)
-            for axis, number, target in zip(axes, numbers, held, strict=True)
+            for axis, number, target in zip(axes, numbers, goals, strict=True)
         )
 
 
@@ -45,5 +45,5 @@ NOT_CONNECTED = Outcome(False, False, "not connected")
 
 
 def names_of(axes: Sequence[Axis]) -> tuple[tuple[str, ...], tuple[int, ...]]:
-    """Return the keys and the ids of the axes, as ``Outcome.reports`` takes them."""
+    """Return the keys and the ids of the axes, as arguments for ``Outcome.reports``."""
     return tuple(axis.key for axis in axes), tuple(axis.id for axis in axes)

@@ -1,4 +1,4 @@
-"""Refusals that are common to all wires with motors."""
+"""Refusal codes that the drivers of all robots with motors use."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ CLEAR_IT = "clear the cause, then try again"
 
 
 class MotorCode(RefusalCode):
-    """The codes of these refusals. See ``docs/refusals.md``."""
+    """Codes of refused commands to motors. ``docs/refusals.md`` explains each code."""
 
     NO_Q = "no_q", "a joint's command has no position", "give q in radians"
     TOO_STRONG = "too_strong", "a torque is past its limit", "stay within the limit that is named"

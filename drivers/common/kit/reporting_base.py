@@ -1,8 +1,8 @@
-"""Bases that report their speed on the connection that also carries the stop.
+"""Stop a mobile base that reports its speed on the same connection that carries the stop command.
 
-Zero is repeated until the base reports that it stands. A report counts only after the base has taken a
-zero, and only from the second one on, because the first may have left before. Zeros do not wait for
-slow answers.
+The command "speed zero" is repeated until the base reports that it does not move. A report counts only if it was
+made after the base had received a zero. The first report after that moment may be older, so only the second one
+counts. A slow answer does not delay the next zero.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import trio
 from strands_actors.contract.wire import WireDown
 
 from .outcome import Outcome
+from .rest_watch import Rest, RestWatch
 
 TIMES = 3
 """Least number of zeros, since a service may drop one when its own queue is full."""
@@ -27,43 +28,44 @@ LOOK_S = 0.01
 
 
 class Report(NamedTuple):
-    """The report of a base about its motion."""
+    """A base's report of its motion."""
 
-    stamp_ns: int  # the base's clock
+    stamp_ns: int  # time of the report, by the base's clock
     stands: bool
-    speed: str  # for people
+    speed: str  # the speed in words, for messages
 
 
 class ReportingBase(Protocol):
-    """A base as a stop sees it. Every call raises ``WireDown`` if the base cannot be reached."""
+    """The methods of a mobile base that a stop needs. Every call raises ``WireDown`` if the base cannot be
+    reached."""
 
     @property
     def is_open(self) -> bool:
-        """True if a zero can be written and may be answered."""
+        """True if a stop command can be sent and its answer can be received."""
         ...
 
     async def connect(self) -> None:
-        """Connect if the connection is not open. Neither ask anything first nor wait for an answer."""
+        """Connect if the connection is not open. Send no request, and wait for no answer."""
         ...
 
     def zero(self) -> None:
-        """Write a stop now, on any connection that can be written, even after something unreadable was
-        received on it."""
+        """Send the command "speed zero" now. Any open connection will do, even one on which malformed data was
+        received."""
         ...
 
-    async def taken(self, within_s: float) -> None:
-        """Return when the base has taken everything that was written before the call."""
+    async def acknowledged(self, within_s: float) -> None:
+        """Wait until the base has received everything that was sent before this call."""
         ...
 
     async def next_report(self, within_s: float) -> Report:
-        """Return the next report."""
+        """Wait for the next report of the base, and return it."""
         ...
 
 
 async def stop_until_it_stands(base: ReportingBase, within_s: float) -> Outcome:
-    """Send at least ``TIMES`` zeros, until the base reports that it stands.
+    """Send the command "speed zero" at least ``TIMES`` times, until the base reports that it does not move.
 
-    Never raises. If something can be written, the first zero leaves before the first wait.
+    Never raises. If a connection is open, the first command leaves before this function waits for anything.
     """
     stop = _Stop(base)
     stop.send()
@@ -76,9 +78,9 @@ async def stop_until_it_stands(base: ReportingBase, within_s: float) -> Outcome:
 
 
 async def stop_by_each(bases: Sequence[ReportingBase], within_s: float) -> Outcome:
-    """Stop one base over several links at once, until it reports on one of them that it stands.
+    """Stop one base over several connections at once, until it reports on one of them that it does not move.
 
-    Never raises. On each link that can be written, the first zero leaves before the first wait.
+    Never raises. On each open connection, the first stop command leaves before this function waits for anything.
     """
     outcomes: list[Outcome] = []
 
@@ -100,7 +102,7 @@ class _Stop:
         self.sent = 0
         self.acknowledged = False
         self.detail = "not confirmed: it has not answered"
-        self._since_ns: int | None = None  # stamp of the first report after the acknowledgement
+        self._watch = RestWatch()  # of the reports since the base acknowledged a stop command
 
     def send(self) -> None:
         try:
@@ -110,7 +112,7 @@ class _Stop:
             self.detail = f"not confirmed: {down}"
 
     async def repeat(self) -> None:
-        """Send zero until cancelled. Connect again if there is no connection."""
+        """Send the command "speed zero" until cancelled. Connect again if there is no connection."""
         pause_s = AGAIN_S if self._base.is_open else 0.0
         while True:
             await trio.sleep(pause_s)
@@ -123,7 +125,7 @@ class _Stop:
                 self.send()
 
     async def confirm(self, within_s: float) -> None:
-        """Return when the base reports that it stands."""
+        """Return when the base reports that it does not move."""
         while self.detail or self.sent < TIMES:
             if not self.sent or not self._base.is_open:
                 await trio.sleep(LOOK_S)
@@ -136,15 +138,13 @@ class _Stop:
 
     async def _look(self, within_s: float) -> None:
         if not self.acknowledged:
-            await self._base.taken(within_s)
+            await self._base.acknowledged(within_s)
             self.acknowledged = True
             self.detail = "not confirmed: it has reported nothing since"
         report = await self._base.next_report(within_s)
-        if self._since_ns is None:
-            self._since_ns = report.stamp_ns
-        elif report.stamp_ns <= self._since_ns:
-            self.detail = "not confirmed: what it reports is old"
-        elif not report.stands:
+        self._watch.report(report.stamp_ns, moving=[] if report.stands else [0])
+        rest = self._watch.rest
+        if rest is Rest.MOVES:
             self.detail = f"not confirmed: it reports speed {report.speed}"
         else:
-            self.detail = ""
+            self.detail = f"not confirmed: {rest.value}" if rest.value else ""

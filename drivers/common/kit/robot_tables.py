@@ -1,4 +1,4 @@
-"""The robots of a wire as data: the ``robots.toml`` beside its driver."""
+"""Load the ``robots.toml`` beside a driver: the data of all robots that the driver supports."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any
 
 
 class RobotTables:
-    """The tables of all robots of a wire, or of all its leader arms."""
+    """The tables of all robots of one driver, or of all its leader arms."""
 
     def __init__(self, package: str, wire: str, followers: RobotTables | None = None) -> None:
         """Read the file.
 
         Args:
             package: The package that holds the file.
-            wire: The name of the wire for people.
-            followers: The tables of the followers, to read the leaders from ``leaders.toml``. The
-                default reads ``robots.toml``.
+            wire: The name of the robot family, for messages.
+            followers: The follower arms, to read their leader arms from ``leaders.toml``. The default reads
+                ``robots.toml``.
         """
         self._wire = wire
         file = "robots.toml" if followers is None else "leaders.toml"
@@ -36,10 +36,10 @@ class RobotTables:
         """Each other name of a robot, with the name of its table."""
 
     def canonical(self, robot: str) -> str:
-        """Return the name of the robot's table.
+        """Return the name under which the robot's table is stored.
 
         Raises:
-            ValueError: The robot is not of this wire.
+            ValueError: The file has no such robot.
         """
         name = self.aliases.get(robot, robot)
         if name not in self.robots:
@@ -47,16 +47,16 @@ class RobotTables:
         return name
 
     def table(self, robot: str) -> Mapping[str, Any]:
-        """Return the table of a robot, by name or alias.
+        """Return the table of a robot, by its name or an alias.
 
         Raises:
-            ValueError: The robot is not of this wire.
+            ValueError: The file has no such robot.
         """
         return self.robots[self.canonical(robot)]
 
 
 def _leader(table: Mapping[str, Any], follower: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a leader's table: that of its follower, changed by its own entries. Its ``every_joint`` changes
-    all joints."""
+    """Return the table of a leader arm: its follower's table, with the entries of the leader's table in place of
+    the follower's. The entries of ``every_joint`` apply to each joint."""
     joints = [{**joint, **table.get("every_joint", {})} for joint in follower["joints"]]
     return {**follower, "aliases": (), **table, "joints": joints}

@@ -1,8 +1,8 @@
-"""Calls into a vendor's SDK, in the wire process. Each call that can wait runs in a worker thread, with a
-deadline.
+"""Call a vendor's SDK in the process that talks to the robot. Each call that can block runs in a worker thread,
+with a deadline.
 
-A call that missed its deadline may still take effect later. Only the end of the process prevents that.
-So it raises ``ProcessSpent``, and so does every later call.
+A call that missed its deadline may still take effect later, unless the process ends. So it raises ``ProcessSpent``,
+as does every later call, and the process must be replaced.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ Result = TypeVar("Result")
 
 
 def load_sdk(module: str, install: str) -> Any:
-    """Import an SDK. Call it in the wire process only.
+    """Import a vendor's SDK. Call it only in the process that talks to the robot.
 
     Args:
         module: The name of the module.
-        install: The line that installs it, for the message.
+        install: The command that installs the SDK, for the message.
 
     Raises:
-        WireDown: It cannot be imported.
+        WireDown: The SDK cannot be imported.
     """
     try:
         return importlib.import_module(module)
@@ -40,7 +40,8 @@ _kept: list[Any] = []
 
 
 def kept() -> bool:
-    """Return True if this process has constructed an interface of an SDK."""
+    """Return True if this process has constructed an SDK object that it must keep until its end (see
+    ``construct``)."""
     return bool(_kept)
 
 
@@ -59,16 +60,16 @@ class SdkCalls:
         """Why this process can no longer use the SDK; empty if it can."""
 
     async def call(self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args) -> Result:
-        """Return ``function(*args)``. A call cannot be abandoned, so a stop waits for it.
+        """Return ``function(*args)``. The call cannot be interrupted, so a stop waits until it returns.
 
         Args:
             name: The name of the call for messages.
             deadline_s: Longest time of the call.
             function: Runs in a worker thread.
-            args: Its arguments.
+            args: The arguments of ``function``.
 
         Raises:
-            ProcessSpent: It failed, or did not return in time.
+            ProcessSpent: The call failed, or did not return in time.
         """
         with trio.CancelScope() as waiting:
             waiting.shield = True
@@ -76,8 +77,11 @@ class SdkCalls:
         raise AssertionError("a shielded scope that nobody cancels was left")
 
     async def open(self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args) -> Result:
-        """As ``call``, for a constructor that moves nothing. A stop does not wait for it; it then gives
-        up the call, and with it this process."""
+        """Return ``function(*args)`` as ``call`` does, for a constructor that moves nothing.
+
+        A stop does not wait for it. The stop then cancels the call, after which this process can no longer use the
+        SDK.
+        """
         if self.spent:
             raise ProcessSpent(self.spent)
         try:
@@ -90,17 +94,19 @@ class SdkCalls:
             self.spent = f"{self._name}: {name} failed ({error})"
             raise ProcessSpent(self.spent) from None
         except trio.Cancelled:
-            self.spent = f"{self._name}: {name} was given up"  # The thread continues all the same.
+            # The thread cannot be stopped, so the call may still take effect.
+            self.spent = f"{self._name}: {name} was given up"
             raise
 
     async def construct(
         self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args
     ) -> Result:
-        """As ``open``, for an interface that is kept until the process ends. Its destructor may hold the
-        interpreter's lock, for half a second or for ever."""
+        """Construct an SDK object as ``open`` does, and keep it until the process ends. Its destructor may block
+        all Python threads for half a second, or for ever."""
         constructed = None
         try:
             constructed = await self.open(name, deadline_s, function, *args)
         finally:
-            _kept.append(constructed)  # A failed constructor may leave a part of it, too.
+            # Keep the SDK object even if its constructor failed, because a part of it may exist.
+            _kept.append(constructed)
         return constructed

@@ -1,4 +1,4 @@
-"""A wire that keeps everything between ``open`` and ``close`` in one object, its session."""
+"""Base of the classes that talk to a robot and keep all state of one connection in one object, its session."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ SessionT = TypeVar("SessionT")
 
 
 class SessionWire(Wire, Generic[SessionT]):
-    """A ``Wire`` with a session. A subclass sets ``session_or_none`` in ``open`` and clears it in
-    ``close``."""
+    """A ``Wire`` (the class that talks to a robot) with a session. A subclass sets ``session_or_none`` in ``open``
+    and clears it in ``close``."""
 
     session_or_none: SessionT | None = None
     """The session; None if the wire is not open."""
 
     @property
     def session(self) -> SessionT:
-        """The session. Raises ``WireDown`` if the wire is not open."""
+        """The session of the open connection. Raises ``WireDown`` if there is no connection."""
         if self.session_or_none is None:
-            raise WireDown("wire: not connected. Open it first")
+            raise WireDown("wire: not connected to the robot. Open the connection first")
         return self.session_or_none
 
 
 class PromptSessionWire(SessionWire[SessionT]):
-    """A session of datagrams. While it is open, ``read`` takes waiting datagrams and ``write`` never
-    waits."""
+    """A ``SessionWire`` over datagrams. While it is open, ``read`` takes the datagrams that have arrived, and
+    ``write`` never waits."""
 
     @property
     def prompt(self) -> bool:

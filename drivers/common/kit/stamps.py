@@ -1,7 +1,7 @@
-"""Notes when a report of a robot was last new, by its stamp from the robot's clock.
+"""Note when a robot last sent a new report, by the time stamp that each report has from the robot's clock.
 
-A report is new if its stamp differs from the last one. A stuck loop that repeats one stamp reports
-nothing new. A robot that has restarted, and counts from 0, does.
+A report is new if its stamp differs from the last one. A robot whose program is stuck repeats one stamp, so its
+reports are not new. A robot that has restarted counts from 0, so its reports are new.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ REPEATED_S = 0.2
 
 
 class Stamps:
-    """The stamps of one robot's reports.
+    """The time stamps in one robot's reports.
 
     Attributes:
-        new_ns: When the newest report came; 0 for never.
-        goes_on: True if the stamp was seen to change on this connection.
-        passed: By how much the stamp has advanced since the first one.
+        new_ns: Time at which the newest report came; 0 if there was no report.
+        goes_on: True if the stamp has changed on this connection.
+        passed: Difference between the newest and the first stamp.
 
     Args:
-        wrap: Value at which stamps start again at 0; 0 for never. With it, a stamp that is up to half
-            of ``wrap`` behind the newest counts as late, and is not new. After a restart a robot's stamps
-            may look like that, so a new connection needs new ``Stamps``.
+        wrap: Value after which the stamps start again at 0; 0 if they never do. If it is set, a stamp that is up to
+            half of ``wrap`` behind the newest counts as late, not as new. After a restart a robot's stamps may look
+            late, so a new connection needs new ``Stamps``.
     """
 
     def __init__(self, wrap: float = 0) -> None:
@@ -31,23 +31,23 @@ class Stamps:
         self.goes_on = False
         self.passed = 0.0
         self._wrap = wrap
-        self._heard_ns = 0
+        self._last_received_ns = 0
         self._newest: float | None = None
         self._is_first = True
 
     def connected(self) -> None:
-        """Begin a new connection. Reports of an earlier one do not show whether this one goes on."""
+        """Note that a new connection begins. ``goes_on`` becomes False until a stamp changes on this connection."""
         self.goes_on, self._is_first = False, True
 
     def take(self, stamp: float, now_ns: int) -> bool:
         """Note a report.
 
         Args:
-            stamp: Its stamp, in any unit.
-            now_ns: When it came.
+            stamp: The report's time stamp, in any unit.
+            now_ns: The time at which the report came.
 
         Returns:
-            True if it is new.
+            True if the report is new.
         """
         is_new = self._is_new(stamp)
         if is_new:
@@ -55,12 +55,12 @@ class Stamps:
             self.goes_on = self.goes_on or not self._is_first
             self.passed += self._ahead(stamp)
             self._newest = stamp
-        self._heard_ns, self._is_first = now_ns, False
+        self._last_received_ns, self._is_first = now_ns, False
         return is_new
 
     def repeats(self, now_ns: int) -> bool:
-        """Return True if reports come, but none of them is new."""
-        return self.new_ns < self._heard_ns and now_ns - self._heard_ns <= REPEATED_S * NS
+        """Return True if reports still come, but the latest of them are not new."""
+        return self.new_ns < self._last_received_ns and now_ns - self._last_received_ns <= REPEATED_S * NS
 
     def _is_new(self, stamp: float) -> bool:
         if self._newest is None or not self._wrap:
@@ -68,7 +68,7 @@ class Stamps:
         return 0 < self._ahead(stamp) < self._wrap / 2
 
     def _ahead(self, stamp: float) -> float:
-        """Return how far a stamp is ahead of the newest."""
+        """Return by how much a stamp is later than the newest one so far."""
         if self._newest is None:
             return 0.0
         ahead = stamp - self._newest

@@ -1,8 +1,8 @@
-"""Gates of arms that go to each target within one control period. Their controller has no speed limit
-that would slow the way to a far target. Pure; no value is ever clipped.
+"""Checks for arms whose controller goes to each target within one control period, however far it is.
 
-All joints are checked, named or not, because the controller receives them all. A joint that is not
-named keeps its target, and may still be far from it.
+The controller does not limit the speed, so these checks refuse a target that is too far. They are pure and never
+clip a value. All joints are checked, even those that the command does not name, because the controller receives a
+target for each joint. A joint that is not named keeps its target, which may still be far away.
 """
 
 from __future__ import annotations
@@ -21,22 +21,24 @@ _ROUNDING = 1e-9
 def refuse_step(
     axes: Sequence[Axis], candidate: Candidate, before: Sequence[float], speeds: Sequence[float], period_s: float
 ) -> Refused | None:
-    """Refuse a step that is longer than a joint turns in one period.
+    """Refuse a step that is longer than the joint can turn in one period.
 
     Args:
-        axes: The axes.
-        candidate: The target.
+        axes: The axes of the arm.
+        candidate: The new target.
         before: The last target, in axis order.
         speeds: Top speed of each joint, in rad/s.
-        period_s: The period.
+        period_s: The time between two targets, in seconds.
     """
-    for at in _sent(axes, candidate, before):
-        step, allowed = abs(candidate.values[at] - before[at]), speeds[at] * period_s
-        if not step <= allowed + _ROUNDING:  # This refuses a NaN too.
+    for index in _sent(axes, candidate, before):
+        step, allowed = abs(candidate.values[index] - before[index]), speeds[index] * period_s
+        # The comparison is negated, so that it also refuses a NaN.
+        if not step <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e5) / 1e5
             return Refused(
                 Code.TOO_FAST,
-                f"{axes[at].key} steps {step:.5g} rad, limit {shown:.5g} at {1 / period_s:.4g} Hz",
+                f"{axes[index].key} steps {step:.5g} rad at once, "
+                f"the limit is {shown:.5g} at {1 / period_s:.4g} Hz",
                 f"step at most {shown:.5g} rad",
                 f"{step:.5g}",
                 f"{shown:.5g}",
@@ -47,36 +49,40 @@ def refuse_step(
 def refuse_lead(
     axes: Sequence[Axis], candidate: Candidate, state: GateState, speeds: Sequence[float], lead_s: float
 ) -> Refused | None:
-    """Refuse a target too far ahead of the measured position. Either small steps come quicker than the
-    joint follows, or something holds the joint back.
+    """Refuse a target that is too far from the measured position.
+
+    Either targets come faster than the joint can follow, or something blocks the joint.
 
     Args:
-        axes: The axes.
-        candidate: The target.
-        state: The state of the gate.
+        axes: The axes of the arm.
+        candidate: The new target.
+        state: The robot's state, with the measured positions.
         speeds: Top speed of each joint, in rad/s.
-        lead_s: The limit is the distance that a joint turns in this time.
+        lead_s: The limit is the distance that the joint turns at top speed in this time.
     """
     measured = state.observation.position
-    for at in _sent(axes, candidate, measured):
-        lead, allowed = abs(candidate.values[at] - measured[at]), speeds[at] * lead_s
+    for index in _sent(axes, candidate, measured):
+        lead, allowed = abs(candidate.values[index] - measured[index]), speeds[index] * lead_s
         if not lead <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e4) / 1e4
             return Refused(
                 Code.RUNS_AHEAD,
-                f"{axes[at].key} is to be {lead:.4g} rad from where it is, limit {shown:.4g}",
-                "send targets no quicker than the robot follows them",
+                f"the target of {axes[index].key} is {lead:.4g} rad from its position, the limit is {shown:.4g}",
+                "send targets no faster than the robot can follow",
                 f"{lead:.4g}",
                 f"{shown:.4g}",
             )
     return None
 
 
-def _sent(axes: Sequence[Axis], candidate: Candidate, other: Sequence[float]) -> Iterator[int]:
-    """Yield the joints to check: first those that are named, then the others. Of the others, velocity axes
-    are left out, because they have no distance to go, and so are joints with an unknown value."""
+def _sent(axes: Sequence[Axis], candidate: Candidate, reference: Sequence[float]) -> Iterator[int]:
+    """Yield the indices of the joints to check: first those that the command names, then the others.
+
+    Of the others, velocity axes are left out, because they have no distance to go. Joints with an unknown value are
+    also left out.
+    """
     yield from candidate.named
-    for at, axis in enumerate(axes):
-        known = math.isfinite(candidate.values[at]) and math.isfinite(other[at])
-        if at not in candidate.named and axis.mode is not AxisMode.VELOCITY and known:
-            yield at
+    for index, axis in enumerate(axes):
+        comparable = math.isfinite(candidate.values[index]) and math.isfinite(reference[index])
+        if index not in candidate.named and axis.mode is not AxisMode.VELOCITY and comparable:
+            yield index

@@ -1,9 +1,10 @@
-"""Bases behind a service: a twist has a lifetime, and a stop sends zero until the base reports that it
-stands.
+"""Command and stop a mobile base that is reached through a service.
 
-Such a base runs its last command until it receives another. The answer to a command says only that the
-service has passed it on, not that the base has received it. So the answer to a stop does not confirm
-it. Reports of the base confirm it, if they cover the time in which an earlier command may still arrive.
+Such a base keeps its last speed until it receives another command. So each speed command has a lifetime. A stop
+sends speed zero until the base reports that it does not move.
+
+The service's answer to a command only means that the service has passed it on. So it does not confirm a stop. A
+report of the base does, if it is late enough: no command from before the stop may still be on its way.
 """
 
 from __future__ import annotations
@@ -12,16 +13,15 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple, Protocol
 
-import trio
-
 from strands_actors.contract.axis import Axis, AxisMode, parse_action
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.kernel.messages import Refused
 
-from ..codecs.malformed import MalformedFrame
 from ..ports.http_port import HttpPort
+from .rest_watch import Rest, RestWatch
+from .stop_steps import repeat_until_safe
 
 LIFETIME_S = 0.3
 """Lifetime of a command to a base."""
@@ -38,127 +38,134 @@ OK = 200
 def parse_twist(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return the whole target of an action.
+    """Return a target for all axes of the base.
 
-    An axis that moves the base goes to its rest value unless the action names it. An action that names
-    no such axis (only a lamp, for example) keeps the live twist, until the time that was promised for
-    that twist.
+    A speed that the action does not name becomes the axis's rest value. If the action names no speed at all (for
+    example only a lamp), the last speeds continue, but not longer than their lifetime.
     """
     parsed = parse_action(action, robot, axes, index, state.target)
     if isinstance(parsed, Refused):
         return parsed
     values, named = parsed
-    moving = [at for at, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
+    moving = [axis_index for axis_index, axis in enumerate(axes) if axis.mode is AxisMode.VELOCITY]
     live = state.live
-    if live is None or live.over(state.now_ns) or any(at in named for at in moving):
+    if live is None or live.over(state.now_ns) or any(axis_index in named for axis_index in moving):
         return Candidate(values, named)
-    if all(state.target[at] == axes[at].rest for at in moving):
+    if all(state.target[axis_index] == axes[axis_index].rest for axis_index in moving):
         return Candidate(values, named)
-    kept = tuple(state.target[at] if at in moving else value for at, value in enumerate(values))
+    kept = tuple(
+        state.target[axis_index] if axis_index in moving else value for axis_index, value in enumerate(values)
+    )
     return Candidate(kept, named, live.until_ns or 0)
 
 
-class Standing(NamedTuple):
-    """The report of a base about its motion."""
+class MotionReport(NamedTuple):
+    """A base's report of its motion."""
 
-    stamp_s: float  # the base's clock
+    stamp_s: float  # time of the report, by the base's clock
     speed: float
 
 
-class Zero(Protocol):
-    """The requests of one service that stop its base, and that read whether it stands."""
+class StopRequests(Protocol):
+    """The HTTP requests with which one service stops its base, and reads whether the base moves."""
 
     @property
     def target(self) -> str:
-        """Target of the ``POST`` that stops the base."""
+        """Path of the ``POST`` request that stops the base."""
         ...
 
     @property
     def body(self) -> bytes: ...
     @property
     def state_target(self) -> str:
-        """Target of the ``GET`` that returns the state of the base."""
+        """Path of the ``GET`` request that returns the state of the base."""
         ...
 
     @property
     def steady_s(self) -> float:
-        """For how long a base must report speed 0, in seconds by the clock of the base, before it counts as
-        standing.
+        """For how long the base must report speed 0 before it counts as stopped, in seconds of its own clock.
 
-        It covers a command that left before the stop and arrives late, and the age of a report. With 0
-        one report is enough: the base has received each command before it is answered.
+        During this time an earlier command may still arrive, and an old report may be received. With 0 a single
+        report is enough: such a service answers a command only after the base has received it.
         """
         ...
 
-    def standing(self, body: bytes) -> Standing:
-        """Return the report in a response.
+    def read_motion(self, body: bytes) -> MotionReport:
+        """Decode the base's report in a response.
 
         Raises:
-            MalformedFrame: The response cannot be read.
+            MalformedFrame: The response cannot be decoded.
         """
         ...
 
 
 def nothing_pending() -> bool:
-    """Return False, for a sender that cannot know of earlier commands."""
+    """Default of ``stop_base`` for a caller that knows of no earlier commands. Return False."""
     return False
 
 
 async def stop_base(
-    port: HttpPort, zero: Zero, within_s: float, pending: Callable[[], bool] = nothing_pending
+    port: HttpPort, requests: StopRequests, within_s: float, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Send zero repeatedly, until newer reports show speed 0 for ``zero.steady_s`` without a break.
+    """Send the stop command repeatedly, until the base has reported speed 0 for ``requests.steady_s``.
 
-    Never raises. If a connection is open, the first zero leaves before the first wait, even if
-    something unreadable was received on it.
+    Never raises. If a connection is open, the first stop command leaves before this function waits for anything,
+    even if malformed data was received on this connection.
 
     Args:
-        port: The connection. It is reopened when it fails.
-        zero: The requests of this service.
-        within_s: Time for everything.
-        pending: Return True if an earlier command, sent on another connection, is unanswered. The base
-            may carry it out after a zero, so reports from before its answer prove nothing.
+        port: The connection. It is opened again when it fails.
+        requests: The requests of this service.
+        within_s: Longest time of the whole stop.
+        pending: Return True if a command on another connection was sent before and is not answered yet. The base
+            may carry it out after the stop, so earlier reports do not count.
     """
-    written = acknowledged = False
-    detail = "silent"
-    # Stamp of the newest report. It starts with the first report that was requested after a zero was taken.
-    newest_s: float | None = None
-    rests_s: float | None = None  # since when the base has reported speed 0
-    if not port.is_open:
-        # ``is_open`` is also False if something unreadable was received. Such a connection still takes a zero.
-        with contextlib.suppress(WireDown):
-            port.send_stop("POST", zero.target, zero.body)
-            written = True
-    with trio.move_on_after(within_s):
-        while True:
-            try:
-                if not port.is_open:
-                    await port.open()
-                number = port.send("POST", zero.target, zero.body)
-                written = True
-                reply = await port.answer(number, ANSWER_S)
-                if reply.status != OK:
-                    raise WireDown(f"{port.name}: a stop is answered with status {reply.status}. Check the service")
-                acknowledged = True
-                answer = await port.ask("GET", zero.state_target, within_s=ANSWER_S)
-                stands = zero.standing(answer.body)
-                if pending():
-                    newest_s = rests_s = None
-                    detail = "not confirmed: an earlier command has not been answered"
-                elif newest_s is None:
-                    newest_s, detail = stands.stamp_s, "not confirmed: it has reported nothing since"
-                elif stands.stamp_s > newest_s:
-                    newest_s = stands.stamp_s
-                    if stands.speed != 0:
-                        rests_s, detail = None, f"not confirmed: it reports speed {stands.speed:g}"
-                    else:
-                        rests_s = newest_s if rests_s is None else rests_s
-                        if newest_s - rests_s >= zero.steady_s:
-                            return Outcome(True, True, "")
-                        detail = f"not confirmed: it has reported speed 0 for {newest_s - rests_s:.2g} s only"
-            except MalformedFrame as malformed:
-                detail = f"not confirmed: {malformed}"
-            except WireDown as down:
-                detail = f"not confirmed: {down}"
-            await trio.sleep(AGAIN_S)
-    return Outcome(written, acknowledged, detail)
+    stop = _ServiceStop(port, requests, pending)
+    stop.send_if_malformed()
+    return await repeat_until_safe(stop, within_s, AGAIN_S)
+
+
+class _ServiceStop:
+    """One stop of a base behind a service (``StopSteps``)."""
+
+    def __init__(self, port: HttpPort, requests: StopRequests, pending: Callable[[], bool]) -> None:
+        self._port = port
+        self._requests = requests
+        self._pending = pending
+        self._watch = RestWatch(steady=requests.steady_s)
+        self.written = self.acknowledged = False
+
+    def send_if_malformed(self) -> None:
+        """Send a stop on a connection that counts as closed because malformed data was received on it."""
+        if not self._port.is_open:
+            with contextlib.suppress(WireDown):
+                self._port.send_stop("POST", self._requests.target, self._requests.body)
+                self.written = True
+
+    async def step(self) -> str:
+        """Send a stop command. After its answer, request a report of the motion."""
+        port, requests = self._port, self._requests
+        if not port.is_open:
+            await port.open()
+        number = port.send("POST", requests.target, requests.body)
+        self.written = True
+        reply = await port.answer(number, ANSWER_S)
+        if reply.status != OK:
+            raise WireDown(
+                f"{port.name}: the service answered a stop with HTTP status {reply.status}. Check the service"
+            )
+        self.acknowledged = True
+        answer = await port.ask("GET", requests.state_target, within_s=ANSWER_S)
+        report = requests.read_motion(answer.body)
+        if self._pending():
+            self._watch.restart()
+            return "not confirmed: an earlier command has not been answered"
+        self._watch.report(report.stamp_s, moving=[0] if report.speed != 0 else [])
+        match self._watch.rest:
+            case Rest.RESTS:
+                return ""
+            case Rest.MOVES:
+                return f"not confirmed: it reports speed {report.speed:g}"
+            case Rest.TOO_SHORT:
+                return f"not confirmed: it must report speed 0 for {requests.steady_s:g} s"
+            case Rest.NOTHING_SINCE:
+                return f"not confirmed: {Rest.NOTHING_SINCE.value}"

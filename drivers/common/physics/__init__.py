@@ -1,1 +1,1 @@
-"""Bodies of twins and simulations, and the solvers that move them."""
+"""Bodies of simulated robots, and the solvers that compute their motion."""

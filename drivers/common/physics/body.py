@@ -1,7 +1,7 @@
-"""The body of a simulated robot, as its twin offers it to the simulation control.
+"""The body of a simulated robot: the interface that a simulation uses to move it and to read it.
 
-The wire and the simulation share one body. A joint that is energised on the wire follows the wire: a servo with
-torque, an arm with a running program. The simulation holds the other joints.
+Two sides can move one joint. Commands in the robot's real protocol (the "wire") have priority: a servo with torque,
+or an arm with a running program, follows them. The simulation may move the other joints.
 """
 
 from __future__ import annotations
@@ -14,65 +14,70 @@ TIMESTEP_S = 0.002
 """Time step of the physics of every twin, in seconds."""
 
 
-class Hand(enum.IntEnum):
-    """The holder of a joint.
+class Commander(enum.IntEnum):
+    """The side that controls a joint.
 
-    The simulation holds a joint from ``take`` until it is stopped or the wire energises the joint. It does
-    not take the joint back by itself, because an old target would come back with it.
+    The simulation controls a joint from ``energise`` until it is stopped, or until a command in the robot's
+    protocol energises the joint. It does not get the joint back automatically, because its old target would become
+    active again.
     """
 
-    NONE = 0  # The joint is limp.
-    WIRE = 1  # The robot's electronics, on commands from the wire.
-    SIM = 2  # The simulation.
+    # No side controls the joint: it is limp.
+    NONE = 0
+    # The robot's simulated electronics control the joint, on commands in the robot's protocol.
+    WIRE = 1
+    # The simulation controls the joint.
+    SIM = 2
 
 
 class Felt(NamedTuple):
-    """One reading with a value per axis, in radians or metres. ``effort`` is in Nm or N."""
+    """One reading of a simulated body, with a value per axis, in radians or metres. ``effort`` is in Nm or N."""
 
     time_s: float
     position: Sequence[float]
     velocity: Sequence[float]
     effort: Sequence[float]
-    hands: Sequence[Hand]
+    commanders: Sequence[Commander]
 
 
 class Body(Protocol):
-    """A simulated body. Time passes only in ``pass_time`` and ``step``; no method waits. Joints that the wire
-    holds follow the wire."""
+    """A simulated body. Its time advances only in ``pass_time`` and ``step``, and no method waits. A joint that
+    commands in the robot's protocol have energised follows these commands only."""
 
     @property
     def axes(self) -> tuple[str, ...]: ...
     @property
     def spec(self) -> Any:
-        """The compiled model, an ``mujoco.MjSpec``."""
+        """The model of the body, an ``mujoco.MjSpec`` that was compiled."""
         ...
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        """The holder of each axis."""
+    def commanders(self) -> Sequence[Commander]:
+        """The side that controls each axis."""
         ...
 
     def pass_time(self) -> None: ...
     def felt(self) -> Felt: ...
     def pose(self) -> Sequence[float]:
-        """Return ``qpos`` of ``spec``."""
+        """Return the state ``qpos`` of the body's MuJoCo model."""
         ...
 
-    def take(self, on: bool) -> None:
-        """Energise the joints that the wire does not hold, at their positions. With ``on=False`` release them."""
+    def energise(self, on: bool) -> None:
+        """Energise the free joints (those that no robot command has energised) at their positions. With
+        ``on=False`` release the joints that the simulation controls."""
         ...
 
-    def aim(self, values: Sequence[float]) -> None:
-        """Set the targets of the taken joints: one per axis, or ``target_rows`` rows if the body has that
-        attribute."""
+    def set_targets(self, values: Sequence[float]) -> None:
+        """Set the targets of the joints that the simulation controls: one value per axis. A body with the attribute
+        ``target_rows`` takes that many rows of values."""
         ...
 
     def hold(self) -> None:
-        """Hold the taken joints at their positions."""
+        """Hold the joints that the simulation controls at their positions."""
         ...
 
     def step(self, steps: int) -> None:
-        """Compute ``steps`` time steps of physics (``TIMESTEP_S``) at once."""
+        """Advance the simulation by ``steps`` time steps (``TIMESTEP_S`` each) at once."""
         ...
 
     def reset(self) -> None:
@@ -82,7 +87,7 @@ class Body(Protocol):
 
 @runtime_checkable
 class Flying(Protocol):
-    """A body that falls when it is released."""
+    """A flying robot: its body falls when its motors are switched off."""
 
     def land(self) -> None:
         """Descend to the floor and switch the motors off there."""
@@ -90,8 +95,8 @@ class Flying(Protocol):
 
 
 def body_of(twin: object) -> Body:
-    """Return the body of a twin. Raise ``ValueError`` for a twin without a body."""
+    """Return the body of a simulated robot. Raise ``ValueError`` if it has no body."""
     body: Body | None = getattr(twin, "body", None)
     if body is None:
-        raise ValueError("this robot's twin shows no body: it cannot be simulated")
+        raise ValueError("this robot has no simulated body, so it cannot be used as a simulation")
     return body

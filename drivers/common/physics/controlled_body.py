@@ -1,5 +1,5 @@
-"""An arm and its controller as a simulation. The simulation control may move the arm while nothing on
-the wire does."""
+"""The body of a simulated arm that has a controller. The simulation may move the arm while no command in the
+robot's protocol does."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from .body import TIMESTEP_S, Hand
+from .body import TIMESTEP_S, Commander
 from .jointed_body import JointedBody
 from .physics import Plant
 
@@ -15,70 +15,70 @@ from .physics import Plant
 class ControlledBody(JointedBody, ABC):
     """An arm that never goes limp: its controller keeps it energised, or its brakes hold it.
 
-    A subclass says whether the wire or the simulation moves the arm, and passes on the targets of the
-    simulation.
+    A subclass decides which side moves the arm: commands in the robot's protocol, or the simulation. It sends the
+    simulation's targets to the controller.
     """
 
     @property
     @abstractmethod
     def driven(self) -> bool:
-        """True if the wire moves the arm."""
+        """True if commands in the robot's protocol move the arm."""
 
     @property
     @abstractmethod
-    def led(self) -> bool:
-        """True if the simulation moves the arm while the wire does not."""
+    def simulation_moves(self) -> bool:
+        """True if the simulation moves the arm."""
 
     @abstractmethod
-    def lead(self, on: bool) -> None:
-        """Give the arm to the simulation, or take it back. The arm keeps its position."""
+    def let_simulation_move(self, on: bool) -> None:
+        """Let the simulation move the arm, or end this. The arm keeps its position."""
 
     @abstractmethod
-    def aim_controller(self, values: Sequence[float]) -> None:
-        """Send the controller a target in radians, in axis order."""
+    def set_controller_targets(self, values: Sequence[float]) -> None:
+        """Send the arm's controller a target in radians, in axis order."""
 
     @property
-    def hand(self) -> Hand:
+    def commander(self) -> Commander:
         if self.driven:
-            return Hand.WIRE
-        return Hand.SIM if self.led else Hand.NONE
+            return Commander.WIRE
+        return Commander.SIM if self.simulation_moves else Commander.NONE
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return [self.hand] * len(self.axes)
+    def commanders(self) -> Sequence[Commander]:
+        return [self.commander] * len(self.axes)
 
-    def take(self, on: bool) -> None:
-        if self.hand is (Hand.NONE if on else Hand.SIM):
-            self.lead(on)
+    def energise(self, on: bool) -> None:
+        if self.commander is (Commander.NONE if on else Commander.SIM):
+            self.let_simulation_move(on)
 
-    def aim(self, values: Sequence[float]) -> None:
-        if self.hand is Hand.SIM:
-            self.aim_controller(values)
+    def set_targets(self, values: Sequence[float]) -> None:
+        if self.commander is Commander.SIM:
+            self.set_controller_targets(values)
 
 
-class LedController(Protocol):
-    """A twin's controller that has its own ticks and that the simulation can lead."""
+class SharedController(Protocol):
+    """The simulated controller of an arm that has a control cycle and that accepts targets from the simulation."""
 
     plant: Plant
 
     @property
-    def led(self) -> bool: ...
-    def lead(self, on: bool) -> None: ...
-    def aim(self, goal: Sequence[float]) -> None: ...
+    def simulation_moves(self) -> bool: ...
+    def let_simulation_move(self, on: bool) -> None: ...
+    def set_targets(self, goal: Sequence[float]) -> None: ...
     def hold(self) -> None: ...
     def advance(self, elapsed_s: float) -> None: ...
     def wake_up(self) -> None: ...
 
 
-class LedBody(ControlledBody):
-    """An arm that the simulation may move while no client moves it on the wire."""
+class SharedBody(ControlledBody):
+    """The body of an arm that the simulation may move while no client moves it in the robot's protocol."""
 
-    def __init__(self, controller: LedController, is_driven: Callable[[], bool]) -> None:
+    def __init__(self, controller: SharedController, is_driven: Callable[[], bool]) -> None:
         """Wrap a controller.
 
         Args:
-            controller: The twin's controller. It passes time by its own ticks.
-            is_driven: Return True if the wire moves the arm.
+            controller: The simulated controller. Its control cycle advances the time.
+            is_driven: Return True if commands in the robot's protocol move the arm.
         """
         super().__init__(controller.plant, lambda: None)
         self._controller = controller
@@ -89,17 +89,17 @@ class LedBody(ControlledBody):
         return self._is_driven()
 
     @property
-    def led(self) -> bool:
-        return self._controller.led
+    def simulation_moves(self) -> bool:
+        return self._controller.simulation_moves
 
-    def lead(self, on: bool) -> None:
-        self._controller.lead(on)
+    def let_simulation_move(self, on: bool) -> None:
+        self._controller.let_simulation_move(on)
 
-    def aim_controller(self, values: Sequence[float]) -> None:
-        self._controller.aim(values)
+    def set_controller_targets(self, values: Sequence[float]) -> None:
+        self._controller.set_targets(values)
 
     def hold(self) -> None:
-        if self.hand is Hand.SIM:
+        if self.commander is Commander.SIM:
             self._controller.hold()
 
     def step(self, steps: int) -> None:

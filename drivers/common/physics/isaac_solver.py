@@ -1,12 +1,12 @@
-"""Physics by Isaac Sim (PhysX), which needs an RTX graphics card. Only for twins with ``backend="isaac"``.
+"""Compute the physics with Isaac Sim (PhysX), which needs an RTX graphics card. Only for simulated robots with
+``backend="isaac"``.
 
-This was never run on Isaac Sim. Its names come from the documentation of Isaac Sim 5, and the tests use a
+This code was never run on Isaac Sim. It uses the names in the documentation of Isaac Sim 5, and the tests use a
 stand-in.
 
-As with Newton, the model and its state stay MuJoCo's. So the code that looks at a body, and the verbs and
-pictures of a simulation, stay the same. Isaac Sim gets the model once, as an MJCF. For each step it gets
-gains, targets and torques of the joints, and returns their positions and velocities. From these MuJoCo
-computes forces and sensors.
+The model and its state stay in MuJoCo, as with Newton. So all other code of a simulation is the same for each
+solver. Isaac Sim receives the model once, as an MJCF file. For each step it receives gains, targets and torques of
+the joints, and returns their positions and velocities. From these MuJoCo computes forces and sensors.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _app: Any = None
 
 
 class IsaacSolver(Paced):
-    """Steps one model.
+    """Advance one model with Isaac Sim.
 
     Raises:
         ImportError: Isaac Sim is not installed.
-        ValueError: The model is no robot on a fixed base that has joints of one axis, each with its own
-            servo or motor.
+        ValueError: The model is not supported. It must be a robot on a fixed base. Each joint must have one axis,
+            and its own servo or motor.
     """
 
     def __init__(self, spec: Any, model: Any, data: Any) -> None:
@@ -58,29 +58,32 @@ class IsaacSolver(Paced):
         self._action = isaacsim.core.utils.types.ArticulationAction
         self._to_theirs(model)
         self._sent: tuple[Any, ...] = ()
-        self._seen = np.full(model.nq + model.nv, np.nan)  # unlike any state, so that the first step sends it
+        # The state NaN differs from every real state, so the first step sends the model's state to Isaac Sim.
+        self._last_state = np.full(model.nq + model.nv, np.nan)
 
     def _to_theirs(self, model: Any) -> None:
-        """Find the joints by name, since Isaac Sim has its own order. Raise ``ValueError`` if they differ."""
+        """Find each joint of the model in Isaac Sim, which has another order. Raise ``ValueError`` if the names
+        differ."""
         names = list(self._robot.dof_names)
         ours = [model.joint(joint).name for joint in range(model.njnt)]
         if sorted(names) != sorted(ours):
-            raise ValueError(f"Isaac Sim's importer made {', '.join(names)} of the joints {', '.join(ours)}")
+            raise ValueError(f"Isaac Sim's importer gave the joints {', '.join(names)}, not {', '.join(ours)}")
         self._dof = np.array([names.index(name) for name in ours])
-        self._joint = np.array([int(at) for at in model.actuator_trnid[:, 0]])
-        self._ctrl = np.array([int(at) for at in model.actuator_ctrladr])
+        self._joint = np.array([int(index) for index in model.actuator_trnid[:, 0]])
+        self._ctrl = np.array([int(index) for index in model.actuator_ctrladr])
         self._gear = model.actuator_gear[:, 0].copy()
         self._slewed = np.flatnonzero(np.asarray(model.actuator_actadr) >= 0)
         self._act = np.array([int(model.actuator_actadr[servo]) for servo in self._slewed], dtype=int)
-        self._slew = model.actuator_dynprm[self._slewed, 1].copy()  # units a second
+        # The largest speed of each servo's target, in units per second.
+        self._slew = model.actuator_dynprm[self._slewed, 1].copy()
 
     def step(self, model: Any, data: Any, steps: int) -> None:
         began_s, step_s = time.monotonic(), float(model.opt.timestep)
-        if not np.array_equal(self._seen, np.concatenate((data.qpos, data.qvel))):
+        if not np.array_equal(self._last_state, np.concatenate((data.qpos, data.qvel))):
             self._put(np.arange(model.njnt), data.qpos, data.qvel)
         kp = self._send_gains(model)
         jammed = np.flatnonzero(data.eq_active)
-        stuck = np.array([int(model.eq_obj1id[at]) for at in jammed], dtype=int)
+        stuck = np.array([int(model.eq_obj1id[constraint]) for constraint in jammed], dtype=int)
         for _ in range(steps):
             away = data.ctrl[self._ctrl[self._slewed]] - data.act[self._act]
             data.act[self._act] += np.clip(away, -self._slew * step_s, self._slew * step_s)
@@ -90,19 +93,20 @@ class IsaacSolver(Paced):
                 self._put(stuck, model.qpos0[stuck] + model.eq_data[jammed, 0], np.zeros(len(stuck)))
         data.qpos[:] = self._robot.get_joint_positions()[self._dof]
         data.qvel[:] = self._robot.get_joint_velocities()[self._dof]
-        self._seen = np.concatenate((data.qpos, data.qvel))
+        self._last_state = np.concatenate((data.qpos, data.qvel))
         data.time += steps * step_s
         mujoco.mj_forward(model, data)
         self._took(steps, began_s)
 
     def _put(self, joints: Any, positions: Any, velocities: Any) -> None:
-        """Move joints at once, because they were reset, set by hand, or are stuck."""
+        """Set positions and velocities of joints directly: after a reset, after a change by hand, or for jammed
+        joints."""
         self._robot.set_joint_positions(np.asarray(positions), joint_indices=self._dof[joints])
         self._robot.set_joint_velocities(np.asarray(velocities), joint_indices=self._dof[joints])
 
     def _send_gains(self, model: Any) -> Any:
-        """Send the gains if they have changed, as they do when torque goes on or off. Return the stiffness
-        of each servo at its joint."""
+        """Send the gains if they have changed, for example because torque was switched. Return the stiffness of
+        each servo, at its joint."""
         squared = self._gear**2
         kp = -model.actuator_biasprm[:, 1] * squared
         limit = model.actuator_forcerange[:, 1] * np.abs(self._gear)
@@ -120,35 +124,35 @@ class IsaacSolver(Paced):
         return kp
 
     def _drive(self, model: Any, data: Any, kp: Any) -> None:
-        """Send a target to each servo with stiffness, and a torque to each motor without."""
-        asked = model.actuator_gainprm[:, 0] * data.ctrl[self._ctrl] + model.actuator_biasprm[:, 0]
-        asked[self._slewed] = -model.actuator_biasprm[self._slewed, 1] * data.act[self._act]
-        asked *= self._gear
+        """Send a position target to each servo that has stiffness, and a torque to each other motor."""
+        requested = model.actuator_gainprm[:, 0] * data.ctrl[self._ctrl] + model.actuator_biasprm[:, 0]
+        requested[self._slewed] = -model.actuator_biasprm[self._slewed, 1] * data.act[self._act]
+        requested *= self._gear
         target, effort = data.qpos.copy(), data.qfrc_applied.copy()
         stiff = kp > 0
-        target[self._joint[stiff]] = asked[stiff] / kp[stiff]
-        effort[self._joint[~stiff]] += asked[~stiff]
+        target[self._joint[stiff]] = requested[stiff] / kp[stiff]
+        effort[self._joint[~stiff]] += requested[~stiff]
         self._robot.apply_action(
             self._action(joint_positions=self._theirs(target), joint_efforts=self._theirs(effort))
         )
 
     def _theirs(self, values: Any) -> Any:
-        """Return values of our joints in Isaac Sim's order."""
+        """Reorder values from our joint order to Isaac Sim's."""
         ordered = np.empty(len(values))
         ordered[self._dof] = values
         return ordered
 
 
 def _check(model: Any) -> None:
-    """Raise ``ValueError`` for a model that Isaac Sim cannot take."""
+    """Raise ``ValueError`` for a model that Isaac Sim does not support."""
     turning = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
     if not np.isin(model.jnt_type, turning).all():
-        raise ValueError("backend 'isaac' takes no free bodies: robots on a fixed base, and static objects")
+        raise ValueError("backend 'isaac' takes no free bodies. Use a robot on a fixed base and static objects")
     driven = [int(joint) for joint in model.actuator_trnid[:, 0]]
     of_joints = np.isin(model.actuator_trntype, int(mujoco.mjtTrn.mjTRN_JOINT)).all()
     jams = np.isin(model.eq_type, int(mujoco.mjtEq.mjEQ_JOINT)) & (np.asarray(model.eq_obj2id) < 0)
     if not of_joints or len(set(driven)) < len(driven) or not jams.all():
-        raise ValueError("backend 'isaac' takes no tendons and no coupled joints: one servo or motor for a joint")
+        raise ValueError("backend 'isaac' takes no tendons and no coupled joints. Use one servo or motor per joint")
 
 
 def _start() -> None:
@@ -161,8 +165,8 @@ def _start() -> None:
 
 
 def _written(spec: Any, folder: Path) -> str:
-    """Write a model as a file for Isaac Sim's importer, with its meshes beside it and without parts that
-    only MuJoCo knows. Return the path."""
+    """Write a model as a file for Isaac Sim's importer, with its meshes, and without the parts that only MuJoCo
+    supports. Return the path."""
     theirs = without_dynamics(spec, range(len(spec.actuators)))
     for equality in list(theirs.equalities):
         theirs.delete(equality)
@@ -177,7 +181,7 @@ def _written(spec: Any, folder: Path) -> str:
 
 
 def _import(file: str) -> None:
-    """Import the file into the stage. Raise ``ValueError`` if the importer refuses it."""
+    """Import the model file into Isaac Sim's stage. Raise ``ValueError`` if the importer refuses it."""
     import isaacsim.core.utils.extensions
 
     isaacsim.core.utils.extensions.enable_extension("isaacsim.asset.importer.mjcf")
@@ -188,4 +192,4 @@ def _import(file: str) -> None:
     config.set_import_inertia_tensor(True)
     done, _ = omni.kit.commands.execute("MJCFCreateAsset", mjcf_path=file, import_config=config, prim_path=ROBOT)
     if not done:
-        raise ValueError("Isaac Sim's importer does not take this model: it says why above")
+        raise ValueError("Isaac Sim's importer does not accept this model. Its log above has the reason")

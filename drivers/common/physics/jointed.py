@@ -1,7 +1,7 @@
-"""The base of every body in MuJoCo. It addresses joints by index, steps to wall time on demand, and
-can jam a joint.
+"""Base class of all simulated bodies in MuJoCo. Joints have an index, can be jammed, and are simulated up to the
+present time on request.
 
-Only twins import it: neither the runtime nor the wire process loads MuJoCo.
+Only simulated robots import this module: no process of a real robot loads MuJoCo.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ replayed."""
 
 
 class Jointed:
-    """Joints by index, in the order of ``joints``. Each has its own actuator."""
+    """The joints of a model, by their index in ``joints``. Each joint has its own actuator."""
 
     def __init__(self, spec: Any, joints: Sequence[str], **jam: Any) -> None:
-        """Compile the model, with a switchable jam for every joint.
+        """Compile the model. Each joint gets a constraint that can be switched on to jam the joint.
 
         Args:
             spec: The ``MjSpec``.
             joints: Names of the joints, in the order of the indices.
-            jam: Options of MuJoCo's equalities. They set how stiffly a jammed joint stays in place.
+            jam: Options of MuJoCo's equality constraint: how stiffly a jammed joint keeps its position.
         """
         self.joints = tuple(joints)
         self.spec = spec
         for name in self.joints:
-            spec.add_equality(  # active, it jams the joint at its position
+            # While this constraint is active, it jams the joint at its position.
+            spec.add_equality(
                 default=PLAIN.default,
                 type=mujoco.mjtEq.mjEQ_JOINT,
                 objtype=mujoco.mjtObj.mjOBJ_JOINT,
@@ -47,12 +48,13 @@ class Jointed:
         self._solver: Solver = new_solver(spec, self.model, self.data)
         self._step_s = float(self.model.opt.timestep)
         self._origin_s: float | None = None
-        self.placed: tuple[Any, Any] | None = None  # position and quaternion at which the robot was placed
+        # Position and orientation (quaternion) at which the robot was placed; None if it was not moved.
+        self.placed: tuple[Any, Any] | None = None
         self._bind()
 
     def _bind(self) -> None:
-        """Find each actuator by the joint that it drives. In real models neither the order nor the names
-        of the actuators match those of the joints."""
+        """Find the actuator of each joint. In real models the actuators may have another order and other names than
+        the joints."""
         model = self.model
         actuator_of = {
             int(model.actuator_trnid[actuator, 0]): actuator
@@ -75,7 +77,7 @@ class Jointed:
 
     @property
     def effort_nm(self) -> tuple[float, ...]:
-        """Return the torques of the actuators, without gravity."""
+        """Return the torque of each joint's actuator. It does not include gravity."""
         return tuple(self.data.actuator_force[self._actuator].tolist())
 
     def set_stuck(self, index: int, on: bool) -> None:
@@ -85,11 +87,12 @@ class Jointed:
         self.data.eq_active[self._jam[index]] = on
 
     def catch_up(self, now_s: float) -> None:
-        """Step to ``now_s``, on any monotonic clock. The first call sets the origin."""
+        """Simulate up to the time ``now_s`` of any monotonic clock. The first call sets the origin of this
+        clock."""
         if self._origin_s is None:
             self._origin_s = now_s - self.data.time
         behind_s = now_s - self._origin_s - self.data.time
-        longest_s = min(LONGEST_CATCH_UP_S, self._solver.at_most * self._step_s)
+        longest_s = min(LONGEST_CATCH_UP_S, self._solver.max_steps * self._step_s)
         if behind_s > longest_s:
             self._origin_s += behind_s - longest_s
             behind_s = longest_s
@@ -98,15 +101,15 @@ class Jointed:
             self._solver.step(self.model, self.data, steps)
 
     def step(self, steps: int) -> None:
-        """Make this number of steps at once. The clock does not count them."""
+        """Compute this number of time steps at once, in addition to those that ``catch_up`` computes."""
         self._solver.step(self.model, self.data, steps)
         if self._origin_s is not None:
             self._origin_s -= steps * self._step_s
 
     def recompile(self) -> None:
-        """Compile the additions to ``spec`` into the model.
+        """Compile the model again, after ``spec`` has changed. Moving bodies keep moving.
 
-        Motion continues. The servos keep their gains, which were changed after the spec was made.
+        The servos keep their present gains, which differ from those in ``spec``.
 
         Raises:
             ValueError: The spec cannot be compiled. The model is unchanged.
@@ -122,15 +125,16 @@ class Jointed:
         mujoco.mj_forward(self.model, self.data)
 
     def set_clock_back(self, seconds: float) -> None:
-        """Note that the time of the simulation was set back. ``catch_up`` does not step that time again."""
+        """Note that the time of the simulation was set back by ``seconds``, so that ``catch_up`` does not simulate
+        this time again."""
         if self._origin_s is not None:
             self._origin_s += seconds
 
     def begin_anew(self) -> None:
-        """Set everything back to the start."""
+        """Set the whole simulation back to its initial state."""
         self._rewind()
 
     def _rewind(self) -> None:
-        """Set everything back to the model's initial state. Time starts at 0 again."""
+        """Set the model back to its initial state. The simulated time starts at 0 again."""
         mujoco.mj_resetData(self.model, self.data)
         self._origin_s = None

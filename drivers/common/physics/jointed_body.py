@@ -1,21 +1,20 @@
-"""The body of a robot that drives its joints one by one, as the simulation control of its twin sees
-it."""
+"""The body of a simulated robot that drives its joints one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from .body import Felt, Hand
+from .body import Commander, Felt
 from .physics import Plant
 from .scenery import Scenery
 
 
 class JointedBody:
-    """The body of a robot that drives its joints one by one.
+    """The body of a simulated robot that drives its joints one by one.
 
     Args:
         plant: The physics.
-        pass_time: Called after each step; lets the robot's firmware take note of the new time.
+        pass_time: Called after each step, so that the simulated firmware notices the new time.
     """
 
     def __init__(self, plant: Plant, pass_time: Callable[[], None]) -> None:
@@ -26,27 +25,27 @@ class JointedBody:
         self.scenery = Scenery(plant)
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return [self._plant.hand(index) for index in range(len(self.axes))]
+    def commanders(self) -> Sequence[Commander]:
+        return [self._plant.commander(index) for index in range(len(self.axes))]
 
     def felt(self) -> Felt:
         plant = self._plant
-        return Felt(plant.time_s, plant.position_rad, plant.velocity_rad_s, plant.effort_nm, self.hands)
+        return Felt(plant.time_s, plant.position_rad, plant.velocity_rad_s, plant.effort_nm, self.commanders)
 
     def pose(self) -> Sequence[float]:
         qpos: list[float] = self._plant.data.qpos.tolist()
         return qpos
 
-    def take(self, on: bool) -> None:
+    def energise(self, on: bool) -> None:
         for index in range(len(self.axes)):
-            self._plant.take(index, on)
+            self._plant.energise(index, on)
 
-    def aim(self, values: Sequence[float]) -> None:
+    def set_targets(self, values: Sequence[float]) -> None:
         for index, value in enumerate(values):
-            self._plant.aim(index, value)
+            self._plant.set_simulation_target(index, value)
 
     def hold(self) -> None:
-        self.aim(self._plant.position_rad)
+        self.set_targets(self._plant.position_rad)
 
     def step(self, steps: int) -> None:
         self._plant.step(steps)

@@ -1,4 +1,4 @@
-"""The body of a legged robot: a floating base on torque motors. Only for twins."""
+"""The body of a simulated legged robot: a floating base whose legs have torque motors."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _TOUCHING_M = 0.001
 class LeggedBody(Jointed):
     """A floating base with legs.
 
-    Each motor gives ``tau + kp (q - position) + kd (dq - speed)``, up to the joint's effort, as motor
-    controllers do. At first the robot stands at ``home_rad`` with its lowest point on the floor, and the
-    motors give no torque.
+    Each motor gives ``tau + kp (q - position) + kd (dq - speed)``, up to the joint's maximum effort, as real motor
+    controllers do. At the start the robot stands at ``home_rad`` with its lowest point on the floor, and the motors
+    give no torque.
 
     Args:
         table: The robot's table in ``robots.toml``.
@@ -34,8 +34,8 @@ class LeggedBody(Jointed):
         spec = build({**table, "torque_motors": True})
         base = spec.body("base")
         base.add_site(name="imu")
-        for kind in (mujoco.mjtSensor.mjSENS_ACCELEROMETER, mujoco.mjtSensor.mjSENS_GYRO):
-            spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
+        for sensor_type in (mujoco.mjtSensor.mjSENS_ACCELEROMETER, mujoco.mjtSensor.mjSENS_GYRO):
+            spec.add_sensor(type=sensor_type, objtype=mujoco.mjtObj.mjOBJ_SITE, objname="imu")
         super().__init__(spec, joints)
         self._fallen_m = float(table["fallen_m"])
         self._home = np.asarray(table["home_rad"], dtype=float)
@@ -46,7 +46,7 @@ class LeggedBody(Jointed):
         self.stand_up()
 
     def stand_up(self) -> None:
-        """Set the robot back on its feet, as a person would."""
+        """Set the robot back on its feet, as a person would lift it up."""
         data = self.data
         self._rewind()
         data.qpos[self._qpos] = self._home
@@ -56,7 +56,7 @@ class LeggedBody(Jointed):
         self.drive(*np.zeros((5, len(self._actuator))))
 
     def _lowest_m(self) -> float:
-        """Return the height of the lowest point of any shape."""
+        """Return the height of the lowest point of the robot, in metres."""
         model, data = self.model, self.data
         lowest = math.inf
         for geom in range(model.ngeom):
@@ -82,7 +82,7 @@ class LeggedBody(Jointed):
         kp: Sequence[float],
         kd: Sequence[float],
     ) -> None:
-        """Set the target of every motor, until the next call: rad, rad/s, Nm, Nm/rad, Nm s/rad."""
+        """Set the target of every motor, in rad, rad/s, Nm, Nm/rad and Nm s/rad. It applies until the next call."""
         stiffness = np.where(self._off, 0.0, kp)
         damping = np.where(self._off, 0.0, kd)
         force = np.where(self._off, 0.0, np.asarray(tau) + stiffness * q + damping * dq)
@@ -93,12 +93,12 @@ class LeggedBody(Jointed):
         self.data.ctrl[self._actuator] = force
 
     def set_off(self, index: int, off: bool) -> None:
-        """Cut the supply of a motor, or restore it, from the next ``drive`` on."""
+        """Cut or restore a motor's supply. It takes effect at the next call of ``drive``."""
         self._off[index] = off
 
     def carry(self, vx_m_s: float, vy_m_s: float, vyaw_rad_s: float, seconds: float) -> None:
-        """Shift and turn the whole robot, in its own frame and about the vertical. Its legs only stand,
-        where a real onboard controller would make it walk."""
+        """Move the whole robot over the floor, at speeds in its own frame. The legs keep their pose, where a real
+        robot would walk."""
         qpos = self.data.qpos
         w, x, y, z = (float(value) for value in qpos[3:7])
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

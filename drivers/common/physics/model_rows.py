@@ -29,7 +29,7 @@ LINK_EXTENT_M = 0.1
 
 
 class Row(NamedTuple):
-    """One link, parsed."""
+    """One link of a robot model: a row of the table, parsed."""
 
     body: str
     parent: str
@@ -47,9 +47,9 @@ class Row(NamedTuple):
 
 
 def with_limits(links: str, limits_of: Callable[[str], str]) -> str:
-    """Fill in the columns of range, effort and velocity.
+    """Add the columns range, effort and velocity to rows that lack them.
 
-    A robot's table has these once, with its joints.
+    A robot's table has these values once, with its joints.
 
     Args:
         links: Rows without these three columns.
@@ -68,7 +68,7 @@ def numbers(text: str) -> tuple[float, ...]:
 
 
 def quaternion(text: str) -> tuple[float, ...]:
-    """Return w, x, y, z of a ``rot`` column."""
+    """Return the quaternion w, x, y, z for the text of a ``rot`` column."""
     if text in ("0", "-"):
         return (1.0, 0.0, 0.0, 0.0)
     if text.startswith("q:"):
@@ -84,16 +84,16 @@ def quaternion(text: str) -> tuple[float, ...]:
 
 
 def parse_row(line: str) -> Row:
-    """Return the row in a line.
+    """Parse one line of the table.
 
     Raises:
-        ValueError: A column is missing or no number. The text has the line.
+        ValueError: A column is missing or is not a number. The exception's text has the line.
     """
     columns = line.split()
     if len(columns) != 12:
-        raise ValueError(f"a model row has 12 columns, this has {len(columns)}: {line}")
-    given: list[str | None] = [None if column == "-" else column for column in columns]
-    body, parent, joint, axis, xyz, rot, limits, effort, velocity, kg, com, geom = given
+        raise ValueError(f"a model row must have 12 columns, not {len(columns)}: {line}")
+    cells: list[str | None] = [None if column == "-" else column for column in columns]
+    body, parent, joint, axis, xyz, rot, limits, effort, velocity, kg, com, geom = cells
     sign = -1.0 if axis and "-" in axis else 1.0
     letter = axis[-1] if axis else "z"
     if body is None or parent is None or letter not in "xyz":
@@ -121,17 +121,16 @@ def parse_rows(text: str) -> list[Row]:
 
 
 def build(table: Mapping[str, Any]) -> Any:
-    """Return the model of a robot, as an ``MjSpec``.
+    """Build the model of a robot, as an ``MjSpec``.
 
-    Every joint with an effort gets a position servo with the joint's name, limited to the joint's
-    velocity. The plant sets its gains.
+    Every joint with an effort gets a position servo with the joint's name, limited to the joint's velocity. The
+    class ``Plant`` sets the servo's gains.
 
     Args:
-        table: The robot's table in ``robots.toml``. It has ``model_rows``, and may have ``base``,
-            ``armature``, ``damping``, ``friction`` and ``gravity_compensated`` (no gravity acts on the
-            arm). With ``torque_motors`` a joint gets a motor instead of a servo; its torque is the control
-            minus ``biasprm`` times position and velocity. A ``base`` that is ``free`` stands on its feet
-            only.
+        table: The robot's table in ``robots.toml``. It has ``model_rows``, and may have ``base``, ``armature``,
+            ``damping``, ``friction`` and ``gravity_compensated`` (no gravity acts on the arm). With
+            ``torque_motors`` each joint gets a motor instead of a servo; its torque is the control minus
+            ``biasprm`` times position and velocity. A ``base`` that is ``free`` is not fixed to the world.
     """
     rows = parse_rows(table["model_rows"])
     spec = mujoco.MjSpec()
@@ -152,7 +151,7 @@ def build(table: Mapping[str, Any]) -> Any:
         body = bodies[row.parent].add_body(name=row.body, pos=row.xyz, quat=row.quat)
         body.gravcomp = 1.0 if table.get("gravity_compensated") else 0.0
         bodies[row.body] = body
-        _add_mass(body, row, [other for other in rows if other.parent == row.body])
+        _add_mass(body, row, [child for child in rows if child.parent == row.body])
         if row.joint:
             _add_joint(spec, body, row, table)
     return spec
@@ -177,17 +176,17 @@ def _add_geom(body: Any, text: str, towards: Sequence[float], kg: float) -> None
     shape, _, place = text[1:].partition("@")
     sizes = (*numbers(shape), 0.0, 0.0)[:3]
     point = numbers(place) if place else tuple(towards)
-    kind = {
+    geom_type = {
         "c": mujoco.mjtGeom.mjGEOM_CAPSULE,
         "b": mujoco.mjtGeom.mjGEOM_BOX,
         "s": mujoco.mjtGeom.mjGEOM_SPHERE,
         "y": mujoco.mjtGeom.mjGEOM_CYLINDER,
     }[text[0]]
-    # Links collide with the floor, not with each other: shapes this coarse would overlap at every joint.
-    geom = body.add_geom(type=kind, size=sizes, mass=kg, contype=2, conaffinity=1)
+    # Links collide with the floor, but not with each other, because these coarse shapes overlap at every joint.
+    geom = body.add_geom(type=geom_type, size=sizes, mass=kg, contype=2, conaffinity=1)
     if text[0] == "c":
         if not point:
-            raise ValueError(f"capsule {text} of {body.name} has neither an end nor a child to reach for")
+            raise ValueError(f"capsule {text} of {body.name} has no end point. Add @x,y,z or a child link")
         geom.fromto = [0.0, 0.0, 0.0, *point]
     elif place:
         geom.pos = point

@@ -1,12 +1,12 @@
-"""Physics by Newton's MuJoCo solver, which runs on Warp: on a graphics card if there is one, otherwise on
-the processor. Only for twins with ``backend="newton"``, with the extra ``[newton]``.
+"""Compute the physics with Newton's MuJoCo solver, which runs on Warp: on a graphics card, or on the processor if
+there is no card. Only for simulated robots with ``backend="newton"``. Needs the extra ``[newton]``.
 
-The model and its state stay MuJoCo's. So code that looks at a body, or changes its surroundings, is the
-same for both. For each step the changes go to Warp, and the motion comes back. Warp compiles the solver
-once per kind of processor, in about a minute, and keeps it in its cache.
+The model and its state stay in MuJoCo. So all other code of a simulation is the same for both solvers. Before each
+step the changes of the state are copied to Warp, and afterwards the motion is copied back. Warp compiles the solver
+once per type of processor, in about a minute, and caches the result.
 
-Warp's solver has no servo with a limit on its speed (MuJoCo's ``pid`` with ``slewmax``), which our robots
-have. So this module moves the target of such a servo before each step, as MuJoCo does.
+Warp's solver has no servo with a speed limit (MuJoCo's ``pid`` with ``slewmax``), which our robots need. So this
+module moves the target of such a servo before each step, as MuJoCo does.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ _BY_STATE = ("qpos", "qvel", "eq_active", "qfrc_applied", "xfrc_applied", "qacc_
 
 
 class NewtonSolver(Paced):
-    """Steps one model.
+    """Advance one model with Newton's solver.
 
     Raises:
         ImportError: Newton is not installed.
-        ValueError: Newton's solver does not take this model.
+        ValueError: Newton's solver does not support this model.
     """
 
     def __init__(self, spec: Any, model: Any, data: Any) -> None:
@@ -43,25 +43,28 @@ class NewtonSolver(Paced):
 
         warp.config.quiet = True
         with warnings.catch_warnings():
-            # Newton 1.8 was released beside MuJoCo 3.17, and warns otherwise. The suite tests it with 4.0.
+            # Newton 1.8 was made for MuJoCo 3.17, and warns about other versions. The tests run it with MuJoCo 4.0.
             warnings.simplefilter("ignore")
             _, self._warp_mujoco = newton.solvers.SolverMuJoCo.import_mujoco()
         pid = np.asarray(model.actuator_dyntype) == mujoco.mjtDyn.mjDYN_PID
         self._limited = np.flatnonzero(pid & (np.asarray(model.actuator_actadr) >= 0))
         self._exchanged = np.flatnonzero(pid)
-        self._slew = model.actuator_dynprm[self._limited, 1].copy()  # units a second
+        # The largest speed of each servo's target, in units per second.
+        self._slew = model.actuator_dynprm[self._limited, 1].copy()
         self._state = [int(model.actuator_actadr[servo]) for servo in self._limited]
         theirs = without_dynamics(spec, self._exchanged).compile()
-        self._ctrl = [int(at) for at in model.actuator_ctrladr]  # A pid has two inputs, a target and a speed.
+        # A servo of type pid has two inputs, a target and a speed. This is the index of the target.
+        self._ctrl = [int(index) for index in model.actuator_ctrladr]
         started = mujoco.MjData(theirs)
         mujoco.mj_forward(theirs, started)
         try:
             self._theirs = self._warp_mujoco.put_model(theirs)
         except NotImplementedError as error:
-            raise ValueError(f"Newton's solver does not take this model: {error}") from None
+            raise ValueError(f"Newton's solver does not support this model: {error}") from None
         self._moving = self._warp_mujoco.put_data(theirs, started, nconmax=CONTACTS, njmax=CONSTRAINTS)
         self._sent: dict[str, Any] = {}
-        self._warp_mujoco.step(self._theirs, self._moving)  # This compiles, unless the cache has it.
+        # The first step compiles the solver, unless Warp has it in its cache.
+        self._warp_mujoco.step(self._theirs, self._moving)
 
     def step(self, model: Any, data: Any, steps: int) -> None:
         self._send(model, data)
@@ -80,7 +83,8 @@ class NewtonSolver(Paced):
         data.qpos[:], data.qvel[:] = moving.qpos.numpy()[0], moving.qvel.numpy()[0]
         data.qacc_warmstart[:] = moving.qacc_warmstart.numpy()[0]
         data.time += steps * step_s
-        mujoco.mj_forward(model, data)  # computes forces, sensors and the place of each body
+        # From the new positions and speeds, compute forces, sensors and the places of the bodies.
+        mujoco.mj_forward(model, data)
         self._took(steps, began_s)
 
     def _send(self, model: Any, data: Any) -> None:
@@ -95,6 +99,6 @@ class NewtonSolver(Paced):
 
 
 def _assign(array: Any, values: Any) -> None:
-    """Set an array of the only world."""
+    """Copy values into a Warp array. Warp's arrays have one row per world; there is a single world."""
     if array.size:
         array.assign(np.ascontiguousarray(values)[np.newaxis])

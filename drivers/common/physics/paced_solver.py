@@ -1,5 +1,5 @@
-"""The common part of the solvers besides MuJoCo. They may run slower than the time that they simulate, and
-have no servo with a state. Only for twins."""
+"""The common part of the solvers other than MuJoCo. They may be slower than real time, and they have no servo with
+an internal state."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _FEW = 5
 
 
 class Paced:
-    """A solver that may be slower than the time it simulates."""
+    """Base of a solver that may be slower than real time."""
 
     def __init__(self) -> None:
         self._steps_per_s = float(_FEW) / BUDGET_S
 
     @property
-    def at_most(self) -> int:
-        """The number of steps that fit into ``BUDGET_S``."""
+    def max_steps(self) -> int:
+        """Number of steps that can be computed within ``BUDGET_S``."""
         return max(1, int(self._steps_per_s * BUDGET_S))
 
     def _took(self, steps: int, began_s: float) -> None:
@@ -34,10 +34,9 @@ class Paced:
 
 
 def without_dynamics(spec: Any, servos: Iterable[int]) -> Any:
-    """Return a copy of the spec in which these servos are plain ones, without a state and a limit of
-    speed."""
+    """Return a copy of the spec. In it the given servos have no internal state and no speed limit."""
     plain = spec.copy()
-    for servo in (plain.actuators[int(at)] for at in servos):
+    for servo in (plain.actuators[int(index)] for index in servos):
         servo.dyntype = mujoco.mjtDyn.mjDYN_NONE
         servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
         servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE

@@ -1,4 +1,4 @@
-"""The body of an arm: a MuJoCo model with a position servo for each joint. Only for twins."""
+"""The body of a simulated arm: a MuJoCo model with a position servo for each joint."""
 
 from __future__ import annotations
 
@@ -7,29 +7,30 @@ from typing import Any
 
 import numpy as np
 
-from .body import Hand
+from .body import Commander
 from .jointed import Jointed
 from .lean_mujoco import mujoco
 from .model_rows import build
 
 
 class Plant(Jointed):
-    """An arm on position servos.
+    """A simulated arm on position servos.
 
-    A servo follows its target with at most the joint's effort and, in a model of rows, the joint's speed.
-    With torque off it has no gain, and gravity moves the arm. At first torque is off, and the joints are
-    at ``home_rad`` or at the nearest end of their range.
+    A servo follows its target with at most the joint's maximum effort. In a model from a table it also keeps the
+    joint's maximum speed. With torque off the servo has no gain, and gravity moves the arm. At the start torque is
+    off. The joints are at ``home_rad``, or at the nearest end of their range.
 
-    At most one side holds a joint. The wire (``set_torque``, ``set_target``) takes a joint whenever it is
-    energised on the wire. The simulation (``take``, ``aim``) gets only joints that the wire does not hold.
+    Two sides can control a joint, but only one at a time. Commands in the robot's protocol (the "wire") call
+    ``set_torque`` and ``set_target``, and have priority. The simulation calls ``energise`` and
+    ``set_simulation_target``, and gets only joints that no such command has energised.
 
     Args:
         spec: The ``MjSpec``.
         joints: Names of the joints, in the order of the indices.
         bandwidth_rad_s: Bandwidth of a servo without its own gains, in rad/s.
-        home_rad: Position of each joint at first, in radians. The default is zero.
+        home_rad: Initial position of each joint, in radians. The default is zero.
         gains: Stiffness and damping of each servo. Stiffness 0 uses the bandwidth.
-        home_qpos: State of the whole model at first, with free bodies and passive joints.
+        home_qpos: Initial state of the whole model, with free bodies and passive joints.
     """
 
     def __init__(
@@ -43,19 +44,20 @@ class Plant(Jointed):
     ) -> None:
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
-        self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2  # critically damped
+        # This value makes the servo critically damped.
+        self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2
         if gains:
             own = np.array([kp > 0 for kp, _ in gains])
             self._kp = np.where(own, [kp for kp, _ in gains], self._kp)
             self._kv = np.where(own, [kv for _, kv in gains], self._kv)
-        self._hand = [Hand.NONE] * len(self.joints)
+        self._commander = [Commander.NONE] * len(self.joints)
         self._home_rad = tuple(home_rad)
         self._home_qpos = tuple(home_qpos)
         self.go_home()
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Plant:
-        """Return the plant of a robot's table in ``robots.toml``."""
+        """Return the simulated arm of a robot's table in ``robots.toml``."""
         joints = [joint["key"] for joint in table["joints"]]
         return cls(build(table), joints, float(table["bandwidth"]), table.get("home_rad", ()))
 
@@ -63,14 +65,15 @@ class Plant(Jointed):
         super()._bind()
         model = self.model
         self._control = [int(model.actuator_ctrladr[servo]) for servo in self._actuator]
-        self._state = [int(model.actuator_actadr[servo]) for servo in self._actuator]  # -1: no limit of speed
+        # Index of each servo's internal state in MuJoCo; -1 for a servo without a speed limit.
+        self._state = [int(model.actuator_actadr[servo]) for servo in self._actuator]
         self._effort_nm = [float(model.actuator_forcerange[servo, 1]) for servo in self._actuator]
 
     def begin_anew(self) -> None:
         self.go_home()
 
     def go_home(self) -> None:
-        """Set everything back to the start. Time starts at 0 again."""
+        """Set the arm back to its initial state. The simulated time starts at 0 again."""
         self._rewind()
         if self._home_rad:
             self.data.qpos[self._qpos] = self._home_rad
@@ -81,75 +84,75 @@ class Plant(Jointed):
             if self.model.jnt_limited[joint]:
                 self.data.qpos[address] = np.clip(self.data.qpos[address], *self.model.jnt_range[joint])
             self.set_target(index, float(self.data.qpos[address]))
-            self._pass_to(index, Hand.NONE)
+            self._pass_to(index, Commander.NONE)
         mujoco.mj_forward(self.model, self.data)
 
     def _place_free_bodies(self, position: Any, turn: Any) -> None:
-        """Put the free bodies of ``home_qpos`` at the place of the robot."""
+        """Move the free bodies of ``home_qpos`` along with the robot, which was placed at ``position``."""
         model, qpos = self.model, self.data.qpos
-        for at in model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
-            if at < len(self._home_qpos):
+        for address in model.jnt_qposadr[model.jnt_type == mujoco.mjtJoint.mjJNT_FREE]:
+            if address < len(self._home_qpos):
                 moved, turned = np.zeros(3), np.zeros(4)
-                mujoco.mju_rotVecQuat(moved, qpos[at : at + 3], turn)
-                mujoco.mju_mulQuat(turned, turn, qpos[at + 3 : at + 7])
-                qpos[at : at + 3], qpos[at + 3 : at + 7] = moved + position, turned
+                mujoco.mju_rotVecQuat(moved, qpos[address : address + 3], turn)
+                mujoco.mju_mulQuat(turned, turn, qpos[address + 3 : address + 7])
+                qpos[address : address + 3], qpos[address + 3 : address + 7] = moved + position, turned
 
     @property
     def time_s(self) -> float:
-        """Time of the simulation."""
+        """The simulated time in seconds."""
         return float(self.data.time)
 
     @property
     def effort_limit_nm(self) -> list[float]:
-        """The largest torque of each servo, in Nm."""
+        """Maximum torque of each servo, in Nm."""
         return list(self._effort_nm)
 
-    def hand(self, index: int) -> Hand:
-        return self._hand[index]
+    def commander(self, index: int) -> Commander:
+        return self._commander[index]
 
     def torque(self, index: int) -> bool:
-        return self._hand[index] is not Hand.NONE
+        return self._commander[index] is not Commander.NONE
 
     def set_target(self, index: int, rad: float) -> None:
         self.data.ctrl[self._control[index]] = rad
 
     def set_torque(self, index: int, on: bool) -> None:
-        """Switch a servo's torque, from the wire. A servo that is switched on starts from the joint's
-        position, whatever its target."""
-        if on != (self._hand[index] is Hand.WIRE):
-            self._pass_to(index, Hand.WIRE if on else Hand.NONE)
+        """Switch a servo's torque, on a command in the robot's protocol. With torque on, the servo starts at the
+        joint's position, not at its old target."""
+        if on != (self._commander[index] is Commander.WIRE):
+            self._pass_to(index, Commander.WIRE if on else Commander.NONE)
 
-    def take(self, index: int, on: bool) -> None:
-        """Switch a servo's torque, from the simulation. It holds the joint's position with all its
-        effort."""
-        if self._hand[index] is Hand.WIRE or on == (self._hand[index] is Hand.SIM):
+    def energise(self, index: int, on: bool) -> None:
+        """Switch a servo's torque, for the simulation. With torque on, the servo holds the joint's position with
+        its maximum effort."""
+        if self._commander[index] is Commander.WIRE or on == (self._commander[index] is Commander.SIM):
             return
         if on:
             self.set_target(index, float(self.data.qpos[self._qpos[index]]))
             self.set_effort_share(index, 1.0)
-        self._pass_to(index, Hand.SIM if on else Hand.NONE)
+        self._pass_to(index, Commander.SIM if on else Commander.NONE)
 
-    def aim(self, index: int, rad: float) -> None:
-        """Set a target in radians, from the simulation."""
-        if self._hand[index] is Hand.SIM:
+    def set_simulation_target(self, index: int, rad: float) -> None:
+        """Set a servo's target in radians, for the simulation."""
+        if self._commander[index] is Commander.SIM:
             self.set_target(index, rad)
 
     def push(self, nm: Sequence[float]) -> None:
-        """Add these torques to those of the servos."""
+        """Apply these torques to the joints, in addition to those of the servos."""
         self.data.qfrc_applied[self._dof] = nm
 
     def pose_of(self, body: str, offset_m: Sequence[float]) -> tuple[float, ...]:
-        """Return the place of a point of a body and the body's axes, as a 4 x 4 matrix, column by
-        column."""
+        """Return a 4 x 4 matrix, column by column: the axes of a body, and the position of a point that is fixed to
+        it."""
         rotation = self.data.body(body).xmat.reshape(3, 3)
         place = self.data.body(body).xpos + rotation @ np.asarray(offset_m)
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = rotation, place
         return tuple(matrix.flatten("F").tolist())
 
-    def _pass_to(self, index: int, hand: Hand) -> None:
-        self._hand[index] = hand
-        on = hand is not Hand.NONE
+    def _pass_to(self, index: int, commander: Commander) -> None:
+        self._commander[index] = commander
+        on = commander is not Commander.NONE
         kp, kv = (float(self._kp[index]), float(self._kv[index])) if on else (0.0, 0.0)
         servo = self._actuator[index]
         self.model.actuator_gainprm[servo, 0] = kp if self._state[index] < 0 else 0.0
@@ -158,6 +161,6 @@ class Plant(Jointed):
             self.data.act[self._state[index]] = self.data.qpos[self._qpos[index]]
 
     def set_effort_share(self, index: int, share: float) -> None:
-        """Limit a servo to this share, 0..1, of its effort."""
+        """Limit a servo to this share (0..1) of its maximum effort."""
         limit = self._effort_nm[index] * share
         self.model.actuator_forcerange[self._actuator[index]] = -limit, limit

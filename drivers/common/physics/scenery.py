@@ -1,7 +1,6 @@
-"""The scenery of a simulation, which can change while it runs: objects, cameras, saved states, and the place of
-the robot.
+"""Change the scenery of a running simulation: objects, cameras, saved states, and the position of the robot.
 
-Each change compiles the model anew. Moving bodies continue from their positions and speeds.
+Each change compiles the model again. Moving bodies continue with their positions and speeds.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ TOUCHES = 3
 
 
 class Refused(Exception):
-    """A change is refused. The text has the reason and the accepted values."""
+    """The change is refused. The exception's text has the reason and the accepted values."""
 
 
 class Object(NamedTuple):
     name: str
     shape: str
     position: tuple[float, ...]
-    orientation: tuple[float, ...]  # w, x, y, z
+    orientation: tuple[float, ...]  # quaternion w, x, y, z
     size: tuple[float, ...]
-    color: tuple[float, ...]  # r, g, b, a; 0 to 1
+    color: tuple[float, ...]  # red, green, blue, opacity; 0 to 1
     mass_kg: float
     fixed: bool
     mesh: str = ""
@@ -50,11 +49,11 @@ class Camera(NamedTuple):
     position: tuple[float, ...]
     target: tuple[float, ...]
     fov_deg: float
-    body: str = ""  # The carrier of the camera. Empty: the world.
+    body: str = ""  # name of the body that carries the camera; empty if it is fixed in the world
 
 
 class Scenery:
-    """The scenery of one body. ``changed`` is called after each change of the model."""
+    """The scenery around one simulated body. ``changed`` is called after each change of the model."""
 
     def __init__(self, jointed: Jointed) -> None:
         self._jointed = jointed
@@ -72,41 +71,48 @@ class Scenery:
     def cameras(self) -> list[str]:
         return [camera.name for camera in self._jointed.spec.cameras]
 
-    def add_object(self, wanted: Object) -> None:
+    def add_object(self, requested: Object) -> None:
         """Raise ``Refused``."""
-        if wanted.name in self.objects:
-            raise Refused(f"there is a body {wanted.name!r} already. choose another name")
-        kind, count, meaning = SHAPES.get(wanted.shape, (None, 0, ""))
-        if kind is None:
-            raise Refused(f"the shape is {wanted.shape!r}. use one of {', '.join(SHAPES)}")
-        if len(wanted.size) != count:
-            raise Refused(f"a {wanted.shape} has {count} numbers as size ({meaning}), not {len(wanted.size)}")
+        if requested.name in self.objects:
+            raise Refused(f"there is a body {requested.name!r} already. choose another name")
+        geom_type, count, meaning = SHAPES.get(requested.shape, (None, 0, ""))
+        if geom_type is None:
+            raise Refused(f"the shape is {requested.shape!r}. Use one of {', '.join(SHAPES)}")
+        if len(requested.size) != count:
+            raise Refused(f"a {requested.shape} has {count} numbers as size ({meaning}), not {len(requested.size)}")
         spec, plain = self._jointed.spec, PLAIN.default
         added: list[Any] = []
-        if wanted.shape == "mesh":
-            file = _mesh_file(wanted.mesh)
-            added.append(spec.add_mesh(default=plain, name=wanted.name, file=file, scale=list(wanted.size)))
-        material = spec.add_material(default=plain, name=f"object {wanted.name}", rgba=list(wanted.color))
-        body = spec.worldbody.add_body(name=wanted.name, pos=list(wanted.position), quat=list(wanted.orientation))
+        if requested.shape == "mesh":
+            file = _mesh_file(requested.mesh)
+            added.append(spec.add_mesh(default=plain, name=requested.name, file=file, scale=list(requested.size)))
+        material = spec.add_material(default=plain, name=f"object {requested.name}", rgba=list(requested.color))
+        body = spec.worldbody.add_body(
+            name=requested.name, pos=list(requested.position), quat=list(requested.orientation)
+        )
         added += [material, body]
-        if not wanted.fixed:
-            body.add_freejoint(name=wanted.name)
+        if not requested.fixed:
+            body.add_freejoint(name=requested.name)
         geom = body.add_geom(
-            default=plain, name=wanted.name, type=kind, contype=TOUCHES, conaffinity=TOUCHES, mass=wanted.mass_kg
+            default=plain,
+            name=requested.name,
+            type=geom_type,
+            contype=TOUCHES,
+            conaffinity=TOUCHES,
+            mass=requested.mass_kg,
         )
         geom.material = material.name
-        if wanted.shape == "mesh":
-            geom.meshname = wanted.name
+        if requested.shape == "mesh":
+            geom.meshname = requested.name
         else:
-            geom.size = _half(wanted.shape, wanted.size)
+            geom.size = _half(requested.shape, requested.size)
         self._compile(added)
 
     def remove_object(self, name: str) -> None:
-        """Raise ``Refused`` for a name that was not added."""
+        """Remove an object. Raise ``Refused`` if no object with this name was added."""
         spec = self._jointed.spec
         material = spec.material(f"object {name}")
         if material is None:
-            raise Refused(f"no object {name!r} was added here")
+            raise Refused(f"no object {name!r} was added to this simulation")
         spec.delete(spec.body(name))
         spec.delete(material)
         mesh = spec.mesh(name)
@@ -114,28 +120,28 @@ class Scenery:
             spec.delete(mesh)
         self._compile([])
 
-    def add_camera(self, wanted: Camera) -> None:
+    def add_camera(self, requested: Camera) -> None:
         """Raise ``Refused``."""
         spec = self._jointed.spec
-        if wanted.name in self.cameras:
-            raise Refused(f"there is a camera {wanted.name!r} already. choose another name")
-        carrier = spec.body(wanted.body) if wanted.body else spec.worldbody
+        if requested.name in self.cameras:
+            raise Refused(f"there is a camera {requested.name!r} already. choose another name")
+        carrier = spec.body(requested.body) if requested.body else spec.worldbody
         if carrier is None:
-            raise Refused(f"there is no body {wanted.body!r}. there are {', '.join(self.objects)}")
-        away = np.subtract(wanted.target, wanted.position)
+            raise Refused(f"there is no body {requested.body!r}. Use one of {', '.join(self.objects)}")
+        away = np.subtract(requested.target, requested.position)
         if not np.linalg.norm(away) > 1e-9:
-            raise Refused("the camera stands at its target. give it another position")
+            raise Refused("the camera's position is its target. Give another position")
         camera = carrier.add_camera(
             default=PLAIN.default,
-            name=wanted.name,
-            pos=list(wanted.position),
+            name=requested.name,
+            pos=list(requested.position),
             quat=_looking(away),
-            fovy=wanted.fov_deg,
+            fovy=requested.fov_deg,
         )
         self._compile([camera])
 
     def place(self, position: Sequence[float], orientation: Sequence[float]) -> None:
-        """Put the robot's base there, with all that stands on it."""
+        """Move the robot's base to this position, together with everything that is fixed to the world."""
         jointed = self._jointed
         turn = np.asarray(orientation) / np.linalg.norm(orientation)
         outermost = [_outermost(body) for body in jointed.spec.worldbody.bodies]
@@ -149,41 +155,41 @@ class Scenery:
     # -- saved states
 
     def save(self, name: str) -> None:
-        """Keep everything that moves, under a name."""
+        """Save the state of all moving parts under a name."""
         jointed = self._jointed
-        kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        state = np.empty(mujoco.mj_stateSize(jointed.model, kind))
-        mujoco.mj_getState(jointed.model, jointed.data, state, kind)
+        signature = mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(mujoco.mj_stateSize(jointed.model, signature))
+        mujoco.mj_getState(jointed.model, jointed.data, state, signature)
         self._saved[name] = state
 
     def load(self, name: str) -> None:
-        """Raise ``Refused`` for a name that was not saved, or when the scene has changed since."""
+        """Return to a saved state. Raise ``Refused`` if there is no such state, or objects have changed since."""
         jointed = self._jointed
         state = self._saved.get(name)
         if state is None:
-            known = ", ".join(self._saved) or "none"
-            raise Refused(f"no state {name!r} was saved. there are {known}")
-        kind = mujoco.mjtState.mjSTATE_INTEGRATION
-        if len(state) != mujoco.mj_stateSize(jointed.model, kind):
-            raise Refused(f"objects came or went since the state {name!r} was saved. save it anew")
+            names = ", ".join(self._saved) or "none"
+            raise Refused(f"no state {name!r} was saved. saved states: {names}")
+        signature = mujoco.mjtState.mjSTATE_INTEGRATION
+        if len(state) != mujoco.mj_stateSize(jointed.model, signature):
+            raise Refused(f"objects were added or removed since the state {name!r} was saved. save the state again")
         time_s = float(jointed.data.time)
-        mujoco.mj_setState(jointed.model, jointed.data, state, kind)
+        mujoco.mj_setState(jointed.model, jointed.data, state, signature)
         jointed.set_clock_back(time_s - float(jointed.data.time))
         mujoco.mj_forward(jointed.model, jointed.data)
 
     def _compile(self, added: list[Any]) -> None:
-        """Take what was added into the model, or leave both as they were."""
+        """Compile the model with the added elements. If this fails, remove them again and raise ``Refused``."""
         try:
             self._jointed.recompile()
         except ValueError as error:
             for element in reversed(added):
                 self._jointed.spec.delete(element)
-            raise Refused(f"the model does not take it: {' '.join(str(error).split())}") from None
+            raise Refused(f"the model does not accept the change: {' '.join(str(error).split())}") from None
         self.changed()
 
 
 def _outermost(body: Any) -> Any:
-    """Return the frame that a body stands in, the outermost of nested ones, or the body itself."""
+    """Return the outermost frame (``MjsFrame``) around a body, or the body itself if it has no frame."""
     element = body
     while element.frame is not None:
         element = element.frame
@@ -191,10 +197,10 @@ def _outermost(body: Any) -> Any:
 
 
 def scenery_of(body: object) -> Scenery:
-    """Raise ``Refused`` for a body without one."""
+    """Return the scenery of a simulated body. Raise ``Refused`` if it has no scenery."""
     scenery: Scenery | None = getattr(body, "scenery", None)
     if scenery is None:
-        raise Refused("nothing can be put into this robot's simulation")
+        raise Refused("this robot's simulation takes no objects and no cameras")
     return scenery
 
 
@@ -205,12 +211,12 @@ def _half(shape: str, size: Sequence[float]) -> list[float]:
 def _mesh_file(path: str) -> str:
     place = Path(path).expanduser()
     if not place.is_file():
-        raise Refused(f"there is no mesh {path!r}. give mesh_path=, a file that ends with .stl, .obj or .msh")
+        raise Refused(f"there is no mesh file {path!r}. Give mesh_path=, a file that ends with .stl, .obj or .msh")
     return str(place.resolve())
 
 
 def _looking(away: Any) -> list[float]:
-    """Return the orientation of a camera that looks along ``away``, upright."""
+    """Return the orientation of an upright camera that looks in the direction ``away``."""
     forward = away / np.linalg.norm(away)
     up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1 - 1e-6 else np.array([0.0, 1.0, 0.0])
     right = np.cross(forward, up)
@@ -219,6 +225,6 @@ def _looking(away: Any) -> list[float]:
     columns = np.column_stack([right, np.cross(right, forward), -forward])
     mujoco.mju_mat2Quat(quat, columns.flatten())
     if not math.isfinite(float(quat.sum())):
-        raise Refused("the camera looks nowhere. give another target")
+        raise Refused("the camera's position and target give no direction. Give another target")
     turned: list[float] = quat.tolist()
     return turned

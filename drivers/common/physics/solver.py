@@ -1,5 +1,8 @@
-"""Choose the solver that steps a model: MuJoCo itself, Newton's solver on Warp, or Isaac Sim. The choice
-holds for all bodies of a process. A twin's process makes it once, before it makes its body."""
+"""Choose the solver that computes the physics: MuJoCo, Newton's solver on Warp, or Isaac Sim.
+
+The process of a simulated robot chooses once, before it makes the robot's body. The choice holds for all bodies in
+the process.
+"""
 
 from __future__ import annotations
 
@@ -14,33 +17,34 @@ _chosen = ""
 
 
 class Solver(Protocol):
-    """Steps one model."""
+    """A solver that advances one model in time."""
 
     @property
-    def at_most(self) -> int:
-        """Most steps that should be requested in one call to catch up with time."""
+    def max_steps(self) -> int:
+        """Largest number of steps that one call should compute to catch up with real time."""
         ...
 
     def step(self, model: Any, data: Any, steps: int) -> None: ...
 
 
 class MujocoSolver:
-    at_most = sys.maxsize
+    max_steps = sys.maxsize
 
     def step(self, model: Any, data: Any, steps: int) -> None:
         mujoco.mj_step(model, data, steps)
 
 
 def choose(backend: str) -> None:
-    """Choose ``newton``, ``isaac``, or with any other text MuJoCo itself."""
+    """Choose the solver: ``newton`` or ``isaac``. Any other text chooses MuJoCo."""
     global _chosen
     _chosen = backend
 
 
 def new_solver(spec: Any, model: Any, data: Any) -> Solver:
-    """Return the solver for a model that was just compiled from its spec."""
+    """Return a solver for a model that was just compiled from ``spec``."""
     if _chosen == NEWTON:
-        from .newton_solver import NewtonSolver  # imports Warp, so only if it was chosen
+        # This import loads Warp, so it is done only if Newton was chosen.
+        from .newton_solver import NewtonSolver
 
         return NewtonSolver(spec, model, data)
     if _chosen == ISAAC:

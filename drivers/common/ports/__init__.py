@@ -1,1 +1,1 @@
-"""Connections to robots: each write leaves at once or raises, and each wait has a deadline."""
+"""Connections to robots. Each write is handed over at once or raises, and each wait has a deadline."""

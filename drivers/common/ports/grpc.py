@@ -1,10 +1,11 @@
-"""A gRPC client for a wire process or a stop channel: h2 over ``tcp_port``, with a deadline on every wait.
+"""A gRPC client for the processes that command or stop a robot: h2 over ``tcp_port``, with a deadline on every
+wait.
 
-One object is one connection. A message leaves at once or raises. No message waits to be sent, or is sent
-again on a later connection. Check a permit immediately before ``Call.send``, which does not wait.
+One object is one connection. A message is sent at once, or the call raises. No message is queued, or repeated on a
+later connection. Check the permission to send a command immediately before ``Call.send``, which does not wait.
 
-A call is not withdrawn if its answer is not awaited. So a stop still counts when a frozen peer continues.
-``Call.cancel`` withdraws a call.
+If a call's answer is not awaited, the call is not cancelled. So a stop takes effect even if a frozen robot
+continues later. ``Call.cancel`` cancels a call.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 
-from ..codecs.grpc_messages import MAX_MESSAGE, ClientEnd, Ended, Heard, Left, Status
+from ..codecs.grpc_messages import MAX_MESSAGE, ClientEnd, Ended, MessageReceived, PeerLeft, Status
 from ..codecs.malformed import MalformedFrame
 from .receive_budget import ReceiveBudget
 from .tcp_port import ByteStream, open_tcp
@@ -39,7 +40,7 @@ OpenStream = Callable[[str, int], Awaitable[Stream]]
 
 
 class CallFailed(WireDown):
-    """The peer has answered with an error.
+    """The peer has answered a call with an error.
 
     Attributes:
         status: The status of the call.
@@ -51,12 +52,12 @@ class CallFailed(WireDown):
 
 
 class Call:
-    """One call.
+    """One gRPC call.
 
     Attributes:
-        messages: Received messages that were not taken yet, newest last.
+        messages: Received messages that the caller has not read yet, newest last.
         status: The final status; None while the call is open.
-        text: The peer's text about the status.
+        text: The peer's explanation of the status.
     """
 
     def __init__(self, connection: Connection, path: str, stream: int) -> None:
@@ -77,25 +78,25 @@ class Call:
 
         Args:
             message: The encoded message.
-            last: True ends our side of the call.
+            last: True if no message of ours follows on this call.
 
         Raises:
-            WireDown: It did not leave whole. The connection is closed.
+            WireDown: The message could not be sent completely. The connection is closed.
         """
         self._connection.send(self, message, last)
 
     def cancel(self) -> None:
-        """Withdraw the call. Does nothing after its end. Raises ``WireDown``."""
+        """Cancel the call. Does nothing after its end. Raises ``WireDown``."""
         self._connection.cancel(self)
 
     def failure(self) -> CallFailed:
-        """Return the final status as an error."""
+        """Return an exception with the call's final status."""
         status = self.status if self.status is not None else Status.UNKNOWN
         return CallFailed(f"{self.name}: {status.name}{f' ({self.text})' if self.text else ''}", status)
 
 
 class Connection:
-    """An open connection. Several tasks may wait on it at once."""
+    """An open gRPC connection. Several tasks may wait for its answers at once."""
 
     def __init__(self, name: str, stream: Stream, end: ClientEnd) -> None:
         """Wrap a stream. ``open_grpc`` calls this."""
@@ -106,35 +107,36 @@ class Connection:
         self._calls: dict[int, Call] = {}
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
-        self._why = ""  # why it is closed
+        self._close_reason = ""  # why the connection is closed; empty while it is open
 
     @property
     def is_open(self) -> bool:
-        return not self._why
+        return not self._close_reason
 
     def call(self, path: str) -> Call:
-        """Begin a call. Its first bytes leave now. Raises ``WireDown``."""
+        """Begin a call, and send its header now. Raises ``WireDown``."""
         self._check()
         try:
             call = Call(self, path, self._end.call(path))
         except MalformedFrame as malformed:
-            raise self._gone(str(malformed)) from None
+            raise self._close(str(malformed)) from None
         self._calls[call.stream] = call
         self._flush()
         return call
 
     def ask(self, path: str, message: bytes) -> Call:
-        """Send a request now and return its call, for ``answer``. Raises ``WireDown``."""
+        """Send a request now. Return its call, with which ``answer`` waits for the response. Raises
+        ``WireDown``."""
         call = self.call(path)
         call.send(message, last=True)
         return call
 
     async def answer(self, call: Call, within_s: float) -> bytes | None:
-        """Return the answer to ``ask``; None if it did not come in time.
+        """Return the response to a request that ``ask`` has sent; None if it does not come in time.
 
         Raises:
             CallFailed: The peer has answered with an error.
-            WireDown: The connection is gone.
+            WireDown: The connection is lost.
         """
         await self.until(lambda: bool(call.messages) or call.status is not None, within_s)
         if call.messages:
@@ -144,11 +146,11 @@ class Connection:
         return None
 
     async def unary(self, path: str, message: bytes, within_s: float) -> bytes:
-        """Send a request and return its answer. If it does not come in time, the request is withdrawn.
+        """Send a request and return its response. If it does not come in time, the call is cancelled.
 
         Raises:
             CallFailed: The peer has answered with an error.
-            WireDown: The connection is gone, or there is no answer in time.
+            WireDown: The connection is lost, or there is no response in time.
         """
         call = self.ask(path, message)
         answered = False
@@ -163,10 +165,10 @@ class Connection:
         raise WireDown(f"{self.name}: {call.name}: no answer within {within_s * 1e3:.0f} ms. Check the robot")
 
     async def until(self, ready: Callable[[], bool], within_s: float) -> bool:
-        """Receive until ``ready()`` is true. Return whether it was in time.
+        """Receive data until ``ready()`` is true. Return False if that takes longer than ``within_s``.
 
         Raises:
-            WireDown: The connection is gone.
+            WireDown: The connection is lost.
         """
         with trio.move_on_after(within_s):
             while not ready():
@@ -177,23 +179,25 @@ class Connection:
                 elif self._reader is None:
                     self._take(await self._read())
                 else:
-                    await self._news.wait()  # The task that reads takes in the data of all tasks.
+                    # Another task reads from the connection, and also receives the data for this task.
+                    await self._news.wait()
         return ready()
 
     def take_waiting(self) -> None:
-        """Receive waiting data, as much as one turn may take. Never waits. Raises ``WireDown``."""
+        """Decode the data that has arrived, but at most ``FRAMES`` frames. Never waits. Raises ``WireDown``."""
         self._check()
-        left = FRAMES
-        while left > 0:
+        remaining = FRAMES
+        while remaining > 0:
             data = self._unread_or_waiting()
             if data is None:
                 self._budget.caught_up()
                 return
-            left -= max(1, self._take(data, left))  # A read that begins no frame counts as one.
+            # Data in which no frame begins counts as one frame, so that this loop ends.
+            remaining -= max(1, self._take(data, remaining))
         try:
             self._budget.fell_behind()
         except WireDown:
-            self._gone("it sends more than can be read")
+            self._close("it sends more than can be read")
             raise
 
     def send(self, call: Call, message: bytes, last: bool) -> None:
@@ -202,7 +206,7 @@ class Connection:
         try:
             self._end.send(call.stream, message, last)
         except MalformedFrame as malformed:
-            raise self._gone(str(malformed)) from None
+            raise self._close(str(malformed)) from None
         self._flush()
 
     def cancel(self, call: Call) -> None:
@@ -213,25 +217,27 @@ class Connection:
             self._flush()
 
     def close(self) -> None:
-        """Reset the connection. Data that has not arrived is thrown away. Another call does nothing."""
-        self._gone("closed by us")
+        """Reset the connection. Data that has not arrived at the peer is lost. A second call does nothing."""
+        self._close("closed by us")
 
     def close_in_order(self) -> None:
-        """As ``close``, but sent data still arrives. Meant for a stop."""
-        if not self._why:
+        """Close the connection, but let the sent data still arrive. Use it after a stop."""
+        if not self._close_reason:
             self._stream.close_in_order()
-        self._gone("closed by us")
+        self._close("closed by us")
 
     async def _read(self) -> bytes:
         data = b""
         try:
-            with trio.CancelScope() as self._reader:  # ``close`` cancels it; nothing else ends the wait.
+            # Closing the stream would not wake this task up, so ``close`` cancels this scope.
+            with trio.CancelScope() as self._reader:
                 data = await self._stream.read()
         except WireDown as down:
-            raise self._gone(str(down)) from None
+            raise self._close(str(down)) from None
         finally:
             self._reader = None
-            self._wake()  # A task that waits for this one reads on.
+            # Wake the waiting tasks up, because one of them must read next.
+            self._wake()
         self._check()
         return data
 
@@ -241,27 +247,28 @@ class Connection:
         try:
             return self._stream.read_waiting()
         except WireDown as down:
-            raise self._gone(str(down)) from None
+            raise self._close(str(down)) from None
 
     def _take(self, data: bytes, frames: int = FRAMES) -> int:
-        """Take in at most so many frames of the received data. Return their number."""
+        """Decode at most ``frames`` frames of the received data. Return the number of frames that began in it."""
         try:
             events, begun = self._end.feed_some(data, frames)
         except MalformedFrame as malformed:
-            raise self._gone(str(malformed)) from None
-        left = ""
+            raise self._close(str(malformed)) from None
+        close_reason = ""
         for event in events:
             match event:
-                case Heard(stream, message) if stream in self._calls:
+                case MessageReceived(stream, message) if stream in self._calls:
                     self._calls[stream].messages.append(message)
                 case Ended(stream, status, text) if stream in self._calls:
                     call = self._calls.pop(stream)
                     call.status, call.text = status, text
-                case Left(why):
-                    left = why
-        if left:
-            raise self._gone(left)
-        self._flush()  # answers that HTTP/2 itself requires
+                case PeerLeft(reason):
+                    close_reason = reason
+        if close_reason:
+            raise self._close(close_reason)
+        # HTTP/2 itself requires some answers, for example to a ping.
+        self._flush()
         self._wake()
         return begun
 
@@ -271,20 +278,20 @@ class Connection:
             try:
                 self._stream.write(data)
             except WireDown as down:
-                raise self._gone(str(down)) from None
+                raise self._close(str(down)) from None
 
     def _check(self) -> None:
-        if self._why:
-            raise WireDown(f"{self.name}: the connection is closed ({self._why}). Reconnect")
+        if self._close_reason:
+            raise WireDown(f"{self.name}: the connection is closed ({self._close_reason}). Reconnect")
 
-    def _gone(self, why: str) -> WireDown:
-        if not self._why:
-            self._why = why
+    def _close(self, reason: str) -> WireDown:
+        if not self._close_reason:
+            self._close_reason = reason
             if self._reader is not None:
                 self._reader.cancel()
             self._stream.close()
             self._wake()
-        return WireDown(f"{self.name}: {why}. Check the robot and its network, then reconnect")
+        return WireDown(f"{self.name}: {reason}. Check the robot and its network, then reconnect")
 
     def _wake(self) -> None:
         news, self._news = self._news, trio.Event()
@@ -300,19 +307,19 @@ async def open_grpc(
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> Connection:
-    """Connect and read the peer's settings.
+    """Connect to a gRPC server, and read its HTTP/2 settings.
 
     Args:
-        host: Name or address of the peer.
-        port: Its port.
-        within_s: Time for everything.
-        settle: False waits for no settings. Use it for a stop, which also has to reach a peer that sends
-            unreadable data.
+        host: Name or address of the server.
+        port: The server's port.
+        within_s: Longest time of the whole connect.
+        settle: If False, do not wait for the settings. Use this for a stop, which must also reach a server that
+            sends malformed data.
         max_message: Most bytes of one message.
         open_stream: Makes the connection. The default is plain TCP.
 
     Raises:
-        WireDown: It failed, or took longer.
+        WireDown: The connect failed, or took longer.
     """
     name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     connection: Connection | None = None
@@ -329,5 +336,7 @@ async def open_grpc(
         if connection is not None and not opened:
             connection.close()
     if connection is None or not opened:
-        raise WireDown(f"{name}: it does not speak gRPC within {within_s * 1e3:.0f} ms. Check port=, and the robot")
+        raise WireDown(
+            f"{name}: no gRPC service answers within {within_s * 1e3:.0f} ms. Check port=, and the robot"
+        )
     return connection

@@ -1,9 +1,9 @@
-"""The master of a half-duplex servo bus: one request at a time, and a rule for late replies.
+"""The master of a half-duplex servo bus. It sends one request at a time, and deals with late replies.
 
-These buses have no sequence numbers. A late reply looks like the reply to the next request of the same
-id and length. So after any missing reply the bus is *quiet* for 0.1 s: the master sends no request and
-drops everything that arrives. Measured with one reply in ten 60 ms late: without the quiet time 7 to 10
-of 60 late replies were taken for the next reply; with it not a single one.
+Frames on these buses have no sequence numbers. So a late reply looks like the reply to the next request of the same
+id and length. After a missing reply, the master therefore sends no request for 0.1 s (the *quiet time*), and drops
+everything that arrives. In a measurement one reply in ten was 60 ms late. Without the quiet time, 7 to 10 of 60
+late replies were taken for the next reply; with it not a single one.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Packet(Protocol):
     def params(self) -> bytes: ...
     @property
     def failure(self) -> str:
-        """Why the motor did not do what was requested, from its reply; empty if it did."""
+        """Why the motor did not carry out the request, from its reply; empty if it did."""
         ...
 
 
@@ -58,20 +58,21 @@ class Decoder(Protocol[PacketT_co]):
 
 
 class Quiet(Exception):
-    """The bus is in its quiet time. Ask later, or use the last known value."""
+    """No request can be sent during the quiet time after a missing reply. Try again later, or use the last known
+    value."""
 
 
 class HalfDuplexBus(Generic[PacketT]):
-    """The master of one bus.
+    """The master of one half-duplex bus.
 
     Args:
-        port: The port.
+        port: The serial port.
         decoder: Finds packets in the received bytes.
         clock: The clock of the process.
         baud: Bits per second.
-        overhead: Bytes of a reply without params (Feetech 6, Dynamixel 2.0: 11).
-        margin_s: Time for a reply beyond that of its bytes.
-        quiet_s: Quiet time after a missing reply.
+        overhead: Bytes of a reply without parameters (Feetech 6, Dynamixel 2.0: 11).
+        margin_s: Time for a reply, in addition to the time of its bytes on the line.
+        quiet_s: Time without requests after a missing reply.
     """
 
     def __init__(
@@ -93,7 +94,8 @@ class HalfDuplexBus(Generic[PacketT]):
         self._margin_s = margin_s
         self._quiet_ns = round(quiet_s * NS)
         self._quiet_until_ns = 0
-        self._pending: dict[int, int] = {}  # replies that may still come to a request that was given up
+        # Replies that may still arrive for a cancelled request: number of parameter bytes, by servo id.
+        self._pending: dict[int, int] = {}
         self._pending_end_s = 0.0
         self.stray_bytes = 0
         """Bytes received during the last request that belong to no expected reply."""
@@ -114,16 +116,16 @@ class HalfDuplexBus(Generic[PacketT]):
 
     @property
     def starved(self) -> bool:
-        """True if this host, not the robot, may be the reason that the last request was not answered."""
+        """True if this computer was late, so that the robot may not be the reason why the last reply was missed."""
         return self.late_s > BUSY_S
 
     def send(self, frame: bytes) -> None:
-        """Send a frame that no motor answers. It leaves at once, in the quiet time too."""
+        """Send a frame that no motor replies to. It is sent at once, even in the quiet time."""
         self._write(frame)
 
-    def send_owed(self, frame: bytes, expected: Mapping[int, int]) -> None:
-        """As ``send``, for a frame that is answered. The next request waits for these replies first. Until
-        then ``refusals`` has the errors among them."""
+    def send_unawaited(self, frame: bytes, expected: Mapping[int, int]) -> None:
+        """Send a frame at once, although motors will reply to it. The next request waits for these replies first.
+        Afterwards ``refusals`` has the errors among them."""
         self._write(frame)
         answer_bytes = sum(expected.values()) + len(expected) * self._overhead
         line_s = (len(frame) + answer_bytes) * self._byte_s
@@ -142,16 +144,17 @@ class HalfDuplexBus(Generic[PacketT]):
         *,
         wait: bool = False,
     ) -> dict[int, PacketT]:
-        """Send a request and return the replies by id. Missing replies and errors are left out.
+        """Send a request and return the replies by id. Missing replies and replies with an error are left out.
 
         Args:
             request: The frame.
-            expected: Number of params in the reply of each id. Everything else that arrives is stray.
-            timeout_s: Time for all replies. The default is the time on the line plus the margin.
-            wait: In the quiet time wait, instead of raising ``Quiet``.
+            expected: Number of parameter bytes in each reply, by id. Everything else that arrives counts as stray.
+            timeout_s: Longest time until the last reply. The default is the time of the bytes on the line plus the
+                margin.
+            wait: True waits until the quiet time ends, instead of raising ``Quiet``.
 
         Raises:
-            Quiet: The bus is in its quiet time.
+            Quiet: The quiet time after a missing reply has not ended.
         """
         await self._begin(wait)
         reply_bytes = sum(expected.values()) + len(expected) * self._overhead
@@ -184,19 +187,23 @@ class HalfDuplexBus(Generic[PacketT]):
                     take(await self.port.read())
             if window.cancelled_caught:
                 self.late_s = trio.current_time() - window.deadline
-                take(self.port.take())  # Bytes that came in time, but were not read in time.
+                # Some bytes may have arrived in time, although this process was too late to read them.
+                take(self.port.take())
             self.delay_s = trio.current_time() - began_s - line_s
             if len(replies) + len(refusals) < len(expected):
                 self._quiet_until_ns = self.clock.now_ns() + self._quiet_ns
             self._pending = {}
         finally:
-            # A cancelled caller leaves its replies on the bus. The next request waits for them first.
+            # If this task is cancelled, its replies may still arrive. The next request waits for them first.
             self._pending = {i: size for i, size in self._pending.items() if i not in replies and i not in refusals}
         return replies
 
     async def discard_pending(self) -> None:
-        """Drop the replies to a request that was given up, until its timeout. If one is missing, a quiet
-        time follows. The next frame then collides with no reply."""
+        """Wait for the replies to a cancelled request, and drop them, so that the next frame does not collide with
+        them.
+
+        If a reply does not come before the timeout of its request, a quiet time follows.
+        """
         pending = self._pending
         if not pending:
             return
@@ -213,12 +220,12 @@ class HalfDuplexBus(Generic[PacketT]):
         self._pending = {}
 
     async def listen(self, request: bytes, first_s: float, silence_s: float) -> list[PacketT]:
-        """Send a request and return every packet that arrives, of any motor.
+        """Send a request and return every packet that arrives, from any motor.
 
         Args:
             request: The frame.
             first_s: Longest wait for the first byte.
-            silence_s: End after so much silence.
+            silence_s: Return when no byte has arrived for this time.
         """
         await self._begin(wait=True)
         packets: list[PacketT] = []
@@ -252,10 +259,10 @@ class HalfDuplexBus(Generic[PacketT]):
 
 
 class Health:
-    """Choose the motors to ask.
+    """Choose the motors that the next request asks.
 
-    A motor that missed twice in a row is left out, and asked again after a wait that doubles, so that
-    one dead servo does not slow the others. It is back as soon as it answers.
+    A motor that missed two requests in a row is left out, so that one dead servo does not slow the others. It is
+    asked again after a wait, which doubles each time. It is asked regularly again as soon as it answers.
     """
 
     def __init__(self, ids: Sequence[int]) -> None:
@@ -264,8 +271,12 @@ class Health:
         self._due_ns = dict.fromkeys(self._ids, 0)
 
     def to_ask(self, now_ns: int) -> tuple[int, ...]:
-        """Return the healthy motors, then at most one mute motor with its wait over. It comes last,
-        where its silence cannot delay the replies of others. If no motor is healthy, return all."""
+        """Return the motors that the next request asks: the healthy ones, then at most one mute motor whose wait
+        has ended.
+
+        The mute motor is last, so that its silence does not delay the replies of the others. If no motor is
+        healthy, return all motors.
+        """
         mute = self.mute()
         healthy = tuple(i for i in self._ids if i not in mute)
         if not healthy:
@@ -273,9 +284,9 @@ class Health:
         due = [i for i in mute if self._due_ns[i] <= now_ns]
         return (*healthy, *sorted(due, key=self._due_ns.__getitem__)[:1])
 
-    def update(self, asked: Iterable[int], heard: Iterable[int], now_ns: int) -> None:
-        answered = frozenset(heard)
-        for motor in asked:
+    def update(self, requested: Iterable[int], answers: Iterable[int], now_ns: int) -> None:
+        answered = frozenset(answers)
+        for motor in requested:
             if motor in answered:
                 self._misses[motor] = 0
                 continue
@@ -286,9 +297,9 @@ class Health:
                 self._due_ns[motor] = now_ns + round(wait_s * NS)
 
     def mute(self) -> tuple[int, ...]:
-        """Return the motors that missed twice in a row."""
+        """Return the motors that did not answer two requests in a row."""
         return tuple(i for i in self._ids if self._misses[i] > MISSES_TOLERATED)
 
     def silent(self) -> tuple[int, ...]:
-        """Return the motors that missed the last request."""
+        """Return the motors that did not answer the last request."""
         return tuple(i for i in self._ids if self._misses[i])

@@ -1,12 +1,11 @@
-"""One persistent connection to a service: HTTP/1.1 by h11 over ``tcp_port``, with a deadline on every
-wait.
+"""One persistent HTTP/1.1 connection to a service: h11 over ``tcp_port``, with a deadline on every wait.
 
-``send`` hands a request to the system at once, or fails. No request waits to be sent, is sent again,
-follows a redirect, or goes through a proxy. Responses come in the order of the requests. A request that
-may move a robot takes a permit, which is checked immediately before the whole request leaves.
+``send`` hands a request to the operating system at once, or raises. No request is queued, sent again, redirected,
+or sent through a proxy. Responses come in the order of the requests. A request that may move a robot needs a
+``Permit`` (the permission to send this command now), which is checked immediately before the whole request is sent.
 
-If the received data is no HTTP, nothing more is read. The connection is kept for ``send_stop`` only,
-which needs no answer.
+If the received data is no HTTP, nothing more is read. The connection is then kept only for ``send_stop``, which
+needs no response.
 """
 
 from __future__ import annotations
@@ -38,17 +37,17 @@ JSON = "application/json"
 
 
 class HttpPort:
-    """A connection to one service. ``serve`` keeps it open for wires on which the next request must leave
-    without a wait."""
+    """A connection to one HTTP service. ``serve`` keeps it open, for robots whose next request must be sent without
+    a wait."""
 
     def __init__(
         self, host: str, port: int, open_stream: OpenStream = open_tcp, *, max_body: int = MAX_BODY
     ) -> None:
-        """Make a port that is not connected yet.
+        """Prepare a connection. Nothing is opened yet.
 
         Args:
             host: Name or address of the service.
-            port: Its port.
+            port: The service's port.
             open_stream: Makes the connection. The default is plain TCP.
             max_body: Most bytes of one response.
         """
@@ -57,7 +56,7 @@ class HttpPort:
         self._open_stream = open_stream
         self._max_body = max_body
         self._stream = SharedStream(self._forget)
-        self._used_s = 0.0  # when it was last opened, or used to send or receive
+        self._used_s = 0.0  # time at which the connection was last opened, or sent or received data
         self._forget()
 
     @property
@@ -67,38 +66,41 @@ class HttpPort:
 
     @property
     def waits(self) -> bool:
-        """True if a request is unanswered."""
-        return self._sent != self._heard
+        """True if a request was not answered yet."""
+        return self._sent != self._received
 
     async def open(self) -> None:
-        """Connect again. A connection with unreadable data is kept until the new one is open.
+        """Open a new connection. A connection on which malformed data was received is kept until the new one is
+        open.
 
         Raises:
-            WireDown: It cannot connect.
+            WireDown: The connect failed.
         """
         if self.is_open:
             self.close()
         stream = await self._open_stream(*self._where)
-        if self.is_open:  # Another task was quicker, and may have sent on its connection.
+        # Another task has connected meanwhile, and may have sent a request. So keep its connection and close this
+        # one.
+        if self.is_open:
             stream.close()
             return
         self._stream.replace(stream)
         self._used_s = trio.current_time()
 
     async def ready(self) -> None:
-        """Connect again, unless a connection was used lately or has an unanswered request.
+        """Open a new connection, unless the present one was used within ``IDLE_S`` or waits for a response.
 
         Raises:
-            WireDown: It cannot connect.
+            WireDown: The connect failed.
         """
         if not self.is_open or (not self.waits and trio.current_time() - self._used_s > IDLE_S):
             await self.open()
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Keep a connection open until cancelled. ``started()`` is called when the first is open.
+        """Keep a connection open until cancelled. ``started()`` is called once the first connection is open.
 
         Raises:
-            WireDown: The first connection failed.
+            WireDown: The first connect failed.
         """
         await self.open()
         task_status.started()
@@ -108,39 +110,42 @@ class HttpPort:
                     await self.open()
                 await self.hear()
             except WireDown:
-                pass  # A connection with unreadable data is kept for a stop until another is open.
+                # A connection with malformed data is kept until another one is open, because a stop can still be
+                # sent on it.
+                pass
             await trio.sleep(REOPEN_S)
 
     async def hear(self) -> None:
-        """Receive until the connection is closed.
+        """Receive responses until the connection is closed.
 
         Raises:
-            WireDown: It was lost.
+            WireDown: The connection was lost.
         """
         while self.is_open:
             await self._hear()
 
     def send(
-        self, method: str, target: str, body: bytes = b"", *, permit: Permit | None = None, kind: str = JSON
+        self, method: str, target: str, body: bytes = b"", *, permit: Permit | None = None, content_type: str = JSON
     ) -> int:
-        """Hand over a request now.
+        """Send a request now.
 
         Returns:
-            Its number on this connection, for ``answer``.
+            The number of the request on this connection, for ``answer``.
 
         Raises:
-            WireDown: It could not be sent.
-            PermitDenied: Nothing has left.
+            WireDown: The request could not be sent.
+            PermitDenied: The command may no longer be sent. Nothing was sent.
         """
         if not self.is_open:
             raise WireDown(f"{self.name}: not connected. Reconnect")
         if permit is not None:
             permit.check()
-        self._stream.write(self._end.request(method, target, body, kind))
+        self._stream.write(self._end.request(method, target, body, content_type))
         return self._count()
 
     def send_stop(self, method: str, target: str, body: bytes = b"") -> int:
-        """As ``send``, also on a connection that received unreadable data, since a stop needs no answer.
+        """Send a stop request now. It can also be sent on a connection on which malformed data was received, since
+        it needs no response.
 
         Raises:
             WireDown: No connection is open.
@@ -149,27 +154,28 @@ class HttpPort:
         return self._count()
 
     async def answer(self, number: int, within_s: float) -> Response:
-        """Return the response to a request.
+        """Wait for the response to a request, and return it.
 
-        If it does not come in time, the connection is closed. If the received data is no HTTP, the
-        connection is kept for a stop.
+        If it does not come in time, the connection is closed. If the received data is no HTTP, the connection is
+        kept for a stop.
 
         Args:
             number: The result of ``send``.
-            within_s: Time to wait.
+            within_s: Longest wait.
 
         Raises:
             WireDown: There is no response.
         """
-        asked = self._stream.connection
+        connection = self._stream.connection
         with trio.move_on_after(within_s):
-            while self.is_open and self._stream.connection is asked and self._heard < number:
+            while self.is_open and self._stream.connection is connection and self._received < number:
                 await self._hear()
-            if self._stream.connection is asked and number in self._responses:
+            if self._stream.connection is connection and number in self._responses:
                 return self._responses[number]
             raise WireDown(f"{self.name}: the connection was lost before the answer. Check the service")
-        if self._stream.connection is asked:
-            self.close()  # A late response could pass for the next one.
+        if self._stream.connection is connection:
+            # A late response could be mistaken for the response to the next request.
+            self.close()
         raise WireDown(f"{self.name}: no answer within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     async def ask(
@@ -180,33 +186,33 @@ class HttpPort:
         *,
         within_s: float,
         permit: Permit | None = None,
-        kind: str = JSON,
+        content_type: str = JSON,
     ) -> Response:
-        """Send a request and return its response. Connect first if no connection was used lately.
+        """Send a request and return its response. Connect first if the connection was not used within ``IDLE_S``.
 
         Raises:
             WireDown: There is no response within ``within_s``.
-            PermitDenied: Nothing has left.
+            PermitDenied: The command may no longer be sent. Nothing was sent.
         """
         with trio.move_on_after(within_s) as scope:
             await self.ready()
         if not self.is_open:
             raise WireDown(f"{self.name}: no connection within {within_s * 1e3:.0f} ms. Check the service")
-        number = self.send(method, target, body, permit=permit, kind=kind)
+        number = self.send(method, target, body, permit=permit, content_type=content_type)
         return await self.answer(number, scope.deadline - trio.current_time())
 
     def close(self) -> None:
-        """Reset the connection. Another call does nothing."""
+        """Reset the connection. A second call does nothing."""
         self._stream.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but sent data still arrives. Meant for a connection that has carried a stop."""
+        """Close the connection, but let the sent data still arrive. Use it after a stop."""
         self._stream.close(in_order=True)
 
     def _forget(self) -> None:
         self._end = ClientEnd(self.name, self._max_body)
-        self._sent = self._heard = 0  # requests and responses on this connection
-        self._responses: dict[int, Response] = {}  # the newest ones, by number
+        self._sent = self._received = 0  # number of requests sent, and of responses received, on this connection
+        self._responses: dict[int, Response] = {}  # the newest responses, by the number of their request
 
     def _count(self) -> int:
         self._sent += 1
@@ -214,10 +220,11 @@ class HttpPort:
         return self._sent
 
     async def _hear(self) -> None:
-        """Receive once, or wait until another task has. Raise ``WireDown``."""
+        """Receive data once. If another task receives already, wait for it. Raise ``WireDown``."""
         end, data = self._end, b""
         if end.has_unread:
-            await trio.lowlevel.checkpoint()  # Other tasks run, and one may have closed the connection.
+            # Let other tasks run. One of them may close this connection.
+            await trio.lowlevel.checkpoint()
         else:
             data = await self._stream.read()
         if end is not self._end or not (data or end.has_unread):
@@ -225,9 +232,9 @@ class HttpPort:
         self._used_s = trio.current_time()
         try:
             for response in end.feed(data):
-                self._heard += 1
-                self._responses[self._heard] = response
-                self._responses.pop(self._heard - KEPT, None)
+                self._received += 1
+                self._responses[self._received] = response
+                self._responses.pop(self._received - KEPT, None)
         except MalformedFrame as malformed:
             self._stream.deafen(str(malformed))
-            raise WireDown(f"{self.name}: {malformed}. Check what is served there") from None
+            raise WireDown(f"{self.name}: {malformed}. Check which service runs there") from None

@@ -1,8 +1,9 @@
-"""A client of JSON-RPC over one connection. A message leaves at once or fails; each answer has a deadline.
+"""A client of JSON-RPC over one connection. A message is sent at once, or the call raises. Each answer has a
+deadline.
 
-No message is queued, repeated, or kept for the next connection. A late answer is dropped. A line that
-cannot be decoded is counted. If lines can no longer be told apart, the connection is not read any more,
-but a stop can still be written to it until it is replaced or closed.
+No message is queued, repeated, or kept for the next connection. A late answer is dropped. A line that cannot be
+decoded is counted. After a line that is too long, the start of the next line is unknown. Then nothing more is read
+from the connection, but a stop can still be written to it until it is replaced or closed.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ OpenStream = Callable[[], Awaitable[OrderlyStream]]
 _GONE = object()
 
 
-class SaidNo(Exception):
-    """The service has answered with an error."""
+class RequestFailed(Exception):
+    """The service has answered a request with an error."""
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)
@@ -41,11 +42,11 @@ class SaidNo(Exception):
 
 
 class JsonRpcPort:
-    """One connection to a service. Every call raises ``WireDown`` once the connection is gone.
+    """A connection to one JSON-RPC service. Every method raises ``WireDown`` once the connection is lost.
 
     Args:
         open_stream: Makes a connection.
-        notice: Called with each notification of the service, as it comes.
+        notice: Called with each notification that the service sends.
     """
 
     def __init__(self, open_stream: OpenStream, notice: Callable[[Call], None]) -> None:
@@ -54,7 +55,8 @@ class JsonRpcPort:
         self._stream = SharedStream(self._forget_all)
         self._lines = LineDecoder()
         self._number = 0
-        self._waiting: dict[int, Result | Failure | None] = {}  # requests with an awaited answer
+        # The answers, by the number of their request. None stands for an answer that has not arrived.
+        self._waiting: dict[int, Result | Failure | None] = {}
         self.malformed = 0
 
     @property
@@ -63,11 +65,12 @@ class JsonRpcPort:
 
     @property
     def takes_stops(self) -> bool:
-        """True if there is a connection to which a stop can be written."""
+        """True if a stop can be written to the connection, even if received data could not be decoded."""
         return self._stream.is_connected
 
     async def open(self) -> None:
-        """Connect again, and send nothing. A connection that cannot be decoded is kept until then."""
+        """Open a new connection, and send nothing. A connection with malformed data is kept until the new one is
+        open."""
         if self.is_open:
             self.close()
         self._stream.replace(await self._open_stream())
@@ -76,18 +79,17 @@ class JsonRpcPort:
         self._stream.write(encode_notification(method, params))
 
     def notify_stop(self, method: str, params: Mapping[str, Any]) -> None:
-        """As ``notify``, also on a connection that cannot be decoded any more, since a stop needs no
+        """Send a stop as a notification. Malformed received data does not prevent this, since a stop needs no
         answer."""
         self._stream.write_stop(encode_notification(method, params))
 
     def send_stop(self, method: str, params: Mapping[str, Any]) -> None:
-        """As ``notify_stop``, for a method that is a request. Its answer is dropped."""
+        """Send a stop as a request, for a service that requires one. Its answer is dropped."""
         self._number += 1
         self._stream.write_stop(encode_request(self._number, method, params))
 
     def send(self, method: str, params: Mapping[str, Any]) -> int:
-        """Hand over a request now and return its number. Its answer is kept until ``answer`` or
-        ``forget``."""
+        """Send a request now and return its number. Its answer is kept until ``answer`` or ``forget`` is called."""
         self._number += 1
         self._stream.write(encode_request(self._number, method, params))
         self._waiting[self._number] = None
@@ -97,14 +99,14 @@ class JsonRpcPort:
         self._waiting.pop(number, None)
 
     async def answer(self, number: int, within_s: float) -> Any:
-        """Return the result of a request.
+        """Wait for the answer to a request, and return its result.
 
         Args:
             number: The result of ``send``.
-            within_s: Time to wait.
+            within_s: Longest wait.
 
         Raises:
-            SaidNo: The service has answered with an error.
+            RequestFailed: The service has answered with an error.
             WireDown: There is no answer in time. The connection stays open.
         """
         try:
@@ -117,7 +119,7 @@ class JsonRpcPort:
             case Result(_, value):
                 return value
             case Failure(_, code, message):
-                raise SaidNo(code, message)
+                raise RequestFailed(code, message)
         if answer is _GONE:
             raise WireDown("the connection was lost before the answer. Reconnect")
         raise WireDown(f"no answer within {within_s * 1e3:.0f} ms. Check that the service is alive")
@@ -126,16 +128,16 @@ class JsonRpcPort:
         return await self.answer(self.send(method, params), within_s)
 
     async def hear(self) -> None:
-        """Receive until the connection is lost."""
+        """Receive messages until the connection is lost."""
         await self.until(lambda: False)
 
     async def until(self, is_so: Callable[[], bool]) -> None:
-        """Receive until ``is_so()`` is true."""
+        """Receive messages until ``is_so()`` is true."""
         while not is_so():
             await self._hear()
 
     def close(self) -> None:
-        """Reset the connection. Another call does nothing."""
+        """Reset the connection. A second call does nothing."""
         self._stream.close()
 
     def _forget_all(self) -> None:
@@ -143,14 +145,14 @@ class JsonRpcPort:
         self._waiting.clear()
 
     async def _hear(self) -> None:
-        """Receive once, or wait until another task has."""
+        """Receive data once. If another task receives already, wait for it."""
         data = await self._stream.read()
         try:
             for line in self._lines.feed(data):
                 self._take(line)
         except MalformedFrame as malformed:
             self._stream.deafen(str(malformed))
-            raise WireDown(f"{malformed}. Check what is served there") from None
+            raise WireDown(f"{malformed}. Check which service runs there") from None
 
     def _take(self, line: bytes) -> None:
         try:

@@ -1,10 +1,10 @@
-"""Modbus TCP: frames and their decoder, which are pure, and a client that never mixes up replies.
+"""Modbus TCP: a codec, which is pure, and a client that never mixes up replies.
 
-The codec is pymodbus's framer and PDU classes. Its clients are not used: with a silent peer they block
-for seconds, retry by themselves, and reconnect unnoticed.
+The codec uses the framer and PDU classes of pymodbus. The clients of pymodbus are not used: if the peer is silent,
+they block for seconds, repeat requests, and reconnect without notice.
 
-A reply belongs to the request with its transaction id, however late it is. A reply to no request ends the
-connection. So no reply is ever taken for that of the next request.
+A reply carries the transaction id of its request, so it is assigned correctly, however late it is. A reply without
+a request ends the connection.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from strands_actors.kernel.clock import NS, Clock
 from ..codecs.malformed import MalformedFrame
 from .tcp_port import ByteStream
 
-logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # Otherwise a bad frame is printed on stderr.
+# Without this handler pymodbus prints each malformed frame to stderr.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 SILENT_S = 0.5
 """A peer with an open request that has sent nothing for so long counts as gone."""
@@ -43,32 +44,33 @@ _LAST_ID = 0xFFFF
 
 
 class NotUnderstood(WireDown):
-    """The peer answers, but with something that was not requested. Its replies are useless from now on. A
-    command to it may still work."""
+    """The peer has sent something that was not requested, so its replies cannot be used any more. A command to it
+    may still take effect."""
 
 
 class Decoder:
-    """Find PDUs in a stream of bytes. Their ``dev_id`` and ``transaction_id`` are set."""
+    """Find PDUs in a stream of bytes. Each PDU has its ``dev_id`` and ``transaction_id``."""
 
     def __init__(self, *, requests: bool) -> None:
-        """Decode the stream of a client (``requests``), otherwise that of a server."""
+        """Make a decoder: with ``requests`` for the requests of a client, otherwise for the replies of a server."""
         self._framer = FramerSocket(DecodePDU(is_server=requests))
         self._pending = b""
 
     @property
     def has_part(self) -> bool:
-        """True if a frame has begun to arrive."""
+        """True if the beginning of a frame has arrived, but not all of it."""
         return bool(self._pending)
 
     def feed(self, data: bytes) -> Iterator[tuple[ModbusPDU, bytes]]:
-        """Yield PDUs with their frames.
+        """Yield each complete PDU with its frame.
 
         Raises:
-            MalformedFrame: The stream has no start marks, so the connection is of no more use.
+            MalformedFrame: The bytes are no frame. Frames have no start mark, so the next one cannot be found, and
+                the connection must be closed.
         """
         self._pending += data
         while len(self._pending) > _HEADER:
-            protocol, length = (int.from_bytes(self._pending[at : at + 2], "big") for at in (2, 4))
+            protocol, length = (int.from_bytes(self._pending[offset : offset + 2], "big") for offset in (2, 4))
             if protocol != 0 or not 2 <= length <= _MAX_LENGTH:
                 raise MalformedFrame(f"protocol {protocol}, length {length}")
             used, unit, number, body = self._framer.decode(self._pending[: _HEADER - 1 + length])
@@ -98,11 +100,12 @@ def exception_words(code: int) -> str:
 
 
 class ModbusClient:
-    """Requests to one unit on one connection. Calls must not overlap; requests may.
+    """Send requests to one Modbus unit on one connection. Only one task may use the client. Several requests may be
+    unanswered at once.
 
     Args:
         stream: The connection. The client closes it.
-        unit: The number of the unit.
+        unit: The Modbus unit id.
         name: The name of the peer for messages.
         clock: The clock of the process.
     """
@@ -114,36 +117,40 @@ class ModbusClient:
         self._clock = clock
         self._decoder = Decoder(requests=False)
         self._number = 0
-        self._open: dict[int, ModbusPDU] = {}  # unanswered requests
-        self._answers: dict[int, list[int] | None] = {}  # by number of a request with an awaited answer
-        self._waiting_since_ns = 0  # when a reply came last, or when a silent peer was asked first
-        self._asked_ns = 0
+        self._open: dict[int, ModbusPDU] = {}  # unanswered requests, by transaction id
+        # The registers that were read, by the number of the read request. None until its reply arrives.
+        self._answers: dict[int, list[int] | None] = {}
+        self._waiting_since_ns = 0  # time of the last reply, or of the first request since then
+        self._requested_ns = 0
 
     def write_registers(self, address: int, values: Sequence[int]) -> None:
-        """Send a write at once. If the peer refuses it, the next ``answer`` raises. Raise ``WireDown``."""
+        """Send a write request now. If the peer refuses it, the next call of ``answer`` raises. Raise
+        ``WireDown``."""
         self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
 
     def read_registers(self, address: int, count: int) -> int:
-        """Send a read at once. Return its number, for ``answer`` or ``forget``. Raise ``WireDown``."""
+        """Send a read request now. Return its number, for ``answer`` or ``forget``. Raise ``WireDown``."""
         number = self._ask(ReadInputRegistersRequest(address=address, count=count))
         self._answers[number] = None
         return number
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
-        """Return the registers of a read; None if they have not come yet.
+        """Wait for the reply to a read request. Return the registers; None if they do not come in time.
 
         Args:
             number: The result of ``read_registers``.
-            within_s: Time to wait.
+            within_s: Longest wait.
 
         Raises:
-            WireDown: The peer has refused a request, or was asked and has sent nothing for ``SILENT_S``.
-            NotUnderstood: It has sent something that was not requested.
+            WireDown: The peer has refused a request, or has sent nothing for ``SILENT_S`` while a request was
+                unanswered.
+            NotUnderstood: The peer has sent something that was not requested.
         """
         return await self.first_answer((number,), within_s)
 
     async def first_answer(self, numbers: Sequence[int], within_s: float) -> list[int] | None:
-        """As ``answer``, for the first of these reads that is answered."""
+        """Wait until one of several read requests is answered, and return its registers. Otherwise as
+        ``answer``."""
         with trio.move_on_after(within_s):
             while all(self._answers[number] is None for number in numbers):
                 self._take(await self._stream.read())
@@ -152,16 +159,18 @@ class ModbusClient:
                 return self._answers.pop(number)
         silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
         if silent_s > SILENT_S:
-            raise WireDown(f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check its power, then reconnect")
+            raise WireDown(
+                f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check the device's power, then reconnect"
+            )
         return None
 
     @property
     def has_partial_answer(self) -> bool:
-        """True if the peer has begun a reply and not completed it."""
+        """True if a part of a reply has arrived, and the rest is missing."""
         return self._decoder.has_part
 
     def forget(self, number: int) -> None:
-        """Drop the answer to a read. It may still come."""
+        """Ignore the reply to a read request, which may still arrive."""
         self._answers.pop(number, None)
 
     def close(self) -> None:
@@ -169,13 +178,14 @@ class ModbusClient:
 
     def _ask(self, request: ModbusPDU) -> int:
         if len(self._open) >= MAX_OPEN:
-            raise WireDown(f"{self._name}: {MAX_OPEN} questions without an answer. Check it, then reconnect")
+            raise WireDown(f"{self._name}: {MAX_OPEN} requests are unanswered. Check the device, then reconnect")
         self._number = self._number % _LAST_ID + 1
         request.dev_id, request.transaction_id = self._unit, self._number
         now_ns = self._clock.now_ns()
-        if not self._open or now_ns - self._asked_ns > SILENT_S * NS:
-            self._waiting_since_ns = now_ns  # The peer owed no reply, or no request was sent lately.
-        self._asked_ns = now_ns
+        if not self._open or now_ns - self._requested_ns > SILENT_S * NS:
+            # No request was unanswered, or none was sent for a while. So the peer's silence counts from now.
+            self._waiting_since_ns = now_ns
+        self._requested_ns = now_ns
         self._stream.write(encode(request))
         self._open[self._number] = request
         return self._number
@@ -196,7 +206,8 @@ class ModbusClient:
             raise NotUnderstood(f"{self._name}: answers what was not asked. Reconnect")
         if isinstance(reply, ExceptionResponse):
             raise WireDown(
-                f"{self._name}: refuses: {exception_words(reply.exception_code)}. Check unit_id= and its power"
+                f"{self._name}: refuses a request: {exception_words(reply.exception_code)}. "
+                "Check unit_id= and the device's power"
             )
         match request, reply:
             case ReadInputRegistersRequest(), ReadInputRegistersResponse():

@@ -1,7 +1,7 @@
-"""Modbus RTU: frames with their checksum, and a decoder that finds where a frame begins. Pure.
+"""Modbus RTU: a codec with a checksum, and a decoder that finds the beginning of a frame. Pure.
 
-RTU has no start marks, and no numbers in replies. Bytes are a frame if they have the length that their
-function requires, and a correct checksum. So a master must send one request at a time (``half_duplex``).
+RTU frames have no start mark, and replies have no number. Bytes count as a frame if their length fits their
+function code and their checksum is correct. So a master must send one request at a time (``half_duplex``).
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ _REPLY_BYTES: Mapping[int, tuple[int, int | None]] = {
 class RtuFrame(NamedTuple):
     """A frame with a correct checksum."""
 
-    id: int  # the unit
+    id: int  # Modbus unit id
     function: int
     params: bytes
-    bytes: bytes  # the whole frame, as on the line
+    bytes: bytes  # the whole frame with its checksum
 
     @property
     def failure(self) -> str:
-        """Why the unit did not do what was requested, from its reply; empty if it did."""
+        """Why the unit did not carry out the request, from its reply; empty if it did."""
         return exception_words(self.params[0]) if self.function & _EXCEPTION else ""
 
 
@@ -58,7 +58,7 @@ class RtuDecoder:
     """Find frames in a stream of bytes. Bytes that belong to no frame are skipped one by one."""
 
     def __init__(self, *, requests: bool) -> None:
-        """Decode requests of a master (``requests``), otherwise replies of a unit."""
+        """Make a decoder: with ``requests`` for the requests of a master, otherwise for the replies of a unit."""
         self._lengths = _REQUEST_BYTES if requests else _REPLY_BYTES
         self._answers = not requests
         self._pending = b""
@@ -80,14 +80,14 @@ class RtuDecoder:
                 self._pending = self._pending[1:]
 
     def _size(self) -> int:
-        """Return the size of the frame that may begin here; 0 if no frame can."""
+        """Return the size of the frame at the beginning of the buffer; 0 if no frame can begin with these bytes."""
         function = self._pending[1]
         if self._answers and function & _EXCEPTION:
             return 5 if function & ~_EXCEPTION in self._lengths else 0
-        size, more_at = self._lengths.get(function, (0, None))
-        if more_at is not None:
-            # If that byte has not arrived, wait for it.
-            size += self._pending[more_at] if len(self._pending) > more_at else 0
+        size, length_offset = self._lengths.get(function, (0, None))
+        if length_offset is not None:
+            # If the byte that holds the length has not arrived, the frame's size is not complete yet.
+            size += self._pending[length_offset] if len(self._pending) > length_offset else 0
         return size if size <= _MAX else 0
 
 
@@ -103,7 +103,7 @@ def encode(pdu: ModbusPDU) -> bytes:
 
 
 def request_of(frame: RtuFrame) -> ModbusPDU | None:
-    """Return the request in a master's frame; None if pymodbus does not know it."""
+    """Decode the request in a master's frame; return None if pymodbus does not know its function code."""
     pdu = DecodePDU(is_server=True).decode(frame.bytes[1:-_CHECKSUM])
     if pdu is not None:
         pdu.dev_id = frame.id

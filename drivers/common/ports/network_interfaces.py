@@ -29,22 +29,23 @@ NetworkInterface = Annotated[
 
 
 def address_of(interface: str) -> str:
-    """Return the IPv4 address of an interface. An address is returned unchanged.
+    """Return the IPv4 address of a network interface. If an address is given, return it unchanged.
 
     Raises:
-        ValueError: There is no such interface. The text lists those that exist.
+        ValueError: There is no such interface. The exception's text lists the existing ones.
     """
     try:
         return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, interface))
     except OSError:
-        pass  # It is a name.
-    known = ", ".join(name for _, name in socket.if_nameindex())
+        # The text is not an address, so it is the name of an interface.
+        pass
+    names = ", ".join(name for _, name in socket.if_nameindex())
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
             answer = fcntl.ioctl(sock, _GET_ADDRESS, _REQUEST.pack(interface.encode()[:15], b""))
         except OSError as error:
             raise ValueError(
-                f"network_interface is {interface!r} ({error.strerror}). This host has {known}; "
-                "the one on the robot's network needs an IPv4 address"
+                f"network_interface is {interface!r} ({error.strerror}). This host has {names}. "
+                "Give the one on the robot's network, which needs an IPv4 address"
             ) from None
     return socket.inet_ntoa(answer[_ADDRESS])

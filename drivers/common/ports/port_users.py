@@ -17,16 +17,17 @@ names. The program is the process that started them."""
 def users_of(path: str) -> tuple[str, ...]:
     """Return the other programs that have the device open, such as ``python arm.py (process 4242)``.
 
-    Empty if there is no such program, or the system does not show it. Linux shows processes of the same
-    user; other systems show no processes.
+    The result is empty if there is no such program, or if the system does not show it. Linux shows only the user's
+    own processes; other systems show no processes.
     """
     try:
         device = os.stat(path).st_rdev
     except OSError:
         return ()
-    own = {os.getpid(), os.getppid()}  # The parent of a wire is its root, which has the wire's descriptor.
-    found = {_program(pid) for pid in _processes() if pid not in own and _has_open(pid, device)}
-    return tuple(f"{_command(pid)} (process {pid})" for pid in sorted(found - own))
+    # The parent process supervises this one, and has a duplicate of the device's descriptor.
+    own = {os.getpid(), os.getppid()}
+    programs = {_program(pid) for pid in _processes() if pid not in own and _has_open(pid, device)}
+    return tuple(f"{_command(pid)} (process {pid})" for pid in sorted(programs - own))
 
 
 def _processes() -> Iterator[int]:
@@ -35,22 +36,22 @@ def _processes() -> Iterator[int]:
 
 
 def _has_open(pid: int, device: int) -> bool:
-    """Return True if a process has the device open, except as the other end of a pseudo-terminal. Such a
-    process keeps this end open, too."""
-    found = False
+    """Return True if a process has the device open. A process that simulates the device does not count, although it
+    may keep this end of the pseudo-terminal open: it has the other end, too."""
+    is_open = False
     try:
         for entry in (PROC / str(pid) / "fd").iterdir():
             info = entry.stat()
-            found |= stat.S_ISCHR(info.st_mode) and info.st_rdev == device
+            is_open |= stat.S_ISCHR(info.st_mode) and info.st_rdev == device
             if str(entry.readlink()).endswith("ptmx") and _terminal(pid, entry.name) == os.minor(device):
                 return False
     except OSError:
         return False  # The process has ended, or may not be inspected.
-    return found
+    return is_open
 
 
 def _terminal(pid: int, descriptor: str) -> int | None:
-    """Return the number of the terminal to which this descriptor is the other end. Source:
+    """Return the number of the pseudo-terminal of which this descriptor is the other end. Source:
     proc_pid_fdinfo(5)."""
     for line in (PROC / str(pid) / "fdinfo" / descriptor).read_text().splitlines():
         name, _, value = line.partition(":")
@@ -60,7 +61,8 @@ def _terminal(pid: int, descriptor: str) -> int | None:
 
 
 def _program(pid: int) -> int:
-    """Return the program that started a process of a tree; any other process unchanged."""
+    """If a process belongs to this project, return the process id of the program that started it; otherwise return
+    ``pid``."""
     while _is_ours(_command_line(pid)):
         parent = _parent(pid)
         if parent <= 1:

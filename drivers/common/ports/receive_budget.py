@@ -1,9 +1,9 @@
-"""Bound what one turn reads from a peer (SAF-025).
+"""Bound the data that one turn of a loop reads from a peer (SAF-025).
 
-A loop that reads until nothing is left never ends while the peer sends faster than this process reads.
-So a turn takes a bounded number of pieces and bytes, keeps its place, and returns. The process then sends
-its heartbeats, and continues in its next turn. If more data waits at the end of many turns in a row, the
-data that is read is older than it looks. The connection then counts as lost.
+A loop that reads until no data is left never ends if the peer sends faster than this process reads. So one turn
+reads a bounded number of pieces and bytes, and returns. The process then sends its heartbeats, and continues to
+read in its next turn. If data is left over at the end of many turns in a row, the data that is read is older than
+it looks. The connection then counts as lost.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ held up, is read."""
 
 
 class ReceiveBudget:
-    """The budget of one reader per turn, and a count of the turns in which the peer was ahead."""
+    """The most data that one connection may read per turn. It also counts the turns that left data unread."""
 
     def __init__(self, name: str, pieces: int = PIECES, size: int = SIZE, busy_turns: int = BUSY_TURNS) -> None:
-        """Make the budget of one connection.
+        """Set the limits of one connection.
 
         Args:
-            name: The peer, for messages.
-            pieces: Reads of one turn.
-            size: Bytes of one turn. The last read may exceed it.
-            busy_turns: Turns in a row that may end with more waiting.
+            name: The name of the peer, for messages.
+            pieces: Most reads in one turn.
+            size: Most bytes in one turn. The last read may exceed it.
+            busy_turns: Most turns in a row that may leave data unread.
         """
         self._name = name
         self._pieces = pieces
@@ -40,35 +40,35 @@ class ReceiveBudget:
         self._busy = 0
 
     def turn(self, read_waiting: Callable[[], bytes | None]) -> Iterator[bytes]:
-        """Yield the data that has arrived, as much as one turn may take.
+        """Yield the data that has arrived, up to the limits of one turn.
 
         Args:
-            read_waiting: Return the next piece, or None if there is no piece. Never waits.
+            read_waiting: Return the next piece of data, or None if there is no data. Never waits.
 
         Raises:
-            WireDown: The peer was ahead in too many turns. All that was read has been yielded.
+            WireDown: Too many turns in a row left data unread. All data of this turn was yielded before.
         """
-        left = self._size
+        remaining = self._size
         for _ in range(self._pieces):
             data = read_waiting()
             if data is None:
                 self.caught_up()
                 return
             yield data
-            left -= len(data)
-            if left <= 0:
+            remaining -= len(data)
+            if remaining <= 0:
                 break
         self.fell_behind()
 
     def caught_up(self) -> None:
-        """Note that nothing was left at the end of a turn."""
+        """Note that this turn left no data unread."""
         self._busy = 0
 
     def fell_behind(self) -> None:
-        """Note that more was waiting at the end of a turn. Raise ``WireDown`` as ``turn`` does."""
+        """Note that this turn left data unread. Raise ``WireDown`` after too many such turns in a row."""
         self._busy += 1
         if self._busy > self._busy_turns:
             raise WireDown(
-                f"{self._name}: the peer sends more than can be read ({self._busy} turns in a row ended with more "
-                "waiting). Check what is connected there, then reconnect"
+                f"{self._name}: the peer sends more than this process can read ({self._busy} turns in a row "
+                "left data unread). Check what is connected there, then reconnect"
             )

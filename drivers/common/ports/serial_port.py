@@ -1,7 +1,7 @@
-"""A serial port as bytes. A write is complete or fails; a read waits under trio.
+"""A serial port that reads and writes bytes. A write is complete or raises; a read waits under trio.
 
-The port that opens the device owns it, by an exclusive lock on the open file. Another process can
-adopt a duplicate of the descriptor: it has the same open file, the same lock and the same speed.
+The process that opens the device owns it, by an exclusive lock on the open file. Another process can use a
+duplicate of the descriptor, which has the same open file, the same lock and the same speed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ import select
 import termios
 from typing import Protocol
 
-import serial  # Imported here, because a root with an unplugged port opens it again, and a stop imports nothing.
+# This import is not delayed until a port is opened. A stop may have to open an unplugged port again, and must not
+# wait for an import.
+import serial
 import trio
 
 from strands_actors.contract.wire import WireDown
@@ -26,31 +28,30 @@ _READ_SIZE = 4096
 
 
 class BytePort(Protocol):
-    """The port that a bus needs. Every call raises ``WireDown`` once the port is gone."""
+    """The methods of a serial port that a bus needs. Every call raises ``WireDown`` once the port is lost."""
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once, or raise. Nothing is kept for later, since that frame would
-        leave late."""
+        """Send all of ``data`` now, or raise. No part of it is sent later, because a late frame may do harm."""
         ...
 
     async def read(self) -> bytes:
-        """Return at least one byte, as soon as there is one."""
+        """Wait until at least one byte has arrived, and return the received bytes."""
         ...
 
     def take(self) -> bytes:
-        """Return the bytes that were received and not read yet. Never waits."""
+        """Return the received bytes that were not read yet. Never waits."""
         ...
 
     def discard_input(self) -> None:
-        """Drop the bytes that were received and not read yet."""
+        """Drop the received bytes that were not read yet."""
         ...
 
     def discard_output(self) -> None:
-        """Drop the bytes that were written and have not left yet. This may cut a frame in two."""
+        """Drop the written bytes that were not sent yet. This may leave an incomplete frame on the bus."""
         ...
 
     async def hung_up(self) -> None:
-        """Return once the device is gone. No received byte is consumed."""
+        """Return once the device is lost. No received byte is read."""
         ...
 
     def fileno(self) -> int: ...
@@ -59,10 +60,10 @@ class BytePort(Protocol):
 
 
 class SerialPort:
-    """A ``BytePort`` over the descriptor of an open terminal device. It owns the descriptor.
+    """A ``BytePort`` on the descriptor of an open serial device. It owns the descriptor.
 
     Args:
-        fd: The descriptor, not blocking.
+        fd: The descriptor, in non-blocking mode.
         name: The name of the port for messages.
         owner: True if this process has opened the device. ``close`` then releases the lock.
     """
@@ -78,10 +79,10 @@ class SerialPort:
         except BlockingIOError:
             written = 0
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
         if written != len(data):
             raise WireDown(
-                f"{self.name}: output is blocked ({written} of {len(data)} bytes left). "
+                f"{self.name}: output is blocked (sent {written} of {len(data)} bytes). "
                 "Check that the adapter is alive, then reconnect"
             )
 
@@ -93,9 +94,9 @@ class SerialPort:
             except BlockingIOError:
                 continue
             except (OSError, ValueError) as error:
-                raise self._gone(error) from None
+                raise self._wire_down(error) from None
             if not data:
-                raise self._gone(None)
+                raise self._wire_down(None)
             return data
 
     def take(self) -> bytes:
@@ -104,7 +105,7 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     def discard_input(self) -> None:
         self._flush(termios.TCIFLUSH)
@@ -114,12 +115,15 @@ class SerialPort:
 
     async def hung_up(self) -> None:
         if not hasattr(select, "epoll"):
-            await trio.sleep_forever()  # Without epoll a hang-up looks like data.
+            # Without epoll, a lost device looks like received data.
+            await trio.sleep_forever()
         with select.epoll() as poll:
             try:
-                poll.register(self._fd, 0)  # epoll always reports a hang-up.
+                # epoll reports a lost device even if no event is requested.
+                poll.register(self._fd, 0)
             except PermissionError:
-                await trio.sleep_forever()  # A plain file, as in tests, never hangs up.
+                # The descriptor may be a plain file, as in some tests. Such a file is never lost.
+                await trio.sleep_forever()
             await trio.lowlevel.wait_readable(poll.fileno())
 
     def fileno(self) -> int:
@@ -129,8 +133,8 @@ class SerialPort:
         if self._fd < 0:
             return
         if self._owner:
-            # A duplicate in another process would keep the lock, and this process could not open the
-            # device again.
+            # Another process may have a duplicate of the descriptor, which would keep the lock. Then this process
+            # could not open the device again.
             with contextlib.suppress(OSError):
                 fcntl.flock(self._fd, fcntl.LOCK_UN)
         os.close(self._fd)
@@ -140,24 +144,24 @@ class SerialPort:
         try:
             termios.tcflush(self._fd, queue)
         except (termios.error, ValueError) as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
-    def _gone(self, error: Exception | None) -> WireDown:
+    def _wire_down(self, error: Exception | None) -> WireDown:
         if self._fd < 0:
             return WireDown(f"{self.name}: the port is closed. Reconnect")
-        why = error.args[-1] if error and error.args else "end of file"
-        return WireDown(f"{self.name}: the port is gone ({why}). Check cable and power, then reconnect")
+        reason = error.args[-1] if error and error.args else "end of file"
+        return WireDown(f"{self.name}: the port is gone ({reason}). Check cable and power, then reconnect")
 
 
 def open_serial(path: str, baud: int) -> SerialPort:
-    """Open a device raw, 8N1, with an exclusive lock.
+    """Open a serial device in raw mode (8N1), with an exclusive lock.
 
     Args:
         path: The path of the device.
         baud: Bits per second.
 
     Raises:
-        WireDown: It cannot be opened, or another program has it.
+        WireDown: The device cannot be opened, or another program uses it.
     """
     try:
         device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
@@ -165,7 +169,9 @@ def open_serial(path: str, baud: int) -> SerialPort:
         RESERVE.lacked(error)
         if "lock" in str(error) or getattr(error, "errno", None) == errno.EBUSY:
             raise WireDown(in_use(path, users_of(path))) from None
-        raise WireDown(f"{path}: cannot open at {baud} baud ({error}). Check port= and who else has it") from None
+        raise WireDown(
+            f"{path}: cannot open at {baud} baud ({error}). Check port=, and which program uses it"
+        ) from None
     try:
         fd = os.dup(device.fileno())  # The lock belongs to the open file, so the duplicate keeps it.
     finally:
@@ -175,24 +181,27 @@ def open_serial(path: str, baud: int) -> SerialPort:
         _wait_for_bytes(fd)
     except termios.error as error:
         port.close()
-        raise WireDown(f"{path}: cannot be set up ({error.args[-1]}). Check port=") from None
+        raise WireDown(f"{path}: cannot be configured ({error.args[-1]}). Check port=") from None
     return port
 
 
 def in_use(path: str, users: tuple[str, ...]) -> str:
-    """Return the message for a port in use. ``users`` are the programs that could be found."""
+    """Return the error message for a port that other programs use. ``users`` are those programs, as far as
+    known."""
     by = f" by {', '.join(users)}" if users else ""
     return f"{path}: in use{by}. End that first, or give another port="
 
 
 def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:
-    """Adopt a descriptor that the opener of the device has already configured."""
+    """Make a port from a duplicate of a descriptor. The process that opened the device has configured it."""
     return SerialPort(fd, name, owner=False)
 
 
 def _wait_for_bytes(fd: int) -> None:
-    """Make a read block the task until a byte comes. With VMIN 0, which pyserial sets, "no data" and
-    "unplugged" both read as b""."""
+    """Configure the device so that a read waits for at least one byte.
+
+    pyserial sets VMIN to 0. A read then returns b"" both if there is no data and if the device was unplugged.
+    """
     os.set_blocking(fd, False)
     attributes = termios.tcgetattr(fd)
     attributes[6][termios.VMIN] = 1

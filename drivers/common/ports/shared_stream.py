@@ -1,9 +1,7 @@
-"""One connection that several tasks read. The first task that waits reads for all; the others wait until it
-has.
+"""A connection from which several tasks read. The first task that waits reads for all; the others wait for it.
 
-If received data cannot be decoded, the connection is *deaf*: nothing is read from it, and only a stop is
-written to it. It is kept until it is replaced or closed, because a stop must not wait for another
-connection.
+If received data cannot be decoded, the connection is *deaf*: nothing more is read from it, and only a stop can be
+written to it. It is kept until it is replaced or closed, because a stop must not wait for a new connection.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from .tcp_port import OrderlyStream
 
 
 class SharedStream:
-    """A connection that can be replaced.
+    """A connection that several tasks use, and that can be replaced by a new one.
 
     Args:
         on_close: Called whenever the connection is closed or replaced.
@@ -28,33 +26,33 @@ class SharedStream:
         self._on_close = on_close
         self._stream: OrderlyStream | None = None
         self._reader: trio.CancelScope | None = None
-        self._heard = trio.Event()
-        self._why_deaf = ""
+        self._news = trio.Event()
+        self._deaf_reason = ""
 
     @property
     def connection(self) -> OrderlyStream | None:
-        """The present connection; None if there is no connection, or it is deaf. A request on an earlier
-        one is never answered."""
-        return None if self._why_deaf else self._stream
+        """The present connection; None if there is no connection, or if it is deaf (received data could not be
+        decoded)."""
+        return None if self._deaf_reason else self._stream
 
     @property
     def is_connected(self) -> bool:
-        """True if there is a connection, even a deaf one."""
+        """True if there is a connection, even if its received data could not be decoded."""
         return self._stream is not None
 
     def replace(self, stream: OrderlyStream) -> None:
-        """Use ``stream`` from now on, and close the previous connection."""
+        """Use ``stream`` as the connection from now on, and close the previous one."""
         self.close()
         self._stream = stream
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once. Raise ``WireDown`` and close if it cannot leave."""
-        if self._why_deaf:
-            raise WireDown(f"the connection is not understood any more ({self._why_deaf}). Reconnect")
+        """Send all of ``data`` now. If that fails, close the connection and raise ``WireDown``."""
+        if self._deaf_reason:
+            raise WireDown(f"received data could not be decoded ({self._deaf_reason}). Reconnect")
         self.write_stop(data)
 
     def write_stop(self, data: bytes) -> None:
-        """As ``write``, also on a deaf connection."""
+        """Send a stop now. Unlike ``write``, it does not fail if received data could not be decoded."""
         if self._stream is None:
             raise WireDown("not connected. Reconnect")
         try:
@@ -64,9 +62,9 @@ class SharedStream:
             raise
 
     async def read(self) -> bytes:
-        """Return the next data.
+        """Wait for data, and return it.
 
-        It is empty if another task has read, or the connection was closed meanwhile.
+        The result is empty if another task has read the data, or if the connection was closed meanwhile.
 
         Raises:
             WireDown: The connection is lost, or there is no connection.
@@ -75,7 +73,7 @@ class SharedStream:
         if stream is None:
             raise WireDown("not connected. Reconnect")
         if self._reader is not None:
-            await self._heard.wait()
+            await self._news.wait()
             return b""
         self._reader = reader = trio.CancelScope()
         try:
@@ -86,36 +84,37 @@ class SharedStream:
                 self.close()
             raise
         finally:
-            if self._reader is reader:  # Another task may read from the next connection already.
+            # After a reconnect, another task may already be the reader of the new connection.
+            if self._reader is reader:
                 self._reader = None
             self._wake()
         return data if self._stream is stream else b""
 
-    def deafen(self, why: str) -> None:
-        """Stop reading, because received data cannot be decoded. ``why`` is for messages."""
+    def deafen(self, reason: str) -> None:
+        """Stop reading, because received data cannot be decoded. ``reason`` is the reason, for messages."""
         if self._stream is not None:
-            self._why_deaf = why
+            self._deaf_reason = reason
             self._wake()
 
     def close(self, in_order: bool = False) -> None:
-        """Reset the connection. Another call does nothing.
+        """Reset the connection. A second call does nothing.
 
         Args:
-            in_order: Close in order instead, so that written data (a stop) still arrives. A deaf
-                connection is always closed in order.
+            in_order: Close in order instead, so that written data (a stop) still arrives. A deaf connection is
+                always closed in order.
         """
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.cancel()
         if self._stream is not None:
-            if in_order or self._why_deaf:
+            if in_order or self._deaf_reason:
                 self._stream.close_in_order()
             else:
                 self._stream.close()
-        self._stream, self._why_deaf = None, ""
+        self._stream, self._deaf_reason = None, ""
         self._on_close()
         self._wake()
 
     def _wake(self) -> None:
-        heard, self._heard = self._heard, trio.Event()
-        heard.set()
+        news, self._news = self._news, trio.Event()
+        news.set()

@@ -1,8 +1,8 @@
-"""Forward unix sockets of another host to paths here, with the system's ``ssh -L`` as a child process.
+"""Make unix sockets of another host available here, with the system's ``ssh -L`` as a child process.
 
-ssh ends with ``close``, and whenever this process ends for any reason. It asks the user nothing: a host
-with a password, or with an unknown key, is refused with ssh's message. It shares no connection with other
-sessions of the user, because those would outlive this process.
+ssh ends with ``close``, and also when this process ends for any reason. It never asks the user: if the host needs a
+password or has an unknown key, the connect fails with ssh's message. It shares no connection with other ssh
+sessions of the user, because such a connection would outlive this process.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ _DEATH_SIGNAL = 1
 
 
 class SshForward:
-    """One ssh to a host.
+    """One ssh process that forwards sockets of one host.
 
     Args:
-        host: The host, as ssh names it.
-        port: Its port; 0 for ssh's default.
+        host: The host, in the form that ssh accepts.
+        port: The port of the ssh server; 0 for ssh's default.
         remote: Paths of sockets on the host.
-        program: The ssh to run.
+        program: The ssh program to run.
     """
 
     def __init__(self, host: str, port: int, remote: Sequence[str], program: str = "ssh") -> None:
@@ -54,13 +54,13 @@ class SshForward:
         self._child: ChildProcess | None = None
 
     async def open(self, remote: str, within_s: float) -> TcpPort:
-        """Connect to a socket of the host. ssh is started if it does not run.
+        """Connect to a socket of the host. Start ssh if it does not run.
 
         If the call is cancelled or takes too long, ssh continues, and the next call waits for it.
 
         Args:
-            remote: One of the paths.
-            within_s: Time for everything.
+            remote: One of the paths that were given as ``remote``.
+            within_s: Longest time of the whole connect.
 
         Raises:
             WireDown: ssh has ended, or there is no connection in time.
@@ -71,10 +71,13 @@ class SshForward:
         local = self._local(remote)
         with trio.move_on_after(within_s):
             while child.alive:
-                with contextlib.suppress(WireDown):  # The socket does not exist yet, or ssh does not listen yet.
+                # The local socket may not exist yet, or ssh may not listen on it yet.
+                with contextlib.suppress(WireDown):
                     return await open_unix(local)
                 await trio.sleep(LOOK_S)
-            raise WireDown(f"ssh {self._host}: {self._said()}. Try `ssh {self._host}` by hand")
+            raise WireDown(
+                f"ssh {self._host}: {self._last_error_line()}. Run `ssh {self._host}` to find the reason"
+            )
         raise WireDown(f"ssh {self._host}: no connection within {within_s:g} s. Check the host and its network")
 
     def close(self) -> None:
@@ -82,7 +85,7 @@ class SshForward:
         child, self._child = self._child, None
         if child is not None:
             child.kill()
-            child.part()
+            child.detach()
             child.socket.close()
         if self._directory:
             shutil.rmtree(self._directory, ignore_errors=True)
@@ -91,18 +94,22 @@ class SshForward:
     def _start(self, within_s: float) -> ChildProcess:
         self.close()
         self._directory = tempfile.mkdtemp(prefix="strands-ssh-")
-        told = {
+        settings = {
             "parent": os.getpid(),
             "errors": self._errors,
             "command": command(
-                self._program, self._host, self._port, within_s, [(self._local(one), one) for one in self._remote]
+                self._program,
+                self._host,
+                self._port,
+                within_s,
+                [(self._local(path), path) for path in self._remote],
             ),
         }
         try:
-            self._child = start(_ENTRY, told, label=f"ssh {self._host}")
+            self._child = start(_ENTRY, settings, label=f"ssh {self._host}")
         except OSError as error:
             RESERVE.lacked(error)
-            raise WireDown(f"ssh {self._host}: no process for it ({error.strerror})") from None
+            raise WireDown(f"ssh {self._host}: ssh could not be started ({error.strerror})") from None
         return self._child
 
     def _local(self, remote: str) -> str:
@@ -112,7 +119,7 @@ class SshForward:
     def _errors(self) -> str:
         return os.path.join(self._directory, "errors")
 
-    def _said(self) -> str:
+    def _last_error_line(self) -> str:
         try:
             with open(self._errors, "rb") as file:
                 lines = file.read(4096).decode("utf-8", "replace").split("\n")
@@ -122,7 +129,7 @@ class SshForward:
 
 
 def command(program: str, host: str, port: int, within_s: float, forwards: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the command line of ssh. Each of ``forwards`` is a path here and a path on the host."""
+    """Return the command line of ssh. Each entry of ``forwards`` is a local path and a path on the host."""
     options = [
         "BatchMode=yes",
         "ExitOnForwardFailure=yes",
@@ -139,18 +146,19 @@ def command(program: str, host: str, port: int, within_s: float, forwards: Seque
         "-T",
         *(word for option in options for word in ("-o", option)),
         *(("-p", str(port)) if port else ()),
-        *(word for here, there in forwards for word in ("-L", f"{here}:{there}")),
+        *(word for local, remote in forwards for word in ("-L", f"{local}:{remote}")),
         "--",
         host,
     ]
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Become ssh, in the child, and end with the parent."""
+    """Run in the child process: replace it by ssh, and let it end together with its parent process."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DEATH_SIGNAL, int(signal.SIGKILL))
         if os.getppid() != args["parent"]:
-            os._exit(1)  # The parent ended before the death signal was set.
+            # The parent ended before the system was asked to kill this child together with it.
+            os._exit(1)
     errors = os.open(args["errors"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
     os.dup2(errors, 2)
     os.dup2(errors, 1)

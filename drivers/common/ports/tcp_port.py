@@ -1,10 +1,10 @@
-"""A TCP connection as bytes. A write is complete or fails; a read waits under trio.
+"""A TCP connection that reads and writes bytes. A write is complete or raises; a read waits under trio.
 
-The connection is closed with a reset, which throws away data that the peer has not taken yet. The system
-does the same when the process is killed. After an orderly close the data would be delivered for minutes:
-a setpoint would reach a robot after its cable was plugged in again. The system also gives a connection up when
-its peer has taken nothing for ``UNTAKEN_S``. If another process has a duplicate of the socket, the death
-of one process does not close it (``tcp_stall``).
+The connection is closed with a reset, which drops all data that the peer has not acknowledged. The system does the
+same when the process is killed. After an orderly close, the system would try for minutes to deliver the data. A
+setpoint could then reach a robot when its cable is plugged in again. The system also resets the connection if the
+peer has acknowledged nothing for ``UNTAKEN_S``. If another process has a duplicate of the socket, the end of one
+process does not close it (see ``tcp_stall``).
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ READ_SIZE = 4096
 
 
 class ByteStream(Protocol):
-    """The connection that a protocol needs. Every call raises ``WireDown`` once the connection is gone."""
+    """The methods of a connection that a protocol needs. Every call raises ``WireDown`` once the connection is
+    lost."""
 
     def write(self, data: bytes) -> None:
-        """Hand over all of ``data`` at once, or raise. Nothing is kept for later, since that frame would
-        leave late."""
+        """Send all of ``data`` now, or raise. No part of it is sent later, because a late frame may do harm."""
         ...
 
     async def read(self) -> bytes:
-        """Return at least one byte, as soon as there is one."""
+        """Wait until at least one byte has arrived, and return the received bytes."""
         ...
 
     def close(self) -> None: ...
 
 
 class OrderlyStream(ByteStream, Protocol):
-    """A ``ByteStream`` on which a stop may be the last write."""
+    """A ``ByteStream`` that can be closed after a stop, so that the stop still arrives."""
 
     def close_in_order(self) -> None:
-        """As ``close``, but written data is still delivered."""
+        """Close the connection, but let the written data still arrive."""
         ...
 
 
 class TcpPort:
-    """A ``ByteStream`` over a connected socket. It owns the socket."""
+    """A ``ByteStream`` on a connected socket. It owns the socket."""
 
     def __init__(self, sock: socket.socket, name: str) -> None:
         self._sock = sock
@@ -69,20 +69,20 @@ class TcpPort:
         except BlockingIOError:
             written = 0
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
         if written != len(data):
             raise WireDown(
-                f"{self.name}: output is blocked ({written} of {len(data)} bytes left). "
+                f"{self.name}: output is blocked (sent {written} of {len(data)} bytes). "
                 "Check that the robot is alive, then reconnect"
             )
 
     async def read(self) -> bytes:
         while True:
             try:
-                # Wait first, so that a peer that sends without a pause does not starve other tasks.
+                # Wait first, so that other tasks run even if the peer sends without a pause.
                 await trio.lowlevel.wait_readable(self._sock)
             except (OSError, ValueError) as error:
-                raise self._gone(error) from None
+                raise self._wire_down(error) from None
             data = self.read_waiting()
             if data is not None:
                 return data
@@ -91,27 +91,27 @@ class TcpPort:
         """Return bytes that have arrived; None if there are no bytes. Never waits.
 
         Raises:
-            WireDown: The connection is gone.
+            WireDown: The connection is lost.
         """
         try:
             data = self._sock.recv(READ_SIZE)
         except BlockingIOError:
             return None
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
         if not data:
-            raise self._gone(None)
+            raise self._wire_down(None)
         return data
 
     def fileno(self) -> int:
-        """Return the descriptor, to pass to another process. While that process has it open, ``close``
-        does not end the connection."""
+        """Return the descriptor, to pass to another process. As long as that process has it open, ``close`` does
+        not end the connection."""
         return self._sock.fileno()
 
     def reset_if_stalled(self) -> bool:
-        """Reset the connection if its data does not get through, so that nothing is delivered later.
+        """Reset the connection if the peer does not acknowledge its data, so that this data is not delivered later.
 
-        The reset acts for every process that has the connection open. Call it before a stop on another
+        The reset acts for every process that has the connection open. Call it before a stop is sent on another
         connection.
 
         Returns:
@@ -119,71 +119,73 @@ class TcpPort:
         """
         if self._sock.fileno() < 0 or not tcp_stall.is_stalled(self._sock):
             return False
-        with contextlib.suppress(OSError):  # The connection is gone already.
+        # The reset fails only if the connection has already ended.
+        with contextlib.suppress(OSError):
             tcp_stall.reset(self._sock)
         return True
 
     @property
     def own_host(self) -> str:
-        """Our address on the route to the peer. Raises ``WireDown``."""
+        """This computer's address on the route to the peer. Raises ``WireDown``."""
         try:
             return str(self._sock.getsockname()[0])
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     @property
     def peer_host(self) -> str:
-        """The peer's numeric address. Raises ``WireDown``."""
+        """The peer's numeric IP address. Raises ``WireDown``."""
         try:
             return str(self._sock.getpeername()[0])
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     def close(self) -> None:
         self._sock.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but data that the peer has not taken yet is still delivered. Meant for a stop."""
+        """Close the connection, but let data that the peer has not acknowledged yet still arrive. Use it after a
+        stop."""
         if self._sock.fileno() >= 0:
             self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 0, 0))
             _give_up_after(self._sock, 0.0)
         self._sock.close()
 
-    def _gone(self, error: Exception | None) -> WireDown:
+    def _wire_down(self, error: Exception | None) -> WireDown:
         if self._sock.fileno() < 0:
             return WireDown(f"{self.name}: the connection is closed. Reconnect")
-        why = _words(error) if error else "the robot closed it"
-        return WireDown(f"{self.name}: the connection is gone ({why}). Check cable and power, then reconnect")
+        reason = _words(error) if error else "the robot closed it"
+        return WireDown(f"{self.name}: the connection is gone ({reason}). Check cable and power, then reconnect")
 
 
 class NobodyListens(WireDown):
-    """The host refuses the connection, because no program has that port open."""
+    """The host refuses the connection, because no program listens at this port."""
 
 
 async def open_tcp(host: str, port: int) -> TcpPort:
-    """Connect to the first of the host's addresses that accepts.
+    """Connect to a host. If it has several addresses, use the first that accepts.
 
     Raises:
-        WireDown: It failed within ``CONNECT_S``.
+        WireDown: The connect failed, or took longer than ``CONNECT_S``.
         NobodyListens: The last address refused the connection.
     """
     name = f"{host}:{port}"
-    kind_of_end: type[WireDown] = WireDown
-    why = f"no answer within {CONNECT_S:g} s"
+    error_type: type[WireDown] = WireDown
+    reason = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):
         try:
-            found = await look_up(host, port)
+            addresses = await look_up(host, port)
         except (OSError, UnicodeError) as error:
             RESERVE.lacked(error)
-            found, why = [], _words(error)
-        for family, kind, protocol, _, address in found:
+            addresses, reason = [], _words(error)
+        for family, socket_type, protocol, _, address in addresses:
             try:
-                return TcpPort(await _connect(socket.socket(family, kind, protocol), address), name)
+                return TcpPort(await _connect(socket.socket(family, socket_type, protocol), address), name)
             except OSError as error:
                 RESERVE.lacked(error)
-                why = _words(error)
-                kind_of_end = NobodyListens if isinstance(error, ConnectionRefusedError) else WireDown
-    raise kind_of_end(f"{name}: cannot connect ({why}). Check port=, cable and power")
+                reason = _words(error)
+                error_type = NobodyListens if isinstance(error, ConnectionRefusedError) else WireDown
+    raise error_type(f"{name}: cannot connect ({reason}). Check port=, cable and power")
 
 
 async def _connect(sock: socket.socket, address: object) -> socket.socket:
@@ -204,8 +206,8 @@ async def _connect(sock: socket.socket, address: object) -> socket.socket:
 
 
 def _give_up_after(sock: socket.socket, seconds: float) -> None:
-    """Make the system end a connection whose peer takes nothing for so long. With 0 the system's own
-    timeout of minutes applies. Only Linux can do it."""
+    """Let the system end the connection if the peer acknowledges nothing for this time. With 0 the system's default
+    of minutes applies. Only Linux supports it."""
     option = getattr(socket, "TCP_USER_TIMEOUT", None)
     if option is not None and sock.family != socket.AF_UNIX:
         sock.setsockopt(socket.IPPROTO_TCP, option, round(seconds * 1e3))

@@ -1,10 +1,10 @@
-"""Reset a connection that another process still has open after its writer has died.
+"""Reset a connection that another process still has open after the writing process has ended.
 
-When a process is killed, the system closes its socket with a reset and throws away all data that has
-not left. This fails if a stop channel has a duplicate of the descriptor: the connection lives on, and the
-kernel repeats the dead process's data for minutes. It could arrive after a stop on another connection. So
-the process that stops the robot resets a connection that does not get rid of its data. Only Linux can
-report this state, and do the reset.
+When a process is killed, the system usually resets its sockets and drops all data that was not sent. This does not
+happen if the process that stops the robot has a duplicate of the descriptor. The connection then stays open, and
+the kernel repeats the dead process's data for minutes. This data could arrive after a stop on another connection.
+So the stopping process resets a connection whose data is not acknowledged. Only Linux can report this state, and do
+the reset.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ _ADDRESS_OF_NOBODY = struct.pack("H14x", socket.AF_UNSPEC)
 
 
 def is_stalled(sock: socket.socket) -> bool:
-    """Return True if written bytes of a connected socket wait to be sent, or are not acknowledged in
-    time."""
+    """Return True if data written to a connected socket was not sent yet, or was not acknowledged in time."""
     if sys.platform != "linux" or sock.family == socket.AF_UNIX:
         return False
     try:
@@ -40,7 +39,8 @@ def is_stalled(sock: socket.socket) -> bool:
         if _count(sock, _SIOCOUTQNSD):
             return True
         info = _INFO.unpack(sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _INFO.size))
-    except OSError:  # The socket is closed.
+    # This fails only if the socket is closed, so no data waits in it.
+    except OSError:
         return False
     if info[_RETRANSMITS] or info[_PROBES]:
         return True
@@ -49,13 +49,13 @@ def is_stalled(sock: socket.socket) -> bool:
 
 
 def reset(sock: socket.socket) -> None:
-    """Reset a connection for every process that has it open, and throw away all data that has not left.
+    """Reset a connection for every process that has it open, and drop all data that was not sent.
 
-    It calls ``connect`` with an address of family AF_UNSPEC. ``close`` has no effect while a duplicate
-    is open. Source: connect(2), on dissolving an association.
+    ``close`` has no effect while another process has a duplicate. So this function calls ``connect`` with an
+    address of family AF_UNSPEC. Source: connect(2), on dissolving an association.
 
     Raises:
-        OSError: It failed.
+        OSError: The reset failed.
     """
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.connect(sock.fileno(), _ADDRESS_OF_NOBODY, len(_ADDRESS_OF_NOBODY)):

@@ -1,6 +1,4 @@
-"""TLS over a byte stream, for either end: records in, plain bytes out. Writes behave as on the stream
-below: all at once, or not at all.
-"""
+"""TLS over a TCP connection, as client or as server. As on plain TCP, a write is complete or raises."""
 
 from __future__ import annotations
 
@@ -19,25 +17,25 @@ MOST_SILENT_READS = 16
 
 
 class TlsRecords:
-    """One end of a connection. Pure: no socket, no clock."""
+    """Encrypt and decrypt the data of one TLS connection, as client or as server. Pure: no socket, no clock."""
 
     def __init__(self, context: ssl.SSLContext, server_hostname: str | None = None) -> None:
-        """Make one end.
+        """Prepare the client or the server side.
 
         Args:
-            context: The settings of TLS.
-            server_hostname: The name that the peer must prove. None makes the server's end.
+            context: The TLS settings.
+            server_hostname: The name that the server's certificate must prove. None makes the server side.
         """
-        self._heard, self._said = ssl.MemoryBIO(), ssl.MemoryBIO()
+        self._incoming, self._outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
         self._tls = context.wrap_bio(
-            self._heard, self._said, server_side=server_hostname is None, server_hostname=server_hostname
+            self._incoming, self._outgoing, server_side=server_hostname is None, server_hostname=server_hostname
         )
         self.is_up = False
         """True once the handshake is complete."""
 
-    def hear(self, data: bytes) -> bytes:
-        """Take in records and return their content. Raise ``ssl.SSLError``."""
-        self._heard.write(data)
+    def decrypt(self, data: bytes) -> bytes:
+        """Decrypt received TLS records, and return their content. Raise ``ssl.SSLError``."""
+        self._incoming.write(data)
         content = b""
         try:
             if not self.is_up:
@@ -49,29 +47,29 @@ class TlsRecords:
             pass
         return content
 
-    def say(self, data: bytes) -> None:
-        """Put bytes into records, which ``outgoing`` returns. Raise ``ssl.SSLError``."""
+    def encrypt(self, data: bytes) -> None:
+        """Encrypt bytes. ``outgoing`` returns the resulting TLS records. Raise ``ssl.SSLError``."""
         self._tls.write(data)
 
     def outgoing(self) -> bytes:
-        """Return the records to send now."""
-        return self._said.read()
+        """Return the TLS records that must be sent now."""
+        return self._outgoing.read()
 
 
 class TlsPort:
-    """A ``ByteStream`` over another. ``open_tls`` makes it."""
+    """A ``ByteStream`` with TLS over a TCP connection. ``open_tls`` makes it."""
 
     def __init__(self, port: TcpPort, records: TlsRecords) -> None:
         self._port = port
         self._records = records
-        self._told = b""
+        self._decrypted = b""
         self.name = port.name
 
     async def shake_hands(self) -> None:
-        """Do the handshake.
+        """Do the TLS handshake.
 
         Raises:
-            WireDown: The peer cannot prove its name, or speaks no TLS.
+            WireDown: The peer cannot prove its name, or does not support TLS.
         """
         self._hear(b"")
         while not self._records.is_up:
@@ -79,13 +77,13 @@ class TlsPort:
 
     def write(self, data: bytes) -> None:
         try:
-            self._records.say(data)
+            self._records.encrypt(data)
         except ssl.SSLError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
         self._flush()
 
     async def read(self) -> bytes:
-        while not self._told:
+        while not self._decrypted:
             self._hear(await self._port.read())
         return self._take()
 
@@ -93,10 +91,10 @@ class TlsPort:
         """Return bytes that have arrived; None if there are no bytes. Never waits.
 
         Raises:
-            WireDown: The connection is gone.
+            WireDown: The connection is lost.
         """
         for _ in range(MOST_SILENT_READS):
-            if self._told or (data := self._port.read_waiting()) is None:
+            if self._decrypted or (data := self._port.read_waiting()) is None:
                 break
             self._hear(data)
         return self._take() or None
@@ -105,18 +103,18 @@ class TlsPort:
         self._port.close()
 
     def close_in_order(self) -> None:
-        """As ``close``, but written data is still delivered."""
+        """Close the connection, but let the written data still arrive."""
         self._port.close_in_order()
 
     def _take(self) -> bytes:
-        data, self._told = self._told, b""
+        data, self._decrypted = self._decrypted, b""
         return data
 
     def _hear(self, data: bytes) -> None:
         try:
-            self._told += self._records.hear(data)
+            self._decrypted += self._records.decrypt(data)
         except ssl.SSLError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
         self._flush()
 
     def _flush(self) -> None:
@@ -124,18 +122,18 @@ class TlsPort:
         if data:
             self._port.write(data)
 
-    def _gone(self, error: ssl.SSLError) -> WireDown:
+    def _wire_down(self, error: ssl.SSLError) -> WireDown:
         if isinstance(error, ssl.SSLCertVerificationError):
-            why = f"its certificate is not accepted ({error.verify_message})"
+            reason = f"its certificate is not accepted ({error.verify_message})"
         else:
-            why = f"TLS failed ({error.reason or error})"
-        return WireDown(f"{self.name}: {why}. Check that this is the robot, and that nobody is in between")
+            reason = f"TLS failed ({error.reason or error})"
+        return WireDown(f"{self.name}: {reason}. Check that this is the robot, and that no proxy is in between")
 
 
 async def open_tls(
     host: str, port: int, context: ssl.SSLContext, server_hostname: str, *, within_s: float
 ) -> TlsPort:
-    """Connect and verify the peer within ``within_s``.
+    """Connect, and verify the peer's certificate, within ``within_s``.
 
     Raises:
         WireDown: It failed, or took longer.
@@ -152,4 +150,4 @@ async def open_tls(
     finally:
         if below is not None and not done:
             below.close()
-    raise WireDown(f"{host}:{port}: no TLS within {within_s * 1e3:.0f} ms. Check port=, and the robot")
+    raise WireDown(f"{host}:{port}: no TLS handshake within {within_s * 1e3:.0f} ms. Check port=, and the robot")

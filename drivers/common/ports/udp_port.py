@@ -1,10 +1,10 @@
-"""A UDP socket as datagrams. A write leaves or fails; a read waits under trio.
+"""A UDP socket that reads and writes datagrams. A write is sent or raises; a read waits under trio.
 
-``UdpPort`` talks to a known peer, ``UdpListener`` to a peer that speaks first.
+``UdpPort`` sends to a known peer, ``UdpListener`` waits for a peer that sends first.
 
-A connected socket receives datagrams of its peer only; the kernel drops all others. If no program
-listens at the peer's port, the next call fails with ``ECONNREFUSED``. That shows a robot that was switched
-off sooner than its silence does.
+A connected socket receives datagrams of its peer only; the kernel drops all others. If no program listens at the
+peer's port, the next call fails with ``ECONNREFUSED``. So a program that has ended on the robot is noticed before a
+timeout.
 """
 
 from __future__ import annotations
@@ -24,14 +24,15 @@ MOST_STRANGERS = 64
 
 
 class DatagramPort(Protocol):
-    """The socket that a protocol needs. Every call raises ``WireDown`` once the socket cannot be used."""
+    """The methods of a UDP socket that a protocol needs. Every call raises ``WireDown`` if the socket cannot be
+    used."""
 
     def write(self, data: bytes) -> None:
         """Send one datagram now, or raise."""
         ...
 
     async def read(self) -> bytes:
-        """Return the next datagram."""
+        """Wait for the next datagram, and return it."""
         ...
 
     def read_waiting(self) -> bytes | None:
@@ -44,7 +45,7 @@ class DatagramPort(Protocol):
 
 
 class UdpPort:
-    """A ``DatagramPort`` over a connected socket. It owns the socket."""
+    """A ``DatagramPort`` on a socket that is connected to one peer. It owns the socket."""
 
     def __init__(self, sock: socket.socket, name: str) -> None:
         sock.setblocking(False)
@@ -57,10 +58,11 @@ class UdpPort:
         except BlockingIOError:
             raise WireDown(f"{self.name}: output is blocked. Check the network, then reconnect") from None
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     async def read(self) -> bytes:
-        await trio.lowlevel.checkpoint()  # A flood of datagrams must not starve other tasks.
+        # Let other tasks run, even if datagrams arrive without a pause.
+        await trio.lowlevel.checkpoint()
         while True:
             data = self.read_waiting()
             if data is not None:
@@ -68,7 +70,7 @@ class UdpPort:
             try:
                 await trio.lowlevel.wait_readable(self._sock)
             except (OSError, ValueError, trio.ClosedResourceError) as error:
-                raise self._gone(error) from None
+                raise self._wire_down(error) from None
 
     def read_waiting(self) -> bytes | None:
         try:
@@ -76,7 +78,7 @@ class UdpPort:
         except BlockingIOError:
             return None
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     def fileno(self) -> int:
         return self._sock.fileno()
@@ -84,29 +86,31 @@ class UdpPort:
     def close(self) -> None:
         self._sock.close()
 
-    def _gone(self, error: Exception) -> WireDown:
+    def _wire_down(self, error: Exception) -> WireDown:
         if self._sock.fileno() < 0:
             return WireDown(f"{self.name}: the socket is closed. Reconnect")
-        why = str(error.args[-1]) if error.args else type(error).__name__
-        return WireDown(f"{self.name}: not reachable ({why}). Check its address, cable and power, then reconnect")
+        reason = str(error.args[-1]) if error.args else type(error).__name__
+        return WireDown(
+            f"{self.name}: not reachable ({reason}). Check its address, cable and power, then reconnect"
+        )
 
 
 def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> UdpPort:
-    """Open a socket that talks to ``host:port`` only. Nothing is sent.
+    """Open a socket that exchanges datagrams with ``host:port`` only. Nothing is sent yet.
 
     Args:
         host: Name or address of the peer.
-        port: Its port.
-        from_host: Our own address. The default is any.
-        from_port: Our own port. The default is any.
+        port: The peer's port.
+        from_host: The local address. The default is any.
+        from_port: The local port. The default is any.
 
     Raises:
         WireDown: There is no such address, or the socket cannot be opened.
     """
     name = f"{host}:{port}"
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        sock = socket.socket(family, kind, protocol)
+        family, socket_type, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        sock = socket.socket(family, socket_type, protocol)
     except (OSError, UnicodeError) as error:
         RESERVE.lacked(error)
         raise WireDown(f"{name}: no such address ({error}). Check port=") from None
@@ -117,17 +121,19 @@ def open_udp(host: str, port: int, from_host: str = "", from_port: int = 0) -> U
         return UdpPort(sock, name)
     except OSError as error:
         sock.close()
-        raise WireDown(f"{name}: cannot be opened ({error.strerror}). Check port=, and who else has it") from None
+        raise WireDown(
+            f"{name}: cannot be opened ({error.strerror}). Check port=, and which program uses it"
+        ) from None
 
 
 class UdpListener:
-    """A ``DatagramPort`` whose peer speaks first. It owns its socket.
+    """A ``DatagramPort`` whose peer sends first. It owns its socket.
 
-    The socket is not connected, so it can be kept when the peer is lost and awaited again.
+    The socket is not connected to the peer. So after the peer is lost, the same socket can wait for it again.
 
     Args:
         sock: A bound socket.
-        host: The peer's numeric address. Empty accepts any sender.
+        host: The peer's numeric address. An empty text accepts any sender.
     """
 
     def __init__(self, sock: socket.socket, host: str = "") -> None:
@@ -138,13 +144,13 @@ class UdpListener:
 
     @property
     def name(self) -> str:
-        """The address of the peer; before there is one, our own."""
+        """The address of the peer; the local address as long as no peer is known."""
         host, port = self._peer or self._sock.getsockname()
         return f"{host}:{port}"
 
     async def meet(self, is_peer: Callable[[bytes], bool]) -> None:
-        """Wait for a peer, and receive only its datagrams from then on. Until then ``write`` sends to the
-        previous peer.
+        """Wait for a peer. From then on only its datagrams are received; until then ``write`` sends to the previous
+        peer.
 
         Args:
             is_peer: Return True if a datagram comes from a valid peer.
@@ -163,16 +169,17 @@ class UdpListener:
 
     def write(self, data: bytes) -> None:
         if self._peer is None:
-            raise WireDown(f"{self.name}: nobody has spoken yet")
+            raise WireDown(f"{self.name}: no datagram has arrived yet, so the robot's address is unknown")
         try:
             self._sock.sendto(data, self._peer)
         except BlockingIOError:
             raise WireDown(f"{self.name}: output is blocked. Check the network, then reconnect") from None
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     async def read(self) -> bytes:
-        await trio.lowlevel.checkpoint()  # A flood of datagrams must not starve other tasks.
+        # Let other tasks run, even if datagrams arrive without a pause.
+        await trio.lowlevel.checkpoint()
         while (data := self.read_waiting()) is None:
             await self._wait()
         return data
@@ -196,38 +203,38 @@ class UdpListener:
         except BlockingIOError:
             return None
         except OSError as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
     async def _wait(self) -> None:
         try:
             await trio.lowlevel.wait_readable(self._sock)
         except (OSError, ValueError, trio.ClosedResourceError) as error:
-            raise self._gone(error) from None
+            raise self._wire_down(error) from None
 
-    def _gone(self, error: Exception) -> WireDown:
+    def _wire_down(self, error: Exception) -> WireDown:
         if self._sock.fileno() < 0:
             return WireDown("the UDP socket is closed. Reconnect")
         return WireDown(f"{self.name}: the UDP port cannot be used ({error.args[-1]}). Check the network")
 
 
 async def listen_udp(port: int, host: str = "") -> UdpListener:
-    """Bind a socket for a peer that speaks first. Nothing is sent.
+    """Bind a socket for a peer that sends first. Nothing is sent.
 
     Args:
-        port: Our port.
-        host: The only accepted sender; the socket is bound to our address on the route to it. Empty
-            accepts any sender, at all our addresses.
+        port: The local port.
+        host: The only accepted sender. The socket is bound to the local address on the route to it. An empty text
+            accepts any sender, on all local addresses.
 
     Raises:
         WireDown: The socket cannot be opened, or there is no such host.
     """
-    peer = here = ""
+    peer = own_host = ""
     try:
         if host:
-            found = await trio.socket.getaddrinfo(host, 1, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+            addresses = await trio.socket.getaddrinfo(host, 1, family=socket.AF_INET, type=socket.SOCK_DGRAM)
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-                probe.connect(found[0][4])
-                peer, here = str(probe.getpeername()[0]), str(probe.getsockname()[0])
+                probe.connect(addresses[0][4])
+                peer, own_host = str(probe.getpeername()[0]), str(probe.getsockname()[0])
     except (OSError, UnicodeError) as error:
         RESERVE.lacked(error)
         raise WireDown(f"{host}: no such address ({error}). Check port=") from None
@@ -237,8 +244,8 @@ async def listen_udp(port: int, host: str = "") -> UdpListener:
         RESERVE.lacked(error)
         raise WireDown(f"UDP port {port} cannot be opened ({error.strerror}). Close other programs") from None
     try:
-        sock.bind((here, port))
+        sock.bind((own_host, port))
     except OSError as error:
         sock.close()
-        raise WireDown(f"UDP port {port} cannot be opened ({error.strerror}). Check who else has it") from None
+        raise WireDown(f"UDP port {port} cannot be opened ({error.strerror}). Another program may use it") from None
     return UdpListener(sock, peer)

@@ -1,7 +1,7 @@
-"""A unix socket as bytes: ``tcp_port.ByteStream`` to a path.
+"""Connect to a unix socket: a ``tcp_port.ByteStream`` at a path.
 
-Data that was written before a close is still delivered, because the peer's system has already taken it.
-So a frozen peer carries out a waiting command when it continues, even if the sender has ended.
+Data that was written before a close still arrives, because the peer's system has already received it. So a frozen
+peer carries out a waiting command when it continues, even if the sender has ended.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ LONGEST_PATH = 100
 
 
 async def open_unix(path: str) -> TcpPort:
-    """Connect within ``CONNECT_S``.
+    """Connect to the unix socket at ``path``, within ``CONNECT_S``.
 
     Raises:
-        WireDown: It failed.
+        WireDown: The connect failed.
     """
     if len(path.encode()) > LONGEST_PATH:
         raise WireDown(f"{path}: a unix socket's path has {LONGEST_PATH} bytes at most. Choose a shorter one")
-    why = f"no answer within {CONNECT_S:g} s"
+    reason = f"no answer within {CONNECT_S:g} s"
     with trio.move_on_after(CONNECT_S):
         try:
             with trio.socket.socket(trio.socket.AF_UNIX, trio.socket.SOCK_STREAM) as sock:
                 await sock.connect(path)
-                plain = socket.socket(fileno=sock.detach())  # Closing ``sock`` does not close it now.
+                # ``sock`` no longer owns the descriptor, so the end of the block does not close the connection.
+                plain = socket.socket(fileno=sock.detach())
             plain.setblocking(False)
             return TcpPort(plain, path)
         except OSError as error:
             RESERVE.lacked(error)
-            why = (error.strerror or type(error).__name__).lower()
-    raise WireDown(f"{path}: cannot connect ({why}). Check that the service runs, and port=")
+            reason = (error.strerror or type(error).__name__).lower()
+    raise WireDown(f"{path}: cannot connect ({reason}). Check that the service runs, and port=")

@@ -1,9 +1,9 @@
-"""A video stream over WebRTC as the pictures of a camera. The sender is GStreamer's ``webrtcsink`` with its
+"""Receive the pictures of a camera as a WebRTC video stream. The sender is GStreamer's ``webrtcsink`` with its
 signalling server.
 
-aiortc needs an asyncio loop, which runs in a thread. This module is used in a camera's process, which does
-nothing else and may be killed. No server on the Internet is asked, since both ends are on one network.
-Sound and data channels are not used.
+aiortc needs an asyncio loop, which runs in a thread here. A separate process for the camera uses this module; it
+may be killed at any time. No server on the Internet is contacted, since both ends are in one network. Sound and
+data channels are not used.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ DRIFT = 2e-4
 
 
 class WebRtcVideo:
-    """A video stream. It belongs to one trio loop.
+    """A WebRTC video stream. All its methods must be called from one trio loop.
 
     Args:
         url: The address of the signalling server.
-        producer: The name of the sender of the video.
+        producer: The name of the video's sender.
     """
 
     paced = True
@@ -59,7 +59,7 @@ class WebRtcVideo:
         self._url = url
         self._producer = producer
         self._newest: Picture | None = None
-        self._why = ""
+        self._end_reason = ""
         self._news = trio.Event()
         self._token = trio.lowlevel.current_trio_token()
         self._runner = asyncio.Runner()
@@ -68,7 +68,7 @@ class WebRtcVideo:
         self._thread = threading.Thread(target=self._run, name="webrtc", daemon=True)
 
     async def open(self) -> None:
-        """Return when there is a picture. Raise ``WireDown`` if it does not come in time."""
+        """Wait for the first picture. Raise ``WireDown`` if it does not come in time."""
         self._thread.start()
         try:
             await self._until_news(BEGIN_S)
@@ -88,47 +88,50 @@ class WebRtcVideo:
         assert picture is not None
         late_s = time.monotonic() - picture.captured_ns / NS
         if late_s > LATE_S:
-            raise WireDown(f"{self._url}: its pictures come {late_s:.1f} s late")
+            raise WireDown(f"{self._url}: its pictures arrive {late_s:.1f} s late")
         return picture
 
     async def _until_news(self, within_s: float) -> None:
         with trio.move_on_after(within_s):
-            while self._newest is None and not self._why:
+            while self._newest is None and not self._end_reason:
                 await self._news.wait()
         if self._newest is None:
-            raise WireDown(self._why or f"{self._url}: no picture of {self._producer} within {within_s:g} s")
+            raise WireDown(self._end_reason or f"{self._url}: no picture of {self._producer} within {within_s:g} s")
 
     async def aclose(self) -> None:
-        """End the session if that takes no longer than ``CLOSE_S``. The thread ends in any case."""
-        with contextlib.suppress(RuntimeError):  # The loop has ended by itself.
+        """End the session with the sender, but wait at most ``CLOSE_S`` for it. The thread ends in any case."""
+        # This fails if the asyncio loop has ended already.
+        with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._closed.set)
         with trio.move_on_after(CLOSE_S):
             await trio.to_thread.run_sync(self._thread.join, abandon_on_cancel=True)
 
-    def _tell(self, picture: Picture | None, why: str) -> None:
-        """Hand over news, in trio's thread."""
-        self._newest, self._why = picture or self._newest, why
+    def _tell(self, picture: Picture | None, reason: str) -> None:
+        """Store a new picture, or the reason why the stream has ended. Runs in trio's thread."""
+        self._newest, self._end_reason = picture or self._newest, reason
         self._news.set()
         self._news = trio.Event()
 
-    # -- in the thread
+    # -- runs in the asyncio thread
 
     def _run(self) -> None:
-        why = "the stream was closed"
+        reason = "the stream was closed"
         try:
             with self._runner:
                 self._runner.run(self._watch())
         except (WireDown, MalformedFrame) as failure:
-            why = f"{self._url}: {failure}"
+            reason = f"{self._url}: {failure}"
         except TimeoutError:
-            why = f"{self._url}: no answer within {CONNECT_S:g} s"
-        except Exception as failure:  # an error of aiortc, or caused by data of the peer
-            why = f"{self._url}: {failure or type(failure).__name__}"
-        self._put(None, why)
+            reason = f"{self._url}: no answer within {CONNECT_S:g} s"
+        # aiortc raises many types of exceptions, also for data of the peer.
+        except Exception as failure:
+            reason = f"{self._url}: {failure or type(failure).__name__}"
+        self._put(None, reason)
 
-    def _put(self, picture: Picture | None, why: str = "") -> None:
-        with contextlib.suppress(trio.RunFinishedError):  # The receiver has ended.
-            self._token.run_sync_soon(self._tell, picture, why)
+    def _put(self, picture: Picture | None, reason: str = "") -> None:
+        # This fails if the trio loop that receives the pictures has ended.
+        with contextlib.suppress(trio.RunFinishedError):
+            self._token.run_sync_soon(self._tell, picture, reason)
 
     async def _watch(self) -> None:
         from aiortc import RTCConfiguration, RTCPeerConnection
@@ -149,7 +152,8 @@ class WebRtcVideo:
             if session.over in done and talk not in done:
                 raise WireDown(session.over.result())
             with contextlib.suppress(asyncio.CancelledError):
-                await talk  # raises the reason of its end
+                # If the session's task has failed, awaiting it raises the reason.
+                await talk
         finally:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(CLOSE_S):
@@ -157,7 +161,7 @@ class WebRtcVideo:
 
 
 class _ProducerSession:
-    """The session with one producer: its signalling, and its video."""
+    """The WebRTC session with one sender of video: its signalling messages, and its video."""
 
     def __init__(self, connection: RTCPeerConnection, ws: ClientConnection, put: Callable[[Picture], None]) -> None:
         self._connection = connection
@@ -173,21 +177,22 @@ class _ProducerSession:
         connection.on("connectionstatechange", self._on_state)
 
     async def talk(self, producer: str) -> None:
-        """Keep up the session. Never returns. Raise ``WireDown`` if the producer is missing or ends."""
+        """Handle the signalling messages of the session. Never returns. Raise ``WireDown`` if the sender is missing
+        or ends the session."""
         from websockets.exceptions import ConnectionClosed
 
         try:
             await self._ws.send(w.LIST)
             listing = await self._hear("list")
-            found = {each.name: each.id for each in listing.producers}
-            if producer not in found:
-                raise WireDown(f"no {producer} streams there: there are {', '.join(found) or 'none'}")
-            await self._ws.send(w.start_session(found[producer]))
+            producer_ids = {each.name: each.id for each in listing.producers}
+            if producer not in producer_ids:
+                raise WireDown(f"no video sender {producer!r} there. Senders: {', '.join(producer_ids) or 'none'}")
+            await self._ws.send(w.start_session(producer_ids[producer]))
             self._name = (await self._hear("sessionStarted")).session_id
             while True:
                 await self._take(await self._next())
         except ConnectionClosed as closed:
-            raise WireDown(f"the signalling server has gone: {closed}") from None
+            raise WireDown(f"the connection to the signalling server was lost: {closed}") from None
 
     async def leave(self) -> None:
         from websockets.exceptions import ConnectionClosed
@@ -198,54 +203,56 @@ class _ProducerSession:
             with contextlib.suppress(ConnectionClosed):
                 await self._ws.send(w.end_session(self._name))
 
-    async def _hear(self, kind: str) -> w.Told:
+    async def _hear(self, message_type: str) -> w.ServerMessage:
         async with asyncio.timeout(CONNECT_S):
             while True:
                 message = await self._next()
-                if message.type == kind:
+                if message.type == message_type:
                     return message
 
-    async def _next(self) -> w.Told:
+    async def _next(self) -> w.ServerMessage:
         message = w.decode_incoming(await self._ws.recv())
         if message.type == "error":
-            raise WireDown(f"the signalling server says: {message.details}")
+            raise WireDown(f"the signalling server reports an error: {message.details}")
         return message
 
-    async def _take(self, told: w.Told) -> None:
+    async def _take(self, message: w.ServerMessage) -> None:
         from aiortc import RTCSessionDescription
 
-        if told.session_id != self._name:
+        if message.session_id != self._name:
             return
-        if told.type == "endSession":
+        if message.type == "endSession":
             self._name = ""
             raise WireDown("the robot has ended the stream")
-        if told.sdp is not None and told.sdp.type == "offer":
-            await self._connection.setRemoteDescription(RTCSessionDescription(told.sdp.sdp, "offer"))
+        if message.sdp is not None and message.sdp.type == "offer":
+            await self._connection.setRemoteDescription(RTCSessionDescription(message.sdp.sdp, "offer"))
             self._offered = True
             for candidate in self._early:
                 await self._reach(candidate)
             for stream in self._connection.getTransceivers():
                 if stream.kind != "video":
-                    stream.direction = "inactive"  # Nothing would take its sound from the queue.
+                    # No task would read the sound of this stream, which would then fill its queue.
+                    stream.direction = "inactive"
             await self._connection.setLocalDescription(await self._connection.createAnswer())
             await self._ws.send(w.answer(self._name, self._connection.localDescription.sdp))
-        elif told.ice is not None:
+        elif message.ice is not None:
             if self._offered:
-                await self._reach(told.ice)
+                await self._reach(message.ice)
             else:
-                self._early.append(told.ice)
+                self._early.append(message.ice)
 
-    async def _reach(self, told: w.Candidate) -> None:
+    async def _reach(self, received: w.Candidate) -> None:
         from aiortc.sdp import candidate_from_sdp
 
-        if not told.candidate:
+        if not received.candidate:
             await self._connection.addIceCandidate(None)
             return
         try:
-            candidate = candidate_from_sdp(told.candidate.removeprefix("candidate:"))
+            candidate = candidate_from_sdp(received.candidate.removeprefix("candidate:"))
         except (ValueError, IndexError, AssertionError):
-            return  # aiortc does not know this kind of address. Others may work.
-        candidate.sdpMLineIndex = told.sdp_m_line_index
+            # aiortc does not support this kind of address. Another address may work.
+            return
+        candidate.sdpMLineIndex = received.sdp_m_line_index
         await self._connection.addIceCandidate(candidate)
 
     def _on_state(self) -> None:
@@ -266,38 +273,39 @@ class _ProducerSession:
             while True:
                 frame = await track.recv()
                 assert isinstance(frame, VideoFrame) and frame.pts is not None and frame.time_base is not None
-                taken_s = stamps.taken(float(frame.pts * frame.time_base), time.monotonic())
+                captured_s = stamps.captured_s(float(frame.pts * frame.time_base), time.monotonic())
                 image = numpy.asarray(frame.to_ndarray(format="rgb24"), numpy.uint8)
-                self._put(Picture(image, round(taken_s * NS)))
+                self._put(Picture(image, round(captured_s * NS)))
         except MediaStreamError:
             self._end("the robot sends no video any more")
-        except Exception as failure:  # an error of a decoder, or a picture of another shape
+        # The decoder may fail, or the picture may have an unexpected shape.
+        except Exception as failure:
             self._end(f"its video cannot be read: {failure or type(failure).__name__}")
 
-    def _end(self, why: str) -> None:
+    def _end(self, reason: str) -> None:
         if not self.over.done():
-            self.over.set_result(why)
+            self.over.set_result(reason)
 
 
 class Stamps:
-    """Compute when pictures were taken, by our clock, from the sender's stamps, which have another origin.
+    """Compute when pictures were taken, by our clock, from the time stamps of the sender's clock.
 
-    The picture with the shortest delay counts as one without delay. The others are older by their
-    additional delay. So a picture that has waited in a queue is not shown as new.
+    The offset between the clocks is taken from the picture with the shortest delay. The other pictures are older by
+    their additional delay. So a picture that has waited in a queue does not count as new.
     """
 
     def __init__(self) -> None:
         self._ahead_s = math.inf
         """Difference between our clock and the sender's."""
-        self._at_s = self._stamp_s = self._last_s = -math.inf
+        self._last_now_s = self._stamp_s = self._last_s = -math.inf
 
-    def taken(self, stamp_s: float, now_s: float) -> float:
-        """Return when a picture was taken, in seconds of our clock, later than any before. If stamps go
-        back, the estimate starts again."""
-        known_s = math.inf
+    def captured_s(self, stamp_s: float, now_s: float) -> float:
+        """Return when a picture was taken, in seconds of our clock. The result always increases. If the sender's
+        stamps go back, the offset between the clocks is estimated again."""
+        bound_s = math.inf
         if stamp_s > self._stamp_s > -math.inf:
-            known_s = self._ahead_s + DRIFT * (now_s - self._at_s)
-        self._stamp_s, self._at_s = stamp_s, now_s
-        self._ahead_s = min(now_s - stamp_s, known_s)
+            bound_s = self._ahead_s + DRIFT * (now_s - self._last_now_s)
+        self._stamp_s, self._last_now_s = stamp_s, now_s
+        self._ahead_s = min(now_s - stamp_s, bound_s)
         self._last_s = max(self._last_s + LEAST_S, stamp_s + self._ahead_s)
         return self._last_s

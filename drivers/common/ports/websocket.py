@@ -1,14 +1,14 @@
-"""A WebSocket client for a wire process or a stop channel: wsproto over ``tcp_port``, with a deadline on
+"""A WebSocket client for the processes that command or stop a robot: wsproto over ``tcp_port``, with a deadline on
 every wait.
 
-One object is one connection. ``send`` hands a message to the system at once or raises. No message waits to
-be sent, or is sent again on a later connection. Check a permit immediately before ``send``, which does not
-wait. A connection is closed with a reset, which throws away all data that has not arrived. The peer may still
-process data in its own buffer.
+One object is one connection. ``send`` hands a message to the operating system at once, or raises. No message is
+queued, or repeated on a later connection. Check the permission to send a command immediately before ``send``, which
+does not wait. The connection is closed with a reset, which drops all data that has not arrived. The peer may still
+process data that it has received.
 
-A stop needs no answer. ``begin_websocket`` sends it in one write with the upgrade. ``send_stop`` sends it at
-any moment, even before the upgrade is answered and after bytes that were no WebSocket. So a connection that
-cannot be decoded any more is kept until it is closed.
+A stop needs no answer. ``begin_websocket`` sends it together with the upgrade request. ``send_stop`` sends it at
+any moment: before the upgrade is answered, and even after malformed data was received. So a connection with
+malformed data is kept until it is closed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,16 @@ import trio
 from strands_actors.contract.wire import WireDown
 
 from ..codecs.malformed import MalformedFrame
-from ..codecs.websocket_messages import MAX_MESSAGE, Accepted, ClientEnd, Closed, Headers, Heard, Ponged, Rejected
+from ..codecs.websocket_messages import (
+    MAX_MESSAGE,
+    Accepted,
+    ClientEnd,
+    Closed,
+    Headers,
+    Ponged,
+    Received,
+    Rejected,
+)
 from .receive_budget import ReceiveBudget
 from .tcp_port import READ_SIZE, OrderlyStream, open_tcp
 
@@ -33,7 +42,8 @@ held up, is read."""
 
 
 class WebSocket:
-    """A connection with its upgrade sent. One task calls ``receive``; any task may call ``send``."""
+    """A WebSocket connection. The upgrade request was sent. One task calls ``receive``; any task may call
+    ``send``."""
 
     def __init__(self, name: str, stream: OrderlyStream, end: ClientEnd, target: str, until_s: float) -> None:
         """Wrap a stream. ``begin_websocket`` and ``open_websocket`` call this.
@@ -42,8 +52,8 @@ class WebSocket:
             name: The name of the peer for messages.
             stream: The connection.
             end: The codec.
-            target: The path of the upgrade.
-            until_s: Deadline of the answer to the upgrade, in trio's time.
+            target: The path of the upgrade request.
+            until_s: Deadline for the answer to the upgrade, in trio's time.
         """
         self.name = name
         self._stream = stream
@@ -51,30 +61,32 @@ class WebSocket:
         self._target = target
         self._until_s = until_s
         self._budget = ReceiveBudget(name, busy_turns=BUSY_TURNS)
-        self._heard: deque[Heard] = deque()  # of the last read; the next read waits until it is empty
+        self._received: deque[Received] = (
+            deque()
+        )  # messages of the last read; the next read waits until all were handled
         self._is_accepted = self._is_stopped = self._is_closed = False
-        self._is_behind = False  # the last read left more data waiting
+        self._is_behind = False  # True if more data waited after the last read
         self._pinged = self._ponged = 0
         self._news = trio.Event()
         self._reader: trio.CancelScope | None = None
-        self._why = ""  # why nothing is received any more
+        self._close_reason = ""  # why nothing more is received; empty while receiving
 
     @property
     def is_open(self) -> bool:
         """True if messages can be sent and received."""
-        return self._is_accepted and not self._why
+        return self._is_accepted and not self._close_reason
 
     @property
     def is_pending(self) -> bool:
-        """True if the upgrade may still be answered in time."""
-        return not self._is_accepted and not self._why and trio.current_time() < self._until_s
+        """True if the upgrade was not answered yet, and its deadline has not passed."""
+        return not self._is_accepted and not self._close_reason and trio.current_time() < self._until_s
 
     def send(self, message: str | bytes) -> None:
         """Send a text or binary message now.
 
         Raises:
-            WireDown: It did not leave whole. The connection is closed.
-            ValueError: It is too long.
+            WireDown: The message could not be sent completely. The connection is closed.
+            ValueError: The message is too long.
         """
         self._check_open()
         try:
@@ -84,15 +96,15 @@ class WebSocket:
         self._write(frame)
 
     def begin(self, *stop: str) -> None:
-        """Send the upgrade, together with the messages of a stop. Raises ``WireDown``."""
+        """Send the upgrade request, together with the messages of a stop. Raises ``WireDown``."""
         self._is_stopped = bool(stop)
         self._write(self._end.request + self._end.stop(stop))
 
     def send_stop(self, *messages: str) -> None:
-        """Send a stop now, with or without any answer of the service.
+        """Send a stop now, even if the service has not answered the upgrade.
 
         Raises:
-            WireDown: The connection is closed, or the stop did not leave whole.
+            WireDown: The connection is closed, or the stop could not be sent completely.
         """
         if self._is_closed:
             raise self._closed_error()
@@ -111,14 +123,15 @@ class WebSocket:
         return self._is_accepted
 
     async def receive(self) -> str | bytes:
-        """Return the next message, and answer pings meanwhile. No message is lost if it is cancelled.
+        """Wait for the next message, and return it. Pings are answered meanwhile. If the call is cancelled, no
+        message is lost.
 
         Raises:
             WireDown: The connection is closed or lost.
         """
         while True:
-            while self._heard:
-                match self._heard.popleft():
+            while self._received:
+                match self._received.popleft():
                     case str() | bytes() as message:
                         return message
                     case Ponged(payload) if payload.isdigit() and int(payload) <= self._pinged:
@@ -129,7 +142,8 @@ class WebSocket:
             await self._hear()
 
     async def receive_within(self, within_s: float) -> str | bytes:
-        """As ``receive``. Raise ``WireDown`` if no message comes in time; the connection stays open."""
+        """Return the next message, as ``receive``. If it does not come in time, raise ``WireDown``; the connection
+        stays open."""
         with trio.move_on_after(within_s):
             return await self.receive()
         raise WireDown(f"{self.name}: no message within {within_s * 1e3:.0f} ms. Check the service and its network")
@@ -142,8 +156,8 @@ class WebSocket:
         return self._pinged
 
     async def ponged(self, number: int, within_s: float) -> None:
-        """Return when the service has answered a ping, and so has read everything that was sent before.
-        Another task has to receive meanwhile.
+        """Wait until the service has answered a ping. Then it has read everything that was sent before the ping.
+        Another task must call ``receive`` meanwhile.
 
         Raises:
             WireDown: The answer did not come in time.
@@ -156,14 +170,14 @@ class WebSocket:
         raise WireDown(f"{self.name}: no pong within {within_s * 1e3:.0f} ms. Check the service and its network")
 
     def close(self) -> None:
-        """Reset the connection and throw away all data that has not arrived. Another call does nothing.
+        """Reset the connection, and drop all data that has not arrived. A second call does nothing.
 
-        A stop still arrives if it was sent on a connection that could not be decoded.
+        If a stop was sent on a connection with malformed data, the stop still arrives.
         """
         self._close("closed by us", in_order=self._is_stopped and not self.is_open)
 
     def close_in_order(self) -> None:
-        """As ``close``, but sent data still arrives, followed by a close frame. Meant for a stop."""
+        """Send a close frame and close the connection, but let the sent data still arrive. Use it after a stop."""
         if self.is_open:
             try:
                 self._stream.write(self._end.close())
@@ -172,7 +186,7 @@ class WebSocket:
         self._close("closed by us", in_order=True)
 
     async def _hear(self) -> None:
-        """Receive once, as much as one turn may take. Raise ``WireDown``."""
+        """Receive data once, and decode a bounded number of frames. Raise ``WireDown``."""
         data = b""
         if self._end.has_unread:
             await trio.lowlevel.checkpoint()
@@ -181,14 +195,14 @@ class WebSocket:
             data = await self._read()
             self._is_behind = len(data) == READ_SIZE
         try:
-            self._heard.extend(self._end.feed(data))
+            self._received.extend(self._end.feed(data))
         except MalformedFrame as malformed:
             raise self._deafen(str(malformed)) from None
         self._keep_up(self._end.has_unread or self._is_behind)
         if replies := self._end.replies():
             self._write(replies)
-        if not self._is_accepted and self._heard:
-            match self._heard.popleft():
+        if not self._is_accepted and self._received:
+            match self._received.popleft():
                 case Accepted():
                     self._is_accepted = True
                 case Rejected(status):
@@ -197,7 +211,7 @@ class WebSocket:
                     raise self._deafen("it answers something else")
 
     def _keep_up(self, has_more: bool) -> None:
-        """Raise ``WireDown`` if the service has sent more than can be read, for many turns."""
+        """Raise ``WireDown`` if more data was left unread in too many turns in a row."""
         try:
             if has_more:
                 self._budget.fell_behind()
@@ -211,7 +225,8 @@ class WebSocket:
         self._check()
         data = b""
         try:
-            with trio.CancelScope() as self._reader:  # ``close`` cancels it; nothing else ends the wait.
+            # Closing the stream would not wake this task up, so ``close`` cancels this scope.
+            with trio.CancelScope() as self._reader:
                 data = await self._stream.read()
         except WireDown as down:
             raise self._close(str(down)) from None
@@ -227,25 +242,25 @@ class WebSocket:
             raise self._close(str(down)) from None
 
     def _check(self) -> None:
-        if self._why:
+        if self._close_reason:
             raise self._closed_error()
 
     def _check_open(self) -> None:
         self._check()
         if not self._is_accepted:
-            raise WireDown(f"{self.name}: {self._target}: the upgrade is not answered yet")
+            raise WireDown(f"{self.name}: {self._target}: the service has not answered the upgrade yet")
 
-    def _deafen(self, why: str) -> WireDown:
-        """End receiving. A stop can still be sent. Return the error to raise."""
-        if not self._why:
-            self._why = why if self._is_accepted else f"{self._target}: no WebSocket there ({why})"
-            self._heard.clear()
+    def _deafen(self, reason: str) -> WireDown:
+        """Stop receiving, although a stop can still be sent. Return the error to raise."""
+        if not self._close_reason:
+            self._close_reason = reason if self._is_accepted else f"{self._target}: no WebSocket there ({reason})"
+            self._received.clear()
             self._wake()
-        return WireDown(f"{self.name}: {self._why}. Check the service and its network, then reconnect")
+        return WireDown(f"{self.name}: {self._close_reason}. Check the service and its network, then reconnect")
 
-    def _close(self, why: str, in_order: bool = False) -> WireDown:
+    def _close(self, reason: str, in_order: bool = False) -> WireDown:
         """Close the connection. Return the error to raise."""
-        error = self._deafen(why)
+        error = self._deafen(reason)
         if not self._is_closed:
             self._is_closed = True
             if self._reader is not None:
@@ -257,7 +272,7 @@ class WebSocket:
         return error
 
     def _closed_error(self) -> WireDown:
-        return WireDown(f"{self.name}: the WebSocket is closed ({self._why}). Reconnect")
+        return WireDown(f"{self.name}: the WebSocket is closed ({self._close_reason}). Reconnect")
 
     def _wake(self) -> None:
         news, self._news = self._news, trio.Event()
@@ -275,23 +290,23 @@ async def begin_websocket(
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> WebSocket:
-    """Connect, and send the upgrade and the messages of ``stop`` in one write.
+    """Connect, and send the upgrade request and the messages of ``stop`` in one write.
 
-    The answer is not awaited (``WebSocket.accepted``). Services may drop a message that comes before
-    their answer, as uvicorn does, so send it again.
+    The answer to the upgrade is not awaited (see ``WebSocket.accepted``). Some services, such as uvicorn, drop
+    messages that arrive before their answer. So send the stop again after the answer.
 
     Args:
         host: Name or address of the service.
-        port: Its port.
-        target: The path of the upgrade.
-        within_s: Time for everything.
-        stop: Messages to send with the upgrade.
+        port: The service's port.
+        target: The path of the upgrade request.
+        within_s: Longest time of the whole connect.
+        stop: Messages to send with the upgrade request.
         headers: More header fields.
         max_message: Most bytes of one message.
         open_stream: Makes the connection. The default is plain TCP.
 
     Raises:
-        WireDown: It failed, or took longer.
+        WireDown: The connect failed, or took longer.
     """
     name = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     end = ClientEnd(name, target, headers, max_message)
@@ -300,7 +315,7 @@ async def begin_websocket(
         begun = WebSocket(name, await open_stream(host, port), end, target, until_s)
         begun.begin(*stop)
         return begun
-    raise _not_there(name, target, within_s)
+    raise _no_websocket(name, target, within_s)
 
 
 async def open_websocket(
@@ -313,7 +328,7 @@ async def open_websocket(
     max_message: int = MAX_MESSAGE,
     open_stream: OpenStream = open_tcp,
 ) -> WebSocket:
-    """Connect and upgrade. The arguments are those of ``begin_websocket``.
+    """Connect, and wait until the upgrade is accepted. The arguments are those of ``begin_websocket``.
 
     Raises:
         WireDown: It failed, or took longer than ``within_s``.
@@ -335,8 +350,8 @@ async def open_websocket(
         opened.close()
         raise
     opened.close()
-    raise _not_there(opened.name, target, within_s)
+    raise _no_websocket(opened.name, target, within_s)
 
 
-def _not_there(name: str, target: str, within_s: float) -> WireDown:
+def _no_websocket(name: str, target: str, within_s: float) -> WireDown:
     return WireDown(f"{name}: {target}: no WebSocket within {within_s * 1e3:.0f} ms. Check the service")

@@ -1,7 +1,7 @@
-"""Encode and decode discovery data, and check whether a writer and a reader fit.
+"""Encode and decode RTPS discovery data, and check whether a writer and a reader are compatible.
 
-SPDP announces participants, SEDP their writers and readers. Types are compared by name only. No type
-information is sent, and received type information is ignored.
+The protocol SPDP announces participants, SEDP announces their writers and readers. Types are compared by name only.
+No type information is sent, and received type information is ignored.
 """
 
 from __future__ import annotations
@@ -27,16 +27,17 @@ RELIABLE = 2
 VOLATILE = 0
 TRANSIENT_LOCAL = 1
 
-_BLOCKING_S = 0.1  # longest wait of a reliable write; the QoS needs it, but our writes never wait
-_LEASE_S = (0.5, 600.0)  # an announced lease is clamped to these bounds
-_DEFAULT_LEASE_S = 100.0  # 8.5.3.2
+# The announcement must name the longest wait of a reliable write, although our writes never wait.
+_BLOCKING_S = 0.1
+_LEASE_S = (0.5, 600.0)  # bounds of a received lease, in seconds
+_DEFAULT_LEASE_S = 100.0  # lease of a participant that announces no lease (RTPS specification, 8.5.3.2)
 _MAX_NAME = 256
 
 
 class ParticipantData(NamedTuple):
     prefix: bytes
-    discovery: tuple[Address, ...]  # addresses for SEDP
-    user: tuple[Address, ...]  # addresses for endpoints without a separate locator
+    discovery: tuple[Address, ...]  # addresses that receive SEDP messages
+    user: tuple[Address, ...]  # addresses of endpoints that announce no address
     lease_s: float
 
 
@@ -45,10 +46,10 @@ class EndpointData(NamedTuple):
     topic: str
     type_name: str
     reliable: bool
-    durability: int  # VOLATILE, TRANSIENT_LOCAL, or more
+    durability: int  # VOLATILE, TRANSIENT_LOCAL, or a higher level
     locators: tuple[Address, ...]
     partitions: tuple[str, ...] = ()
-    exclusive: bool = False  # ownership
+    exclusive: bool = False  # True if the ownership of the topic is exclusive
 
 
 def encode_participant(data: ParticipantData) -> bytes:
@@ -64,20 +65,20 @@ def encode_participant(data: ParticipantData) -> bytes:
 
 
 def decode_participant(payload: memoryview) -> ParticipantData:
-    """Raise ``MalformedFrame``, also if the data have no IPv4 address."""
-    found, order = pl.decode_payload(payload)
-    guid = pl.first(found, pl.PARTICIPANT_GUID, 16)
+    """Decode a participant's announcement. Raise ``MalformedFrame`` if it is malformed or has no IPv4 address."""
+    fields, order = pl.decode_payload(payload)
+    guid = pl.first(fields, pl.PARTICIPANT_GUID, 16)
     if guid is None or guid[PREFIX_SIZE:16] != PARTICIPANT:
         raise MalformedFrame("a participant without GUID")
-    discovery = pl.addresses(found.get(pl.DISCOVERY_LOCATOR, []), order)
+    discovery = pl.addresses(fields.get(pl.DISCOVERY_LOCATOR, []), order)
     if not discovery:
         raise MalformedFrame("a participant without an IPv4 locator")
-    lease = pl.first(found, pl.LEASE, 8)
+    lease = pl.first(fields, pl.LEASE, 8)
     lease_s = _DEFAULT_LEASE_S if lease is None else pl.seconds(lease, order)
     return ParticipantData(
         bytes(guid[:PREFIX_SIZE]),
         discovery,
-        pl.addresses(found.get(pl.DEFAULT_LOCATOR, []), order) or discovery,
+        pl.addresses(fields.get(pl.DEFAULT_LOCATOR, []), order) or discovery,
         min(max(lease_s, _LEASE_S[0]), _LEASE_S[1]),
     )
 
@@ -96,25 +97,27 @@ def encode_endpoint(data: EndpointData) -> bytes:
 
 
 def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
-    """Raise ``MalformedFrame``. Absent values get their defaults, and the default reliability of writers
-    and readers differs."""
-    found, order = pl.decode_payload(payload)
-    guid = pl.first(found, pl.ENDPOINT_GUID, 16)
-    topic = pl.first(found, pl.TOPIC, 4)
-    type_name = pl.first(found, pl.TYPE, 4)
+    """Decode the announcement of a writer or a reader. Raise ``MalformedFrame``.
+
+    Missing values get their defaults. The default reliability is RELIABLE for writers and BEST_EFFORT for readers.
+    """
+    fields, order = pl.decode_payload(payload)
+    guid = pl.first(fields, pl.ENDPOINT_GUID, 16)
+    topic = pl.first(fields, pl.TOPIC, 4)
+    type_name = pl.first(fields, pl.TYPE, 4)
     if guid is None or topic is None or type_name is None:
         raise MalformedFrame("an endpoint without GUID, topic or type")
-    reliability = pl.number(found, pl.RELIABILITY, order, RELIABLE if is_writer else BEST_EFFORT)
-    partition = pl.first(found, pl.PARTITION, 4)
+    reliability = pl.number(fields, pl.RELIABILITY, order, RELIABLE if is_writer else BEST_EFFORT)
+    partition = pl.first(fields, pl.PARTITION, 4)
     data = EndpointData(
         bytes(guid[:16]),
         pl.text(topic, order),
         pl.text(type_name, order),
         reliability >= RELIABLE,
-        pl.number(found, pl.DURABILITY, order, VOLATILE),
-        pl.addresses(found.get(pl.LOCATOR, []), order),
+        pl.number(fields, pl.DURABILITY, order, VOLATILE),
+        pl.addresses(fields.get(pl.LOCATOR, []), order),
         () if partition is None else _strings(partition, order),
-        bool(pl.number(found, pl.OWNERSHIP, order, 0)),
+        bool(pl.number(fields, pl.OWNERSHIP, order, 0)),
     )
     if not 0 < len(data.topic) <= _MAX_NAME or not 0 < len(data.type_name) <= _MAX_NAME:
         raise MalformedFrame("an endpoint without a name, or with an endless one")
@@ -123,32 +126,34 @@ def decode_endpoint(payload: memoryview, is_writer: bool) -> EndpointData:
 
 def _strings(value: memoryview, order: Order) -> tuple[str, ...]:
     (count,) = order.u32.unpack_from(value)
-    found, at = [], 4
-    for _ in range(count):  # the count needs no bound, because a missing name raises MalformedFrame
-        name = value[at:]
-        found.append(pl.text(name, order))
+    names, offset = [], 4
+    # The number of names needs no check, because a missing name raises MalformedFrame.
+    for _ in range(count):
+        name = value[offset:]
+        names.append(pl.text(name, order))
         (length,) = order.u32.unpack_from(name)
-        at += 4 + length + -length % 4
-    return tuple(found)
+        offset += 4 + length + -length % 4
+    return tuple(names)
 
 
-def gone(payload: memoryview, key: bytes, parameter: int) -> bytes:
-    """Return the GUID in the key hash or payload of a disposal. Raise ``MalformedFrame``."""
+def ended_guid(payload: memoryview, key: bytes, parameter: int) -> bytes:
+    """Return the GUID of the participant or endpoint that has ended, from the key hash or the payload of the
+    message. Raise ``MalformedFrame``."""
     if key:
         return key
-    found, _ = pl.decode_payload(payload)
-    guid = pl.first(found, parameter, 16)
+    fields, _ = pl.decode_payload(payload)
+    guid = pl.first(fields, parameter, 16)
     if guid is None:
         raise MalformedFrame("something has ended, and nobody says what")
     return bytes(guid[:16])
 
 
-def encode_gone(guid: bytes, parameter: int) -> bytes:
+def encode_ended(guid: bytes, parameter: int) -> bytes:
     return pl.payload(pl.encoded(parameter, guid))
 
 
 def mismatch(writer: EndpointData, reader: EndpointData) -> str:
-    """Return why these two, of one topic, do not fit, or an empty text if they do."""
+    """Return why a writer and a reader of one topic are not compatible; empty if they are."""
     if writer.type_name != reader.type_name:
         return f"type {writer.type_name} is written, {reader.type_name} is read"
     if reader.reliable and not writer.reliable:
@@ -157,21 +162,21 @@ def mismatch(writer: EndpointData, reader: EndpointData) -> str:
         return f"durability {writer.durability} is offered, {reader.durability} is asked for"
     if writer.exclusive != reader.exclusive:
         return "ownership is exclusive on one side only"
-    # Ours are in the default partition. Names are compared literally, without wildcards.
+    # Our endpoints are in the default partition. Names are compared literally, without wildcards.
     if not set(writer.partitions or ("",)) & set(reader.partitions or ("",)):
         return f"partitions {writer.partitions} and {reader.partitions} have none in common"
     return ""
 
 
-def nearest(locators: Sequence[Address], heard_from: str, own: str) -> Address:
-    """Return the best address of a peer.
+def nearest(locators: Sequence[Address], sender_host: str, own: str) -> Address:
+    """Return the address of a peer to which data should be sent.
 
-    Preferred is the host from which it sends, then an address that is a loopback address exactly if
-    ours is one, then the first.
+    An address on the host from which the peer sends is preferred. The next choice is a loopback address if our
+    address is one, and another address otherwise. The last choice is the first address.
     """
 
     def rank(address: Address) -> tuple[bool, bool]:
-        return address[0] != heard_from, is_loopback(address[0]) != is_loopback(own)
+        return address[0] != sender_host, is_loopback(address[0]) != is_loopback(own)
 
     return min(locators, key=rank)
 

@@ -1,8 +1,8 @@
-"""Run a participant without sockets and without a clock.
+"""The logic of an RTPS participant, without sockets and without a clock.
 
-Datagrams and time are the inputs, datagrams and samples the outputs. The participant receives only
-requested topics, and only from writers that fit. Every table is bounded. Malformed, unknown or
-excess input is counted and changes nothing else. A peer is forgotten when its lease ends.
+Its inputs are datagrams and the time, its outputs are datagrams and samples. It receives only requested topics, and
+only from compatible writers. Every table is bounded. Input that is malformed, unknown or in excess is counted and
+otherwise ignored. A peer is removed when its lease ends.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from .writer import Writer
 
 FEW = 4
 """A datagram with at most so many parts is not searched for repeats."""
-MOST_HEARD = 64
+MOST_PROCESSED = 64
 """Parts of a datagram that are processed. Reliable writers send the rest again."""
 MAX_PEERS = 64
 RESERVED = 16
@@ -61,30 +61,31 @@ the time of arrival (ns)."""
 
 @dataclass(slots=True)
 class Counters:
-    """Counts of received and dropped input, and of failed output."""
+    """Numbers of received and dropped messages, and of failed sends."""
 
     datagrams: int = 0
     malformed: int = 0  # datagrams and discovery samples that could not be decoded
-    unmatched: int = 0  # samples of writers that match no reader here
-    strangers: int = 0  # announcements of participants that ``only`` excludes
-    misplaced: int = 0  # datagrams in a peer's name from an address that is not the peer's
-    refused: int = 0  # peers, endpoints, changes and parts beyond a bound; samples too long for their reader
-    unsent: int = 0  # datagrams that the network did not accept
+    unmatched: int = 0  # samples from writers that match no reader here
+    strangers: int = 0  # announcements of participants that the argument ``only`` excludes
+    misplaced: int = 0  # datagrams with a peer's GUID from an address that is not the peer's
+    # Number of peers, endpoints, changes and submessages beyond a bound, and of samples too long for their reader.
+    refused: int = 0
+    unsent: int = 0  # datagrams that could not be sent
 
 
 class _Peer:
     def __init__(self, data: ParticipantData, host: str, own_host: str, only: PeerAddress | None) -> None:
         self.data = data
-        self.host = host  # from which its announcement came
+        self.host = host  # host from which the peer's announcement came
         self._only = only
-        # A peer with several addresses may send from each address that it announced.
+        # A peer may send from each address that it has announced.
         self._hosts = {host, *(its_host for its_host, _ in (*data.discovery, *data.user))}
         self.discovery = discovery.nearest(data.discovery, host, own_host)
         self.user = discovery.nearest(data.user, host, own_host)
-        self.heard_ns = 0
+        self.last_received_ns = 0
 
-    def is_at(self, sender: Address) -> bool:
-        """Return whether the peer may send from this address."""
+    def may_send_from(self, sender: Address) -> bool:
+        """Return True if the peer may send from this address."""
         return sender[0] in self._hosts if self._only is None else self._only.holds(sender)
 
 
@@ -97,28 +98,27 @@ class Engine:
         on_match: Callable[[], object] = lambda: None,
         only: PeerAddress | None = None,
     ) -> None:
-        """Create the built-in endpoints. No datagram is sent before the first ``tick``.
+        """Create the endpoints for discovery. No datagram is sent before the first ``tick``.
 
         Args:
             data: Our own identity and addresses.
-            announce_to: Addresses at which unknown participants may listen: the multicast group and
-                the ports of configured peers.
+            announce_to: Addresses at which unknown participants may listen: the multicast group and the ports of
+                configured peers.
             send: Sends a datagram.
-            on_match: Called often, whenever a match may have changed.
-            only: The place at which a participant must be, and from which it must send, to become a
-                peer. None accepts all.
+            on_match: Called whenever a match may have changed, so it is called often.
+            only: The only address that peers may have and send from. None accepts all participants.
         """
         self.data = data
         self.counters = Counters()
         self._own = data.prefix
         self._host = data.discovery[0][0]
         self._announce_to = tuple(announce_to)
-        self._given = {host for host, _ in announce_to if host != MULTICAST_GROUP}
+        self._configured_hosts = {host for host, _ in announce_to if host != MULTICAST_GROUP}
         self._network = send
         self._on_match = on_match
         self._only = only
         self._peers: dict[bytes, _Peer] = {}
-        self._changes = 0  # of peers since the last tick
+        self._changes = 0  # number of peers that have left or changed since the last tick
         self._matching = Matching(self._locate, on_match)
         self._reassembly = Reassembly()
         self._endpoints = 0
@@ -128,25 +128,26 @@ class Engine:
         self._handshake = messages.data(SPDP_READER, SPDP_WRITER, 1, discovery.encode_participant(data))
         self._publications = self._builtin_writer(PUBLICATIONS_WRITER)
         self._subscriptions = self._builtin_writer(SUBSCRIPTIONS_WRITER)
-        self._heard_publications = self._builtin_reader(PUBLICATIONS_READER, self._on_publication)
-        self._heard_subscriptions = self._builtin_reader(SUBSCRIPTIONS_READER, self._on_subscription)
+        self._publications_reader = self._builtin_reader(PUBLICATIONS_READER, self._on_publication)
+        self._subscriptions_reader = self._builtin_reader(SUBSCRIPTIONS_READER, self._on_subscription)
 
     @property
     def peers(self) -> int:
         return len(self._peers)
 
     def address_of(self, prefix: bytes) -> Address | None:
-        """Return the address to which data for a peer are sent, or None if it is unknown."""
+        """Return the address to which data for a peer is sent; None if the peer is unknown."""
         peer = self._peers.get(prefix)
         return None if peer is None else peer.user
 
     # -- our endpoints
 
     def writer(self, topic: str, type_name: str, reliable: bool, transient_local: bool, depth: int) -> Writer:
-        """Create and announce a writer. Raise ``ValueError`` beyond ``MAX_ENTITIES``."""
+        """Create and announce a writer. Raise ``ValueError`` if there are ``MAX_ENTITIES`` writers and readers
+        already."""
         data = self._endpoint(writer_id, topic, type_name, reliable, transient_local)
         writer = Writer(data, self._send, depth)
-        writer.is_known_to = _acknowledging(self._publications, PUBLICATIONS_READER)
+        writer.is_acknowledged_by = _acknowledging(self._publications, PUBLICATIONS_READER)
         self._matching.add_writer(writer)
         self._publications.write(discovery.encode_endpoint(data))
         return writer
@@ -160,7 +161,8 @@ class Engine:
         on_sample: OnSample,
         max_bytes: int = MAX_SAMPLE,
     ) -> Reader:
-        """Create and announce a reader. Raise as ``writer``."""
+        """Create and announce a reader. Raise ``ValueError`` if there are ``MAX_ENTITIES`` writers and readers
+        already."""
 
         def deliver(sample: Sample) -> None:
             if len(sample.payload) >= 4 and not sample.disposed:
@@ -168,7 +170,7 @@ class Engine:
 
         data = self._endpoint(reader_id, topic, type_name, reliable, transient_local)
         reader = Reader(data, self._send, deliver, max_bytes)
-        reader.is_known_to = _acknowledging(self._subscriptions, SUBSCRIPTIONS_READER)
+        reader.is_acknowledged_by = _acknowledging(self._subscriptions, SUBSCRIPTIONS_READER)
         self._matching.add_reader(reader)
         self._subscriptions.write(discovery.encode_endpoint(data))
         return reader
@@ -200,17 +202,17 @@ class Engine:
     # -- input
 
     def receive(self, datagram: memoryview, sender: Address, now_ns: int) -> int:
-        """Process one datagram. The caller may reuse its buffer afterwards.
+        """Process one datagram. The caller may reuse the datagram's buffer afterwards.
 
-        A GUID proves nothing, because every program on the network can read it. So a datagram in a
-        peer's name counts only if it comes from an address of that peer.
+        A GUID proves nothing, because every program on the network can read it. So a datagram with a peer's GUID is
+        accepted only from an address of that peer.
 
         Returns:
-            The number of its parts, as a measure of the time spent.
+            The number of submessages in the datagram, as a measure of the time spent.
         """
         self.counters.datagrams += 1
         peer = self._peers.get(bytes(datagram[8 : messages.HEADER_SIZE]))
-        if peer is not None and not peer.is_at(sender):
+        if peer is not None and not peer.may_send_from(sender):
             self.counters.misplaced += 1
             return 0
         try:
@@ -219,20 +221,20 @@ class Engine:
             self.counters.malformed += 1
             return 0
         if peer is not None:
-            peer.heard_ns = now_ns
+            peer.last_received_ns = now_ns
         count = len(parts)
         if count > FEW:
             parts = _without_repeats(parts)
-        heard = 0
+        processed = 0
         for part in parts:
-            heard += self._on_part(part, sender, now_ns)
-            if heard >= MOST_HEARD:
+            processed += self._on_part(part, sender, now_ns)
+            if processed >= MOST_PROCESSED:
                 self.counters.refused += 1
                 break
         return count
 
     def _on_part(self, part: Submessage, sender: Address, now_ns: int) -> bool:
-        """Return whether the part was for an endpoint of ours."""
+        """Process one submessage. Return True if it was for one of our endpoints."""
         matching = self._matching
         if isinstance(part, Data):
             return self._on_data(part, sender, now_ns)
@@ -241,7 +243,8 @@ class Engine:
             if writer is None:
                 return False
             writer.on_acknack(part)
-            self._on_match()  # the peer has acknowledged that our endpoint exists
+            # An ACKNACK also means that the peer knows our endpoint, so a match may have changed.
+            self._on_match()
             return True
         if isinstance(part, Fragment):
             return self._on_fragment(part, now_ns)
@@ -282,7 +285,7 @@ class Engine:
         if not readers:
             self.counters.unmatched += 1
             return False
-        # This check comes before memory is allocated for the whole sample.
+        # Check the size before memory is allocated for the whole sample.
         readers = [reader for reader in readers if part.total <= reader.max_bytes]
         if not readers:
             self.counters.refused += 1
@@ -303,46 +306,46 @@ class Engine:
     def _on_participant(self, sample: Sample, sender: Address) -> None:
         prefix = sample.writer[:PREFIX_SIZE]
         if sample.disposed:
-            gone = discovery.gone(sample.payload, sample.key, parameters.PARTICIPANT_GUID)
-            if gone == prefix + PARTICIPANT and prefix in self._peers and self._may_change():
+            guid = discovery.ended_guid(sample.payload, sample.key, parameters.PARTICIPANT_GUID)
+            if guid == prefix + PARTICIPANT and prefix in self._peers and self._may_change():
                 self._part(prefix)
             return
         data = discovery.decode_participant(sample.payload)
         if data.prefix != prefix:
             raise MalformedFrame("a participant that speaks for another")
-        known = self._peers.get(prefix)
-        if known and known.data == data:
+        existing = self._peers.get(prefix)
+        if existing and existing.data == data:
             return
         if self._only is not None and not self._only.has(data, sender):
             self.counters.strangers += 1
             return
-        if known:
+        if existing:
             if self._may_change():
                 self._move(prefix, data)
             return
-        room = MAX_PEERS if sender[0] in self._given else MAX_PEERS - RESERVED
+        room = MAX_PEERS if sender[0] in self._configured_hosts else MAX_PEERS - RESERVED
         if len(self._peers) >= room:
             self.counters.refused += 1
             return
         peer = self._peers[prefix] = _Peer(data, sender[0], self._host, self._only)
-        peer.heard_ns = sample.t_ns
+        peer.last_received_ns = sample.t_ns
         self._meet(prefix, peer.discovery)
 
     def _meet(self, prefix: bytes, address: Address) -> None:
-        """Announce ourselves to a new peer at once, with our writers and readers."""
+        """Announce our participant, writers and readers to a new peer at once."""
         self._send((self._header, self._handshake), address)
         join = self._matching
         join.join_reader(self._publications, _builtin(prefix, PUBLICATIONS_READER), address)
         join.join_reader(self._subscriptions, _builtin(prefix, SUBSCRIPTIONS_READER), address)
-        join.join_writer(self._heard_publications, _builtin(prefix, PUBLICATIONS_WRITER), address)
-        join.join_writer(self._heard_subscriptions, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
+        join.join_writer(self._publications_reader, _builtin(prefix, PUBLICATIONS_WRITER), address)
+        join.join_writer(self._subscriptions_reader, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
 
     def _move(self, prefix: bytes, data: ParticipantData) -> None:
-        """Use the new addresses or lease of a peer. Its endpoints stay matched, because a stop must not
+        """Use the new addresses or the new lease of a peer. Its endpoints stay matched, because a stop must not
         wait until the peer has announced them again."""
-        known = self._peers[prefix]
-        peer = self._peers[prefix] = _Peer(data, known.host, self._host, self._only)
-        peer.heard_ns = known.heard_ns
+        previous = self._peers[prefix]
+        peer = self._peers[prefix] = _Peer(data, previous.host, self._host, self._only)
+        peer.last_received_ns = previous.last_received_ns
         self._meet(prefix, peer.discovery)
         self._matching.relocate(prefix)
 
@@ -373,7 +376,7 @@ class Engine:
         forget: Callable[[bytes], None],
     ) -> None:
         if sample.disposed:
-            guid = discovery.gone(sample.payload, sample.key, parameters.ENDPOINT_GUID)
+            guid = discovery.ended_guid(sample.payload, sample.key, parameters.ENDPOINT_GUID)
         else:
             data = discovery.decode_endpoint(sample.payload, is_writer)
             guid = data.guid
@@ -393,9 +396,9 @@ class Engine:
     # -- time
 
     def tick(self, now_ns: int) -> None:
-        """Send due announcements and heartbeats, and forget peers whose lease has ended.
+        """Send announcements and heartbeats that are due, and remove peers whose lease has ended.
 
-        Call it often (20 times a second), after ``receive`` has taken the waiting datagrams.
+        Call it often (20 times a second), after ``receive`` has processed the waiting datagrams.
         """
         self._changes = 0
         if not self._announced or now_ns - self._announced_ns >= (
@@ -405,25 +408,25 @@ class Engine:
             self._announced_ns = now_ns
             self._announce()
         for prefix, peer in list(self._peers.items()):
-            if now_ns - peer.heard_ns > peer.data.lease_s * 1e9:
+            if now_ns - peer.last_received_ns > peer.data.lease_s * 1e9:
                 self._part(prefix)
         for writer in self._matching.writers.values():
             writer.tick(now_ns)
-        self._heard_publications.tick(now_ns)
-        self._heard_subscriptions.tick(now_ns)
+        self._publications_reader.tick(now_ns)
+        self._subscriptions_reader.tick(now_ns)
         for reader in self._matching.readers.values():
             reader.tick(now_ns)
         self._reassembly.tick(now_ns)
 
     def _announce(self) -> None:
-        known = [peer.discovery for peer in self._peers.values()]
-        for address in dict.fromkeys((*self._announce_to, *known)):
+        peer_addresses = [peer.discovery for peer in self._peers.values()]
+        for address in dict.fromkeys((*self._announce_to, *peer_addresses)):
             self._send((self._header, self._handshake), address)
 
     def say_goodbye(self) -> None:
-        """Send every peer the message that this participant ends."""
+        """Inform every peer that this participant ends."""
         guid = self._own + PARTICIPANT
-        key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+        key = discovery.encode_ended(guid, parameters.PARTICIPANT_GUID)
         farewell = messages.disposal(SPDP_READER, SPDP_WRITER, 2, guid, key)
         for peer in self._peers.values():
             self._send((self._header, farewell), peer.discovery)
@@ -436,21 +439,23 @@ class Engine:
 
 
 def _without_repeats(parts: list[Submessage]) -> list[Submessage]:
-    """Keep only the last HEARTBEAT and ACKNACK from one endpoint to another.
+    """Drop repeated HEARTBEAT and ACKNACK messages of one datagram: of each sender and receiver only the last is
+    kept.
 
-    The last one includes the earlier ones. Each is answered by a datagram, or by all requested
-    samples. So one datagram full of them would keep us busy for a quarter of a second.
+    The last message includes the content of the earlier ones. Each message would be answered by a datagram, or by
+    all requested samples. A datagram full of such messages would keep this process busy for a quarter of a second.
     """
-    last = {(type(part), part.writer, part.reader): at for at, part in enumerate(parts)}
+    last = {(type(part), part.writer, part.reader): index for index, part in enumerate(parts)}
     return [
         part
-        for at, part in enumerate(parts)
-        if not isinstance(part, Heartbeat | AckNack) or last[type(part), part.writer, part.reader] == at
+        for index, part in enumerate(parts)
+        if not isinstance(part, Heartbeat | AckNack) or last[type(part), part.writer, part.reader] == index
     ]
 
 
 def _acknowledging(announcements: Writer, reader: bytes) -> Callable[[bytes], bool]:
-    """Return whether a participant has acknowledged the announcement that is made next."""
+    """Return a function. It returns True if a participant has acknowledged the announcement that ``announcements``
+    sends next."""
     number = announcements.sequence + 1
     return lambda prefix: announcements.acknowledged_by(prefix + reader) >= number
 

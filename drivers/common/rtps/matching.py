@@ -1,7 +1,7 @@
 """Match our writers and readers with those of other participants. Pure.
 
-All remote endpoints are kept, also those that do not fit, because ours may be created later. The
-table is bounded. When it is full, an endpoint of a topic that we do not use is removed first.
+Remote endpoints that are not compatible are kept too, because a compatible endpoint of ours may be created later.
+The table is bounded. If it is full, an endpoint of a topic that we do not use is removed first.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Locate = Callable[[EndpointData], Address | None]
 
 class Matching:
     def __init__(self, locate: Locate, changed: Callable[[], object]) -> None:
-        """``changed`` is called after each match and each removal of one."""
-        self.writers: dict[bytes, Writer] = {}  # ours, by entity id
+        """Create an empty table. ``changed`` is called after each match, and after each end of a match."""
+        self.writers: dict[bytes, Writer] = {}  # our writers, by entity id
         self.readers: dict[bytes, Reader] = {}
         self.hearing: dict[bytes, tuple[Reader, ...]] = {}
         """Our readers by the GUID of the remote writer that they receive from."""
@@ -53,9 +53,9 @@ class Matching:
         self._changed()
 
     def join_writer(self, reader: Reader, remote: EndpointData, address: Address) -> None:
-        heard_by = self.hearing.get(remote.guid, ())
-        if reader not in heard_by:
-            self.hearing[remote.guid] = (*heard_by, reader)
+        readers = self.hearing.get(remote.guid, ())
+        if reader not in readers:
+            self.hearing[remote.guid] = (*readers, reader)
         reader.match(remote, address)
         self._changed()
 
@@ -65,7 +65,7 @@ class Matching:
         """Add a remote writer, or update it if it is known.
 
         Returns:
-            False if the table has no room for it.
+            False if the table has no room for the writer.
         """
         if not self._remember(self._remote_writers, remote, self.forget_writer):
             return False
@@ -81,7 +81,7 @@ class Matching:
         return True
 
     def relocate(self, prefix: bytes) -> None:
-        """Use the new address of a participant for its endpoints."""
+        """Use the new address of a participant for all its endpoints."""
         for guid, remote in self._remote_writers.items():
             if guid.startswith(prefix):
                 self.learn_writer(remote)
@@ -113,13 +113,13 @@ class Matching:
     def _remember(
         self, table: dict[bytes, EndpointData], remote: EndpointData, forget: Callable[[bytes], None]
     ) -> bool:
-        known = table.get(remote.guid)
-        if known is not None and known != remote:
+        previous = table.get(remote.guid)
+        if previous is not None and previous != remote:
             forget(remote.guid)
-        elif known is None and len(table) >= MAX_ENDPOINTS:
+        elif previous is None and len(table) >= MAX_ENDPOINTS:
             ours = {writer.data.topic for writer in self.writers.values()}
             ours |= {reader.data.topic for reader in self.readers.values()}
-            spare = next((guid for guid, other in table.items() if other.topic not in ours), None)
+            spare = next((guid for guid, endpoint in table.items() if endpoint.topic not in ours), None)
             if remote.topic not in ours or spare is None:
                 return False
             forget(spare)

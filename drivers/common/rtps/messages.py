@@ -1,7 +1,7 @@
-"""Convert RTPS messages to values and back (8.3, 9.4). Pure.
+"""Convert RTPS messages to values and back (RTPS specification, 8.3 and 9.4). Pure.
 
-One malformed submessage makes the whole datagram invalid. Submessages for another participant, in the name of
-another sender, or of an unused kind are left out.
+One malformed submessage makes the whole datagram invalid. A submessage is ignored if it is for another participant,
+has another sender's name, or is of an unused kind.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ MAX_BITS = 256
 MAX_FRAGMENTS = 65536
 
 _MAGIC = b"RTPS"
-_VERSION = b"\x02\x02"  # Booster's Fast DDS ignores participants of 2.3 and later
+# Booster's Fast DDS ignores participants of version 2.3 and later.
+_VERSION = b"\x02\x02"
 _MAX_SEQUENCE = 2**62
 
 _PAD = 0x01
@@ -47,50 +48,51 @@ Send = Callable[[Sequence[Buffer], Address], bool]
 
 
 class Data(NamedTuple):
-    reader: bytes  # Entity id. UNKNOWN means every reader of the writer.
-    writer: bytes  # GUID
+    reader: bytes  # entity id of the receiving reader; UNKNOWN means every reader of the writer
+    writer: bytes  # GUID of the writer
     sequence: int
-    payload: memoryview  # With its encapsulation header. A view of the datagram: copy it to keep it.
-    disposed: bool  # The payload, if any, is the key of the instance that ended.
-    key: bytes  # key hash, or empty
+    # The payload, with its encapsulation header. It is a view of the datagram, so copy it to keep it.
+    payload: memoryview
+    disposed: bool  # True if the message means that an object has ended; the payload may then be its key
+    key: bytes  # hash of the object's key; may be empty
 
 
 class Fragment(NamedTuple):
     reader: bytes
     writer: bytes
     sequence: int
-    first: int  # number of the first piece in here, from 0
+    first: int  # index of the first fragment in this message; the sample's first fragment is 0
     pieces: int
-    size: int  # of a piece; the last one of a sample may be shorter
-    total: int  # of the sample
+    size: int  # size of a fragment in bytes; the last fragment of a sample may be shorter
+    total: int  # size of the whole sample in bytes
     payload: memoryview
     disposed: bool
 
 
 class Heartbeat(NamedTuple):
     reader: bytes
-    writer: bytes  # GUID
+    writer: bytes  # GUID of the writer
     first: int
-    last: int  # first - 1: nothing is there
-    serial: int  # of the heartbeat
-    final: bool  # no answer is asked for
+    last: int  # number of the last available sample; ``first - 1`` if no sample is available
+    serial: int  # number of the heartbeat
+    final: bool  # True if the reader need not answer
 
 
 class AckNack(NamedTuple):
-    reader: bytes  # GUID
-    writer: bytes  # entity id
-    base: int  # all below has arrived
+    reader: bytes  # GUID of the reader
+    writer: bytes  # entity id of the writer
+    base: int  # all samples with lower numbers have arrived
     missing: tuple[int, ...]
-    serial: int | None  # None if this kind of message has no serial.
+    serial: int | None  # number of the message; None for a kind that has no number
     final: bool
 
 
 class Gap(NamedTuple):
     reader: bytes
-    writer: bytes  # GUID
+    writer: bytes  # GUID of the writer
     start: int
-    base: int  # start <= n < base will not come
-    listed: tuple[int, ...]  # neither will these
+    base: int  # the samples ``start <= n < base`` will not be sent
+    listed: tuple[int, ...]  # further samples that will not be sent
 
 
 Submessage = Data | Fragment | Heartbeat | AckNack | Gap
@@ -104,7 +106,7 @@ MOST_SUBMESSAGES = 512
 
 
 def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
-    """Return the submessages of a datagram for the participant with the prefix ``own``. Raise
+    """Return the submessages of a datagram that are for the participant with the GUID prefix ``own``. Raise
     ``MalformedFrame``."""
     size = len(datagram)
     if size < HEADER_SIZE or datagram[:4] != _MAGIC:
@@ -113,35 +115,36 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
         raise MalformedFrame(f"RTPS version {datagram[4]}.{datagram[5]}")
     source = bytes(datagram[8:HEADER_SIZE])
     mine = named = source != own
-    found: list[Submessage] = []
-    at, count = HEADER_SIZE, 0
-    while at < size:
+    submessages: list[Submessage] = []
+    offset, count = HEADER_SIZE, 0
+    while offset < size:
         count += 1
         if count > MOST_SUBMESSAGES:
             raise MalformedFrame(f"more than {MOST_SUBMESSAGES} submessages")
-        if at + 4 > size:
+        if offset + 4 > size:
             raise MalformedFrame("a submessage header is cut off")
-        kind, flags = datagram[at], datagram[at + 1]
+        kind, flags = datagram[offset], datagram[offset + 1]
         order = LITTLE if flags & _ENDIAN else BIG
-        (length,) = order.u16.unpack_from(datagram, at + 2)
-        at += 4
-        end = at + length if length or kind in (_PAD, _INFO_TS) else size
+        (length,) = order.u16.unpack_from(datagram, offset + 2)
+        offset += 4
+        end = offset + length if length or kind in (_PAD, _INFO_TS) else size
         if end > size:
             raise MalformedFrame("a submessage is longer than its datagram")
-        body = datagram[at:end]
-        at = end
+        body = datagram[offset:end]
+        offset = end
         if kind == _INFO_DST:
             destination = bytes(_need(body, PREFIX_SIZE)[:PREFIX_SIZE])
             mine = named and destination in (own, bytes(PREFIX_SIZE))
         elif kind == _INFO_SRC:
-            # A forwarded message has a sender's name that does not belong to its address.
+            # A participant that forwards a message uses the name of another sender. The name cannot be checked by
+            # the address.
             named = named and bytes(_need(body, 20)[8:20]) == source
             mine = mine and named
         elif decoder := _DECODERS.get(kind):
             part = decoder(body, flags, order, source)
             if mine:
-                found.append(part)
-    return found
+                submessages.append(part)
+    return submessages
 
 
 def _need(body: memoryview, size: int) -> memoryview:
@@ -157,15 +160,15 @@ def _sequence(high: int, low: int, least: int = 1) -> int:
     return value
 
 
-def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
-    """Return the members of the set with the bitmap at ``at``."""
+def _numbers(body: memoryview, offset: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
+    """Return the sequence numbers in a set. Its bitmap begins at the offset ``offset``."""
     if bits > MAX_BITS:
         raise MalformedFrame(f"a set of {bits} numbers")
     words = (bits + 31) // 32
-    _need(body, at + 4 * words)
+    _need(body, offset + 4 * words)
     members = []
     for word in range(words):
-        (value,) = order.u32.unpack_from(body, at + 4 * word)
+        (value,) = order.u32.unpack_from(body, offset + 4 * word)
         if value:
             top = min(32, bits - 32 * word)
             members += [base + 32 * word + bit for bit in range(top) if value >> (31 - bit) & 1]
@@ -173,23 +176,23 @@ def _numbers(body: memoryview, at: int, order: Order, base: int, bits: int) -> t
 
 
 def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) -> tuple[memoryview, bool, bytes]:
-    """Return the parts of a sample after its fixed part: payload, disposed flag, key hash.
+    """Return the variable part of a sample: payload, disposed flag, key hash.
 
     Args:
-        skip: Offset of these parts, counted from the end of the field ``skip``.
-        least: The end of the fixed part.
+        skip: Number of bytes from the end of the field "octets to inline QoS" to the variable part.
+        least: End of the fixed part.
     """
-    at = 4 + skip
-    if at < least or at > len(body):
+    offset = 4 + skip
+    if offset < least or offset > len(body):
         raise MalformedFrame("inline QoS out of place")
     disposed, key = False, b""
     if flags & _INLINE_QOS:
-        found, at = parameters.decode(body, at, order)
-        status = parameters.first(found, parameters.STATUS, 4)
+        fields, offset = parameters.decode(body, offset, order)
+        status = parameters.first(fields, parameters.STATUS, 4)
         disposed = status is not None and bool(status[3] & _DISPOSED_OR_UNREGISTERED)
-        if (key_hash := parameters.first(found, parameters.KEY_HASH, 16)) is not None:
+        if (key_hash := parameters.first(fields, parameters.KEY_HASH, 16)) is not None:
             key = bytes(key_hash[:16])
-    return body[at:], disposed, key
+    return body[offset:], disposed, key
 
 
 def _data(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
@@ -234,27 +237,29 @@ def _heartbeat(body: memoryview, flags: int, order: Order, source: bytes) -> Sub
 
 
 def _acknack(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
-    at = order.acknack.size
-    reader, writer, high, low, bits = order.acknack.unpack_from(_need(body, at))
-    base = _sequence(high, low, 0)  # Fast DDS asks for its first heartbeat with base 0
-    missing = _numbers(body, at, order, base, bits)
-    at += 4 * ((bits + 31) // 32)
-    (count,) = order.u32.unpack_from(_need(body, at + 4), at)
+    offset = order.acknack.size
+    reader, writer, high, low, bits = order.acknack.unpack_from(_need(body, offset))
+    # Fast DDS requests its first heartbeat with base 0, so 0 is accepted here.
+    base = _sequence(high, low, 0)
+    missing = _numbers(body, offset, order, base, bits)
+    offset += 4 * ((bits + 31) // 32)
+    (count,) = order.u32.unpack_from(_need(body, offset + 4), offset)
     return AckNack(source + reader, writer, base, missing, count, bool(flags & _FINAL))
 
 
 def _nack_fragment(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
-    """Asks for fragments; it gets the whole sample."""
+    """Decode a request for missing fragments. It is answered with the whole sample, so it becomes an
+    ``AckNack``."""
     reader, writer, high, low, _ = order.acknack.unpack_from(_need(body, order.acknack.size))
     return AckNack(source + reader, writer, 0, (_sequence(high, low),), None, True)
 
 
 def _gap(body: memoryview, flags: int, order: Order, source: bytes) -> Submessage:
-    at = order.gap.size
-    reader, writer, high, low, base_high, base_low, bits = order.gap.unpack_from(_need(body, at))
+    offset = order.gap.size
+    reader, writer, high, low, base_high, base_low, bits = order.gap.unpack_from(_need(body, offset))
     start = _sequence(high, low)
     base = _sequence(base_high, base_low, start)
-    return Gap(reader, source + writer, start, base, _numbers(body, at, order, base, bits))
+    return Gap(reader, source + writer, start, base, _numbers(body, offset, order, base, bits))
 
 
 _DECODERS: dict[int, Callable[[memoryview, int, Order, bytes], Submessage]] = {
@@ -267,7 +272,7 @@ _DECODERS: dict[int, Callable[[memoryview, int, Order, bytes], Submessage]] = {
 }
 
 
-# -- encoding, always little endian
+# -- encoding; byte order is always little endian
 
 FRAGMENT_SIZE = 14_000
 """Longer samples are sent in fragments of this size, one in each datagram."""
@@ -301,7 +306,12 @@ def data(reader: bytes, writer: bytes, sequence: int, payload: bytes) -> bytes:
 
 
 def disposal(reader: bytes, writer: bytes, sequence: int, key: bytes, payload: bytes) -> bytes:
-    """Return the submessage that an instance has ended. ``payload`` names it; ``key`` is its GUID."""
+    """Return the submessage which announces that an object (a participant or an endpoint) has ended.
+
+    Args:
+        key: The GUID of the object.
+        payload: The GUID as a parameter list.
+    """
     fixed = LITTLE.data.pack(0, _DATA_SKIP, reader, writer, *_split(sequence))
     status = parameters.encoded(parameters.STATUS, bytes((0, 0, 0, _DISPOSED_OR_UNREGISTERED)))
     qos = parameters.encoded_list(parameters.encoded(parameters.KEY_HASH, key), status)
@@ -309,7 +319,7 @@ def disposal(reader: bytes, writer: bytes, sequence: int, key: bytes, payload: b
 
 
 def fragments(reader: bytes, writer: bytes, sequence: int, payload: Buffer) -> Iterable[bytes]:
-    """Return the submessages of a sample, one fragment in each."""
+    """Yield the submessages of a long sample, each with one fragment."""
     total = len(payload)
     for index in range(-(-total // FRAGMENT_SIZE)):
         piece = bytes(payload[index * FRAGMENT_SIZE : (index + 1) * FRAGMENT_SIZE])
@@ -325,8 +335,12 @@ def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int, f
 
 
 def _bitmap(base: int, members: Sequence[int]) -> tuple[int, bytes]:
-    """Number of bits, and the words. ``members`` ascend from ``base``, all within ``MAX_BITS`` of
-    it."""
+    """Return the bitmap of a set of sequence numbers: the number of its bits, and its words.
+
+    Args:
+        base: The number of the first bit.
+        members: Ascending numbers, from ``base`` to less than ``base`` plus ``MAX_BITS``.
+    """
     bits = members[-1] - base + 1 if members else 0
     words = [0] * ((bits + 31) // 32)
     for member in members:
@@ -342,20 +356,30 @@ def acknack(reader: bytes, writer: bytes, base: int, missing: Sequence[int], cou
 
 
 def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
-    """``start <= n < end`` will not come."""
+    """Return the submessage which announces that the samples ``start <= n < end`` will not be sent."""
     return _submessage(_GAP, 0, LITTLE.gap.pack(reader, writer, *_split(start), *_split(end), 0))
 
 
 class Frame:
-    """The bytes around a payload, made once: header, start of DATA and, if reliable, a final
-    HEARTBEAT."""
+    """The bytes around the payload of a sample: header, start of DATA and, for a reliable writer, a final
+    HEARTBEAT.
+
+    They are made once and reused for each sample.
+    """
 
     def __init__(self, prefix: bytes, writer: bytes, reliable: bool) -> None:
         self.head = bytearray(header(prefix) + data(UNKNOWN, writer, 0, b""))
         self.tail = bytearray(heartbeat(UNKNOWN, writer, 1, 1, 0, True) if reliable else b"")
 
     def parts(self, sequence: int, payload: Buffer, first: int, count: int) -> Sequence[Buffer]:
-        """One datagram; valid until the next call. ``first`` and ``count`` are the heartbeat's."""
+        """Return the parts of one datagram. They are valid until the next call.
+
+        Args:
+            sequence: Sequence number of the sample.
+            payload: The sample.
+            first: First available sequence number, for the heartbeat.
+            count: Number of the heartbeat.
+        """
         length = len(payload)
         padding = PADDING[length % 4]
         high, low = sequence >> 32, sequence & 0xFFFFFFFF

@@ -1,5 +1,5 @@
-"""Parameter lists: what discovery data and inline QoS are written in (9.4.2.11). Ids that mean
-nothing to us are skipped, vendor-specific ones (0x8000 and up) among them."""
+"""Encode and decode parameter lists, the format of discovery data and inline QoS (RTPS specification, 9.4.2.11).
+Parameters that we do not use are skipped, also vendor-specific ones (ids from 0x8000)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ KEY_HASH = 0x70
 STATUS = 0x71
 
 VENDOR_SPECIFIC = 0x8000
-ID_MASK = 0x3FFF  # without the vendor's and the must-understand bit
+ID_MASK = 0x3FFF  # removes the vendor bit and the must-understand bit from a parameter id
 
 PL_CDR_LE = b"\x00\x03\x00\x00"
 _ORDERS = {b"\x00\x02": BIG, b"\x00\x03": LITTLE}
@@ -42,36 +42,39 @@ Parameters = dict[int, list[memoryview]]
 # -- decoding
 
 
-def decode(body: memoryview, at: int, order: Order) -> tuple[Parameters, int]:
-    """Return the list that starts at ``at``, and where it ends. Raise ``MalformedFrame``: no
-    sentinel, or a value past the end."""
-    found: Parameters = {}
+def decode(body: memoryview, offset: int, order: Order) -> tuple[Parameters, int]:
+    """Return the parameter list that starts at ``offset``, and the offset of its end.
+
+    Raises:
+        MalformedFrame: The list has no end mark, or a value exceeds the message.
+    """
+    fields: Parameters = {}
     size = len(body)
-    while at + 4 <= size:
-        parameter, length = order.pair.unpack_from(body, at)
-        at += 4
+    while offset + 4 <= size:
+        parameter, length = order.pair.unpack_from(body, offset)
+        offset += 4
         if parameter == SENTINEL:
-            return found, at
-        if at + length > size:
+            return fields, offset
+        if offset + length > size:
             raise MalformedFrame(f"parameter {parameter:#06x} is longer than its list")
         if parameter != PAD and not parameter & VENDOR_SPECIFIC:
-            found.setdefault(parameter & ID_MASK, []).append(body[at : at + length])
-        at += length
+            fields.setdefault(parameter & ID_MASK, []).append(body[offset : offset + length])
+        offset += length
     raise MalformedFrame("a parameter list without end")
 
 
 def decode_payload(payload: memoryview) -> tuple[Parameters, Order]:
-    """Of a discovery sample, with its encapsulation header."""
+    """Decode the payload of a discovery sample, which starts with an encapsulation header."""
     order = _ORDERS.get(bytes(payload[:2]))
     if order is None:
         raise MalformedFrame("discovery data that is no parameter list")
     return decode(payload, 4, order)[0], order
 
 
-def first(found: Parameters, parameter: int, size: int) -> memoryview | None:
-    """Return the first value of ``parameter``, at least ``size`` bytes of it; None when it is not
-    there."""
-    values = found.get(parameter)
+def first(fields: Parameters, parameter: int, size: int) -> memoryview | None:
+    """Return the first value of a parameter; None if it is missing. Raise ``MalformedFrame`` if it has fewer than
+    ``size`` bytes."""
+    values = fields.get(parameter)
     if values is None:
         return None
     if len(values[0]) < size:
@@ -79,13 +82,13 @@ def first(found: Parameters, parameter: int, size: int) -> memoryview | None:
     return values[0]
 
 
-def number(found: Parameters, parameter: int, order: Order, default: int) -> int:
-    value = first(found, parameter, 4)
+def number(fields: Parameters, parameter: int, order: Order, default: int) -> int:
+    value = first(fields, parameter, 4)
     return default if value is None else order.u32.unpack_from(value)[0]
 
 
 def text(value: memoryview, order: Order) -> str:
-    """Return a CDR string."""
+    """Decode a CDR string."""
     if len(value) < 4:
         raise MalformedFrame("a string without length")
     (length,) = order.u32.unpack_from(value)
@@ -98,15 +101,15 @@ def text(value: memoryview, order: Order) -> str:
 
 
 def addresses(values: list[memoryview], order: Order) -> tuple[Address, ...]:
-    """Return the UDP/IPv4 locators among them."""
-    found = []
+    """Return the UDP/IPv4 addresses among encoded locators."""
+    result = []
     for value in values:
         if len(value) < 24:
             raise MalformedFrame("a locator that is too short")
         kind, port, host = order.locator.unpack_from(value)
         if kind == _UDP_V4 and 0 < port < 65536:
-            found.append((socket.inet_ntoa(host[12:]), port))
-    return tuple(found)
+            result.append((socket.inet_ntoa(host[12:]), port))
+    return tuple(result)
 
 
 def seconds(value: memoryview, order: Order) -> float:
@@ -114,7 +117,7 @@ def seconds(value: memoryview, order: Order) -> float:
     return float(whole) + float(fraction) / 2**32
 
 
-# -- encoding, always little endian
+# -- encoding; byte order is always little endian
 
 
 def encoded(parameter: int, value: bytes) -> bytes:
@@ -142,5 +145,5 @@ def encoded_list(*parameters: bytes) -> bytes:
 
 
 def payload(*parameters: bytes) -> bytes:
-    """Return a discovery sample, with its encapsulation header."""
+    """Encode the payload of a discovery sample, with its encapsulation header."""
     return PL_CDR_LE + encoded_list(*parameters)

@@ -1,7 +1,7 @@
-"""Run a participant: an engine on its sockets, and the trio loop that serves them.
+"""An RTPS participant: its logic, its sockets, and the trio loop that serves them.
 
-Writing needs no loop, because the sockets are open and ``Writer.write`` is an ordinary function. If
-no task can run beside the caller, ``poll`` does one round of the work of ``run``.
+Writing needs no loop, because the sockets are open and ``Writer.write`` is an ordinary function. A program that
+cannot run a task for ``run`` calls ``poll`` regularly instead.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .writer import Writer
 TICK_S = 0.05
 LEASE_S = 10.0
 """How long a peer keeps us without receiving an announcement."""
-PORTS_ASKED = 10
+PORTS_TRIED = 10
 """Ports tried on the host of a peer that is given without a port."""
 DEPTH = 16
 """Samples that a reliable writer keeps to send them again."""
@@ -49,7 +49,7 @@ _ROUND_NS = 1_000_000
 
 
 class Participant:
-    """A participant on open sockets. ``run`` serves it, ``close`` ends it. Use it in one thread."""
+    """An RTPS participant with open sockets. ``run`` serves it, ``close`` ends it. Use it in one thread only."""
 
     def __init__(
         self,
@@ -64,12 +64,11 @@ class Participant:
         """Open the sockets and send the first announcement.
 
         Args:
-            address: Our IPv4 address for the peers. It selects the interface.
+            address: Our IPv4 address that peers can reach. It selects the network interface.
             peers: ``host`` or ``host:port`` of participants to look for by unicast.
-            only: Accept only the participants of this ``host``, or the one at ``host:port``, as
-                peers, and drop datagrams in their names from other addresses. Without it, on a
-                network of many robots, any participant could read our samples, and any participant
-                that claims to be the robot would be believed.
+            only: Accept only participants of this ``host``, or the one at ``host:port``, and drop datagrams with
+                their names from other addresses. Without it, any participant on the network could read our samples,
+                and any participant could pretend to be the robot.
 
         Raises:
             ValueError: An argument is not valid.
@@ -79,9 +78,9 @@ class Participant:
             raise ValueError(f"domain is {domain}. Give 0..{wire_types.MAX_DOMAIN}")
         if not is_host(address):
             raise ValueError(f"address is {address!r}. Give an IPv4 address of this host, which peers can reach")
-        asked = [where for peer in peers for where in _peer(peer, domain)]
+        announce_to = [target for peer in peers for target in _peer(peer, domain)]
         if multicast:
-            asked.insert(0, (wire_types.MULTICAST_GROUP, wire_types.multicast_port(domain)))
+            announce_to.insert(0, (wire_types.MULTICAST_GROUP, wire_types.multicast_port(domain)))
         self.trouble = ""
         """The last error of a socket."""
         self._clock = clock or MonotonicClock()
@@ -91,17 +90,18 @@ class Participant:
         self._slow_ns = 0
         self._sockets = open_sockets(domain, address, multicast)
         self._out = self._sockets[0]
-        self._empty_ns = dict.fromkeys(self._sockets, self._clock.now_ns())  # when a read last found no datagram
-        here = [sock.getsockname() for sock in self._sockets[:2]]
+        # Time at which a read of each socket last found no datagram.
+        self._empty_ns = dict.fromkeys(self._sockets, self._clock.now_ns())
+        own_addresses = [sock.getsockname() for sock in self._sockets[:2]]
         prefix = wire_types.VENDOR + os.urandom(wire_types.PREFIX_SIZE - len(wire_types.VENDOR))
-        data = ParticipantData(prefix, (here[0],), (here[1],), lease_s)
+        data = ParticipantData(prefix, (own_addresses[0],), (own_addresses[1],), lease_s)
         peer = parse_peer_address(only) if only else None
-        self._engine = Engine(data, asked, self._send, self._changed.unpark_all, peer)
+        self._engine = Engine(data, announce_to, self._send, self._changed.unpark_all, peer)
         self._engine.tick(self._clock.now_ns())
 
     @property
     def address(self) -> str:
-        """``host:port`` in the form of another participant's ``peers``."""
+        """Our ``host:port``. Another participant can give it in its ``peers``."""
         host, port = self._engine.data.discovery[0]
         return f"{host}:{port}"
 
@@ -110,12 +110,12 @@ class Participant:
         return self._engine.data.prefix
 
     def address_of(self, prefix: bytes) -> Address | None:
-        """Return the address to which data for a peer are sent, or None if it is unknown."""
+        """Return the address to which data for a peer is sent; None if the peer is unknown."""
         return self._engine.address_of(prefix)
 
     @property
     def peers(self) -> int:
-        """Number of known participants."""
+        """Number of other participants that are known."""
         return self._engine.peers
 
     @property
@@ -131,7 +131,8 @@ class Participant:
         transient_local: bool = False,
         depth: int = DEPTH,
     ) -> Writer:
-        """Create a writer. Give the names of the wire: ``rt/lowcmd``, ``unitree_hg::msg::dds_::LowCmd_``."""
+        """Create a writer. Topic and type must have their names in DDS: ``rt/lowcmd``,
+        ``unitree_hg::msg::dds_::LowCmd_``."""
         return self._engine.writer(topic, type_name, reliable, transient_local, depth)
 
     def reader(
@@ -147,22 +148,21 @@ class Participant:
         """Create a reader.
 
         Args:
-            on_sample: Called from ``run`` or ``poll`` with ``(payload, writer_guid, t_ns)``. The
-                payload, with its encapsulation header, is valid during the call. An exception ends
-                ``run``.
-            max_bytes: Longer samples in fragments are dropped before they are assembled.
+            on_sample: Called by ``run`` or ``poll`` with ``(payload, writer_guid, t_ns)``. The payload has its
+                encapsulation header, and is valid during the call. An exception ends ``run``.
+            max_bytes: Longest accepted sample. A longer sample in fragments is dropped before memory is allocated.
         """
         return self._engine.reader(topic, type_name, reliable, transient_local, on_sample, max_bytes)
 
     async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
-        """Wait until each endpoint has ``n`` matches. The caller sets the deadline."""
+        """Wait until each of these writers and readers has ``n`` matches. The caller must set a timeout."""
         while any(endpoint.matched < n for endpoint in endpoints):
             await self._changed.park()
 
     # -- serving
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Serve until ``close``."""
+        """Serve the participant until ``close`` is called."""
         async with trio.open_nursery() as nursery:
             for sock in self._sockets:
                 nursery.start_soon(self._serve, sock)
@@ -170,10 +170,10 @@ class Participant:
             task_status.started()
 
     def poll(self) -> None:
-        """Process waiting datagrams and due work, without blocking.
+        """Process waiting datagrams and send messages that are due, without blocking.
 
-        All sockets are served every ``SLOW_NS``. The calls between receive user data only, and stop
-        after the first datagram younger than ``FRESH_NS``. Later ones wait for the next call.
+        Once per ``SLOW_NS`` a call serves all sockets. The other calls receive user data only, and return after the
+        first datagram that is younger than ``FRESH_NS``. The following datagrams wait for the next call.
         """
         if not self._sockets:
             return
@@ -188,13 +188,15 @@ class Participant:
             self._engine.tick(self._clock.now_ns())
 
     def close(self) -> None:
-        """Tell the peers, so that they need not wait for the lease to end. May be called again."""
+        """Inform the peers of our end, so that they need not wait until our lease ends, and close the sockets. It
+        may be called again."""
         if not self._sockets:
             return
         self._engine.say_goodbye()
         sockets, self._sockets = self._sockets, ()
         for sock in sockets:
-            with contextlib.suppress(RuntimeError):  # without trio no task waits for the socket
+            # This fails without a trio loop, in which case no task waits for the socket.
+            with contextlib.suppress(RuntimeError):
                 trio.lowlevel.notify_closing(sock)
             sock.close()
 
@@ -212,10 +214,11 @@ class Participant:
                 self.poll()
 
     def _drain(self, sock: socket.socket, fresh_ns: int = 0) -> None:
-        left, began_ns, now_ns = _ROUND, 0, 0
-        while left > 0 and now_ns - began_ns <= _ROUND_NS:
+        remaining, began_ns, now_ns = _ROUND, 0, 0
+        while remaining > 0 and now_ns - began_ns <= _ROUND_NS:
             if not self._sockets:
-                return  # closed by a callback
+                # A callback has closed the participant, so its sockets cannot be read any more.
+                return
             try:
                 size, ancillary, _, sender = sock.recvmsg_into((self._buffer,), ANCILLARY)
             except BlockingIOError:
@@ -227,7 +230,7 @@ class Participant:
             now_ns = self._clock.now_ns()
             began_ns = began_ns or now_ns
             age = age_ns(ancillary[0][2], now_ns - self._empty_ns[sock]) if ancillary else 0
-            left -= 1 + self._engine.receive(self._view[:size], sender, now_ns - age)
+            remaining -= 1 + self._engine.receive(self._view[:size], sender, now_ns - age)
             if ancillary and age < fresh_ns:
                 return
 
@@ -249,7 +252,7 @@ async def open_participant(
     lease_s: float = LEASE_S,
     clock: Clock | None = None,
 ) -> AsyncIterator[Participant]:
-    """Open a ``Participant`` and serve it during the block."""
+    """Open a ``Participant``, and serve it until the ``async with`` block ends."""
     participant = Participant(domain, address, peers, multicast, lease_s, clock)
     try:
         async with trio.open_nursery() as nursery:
@@ -262,12 +265,12 @@ async def open_participant(
 
 
 def _peer(text: str, domain: int) -> list[Address]:
-    """Return the addresses at which ``host`` or ``host:port`` may listen."""
+    """Return the addresses at which a participant on ``host`` or ``host:port`` may listen."""
     host, _, port = text.partition(":")
     if not is_host(host):
         raise ValueError(f"peer is {text!r}. Give an IPv4 address: 192.0.2.10 or 192.0.2.10:7410")
     if not port:
-        return [(host, wire_types.discovery_port(domain, index)) for index in range(PORTS_ASKED)]
+        return [(host, wire_types.discovery_port(domain, index)) for index in range(PORTS_TRIED)]
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or none")
     return [(host, int(port))]

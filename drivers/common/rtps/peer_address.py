@@ -1,4 +1,4 @@
-"""The place of a participant: a host, or one socket of a host. Pure."""
+"""The address of a participant: a host, or one UDP port of a host. Pure."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from .wire_types import Address
 
 class PeerAddress(NamedTuple):
     host: str
-    port: int = 0  # of the socket that it announces and sends from; 0 means any
+    port: int = 0  # UDP port that the participant announces and sends from; 0 accepts any port
 
     def holds(self, sender: Address) -> bool:
-        """Return whether a datagram from ``sender`` comes from this place."""
+        """Return True if ``sender`` matches this address."""
         return sender[0] == self.host and self.port in (0, sender[1])
 
     def has(self, data: ParticipantData, sender: Address) -> bool:
-        """Return whether a participant is at this place.
+        """Return True if a participant has this address.
 
-        Its datagram must come from here, because its own data are no proof. If this place has a
-        port, the participant must announce it too, since several can run on one host.
+        Its datagram must come from this address, because its announcement alone proves nothing. If this address has
+        a port, the participant must also have announced this port, because several participants can run on one
+        host.
         """
         return self.holds(sender) and (not self.port or tuple(self) in data.discovery)
 

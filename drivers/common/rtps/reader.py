@@ -1,15 +1,14 @@
-"""Receive the samples of the matched writers, and request the missing ones.
+"""Receive the samples of the matched writers, and request missing ones.
 
-Pure: time is an argument, answers leave through ``send``, samples through ``deliver``.
+Pure: the time is an argument. Answers are sent by the callback ``send``, samples are delivered by ``deliver``.
 
-Best effort: a sample newer than the last is delivered, all others are dropped. Reliable: samples
-are delivered in order and complete, as long as the writer still keeps them. Early samples wait,
-within bounds.
+A best-effort reader delivers each sample that is newer than the last one, and drops all others. A reliable reader
+delivers the samples in order and completely, as long as the writer keeps them. A sample that arrives too early
+waits, within bounds.
 
-A sequence number far from the last one is accepted only after the writer was silent. Otherwise one
-forged datagram with a leap of 2^40 would make every true sample after it look old. Such a leap is
-accepted in both directions. So the true writer is received again after another sender used its
-name.
+A sequence number far from the last one is accepted only if the writer was silent before. Otherwise one forged
+datagram, with a number that is higher by 2^40, would make all following true samples look old. After a silence,
+higher and lower numbers are accepted. So the true writer is received again after another sender has used its name.
 """
 
 from __future__ import annotations
@@ -43,10 +42,10 @@ GREETING_NS = 100_000_000
 
 
 class Sample(NamedTuple):
-    payload: memoryview  # valid during the call that hands it over
-    writer: bytes  # GUID
-    t_ns: int  # when it arrived
-    disposed: bool  # no data: the payload or the key names the object that has ended
+    payload: memoryview  # the payload, valid only during the call of ``deliver``
+    writer: bytes  # GUID of the writer
+    t_ns: int  # time at which the sample arrived
+    disposed: bool  # True if the sample has no data, and means that an object (named by payload or key) has ended
     key: bytes
 
 
@@ -54,32 +53,35 @@ Deliver = Callable[[Sample], None]
 
 
 class _Writer:
-    """The state of one remote writer."""
+    """The state of one remote writer, as this reader sees it."""
 
     def __init__(self, guid: bytes, address: Address) -> None:
         self.prefix = guid[:PREFIX_SIZE]
         self.entity = guid[PREFIX_SIZE:]
         self.address = address
-        self.next = 1  # the lowest number that was neither received nor declared gone
-        self.heard_ns: int | None = None  # when a message last continued the count; None: never
-        self.early: dict[int, Sample | None] = {}  # None: it was declared gone
-        self.waiting = 0  # bytes in ``early``
-        self.serial: int | None = None  # of its last heartbeat
+        self.next = 1  # lowest number of a sample that was neither received nor declared as not available
+        # Time of the last message with an expected sequence number; None if there was no such message.
+        self.last_received_ns: int | None = None
+        # Samples that wait for earlier ones, by sequence number. None stands for one that will not be sent.
+        self.early: dict[int, Sample | None] = {}
+        self.waiting = 0  # total size in bytes of the samples in ``early``
+        self.serial: int | None = None  # number of the writer's last heartbeat
         self.answers = 0
 
     def is_silent(self, now_ns: int, for_ns: int = SILENT_NS) -> bool:
-        return self.heard_ns is None or now_ns - self.heard_ns >= for_ns
+        return self.last_received_ns is None or now_ns - self.last_received_ns >= for_ns
 
 
 class Reader:
     def __init__(self, data: EndpointData, send: Send, deliver: Deliver, max_bytes: int = MAX_SAMPLE) -> None:
         self.data = data
         self.max_bytes = max_bytes
-        self.mismatch = ""  # why the last writer of this topic did not fit
-        self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
+        self.mismatch = ""  # why the last writer of this topic was not compatible
+        self.is_acknowledged_by: Callable[[bytes], bool] = lambda prefix: True
         """Return whether a participant has acknowledged that this reader exists."""
-        self.lost = 0  # samples that were sent and never received
-        self.leaps = 0  # messages dropped because their number was too far off
+        self.lost = 0  # number of samples that were sent and never received
+        # Number of messages that were dropped because their sequence number was too far from the last one.
+        self.leaps = 0
         self.entity = data.guid[PREFIX_SIZE:]
         self._deliver = deliver
         self._send = send
@@ -90,28 +92,28 @@ class Reader:
 
     @property
     def matched(self) -> int:
-        """Number of writers whose samples are received from now on."""
+        """Number of writers whose samples this reader will receive."""
         return sum(
-            self.is_known_to(writer.prefix) and (writer.serial is not None or not self._reliable)
+            self.is_acknowledged_by(writer.prefix) and (writer.serial is not None or not self._reliable)
             for writer in self._writers.values()
         )
 
     @property
     def hosts(self) -> tuple[str, ...]:
-        """Return the hosts of the matched writers, each once."""
+        """Return the hosts of the matched writers, without repeats."""
         return tuple(dict.fromkeys(writer.address[0] for writer in self._writers.values()))
 
     # -- matched writers
 
     def has_room(self, guid: bytes, most: int) -> bool:
-        """Return whether this writer is matched already, or fewer than ``most`` are."""
+        """Return True if this writer is matched already, or fewer than ``most`` writers are matched."""
         return guid in self._writers or len(self._writers) < most
 
     def match(self, data: EndpointData, address: Address) -> None:
-        """Add a writer of this topic that fits. If it is known, update its address."""
-        known = self._writers.get(data.guid)
-        if known is not None:
-            known.address = address
+        """Add a compatible writer of this topic. If it is known, update its address."""
+        existing = self._writers.get(data.guid)
+        if existing is not None:
+            existing.address = address
             return
         writer = self._writers[data.guid] = _Writer(data.guid, address)
         if self._reliable:
@@ -123,7 +125,7 @@ class Reader:
     # -- received messages
 
     def wants(self, guid: bytes, sequence: int, now_ns: int) -> bool:
-        """Return whether this sample would be accepted."""
+        """Return True if a sample with this number would be accepted now."""
         writer = self._writers.get(guid)
         if writer is None:
             return False
@@ -144,11 +146,11 @@ class Reader:
             if writer.next > 1:
                 self.lost += max(0, sequence - writer.next)
             writer.next = sequence + 1
-            writer.heard_ns = sample.t_ns
+            writer.last_received_ns = sample.t_ns
             self._deliver(sample)
         elif sequence == writer.next:
             writer.next += 1
-            writer.heard_ns = sample.t_ns
+            writer.last_received_ns = sample.t_ns
             self._deliver(sample)
             self._catch_up(writer)
         elif writer.waiting + len(sample.payload) <= MAX_WAITING:
@@ -166,8 +168,9 @@ class Reader:
             return
         greeted = writer.serial is not None
         writer.serial = part.serial
-        writer.heard_ns = now_ns
-        if counts_anew:  # or another sender has used its name
+        writer.last_received_ns = now_ns
+        # The writer has restarted its count, or another sender has used its name.
+        if counts_anew:
             writer.early.clear()
             writer.waiting = 0
             writer.next = part.first
@@ -202,7 +205,7 @@ class Reader:
         self._catch_up(writer)
 
     def tick(self, now_ns: int) -> None:
-        """Request a heartbeat from each writer that has sent no heartbeat yet."""
+        """Request a heartbeat from each writer that has not sent one yet."""
         if not self._reliable or now_ns - self._greeted_ns < GREETING_NS:
             return
         self._greeted_ns = now_ns
@@ -211,7 +214,7 @@ class Reader:
                 self._greet(writer)
 
     def _skip_to(self, writer: _Writer, number: int) -> None:
-        """Deliver the early samples below ``number``, and give up the missing ones."""
+        """Deliver the waiting samples below ``number``. The missing ones below ``number`` will not be delivered."""
         for early in sorted(early for early in writer.early if early < number):
             self._take(writer, early)
         writer.next = max(writer.next, number)

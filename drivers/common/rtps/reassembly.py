@@ -1,4 +1,5 @@
-"""Samples that come in fragments. Pure, and bounded: so many at a time, so many bytes, so long."""
+"""Assemble samples from fragments. Pure. The number of unfinished samples, their bytes and their age are
+bounded."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ class _Part:
 
 class Reassembly:
     def __init__(self) -> None:
-        self.given_up = 0
+        self.dropped = 0
         self._parts: dict[tuple[bytes, int], _Part] = {}
         self._bytes = 0
 
@@ -31,8 +32,8 @@ class Reassembly:
         return len(self._parts)
 
     def add(self, fragment: Fragment, now_ns: int) -> bytearray | None:
-        """Return the whole sample, once its last piece has come. Raise ``MalformedFrame`` when
-        pieces do not fit together."""
+        """Add a fragment. Return the whole sample once all its fragments have arrived, otherwise None. Raise
+        ``MalformedFrame`` if its fragments contradict each other."""
         name = (fragment.writer, fragment.sequence)
         part = self._parts.get(name)
         if part is None:
@@ -45,8 +46,8 @@ class Reassembly:
             self._drop(name)
             raise MalformedFrame("fragments of one sample that do not fit together")
         part.t_ns = now_ns
-        at = fragment.first * fragment.size
-        part.payload[at : at + len(fragment.payload)] = fragment.payload
+        offset = fragment.first * fragment.size
+        part.payload[offset : offset + len(fragment.payload)] = fragment.payload
         part.have[fragment.first : fragment.first + fragment.pieces] = b"\x01" * fragment.pieces
         if 0 in part.have:
             return None
@@ -58,7 +59,7 @@ class Reassembly:
             self._drop(name)
 
     def forget(self, prefix: bytes) -> None:
-        """Everything of one participant."""
+        """Drop all unfinished samples of one participant."""
         for name in [name for name in self._parts if name[0].startswith(prefix)]:
             self._drop(name)
 
@@ -67,7 +68,7 @@ class Reassembly:
             self._drop(next(iter(self._parts)))
 
     def _drop(self, name: tuple[bytes, int]) -> None:
-        self.given_up += 1
+        self.dropped += 1
         self._remove(name)
 
     def _remove(self, name: tuple[bytes, int]) -> None:

@@ -1,5 +1,4 @@
-"""The sockets of a participant. They do not block, and the kernel stamps each arrival. All of them open, or none
-does."""
+"""Open the UDP sockets of a participant. They do not block, and the kernel notes when each datagram arrives."""
 
 from __future__ import annotations
 
@@ -16,15 +15,15 @@ from . import wire_types
 
 _RECEIVE_BYTES = 1 << 20
 
-# Linux reports when the kernel received a datagram, so one that waited in the socket has its true age.
-_TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # SO_TIMESTAMPNS
+# Linux reports when the kernel received a datagram. So the age includes the time that it waited in the socket.
+_TIMESTAMPS = 35 if sys.platform.startswith("linux") else None  # the value of Linux's SO_TIMESTAMPNS
 _TIMESPEC = struct.Struct("@qq")
 ANCILLARY = socket.CMSG_SPACE(_TIMESPEC.size)
 """Room for the time stamp of a datagram."""
 
 
 def is_host(text: str) -> bool:
-    """Return whether the text is the IPv4 address of one host, in its usual form."""
+    """Return True if the text is the IPv4 address of one host, in its usual form."""
     try:
         return socket.inet_ntoa(socket.inet_pton(socket.AF_INET, text)) == text != "0.0.0.0"
     except (OSError, ValueError):
@@ -32,10 +31,9 @@ def is_host(text: str) -> bool:
 
 
 def age_ns(timespec: bytes, longest_ns: int) -> int:
-    """Return the age of a datagram that came less than ``longest_ns`` ago.
+    """Return the age of a received datagram in ns, but at most ``longest_ns``.
 
-    The kernel's stamp is wall-clock time. If that clock was set meanwhile, the datagram counts as
-    ``longest_ns`` old.
+    The kernel's time stamp is wall-clock time. If that clock was set meanwhile, the result is ``longest_ns``.
     """
     if len(timespec) != _TIMESPEC.size:
         return 0
@@ -47,7 +45,8 @@ def age_ns(timespec: bytes, longest_ns: int) -> int:
 
 
 def open_sockets(domain: int, address: str, multicast: bool) -> tuple[socket.socket, ...]:
-    """For discovery, for user data, and the multicast group's if wanted. Raise ``WireDown``."""
+    """Open a socket for discovery, one for user data and, with ``multicast``, one for the multicast group. Raise
+    ``WireDown``, without leaving a socket open."""
     opened: list[socket.socket] = []
     try:
         if multicast:
@@ -66,11 +65,12 @@ def open_sockets(domain: int, address: str, multicast: bool) -> tuple[socket.soc
         ) from None
     for sock in opened:
         sock.close()
-    raise WireDown(f"RTPS on {address}, domain {domain}: all ports are taken. Use another address or domain")
+    raise WireDown(f"RTPS on {address}, domain {domain}: all ports are in use. Use another address or domain")
 
 
 def _pair(domain: int, address: str, index: int) -> tuple[socket.socket, socket.socket] | None:
-    """None: these ports are taken."""
+    """Open the sockets for discovery and user data of the participant number ``index``. Return None if a port is in
+    use."""
     first = _udp()
     second = _udp()
     try:
@@ -111,17 +111,17 @@ def _udp() -> socket.socket:
 
 
 def own_address(host: str) -> str:
-    """Ours, on the way to ``host``. Raise ``ValueError``."""
+    """Return this host's address on the route to ``host``. Raise ``ValueError``."""
     try:
         socket.inet_aton(host)
     except OSError:
-        raise ValueError("port is not an IPv4 address. Give the robot's, such as 192.168.123.161") from None
+        raise ValueError("port is not an IPv4 address. Give the robot's address, such as 192.168.123.161") from None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
             sock.connect((host, 7400))
         except OSError as error:
             raise ValueError(
-                f"no way there ({error.strerror}). Check the network, or give network_interface="
+                f"there is no route to the robot ({error.strerror}). Check the network, or give network_interface="
             ) from None
         address: str = sock.getsockname()[0]
         return address

@@ -1,6 +1,6 @@
-"""What every part of RTPS is made of: names (GUIDs, entity ids, ports), byte orders.
+"""Basic definitions of RTPS: GUIDs, entity ids, ports and byte orders.
 
-Numbers from DDSI-RTPS 2.2, chapter 9 (mapping to UDP).
+The numbers come from DDSI-RTPS 2.2, chapter 9 (mapping to UDP).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ Address = tuple[str, int]
 """IPv4 host and UDP port."""
 
 
-# -- names. A GUID is 16 bytes: the participant's prefix (12) and an entity id (4).
+# -- names. A GUID has 16 bytes: the participant's prefix (12) and an entity id (4).
 
 VENDOR = bytes.fromhex("0199")
 """An id that no vendor holds: stacks switch on work-arounds for those they know."""
@@ -37,8 +37,11 @@ MAX_ENTITIES = 255
 
 
 def writer_id(number: int) -> bytes:
-    """Of a user's writer without key, 1..``MAX_ENTITIES``. The number fills three bytes: ids of one
-    participant differ in more than one byte, and no single damaged byte makes one of another."""
+    """Return the entity id of a writer of user data (without a key).
+
+    The number, 1..``MAX_ENTITIES``, fills three bytes of the id. So two ids of one participant differ in several
+    bytes, and a single damaged byte cannot turn one id into another.
+    """
     return bytes((number, number, number, 0x03))
 
 
@@ -47,7 +50,7 @@ def reader_id(number: int) -> bytes:
     return bytes((number, number, number, 0x04))
 
 
-# -- ports (9.6.1.1, default mapping)
+# -- ports (RTPS specification, 9.6.1.1, default mapping)
 
 MULTICAST_GROUP = "239.255.0.1"
 MAX_DOMAIN = 232
@@ -63,8 +66,8 @@ def discovery_port(domain: int, index: int) -> int:
 
 
 def indices(domain: int) -> int:
-    """Participants that an address has room for: further ports are the next domain's, or none at
-    all."""
+    """Return the number of participants that can use one address in this domain. Higher ports belong to the next
+    domain, or do not exist."""
     return min(120, (MAX_PORT - user_port(domain, 0)) // 2 + 1)
 
 
@@ -76,20 +79,20 @@ def user_port(domain: int, index: int) -> int:
 
 
 class Order(NamedTuple):
-    """The layouts of one byte order. Sequence numbers are a signed high and an unsigned low
-    word."""
+    """The field layouts of one byte order. A sequence number is a signed high word and an unsigned low word."""
 
     u16: struct.Struct
     u32: struct.Struct
-    pair: struct.Struct  # parameter id, length
+    pair: struct.Struct  # fields: parameter id, length
     sequence: struct.Struct
-    data: struct.Struct  # flags, octets to inline QoS, reader, writer, sequence
-    fragment: struct.Struct  # as data, then first fragment, fragments, fragment size, sample size
-    heartbeat: struct.Struct  # reader, writer, first, last, count
-    acknack: struct.Struct  # reader, writer, base, bits
-    gap: struct.Struct  # reader, writer, start, base, bits
-    locator: struct.Struct  # kind, port, address
-    duration: struct.Struct  # seconds, 2^-32 seconds
+    data: struct.Struct  # fields: flags, octets to inline QoS, reader, writer, sequence number
+    # Fields of DATA_FRAG: those of DATA, then first fragment, number of fragments, fragment size, sample size.
+    fragment: struct.Struct
+    heartbeat: struct.Struct  # fields: reader, writer, first number, last number, count
+    acknack: struct.Struct  # fields: reader, writer, base, number of bits
+    gap: struct.Struct  # fields: reader, writer, start, base, number of bits
+    locator: struct.Struct  # fields: kind, port, address
+    duration: struct.Struct  # fields: seconds, and a fraction in units of 2^-32 seconds
 
 
 def _order(sign: str) -> Order:

@@ -1,10 +1,10 @@
 """Send samples to the matched readers, and send them again on request.
 
-Pure: time is an argument, and datagrams leave through ``send``.
+Pure: the time is an argument, and datagrams are sent by the callback ``send``.
 
-A best-effort writer keeps nothing. A reliable writer keeps its last samples, and answers requests
-for older ones with a GAP. A reader that is matched late gets earlier samples only if both sides are
-transient-local. Otherwise an acknowledged sample is never sent again.
+A best-effort writer keeps no samples. A reliable writer keeps its last samples, and answers a request for older
+ones with a GAP. A reader that is matched late receives earlier samples only if writer and reader are both
+transient-local. Otherwise a sample that the reader has acknowledged is never sent again.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ HEARTBEAT_NS = 50_000_000
 
 
 class _Reader:
-    """The state of one remote reader."""
+    """The state of one remote reader, as this writer sees it."""
 
     def __init__(self, data: EndpointData, address: Address, reliable: bool, late: bool, last: int) -> None:
-        """``late``: do not send it samples that were written before (up to ``last``)."""
+        """Note a new reader. With ``late``, it does not receive the samples up to ``last``, which were written
+        before."""
         self.prefix = data.guid[:PREFIX_SIZE]
         self.entity = data.guid[PREFIX_SIZE:]
         self.address = address
         self.reliable = reliable
         self.late = late
-        self.start = last + 1 if late else 1  # the first sample that it may get
+        self.start = last + 1 if late else 1  # number of the first sample that the reader may receive
         self.acknowledged = self.start - 1
-        self.serial: int | None = None  # of its last ACKNACK
+        self.serial: int | None = None  # number of the reader's last ACKNACK
 
 
 class Writer:
@@ -41,12 +42,12 @@ class Writer:
         """Create a writer without readers.
 
         Args:
-            depth: Number of samples kept. None keeps all, and the caller must bound them. Unused
-                for best effort.
+            depth: Number of samples that a reliable writer keeps. None keeps all samples, and the caller must limit
+                their number.
         """
         self.data = data
-        self.mismatch = ""  # why the last reader of this topic did not fit
-        self.is_known_to: Callable[[bytes], bool] = lambda prefix: True
+        self.mismatch = ""  # why the last reader of this topic was not compatible
+        self.is_acknowledged_by: Callable[[bytes], bool] = lambda prefix: True
         """Return whether a participant has acknowledged that this writer exists."""
         self._send = send
         self._prefix = data.guid[:PREFIX_SIZE]
@@ -59,23 +60,23 @@ class Writer:
         self._heartbeat_ns = 0
         self._readers: dict[bytes, _Reader] = {}
         self._addresses: tuple[Address, ...] = ()
-        self._parted: tuple[Address, ...] = ()  # of the last readers, while no reader is matched
+        self._parted: tuple[Address, ...] = ()  # addresses of the last readers, while no reader is matched
 
     @property
     def has_parted(self) -> bool:
-        """Return whether all readers have left. A stop is still sent to their last addresses."""
+        """Return True if all readers have left. A stop is still sent to their last addresses."""
         return bool(self._parted)
 
     @property
     def matched(self) -> int:
-        """Number of readers that receive every sample written from now on."""
+        """Number of readers that will receive every sample written from now on."""
         return sum(
-            self.is_known_to(reader.prefix) and (reader.serial is not None or not reader.reliable)
+            self.is_acknowledged_by(reader.prefix) and (reader.serial is not None or not reader.reliable)
             for reader in self._readers.values()
         )
 
     def acknowledged_by(self, guid: bytes) -> int:
-        """Return the number up to which this reader has all samples; 0 if it is not matched."""
+        """Return the number of the last sample up to which this reader has all samples; 0 if it is not matched."""
         reader = self._readers.get(guid)
         return 0 if reader is None else reader.acknowledged
 
@@ -86,19 +87,19 @@ class Writer:
         return self._sequence - min(waiting, default=self._sequence)
 
     def write(self, payload: Buffer) -> int:
-        """Send a sample to every reader.
+        """Send a sample to every matched reader.
 
         Args:
             payload: The sample with its encapsulation header.
 
         Returns:
-            The number of addresses for which the network accepted it.
+            The number of addresses to which the sample was sent without an error.
         """
         return self._write(payload, self._addresses)
 
     def write_stop(self, payload: Buffer) -> int:
-        """As ``write``. If no reader is left, send to the addresses of the last ones. A reader that was
-        announced as gone may still be there (SAF-022)."""
+        """Send a stop to every matched reader. If no reader is left, send it to the last known addresses, because a
+        reader may still exist although its end was announced (SAF-022)."""
         return self._write(payload, self._addresses or self._parted)
 
     def _write(self, payload: Buffer, addresses: Sequence[Address]) -> int:
@@ -111,30 +112,31 @@ class Writer:
         self._heartbeats += 1
         parts = self._frame.parts(self._sequence, payload, self._first(), self._heartbeats)
         send = self._send
-        taken = 0
+        sent = 0
         for address in addresses:
-            taken += send(parts, address)
-        return taken
+            sent += send(parts, address)
+        return sent
 
     def _write_fragments(self, payload: Buffer, addresses: Sequence[Address]) -> int:
-        """Send all pieces. An address counts only if the network accepted every piece."""
-        taken = dict.fromkeys(addresses, True)
+        """Send all fragments of a sample. An address counts only if every fragment was sent to it without an
+        error."""
+        sent = dict.fromkeys(addresses, True)
         for piece in messages.fragments(UNKNOWN, self._entity, self._sequence, payload):
             for address in addresses:
-                taken[address] &= self._send((self._header, piece), address)
-        return sum(taken.values())
+                sent[address] &= self._send((self._header, piece), address)
+        return sum(sent.values())
 
     # -- matched readers
 
     def has_room(self, guid: bytes, most: int) -> bool:
-        """Return whether this reader is matched already, or fewer than ``most`` are."""
+        """Return True if this reader is matched already, or fewer than ``most`` readers are matched."""
         return guid in self._readers or len(self._readers) < most
 
     def match(self, data: EndpointData, address: Address) -> None:
-        """Add a reader of this topic that fits. If it is known, update its address."""
-        known = self._readers.get(data.guid)
-        if known is not None:
-            known.address = address
+        """Add a compatible reader of this topic. If it is known, update its address."""
+        existing = self._readers.get(data.guid)
+        if existing is not None:
+            existing.address = address
         else:
             late = self.data.durability == VOLATILE or data.durability == VOLATILE
             reader = _Reader(data, address, self.data.reliable and data.reliable, late, self._sequence)
@@ -146,10 +148,10 @@ class Writer:
         self._readdress()
 
     def unmatch(self, guid: bytes) -> bool:
-        found = self._readers.pop(guid, None) is not None
-        if found:
+        removed = self._readers.pop(guid, None) is not None
+        if removed:
             self._readdress()
-        return found
+        return removed
 
     def unmatch_participant(self, prefix: bytes) -> None:
         for guid in [guid for guid in self._readers if guid.startswith(prefix)]:
@@ -172,12 +174,13 @@ class Writer:
             return
         if part.serial is not None:
             if part.serial == reader.serial:
-                return  # a duplicate made by the network
+                # The network has delivered this ACKNACK twice.
+                return
             reader.serial = part.serial
         reader.acknowledged = max(reader.acknowledged, min(part.base - 1, self._sequence))
         if reader.late:
-            # A reader forgets us when we are silent for longer than our lease. It then requests
-            # everything again, and must not get a sample twice.
+            # A reader forgets this participant if it is silent for longer than its lease. The reader then requests
+            # all samples again, but must not get a sample twice.
             reader.start = reader.acknowledged + 1
         first = max(reader.start, self._first())
         missing = [number for number in part.missing if number <= self._sequence]
@@ -190,7 +193,7 @@ class Writer:
             self._beat(reader, final=True)
 
     def tick(self, now_ns: int) -> None:
-        """Send a heartbeat to readers that lack an acknowledgement or have sent no ACKNACK yet."""
+        """Send a heartbeat to each reader that has not acknowledged all samples, or has not sent an ACKNACK yet."""
         if self._kept is None or now_ns - self._heartbeat_ns < HEARTBEAT_NS:
             return
         self._heartbeat_ns = now_ns
@@ -199,7 +202,8 @@ class Writer:
                 self._beat(reader, final=False)
 
     def _first(self) -> int:
-        """Return the number of the oldest kept sample, or one past the last if no sample is kept."""
+        """Return the number of the oldest kept sample. If no sample is kept, return the number of the next
+        sample."""
         return self._sequence + 1 - len(self._kept or ())
 
     def _resend(self, reader: _Reader, sequence: int) -> None:
@@ -222,11 +226,11 @@ class Writer:
 
 
 def _spans(numbers: Iterable[int]) -> list[tuple[int, int]]:
-    """Return ascending numbers as ranges ``start <= n < end``."""
-    found: list[tuple[int, int]] = []
+    """Combine ascending numbers into ranges ``start <= n < end``."""
+    spans: list[tuple[int, int]] = []
     for number in numbers:
-        if found and found[-1][1] == number:
-            found[-1] = (found[-1][0], number + 1)
+        if spans and spans[-1][1] == number:
+            spans[-1] = (spans[-1][0], number + 1)
         else:
-            found.append((number, number + 1))
-    return found
+            spans.append((number, number + 1))
+    return spans

@@ -1,2 +1,4 @@
-"""The common part of all buses of position servos. The ``protocol`` module of a wire is the ``Codec`` that
-this code uses."""
+"""The code that all robots with position servos on a serial bus share.
+
+The ``protocol`` module of each servo family provides the functions and constants of ``Codec``.
+"""

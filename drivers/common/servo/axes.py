@@ -1,4 +1,4 @@
-"""Convert between units and encoder counts, per joint."""
+"""Convert the values of a joint between its unit (degrees or percent) and encoder counts."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ COUNTS_PER_RADIAN = COUNTS / math.tau
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """One joint. Values and counts are related by ``count = zero + scale * value``."""
+    """One joint and its servo. Values and encoder counts are related by ``count = zero + scale * value``."""
 
     key: str
     id: int
     model: str
     unit: str  # "deg" or "percent"
-    zero: float  # counts at value 0
-    scale: float  # counts per unit; negative if the drive is inverted
-    low: int  # travel, counts
+    zero: float  # encoder count at value 0
+    scale: float  # encoder counts per unit; negative if the drive is inverted
+    low: int  # lowest encoder count of the joint's travel
     high: int
-    speed: float  # units per second, unloaded
+    speed: float  # top speed without load, in units per second
 
     def count(self, value: float) -> int:
         return round(self.zero + self.scale * value)
@@ -46,7 +46,7 @@ class Axis(msgspec.Struct, frozen=True):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Travel in units, the lower end first."""
+        """Lowest and highest value of the joint, in its unit."""
         first, second = self.value(self.low), self.value(self.high)
         return min(first, second), max(first, second)
 
@@ -60,7 +60,7 @@ class Axis(msgspec.Struct, frozen=True):
 
     @property
     def declared(self) -> contract.Axis:
-        """The joint as the contract's ``Axis``, without counts."""
+        """The joint as an axis in the form that other modules use, without encoder counts."""
         low, high = self.limits
         return contract.Axis(key=self.key, unit=self.unit, low=low, high=high, speed=self.speed, id=self.id)
 
@@ -71,10 +71,10 @@ def axes_of(
     """Return the axes of a robot, in the order of its table.
 
     Args:
-        joints: ``joints`` of the robot's table.
-        calibration: By joint. Without it each joint has the range of its model, around the middle of its
-            servo.
-        host_inverts: True if the host applies drive mode 1 of the calibration; False if the servo does.
+        joints: The entry ``joints`` of the robot's table.
+        calibration: Calibration of each motor, by joint. Without it each joint has the range of its model, around
+            the middle of its servo.
+        host_inverts: True if this program must reverse a joint with drive mode 1; False if the servo does it.
     """
     return tuple(
         _axis(joint, None if calibration is None else calibration[joint["key"]], host_inverts) for joint in joints

@@ -1,5 +1,7 @@
-"""Calibrate a robot of servos with LeRobot's procedure, and write LeRobot's file. A person moves all joints
-to their middle, then through their whole range."""
+"""Calibrate a robot of servos with LeRobot's procedure, and return the values for LeRobot's file.
+
+A person moves all joints to the middle of their range, then through their whole range.
+"""
 
 from __future__ import annotations
 
@@ -21,28 +23,28 @@ PATIENCE_S = 1.0
 minute of work."""
 UNDO_S = 3.0
 
-Told = TypeVar("Told")
+Result = TypeVar("Result")
 
 
 class Person(Protocol):
-    """The user interface to the person that moves the robot."""
+    """The user interface for the person that moves the joints."""
 
     async def ready(self, text: str) -> None:
         """Show an instruction, and wait until the person has carried it out."""
 
     def show(self, ranges: Ranges) -> None:
-        """Show the ranges so far."""
+        """Show the ranges that were recorded so far."""
 
 
 async def calibrate(
     setup: Setup[Any], person: Person, whole_turn: Sequence[str], inverted: Sequence[str], max_offset: int
 ) -> dict[str, MotorCalibration]:
-    """Calibrate the servos. If it ends early, they get their previous calibration again.
+    """Calibrate the servos. If this fails or is cancelled, write their previous calibration again.
 
     Args:
         setup: The servos.
         person: The user interface.
-        whole_turn: Keys of joints without an end, which get the whole turn.
+        whole_turn: Keys of joints that turn without an end. Their range is the whole turn.
         inverted: Keys of joints with drive mode 1.
         max_offset: The largest value that the homing offset register can hold.
 
@@ -67,41 +69,44 @@ async def _calibrate(
     setup: Setup[Any], person: Person, whole_turn: Sequence[str], inverted: Sequence[str], max_offset: int
 ) -> dict[str, MotorCalibration]:
     modes = {axis.key: int(axis.key in inverted) for axis in setup.axes}
-    found = {axis.key: MotorCalibration(axis.id, modes[axis.key], 0, 0, TOP) for axis in setup.axes}
-    await _write(setup, found)
+    calibration = {axis.key: MotorCalibration(axis.id, modes[axis.key], 0, 0, TOP) for axis in setup.axes}
+    await _write(setup, calibration)
     await person.ready("move every joint to the middle of its range")
     for axis in setup.axes:
         position = (await _patiently(setup.positions))[axis.key]
         offset = max(-max_offset, min(max_offset, setup.offset_to_middle(position)))
-        found[axis.key] = MotorCalibration(axis.id, modes[axis.key], offset, 0, TOP)
-    await _write(setup, found)
+        calibration[axis.key] = MotorCalibration(axis.id, modes[axis.key], offset, 0, TOP)
+    await _write(setup, calibration)
     ranges = Ranges(setup.axes, whole_turn)
     others = f", all but {', '.join(whole_turn)}" if whole_turn else ""
     await _record(setup, person, ranges, f"move every joint{others} from one end of its range to the other")
     if problems := ranges.problems():
-        told = "; ".join(f"{key} {why}" for key, why in problems.items())
-        raise ValueError(f"{told}. Nothing was changed: do it again")
+        text = "; ".join(f"{key} {problem}" for key, problem in problems.items())
+        raise ValueError(f"{text}. Nothing was changed. Calibrate again")
     for axis in setup.axes:
         low, high = ranges.of(axis.key)
-        found[axis.key] = MotorCalibration(axis.id, modes[axis.key], found[axis.key].homing_offset, low, high)
-    await _write(setup, found)
-    return found
+        calibration[axis.key] = MotorCalibration(
+            axis.id, modes[axis.key], calibration[axis.key].homing_offset, low, high
+        )
+    await _write(setup, calibration)
+    return calibration
 
 
 async def _record(setup: Setup[Any], person: Person, ranges: Ranges, text: str) -> None:
-    """Record positions until the person has finished."""
+    """Record the positions of all joints until the person has finished."""
     failures: list[Exception] = []
 
     async def first(work: Callable[[], Awaitable[None]], scope: trio.CancelScope) -> None:
         try:
             await work()
-        except Exception as failure:  # It is raised below, because a nursery would put it into a group.
+        # The exception is raised below. A nursery would wrap it into an exception group.
+        except Exception as failure:
             failures.append(failure)
         scope.cancel()
 
     async def read() -> None:
         while True:
-            ranges.take(await _patiently(setup.positions))
+            ranges.record(await _patiently(setup.positions))
             person.show(ranges)
             await trio.sleep(READ_S)
 
@@ -112,8 +117,8 @@ async def _record(setup: Setup[Any], person: Person, ranges: Ranges, text: str) 
         raise failures[0]
 
 
-async def _patiently(ask: Callable[[], Awaitable[Told]]) -> Told:
-    """Repeat a request for ``PATIENCE_S``. Raise the last ``WireDown``."""
+async def _patiently(ask: Callable[[], Awaitable[Result]]) -> Result:
+    """Repeat a request until it succeeds, for at most ``PATIENCE_S``. Then raise its last ``WireDown``."""
     until_s = trio.current_time() + PATIENCE_S
     while True:
         try:
@@ -124,12 +129,12 @@ async def _patiently(ask: Callable[[], Awaitable[Told]]) -> Told:
         await trio.sleep(READ_S)
 
 
-async def _write(setup: Setup[Any], wanted: dict[str, MotorCalibration]) -> None:
+async def _write(setup: Setup[Any], calibration: dict[str, MotorCalibration]) -> None:
     """Write a calibration to every servo, and read it back."""
     for axis in setup.axes:
         await _patiently(partial(setup.unlock, axis))
-        await _patiently(partial(setup.write_calibration, axis, wanted[axis.key]))
+        await _patiently(partial(setup.write_calibration, axis, calibration[axis.key]))
         await _patiently(partial(setup.lock, axis))
-        kept = await _patiently(partial(setup.read_calibration, axis))
-        if kept != wanted[axis.key]:
-            raise WireDown(f"{axis.label} did not keep what was written to it. Check its cable, try again")
+        stored = await _patiently(partial(setup.read_calibration, axis))
+        if stored != calibration[axis.key]:
+            raise WireDown(f"{axis.label} did not keep its new values. Check its cable, then try again")

@@ -1,4 +1,4 @@
-"""The protocol that the shared code needs. The ``protocol`` module of each wire is a ``Codec``."""
+"""The interface of a servo protocol. The ``protocol`` module of each servo family implements ``Codec``."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from strands_actors.drivers.common.ports.half_duplex import Decoder, PacketT_co
 
 
 class Field(Protocol):
-    """A register, as a reader sees it."""
+    """One register of a servo: its address and size, and how its value is decoded."""
 
     @property
     def address(self) -> int: ...
     @property
     def size(self) -> int: ...
     def decode(self, data: bytes, base: int | None = None) -> int:
-        """Return the value in a block of registers.
+        """Return the value of this register in a block of registers.
 
         Args:
-            data: The block.
-            base: Its address. The default is the address of this register.
+            data: The bytes of the block.
+            base: The address of the block's first register. The default is the address of this register.
         """
         ...
 
 
 class Codec(Protocol[PacketT_co]):
-    """Constants of a protocol, and functions that make its frames."""
+    """Constants of a servo protocol, and functions that make its frames."""
 
     @property
     def BROADCAST(self) -> int: ...
     @property
     def OVERHEAD(self) -> int:
-        """Bytes of a reply without params."""
+        """Bytes of a reply without parameters."""
         ...
 
     @property
@@ -42,7 +42,7 @@ class Codec(Protocol[PacketT_co]):
 
     @property
     def RESYNC(self) -> bytes:
-        """Bytes after which a parser that is inside a torn header starts again."""
+        """Bytes that bring a servo's parser back to its start, if an incomplete header was received before."""
         ...
 
     @property
@@ -61,10 +61,10 @@ class Codec(Protocol[PacketT_co]):
     def sync_read(self, ids: Sequence[int], address: int, size: int) -> bytes: ...
     def torque(self, servo_id: int, on: bool) -> bytes: ...
     def goals(self, counts: Mapping[int, int]) -> bytes:
-        """Return one frame with the goals of all servos, counts by id."""
+        """Return one frame with the goal positions of all servos, in counts by id."""
         ...
 
     def hold(self, positions: Mapping[int, int]) -> bytes:
-        """Return one frame that sets the goals to the measured positions, counts by id. The log can tell it
-        from a setpoint."""
+        """Return one frame that sets the goals to the measured positions, in counts by id. Its bytes differ from
+        those of a setpoint, so that a log can distinguish both."""
         ...

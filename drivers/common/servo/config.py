@@ -1,4 +1,4 @@
-"""The configuration of a robot of position servos, for its wire and its stop channel."""
+"""The configuration of a robot of position servos, for all processes that use its port."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""The driver of a robot of position servos on a serial bus. It declares everything but the protocol and the
-firmware."""
+"""The base of all drivers for robots of position servos on a serial bus. It declares everything that does not
+depend on the protocol and the firmware."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ NO_CALIBRATION = "none: the travel of its model"
 
 
 class ServoOptions(DriverOptions, frozen=True):
-    """The constructor keywords of a servo driver. ``resolve`` checks them, since valid values depend on the
-    robot's servos."""
+    """The keyword arguments of a servo driver. ``resolve`` checks their values, because the valid ones depend on
+    the robot's servos."""
 
     calibration: Annotated[
         str | dict[str, Any] | None,
@@ -70,9 +70,9 @@ class ServoOptions(DriverOptions, frozen=True):
 class ServoDriver(Driver):
     """Base of the drivers of servo buses.
 
-    A subclass provides the class variables without a value: the robots' tables, speeds of the bus, rules
-    for calibrations, and the codes of faults. It also adds what ``Driver`` requires for its wire and its
-    stop channel. It gets options, axes, gates, calibration and caveats from here.
+    This class provides options, axes, checks of commands, calibration and caveats. A subclass sets the class
+    variables that have no value here: the robots' tables, baud rates, rules for calibrations, and codes of faults.
+    It also provides the classes that ``Driver`` requires for talking to the robot and for stopping it.
     """
 
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"
@@ -99,7 +99,8 @@ class ServoDriver(Driver):
     unit = "degrees (gripper: percent open)"
     timing = Timing(
         control_hz=30.0,
-        keepalive_s=0.05,  # A sync write is never acknowledged. Sending it again replaces a lost frame.
+        # A sync write is never acknowledged. Repeating it replaces a lost frame.
+        keepalive_s=0.05,
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=0.3,
@@ -125,7 +126,7 @@ class ServoDriver(Driver):
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
             "tool_name": options.get("tool_name"),
-            "calibrated_ids": [] if motors else lerobot.ids(cls.lerobot_types(name), kind=cls.CALIBRATIONS),
+            "calibrated_ids": [] if motors else lerobot.ids(cls.lerobot_types(name), category=cls.CALIBRATIONS),
         }
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
@@ -147,11 +148,11 @@ class ServoDriver(Driver):
             modes={joint["key"]: joint["mode"] for joint in joints if "mode" in joint},
         )
         groups = groupby((axis.declared for axis in self.joints), key=lambda axis: axis.unit)
-        kinds = {"percent": PartKind.GRIPPER}
-        self.declare(*(Part(kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
+        part_kinds = {"percent": PartKind.GRIPPER}
+        self.declare(*(Part(part_kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
         if calibration is None:
-            known = ", ".join(resolved.get("calibrated_ids", ()))
-            hint = f"calibrated are the ids {known}: give one of them, or " if known else ""
+            calibrated_ids = ", ".join(resolved.get("calibrated_ids", ()))
+            hint = f"calibrated are the ids {calibrated_ids}: give one of them, or " if calibrated_ids else ""
             name = resolved.get("tool_name") or self.robot
             own_id = "" if name == self.robot else f" --id {shlex.quote(str(name))}"
             self.caveats = (
@@ -165,7 +166,8 @@ class ServoDriver(Driver):
 
     def preload(self) -> None:
         super().preload()
-        importlib.import_module("serial")  # The root may have to open the port itself.
+        # The supervising process may have to open the port itself, and must not import modules then.
+        importlib.import_module("serial")
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return tuple((axis.value(MIDDLE), COUNTS_PER_RADIAN / axis.scale) for axis in self.joints)
@@ -174,24 +176,24 @@ class ServoDriver(Driver):
         return {axis.key: axis.limits for axis in self.joints} if self.config.calibration else {}
 
     @classmethod
-    def _ids(cls, robot: str, given: object) -> dict[str, int]:
-        """Return the id of each joint's servo."""
+    def _ids(cls, robot: str, motor_ids: object) -> dict[str, int]:
+        """Return the id of each joint's servo, by joint."""
         usual = {joint["key"]: joint["id"] for joint in cls.TABLES.robots[robot]["joints"]}
-        if given is None or given == () or given == []:
+        if motor_ids is None or motor_ids == () or motor_ids == []:
             return usual
-        ids = list(given) if isinstance(given, list | tuple) else []
+        ids = list(motor_ids) if isinstance(motor_ids, list | tuple) else []
         are_ids = all(type(each) is int and 0 <= each <= LAST_ID for each in ids)
         if len(ids) != len(usual) or not are_ids or len(set(ids)) != len(ids):
             raise ValueError(
-                f"{robot}: motor_ids is {given!r}. Give {len(usual)} different ids, 0 to {LAST_ID}, "
+                f"{robot}: motor_ids is {motor_ids!r}. Give {len(usual)} different ids, 0 to {LAST_ID}, "
                 f"in the order {', '.join(usual)}"
             )
         return dict(zip(usual, ids, strict=True))
 
     @classmethod
     def lerobot_types(cls, robot: str) -> tuple[str, ...]:
-        """Return the names under which lerobot may have a calibration of a robot. The first is the present
-        one, where a new calibration is written."""
+        """Return the names under which lerobot may store a robot's calibration. A new calibration is stored under
+        the first one."""
         others = tuple(alias for alias, name in cls.TABLES.aliases.items() if name == robot)
         present = cls.TABLES.robots[robot].get("lerobot", cls.LEROBOT_TYPES.get(robot, ()))
         return tuple(dict.fromkeys((*present, robot, *others)))
@@ -210,35 +212,37 @@ class ServoDriver(Driver):
     def _calibration(
         cls, robot: str, options: Mapping[str, Any], ids: Mapping[str, int]
     ) -> tuple[dict[str, lerobot.MotorCalibration] | None, str]:
-        given = options.get("calibration")
-        if isinstance(given, Mapping):
+        requested = options.get("calibration")
+        if isinstance(requested, Mapping):
             source = str(options.get("calibration_source") or "given as a dict")
-            return lerobot.check(given, ids, cls.MAX_OFFSET, source), source
-        if isinstance(given, (str, Path)):
-            path: Path | None = Path(given).expanduser()
-        elif given is None:
+            return lerobot.check(requested, ids, cls.MAX_OFFSET, source), source
+        if isinstance(requested, (str, Path)):
+            path: Path | None = Path(requested).expanduser()
+        elif requested is None:
             tool_name, types = options.get("tool_name"), cls.lerobot_types(robot)
-            path = lerobot.find(types, str(tool_name), kind=cls.CALIBRATIONS) if tool_name else None
+            path = lerobot.find(types, str(tool_name), category=cls.CALIBRATIONS) if tool_name else None
         else:
-            raise ValueError(f"{robot}: calibration is {given!r}. Give a path, a dict or None")
+            raise ValueError(f"{robot}: calibration is {requested!r}. Give a path, a dict or None")
         if path is None:
             return None, NO_CALIBRATION
         return lerobot.load(path, ids, cls.MAX_OFFSET), str(path)
 
 
-def _timeout_s(robot: str, given: object) -> float:
-    seconds = TIMEOUT_S if given is None else finite(given)
+def _timeout_s(robot: str, timeout: object) -> float:
+    seconds = TIMEOUT_S if timeout is None else finite(timeout)
     if seconds is None or not SHORTEST_TIMEOUT_S <= seconds <= LONGEST_TIMEOUT_S:
         raise ValueError(
-            f"{robot}: timeout is {given!r}. Give seconds, {SHORTEST_TIMEOUT_S:g} to {LONGEST_TIMEOUT_S:g}"
+            f"{robot}: timeout is {timeout!r}. Give seconds, {SHORTEST_TIMEOUT_S:g} to {LONGEST_TIMEOUT_S:g}"
         )
     return seconds
 
 
-def _max_jump_deg(robot: str, given: object) -> float:
-    degrees = MAX_JUMP_DEG if given is None else finite(given)
+def _max_jump_deg(robot: str, max_jump: object) -> float:
+    degrees = MAX_JUMP_DEG if max_jump is None else finite(max_jump)
     if degrees is None or not 0 < degrees <= NO_MAX_JUMP_DEG:
-        raise ValueError(f"{robot}: max_jump is {given!r}. Give degrees, above 0 and at most {NO_MAX_JUMP_DEG:g}")
+        raise ValueError(
+            f"{robot}: max_jump is {max_jump!r}. Give degrees, above 0 and at most {NO_MAX_JUMP_DEG:g}"
+        )
     return degrees
 
 

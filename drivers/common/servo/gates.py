@@ -1,5 +1,5 @@
-"""Gates of servo buses. Every gate is a pure function of the candidate and the state, and never clips a
-value."""
+"""Checks of commands to servos on a bus. Each check is a pure function of the command and the state, and never
+clips a value."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def all_gates(
     fault_codes: Mapping[str, MotorCode],
     max_jump_deg: float = MAX_JUMP_DEG,
 ) -> tuple[GateCheck, ...]:
-    """Return the gates in the order of the checks. The first that refuses gives the answer.
+    """Return the checks of a command, in their order. If several checks refuse, the first refusal is reported.
 
-    A single command has a target but no speed. The servo's top speed bounds its speed, and
-    ``max_jump_deg`` its way.
+    A single command has a target but no speed. The servo's top speed limits its speed, ``max_jump_deg`` its
+    distance.
 
     Args:
         axes: The axes.
-        state_ttl_s: Oldest reading that counts, in seconds.
+        state_ttl_s: Age in seconds beyond which a reading does not count.
         fault_codes: As for ``motor_fault``.
-        max_jump_deg: Longest way of a single command, in degrees.
+        max_jump_deg: Longest distance of a single command, in degrees.
     """
     return (
-        # The limits in the registers of a servo may be narrower than the range of its model. Beyond them
-        # the servo would stand still without an error, or stop on the way.
-        outside_reported_range(axes, "travel_low", "travel_high", untold=past_range(axes)),
+        # The limits in a servo's registers may be narrower than the range of its model. For a goal beyond its
+        # limits, the servo would not move, or would stop at the limit, without an error.
+        outside_reported_range(axes, "travel_low", "travel_high", fallback=past_range(axes)),
         stale(axes, state_ttl_s),
         voltage(axes),
         temperature(axes),
@@ -51,36 +51,36 @@ def all_gates(
 
 
 def jumps(axes: Axes, most_deg: float) -> GateCheck:
-    """Refuse a single command that sends a joint further than ``most_deg`` from its position. The commands of a
-    stream are checked by their steps."""
+    """Refuse a single command with a target that is more than ``most_deg`` from the joint's position. Commands of a
+    stream are not checked here, because ``too_fast`` limits their steps."""
 
     def jumps(candidate: Candidate, state: GateState) -> Refused | None:
         if state.stream:
             return None
-        for at in candidate.named:
-            way = abs(candidate.values[at] - state.observation.position[at])
-            if axes[at].unit == "deg" and not way <= most_deg:
-                key, limit = axes[at].key, f"{most_deg:g}"
-                why = f"{key} would go {way:.1f} deg at full speed, limit {limit} deg"
-                there = f'move_to({{"{key}": {candidate.values[at]:.4g}}}, seconds=2)'
-                remedy = f"use {there}, or make the robot with a larger max_jump"
-                return Refused(Code.JUMP, why, remedy, f"{way:.1f}", limit)
+        for index in candidate.named:
+            distance = abs(candidate.values[index] - state.observation.position[index])
+            if axes[index].unit == "deg" and not distance <= most_deg:
+                key, limit = axes[index].key, f"{most_deg:g}"
+                reason = f"{key} would go {distance:.1f} deg at full speed, limit {limit} deg"
+                alternative = f'move_to({{"{key}": {candidate.values[index]:.4g}}}, seconds=2)'
+                remedy = f"use {alternative}, or make the robot with a larger max_jump"
+                return Refused(Code.JUMP, reason, remedy, f"{distance:.1f}", limit)
         return None
 
     return jumps
 
 
 def voltage(axes: Axes) -> GateCheck:
-    """Refuse to move a servo with a supply outside the servo's limits."""
+    """Refuse to move a servo if its supply voltage is outside its limits."""
 
     def voltage(candidate: Candidate, state: GateState) -> Refused | None:
-        for at, (volt, low, high) in _readings(
+        for index, (volt, low, high) in _readings(
             candidate, state.observation, "voltage_v", "voltage_min_v", "voltage_max_v"
         ):
             if volt < low or volt > high:
                 return Refused(
                     MotorCode.VOLTAGE,
-                    f"{axes[at].label} has {volt:.1f} V",
+                    f"{axes[index].label} has a supply of {volt:.1f} V",
                     f"supply {low:.1f}..{high:.1f} V",
                     offered=f"{volt:.1f}",
                     limit=f"{low:.1f}..{high:.1f}",
@@ -91,14 +91,14 @@ def voltage(axes: Axes) -> GateCheck:
 
 
 def temperature(axes: Axes) -> GateCheck:
-    """Refuse to move a servo at or above the servo's limit of temperature."""
+    """Refuse to move a servo if its temperature has reached its limit."""
 
     def temperature(candidate: Candidate, state: GateState) -> Refused | None:
-        for at, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
+        for index, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
             if celsius >= high:
                 return Refused(
                     MotorCode.TEMPERATURE,
-                    f"{axes[at].label} is at {celsius:.0f} deg C",
+                    f"{axes[index].label} is at {celsius:.0f} deg C",
                     f"let it cool below {high:.0f} deg C",
                     offered=f"{celsius:.0f}",
                     limit=f"{high:.0f}",
@@ -111,37 +111,37 @@ def temperature(axes: Axes) -> GateCheck:
 def motor_fault(axes: Axes, codes: Mapping[str, MotorCode]) -> GateCheck:
     """Refuse to move a motor that reports a fault.
 
-    Silence is not checked here, because ``stale`` gives a motor time to come back.
+    A silent motor is not refused here. The check ``stale`` refuses it later, so that the motor has time to answer
+    again.
 
     Args:
         axes: The axes.
-        codes: The code of the refusal, by word in ``Observation.faults``. The first word with a code
-            decides, and its code has the remedy.
+        codes: The refusal code of each fault name in ``Observation.faults``. The first fault with a code decides.
     """
 
     def motor_fault(candidate: Candidate, state: GateState) -> Refused | None:
         faults = state.observation.faults
         if not faults:
             return None
-        for at in candidate.named:
-            words = faults.get(axes[at].key, "").split(", ")
+        for index in candidate.named:
+            words = faults.get(axes[index].key, "").split(", ")
             words = [word for word in words if word and word != "silent"]
             if not words:
                 continue
             code = next((codes[word] for word in words if word in codes), MotorCode.FAULT)
-            why = ", ".join(word for word in words if word != "limp")
+            reported = ", ".join(word for word in words if word != "limp")
             if code == MotorCode.LIMP or "limp" in words:
-                state_text = f"is limp ({why})" if why else "is limp"
+                state_text = f"is limp ({reported})" if reported else "is limp"
             else:
-                state_text = f"reports {why}"
-            return Refused(code, f"{axes[at].key} {state_text}", code.remedy, ", ".join(words), "no fault")
+                state_text = f"reports {reported}"
+            return Refused(code, f"{axes[index].key} {state_text}", code.remedy, ", ".join(words), "no fault")
         return None
 
     return motor_fault
 
 
-def _readings(candidate: Candidate, seen: Observation, *names: str) -> Iterator[tuple[int, list[float]]]:
-    rows = [seen.sensors[name] for name in names if name in seen.sensors]
+def _readings(candidate: Candidate, observation: Observation, *names: str) -> Iterator[tuple[int, list[float]]]:
+    rows = [observation.sensors[name] for name in names if name in observation.sensors]
     if len(rows) == len(names):
-        for at in candidate.named:
-            yield at, [row[at] for row in rows]
+        for index in candidate.named:
+            yield index, [row[index] for row in rows]

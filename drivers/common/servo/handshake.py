@@ -1,5 +1,4 @@
-"""The handshake with a bus of servos: find all servos, and check that they are those of this robot and of
-its calibration."""
+"""Find all servos on a bus, and check that they belong to this robot and to its calibration."""
 
 from __future__ import annotations
 
@@ -35,28 +34,29 @@ async def roll_call(
     codec: Codec[Packet],
     robot: str,
     axes: Sequence[Axis],
-    where: str,
+    port_name: str,
     others: Collection[int] = (),
 ) -> None:
-    """Ping each servo, then all at once.
+    """Ping each servo by its id, then all servos at once. Raise ``WireDown`` unless exactly the expected servos
+    answer.
 
     Args:
         bus: The bus.
-        codec: Its protocol.
+        codec: The protocol of the bus.
         robot: The name of the robot.
-        axes: Its joints.
-        where: The port, for messages.
-        others: Ids of further servos that may be there.
+        axes: The joints, whose servos must answer.
+        port_name: The name of the port, for messages.
+        others: Ids of further servos that may answer.
 
     Raises:
-        WireDown: Servos are missing, answer twice, or are foreign. The text names them.
+        WireDown: Servos are missing, have the same id, or belong to another robot. The text names them.
     """
-    heard: Counter[int] = Counter()
+    answer_counts: Counter[int] = Counter()
     garbled: set[int] = set()
     late_s = 0.0
     for axis in axes:
         answers = await _ping(bus, codec.ping(axis.id), PING_S, PING_SILENCE_S, axis.id)
-        heard[axis.id] = sum(packet.id == axis.id for packet in answers)
+        answer_counts[axis.id] = sum(packet.id == axis.id for packet in answers)
         late_s = max(late_s, bus.late_s)
         if bus.stray_bytes:
             garbled.add(axis.id)
@@ -69,14 +69,16 @@ async def roll_call(
 
     expected = {axis.id: axis for axis in axes}
     twice = [
-        axis.label for motor, axis in expected.items() if motor in garbled or heard[motor] > 1 or present[motor] > 1
+        axis.label
+        for motor, axis in expected.items()
+        if motor in garbled or answer_counts[motor] > 1 or present[motor] > 1
     ]
-    missing = [axis.label for motor, axis in expected.items() if not heard[motor] and motor not in garbled]
+    missing = [axis.label for motor, axis in expected.items() if not answer_counts[motor] and motor not in garbled]
     foreign = sorted(motor for motor in present if motor not in expected and motor not in others)
     if late_s > BUSY_S and (missing or twice or foreign):
         raise WireDown(too_busy(late_s, "the answers of the servos"))
     if len(missing) == len(axes):
-        raise WireDown(f"no servo of {robot} answers on {where}. Check power, the bus cable, port= and baud=")
+        raise WireDown(f"no servo of {robot} answers on {port_name}. Check power, the bus cable, port= and baud=")
     wrong = []
     if missing:
         wrong.append(f"{', '.join(missing)} does not answer")
@@ -92,8 +94,8 @@ async def roll_call(
 async def _ping(
     bus: HalfDuplexBus[Any], request: bytes, first_s: float, silence_s: float, motor: int
 ) -> list[Packet]:
-    """Return the answers to a ping. Ping again after a missing or damaged answer, and once more if this host
-    was late."""
+    """Return the answers to a ping. Repeat the ping after a missing or damaged answer, and once more if this
+    computer was late."""
     tries = PINGS
     while True:
         answers: list[Packet] = await bus.listen(request, first_s, silence_s)
@@ -103,38 +105,38 @@ async def _ping(
             return answers
 
 
-def too_busy(late_s: float, what: str) -> str:
+def too_busy(late_s: float, subject: str) -> str:
     return (
-        f"this host was too busy to read {what}: it looked {late_s * 1e3:.0f} ms late. "
+        f"this host was too busy to read {subject}: it looked {late_s * 1e3:.0f} ms late. "
         "End what else computes on it, then try again"
     )
 
 
 def check_model(axis: Axis, servo_id: int, model: int, codec: Codec[Packet]) -> None:
-    """Raise ``WireDown`` unless the servo has the model and the id of the table."""
+    """Raise ``WireDown`` unless the servo has the model and the id of the robot's table."""
     number = next((number for number, name in codec.MODEL_NUMBERS.items() if name == axis.model), None)
     if number is not None and model != number:
         name = codec.MODEL_NUMBERS.get(model, f"model {model}")
         raise WireDown(f"{axis.label} is a {name}, must be {axis.model}. Check which robot is on this port")
     if servo_id != axis.id:
-        raise WireDown(f"{axis.label} says its id is {servo_id}. Set its id again")
+        raise WireDown(f"{axis.label} reports the id {servo_id}. Set its id again")
 
 
-def check_calibration(axis: Axis, motor: MotorCalibration, found: dict[str, int]) -> None:
-    """Raise ``WireDown`` unless the servo is the one that was calibrated. ``found`` has its values, by field
-    of the file."""
-    for field, value in found.items():
+def check_calibration(axis: Axis, motor: MotorCalibration, servo_values: dict[str, int]) -> None:
+    """Raise ``WireDown`` unless the servo's registers have the values of the calibration. ``servo_values`` has the
+    servo's values, by the field names of the calibration file."""
+    for field, value in servo_values.items():
         filed = getattr(motor, field)
         if filed != value:
             raise WireDown(
-                f"calibration says {field} {filed} for {axis.key}, servo {axis.id} has {value}. "
-                "Use the file of this robot, or calibrate it again"
+                f"the calibration has {field} {filed} for {axis.key}, servo {axis.id} has {value}. "
+                "Use the calibration file of this robot, or calibrate it again"
             )
 
 
 async def ask(bus: HalfDuplexBus[PacketT], request: bytes, expected: Mapping[int, int]) -> dict[int, PacketT]:
-    """Return the replies to a read. Repeat it once if a reply is missing and this host, not a servo, may be
-    the reason."""
+    """Send a read request and return the replies. Repeat it once if a reply is missing because this computer was
+    late."""
     replies = await bus.transact(request, expected, ANSWER_S, wait=True)
     if bus.starved and len(replies) + len(bus.refusals) < len(expected):
         replies = await bus.transact(request, expected, ANSWER_S, wait=True)
@@ -142,33 +144,40 @@ async def ask(bus: HalfDuplexBus[PacketT], request: bytes, expected: Mapping[int
 
 
 async def block(bus: HalfDuplexBus[PacketT], codec: Codec[PacketT], axis: Axis, address: int, size: int) -> bytes:
-    """Return registers of one servo. Raise ``WireDown`` if it does not answer."""
+    """Read a block of registers of one servo. Raise ``WireDown`` if the servo does not answer."""
     replies = await ask(bus, codec.read(axis.id, address, size), {axis.id: size})
     if axis.id not in replies:
         raise WireDown(_unanswered(bus, axis, f"a read of register {address}"))
     return replies[axis.id].params
 
 
-async def command(bus: HalfDuplexBus[Any], axis: Axis, request: bytes, what: str) -> None:
-    """Make one acknowledged write. ``what`` names it in a message. Raise ``WireDown``."""
+async def command(bus: HalfDuplexBus[Any], axis: Axis, request: bytes, label: str) -> None:
+    """Send a write request, and wait for its acknowledgement. Raise ``WireDown`` if it does not come.
+
+    Args:
+        bus: The bus.
+        axis: The joint of the servo.
+        request: The frame.
+        label: The name of the write, for messages.
+    """
     replies = await bus.transact(request, {axis.id: 0}, ANSWER_S, wait=True)
     if axis.id not in replies:
-        raise WireDown(_unanswered(bus, axis, what))
+        raise WireDown(_unanswered(bus, axis, label))
 
 
-def untold(bus: HalfDuplexBus[Any], who: str, what: str) -> str:
-    """Return the message of a failed arming, in which servos did not report a value."""
+def not_reported(bus: HalfDuplexBus[Any], servos: str, label: str) -> str:
+    """Return the error message if servos did not report a value, so that the robot cannot be armed."""
     if bus.starved:
-        return f"arm: {too_busy(bus.late_s, f'{what} of {who}')}"
-    why = f" ({', '.join(bus.refusals.values())})" if bus.refusals else ""
-    return f"arm: {who} does not tell {what}{why}. Check its cable and power"
+        return f"arm: {too_busy(bus.late_s, f'{label} of {servos}')}"
+    detail = f" ({', '.join(bus.refusals.values())})" if bus.refusals else ""
+    return f"arm: {servos} does not tell {label}{detail}. Check its cable and power"
 
 
-def _unanswered(bus: HalfDuplexBus[Any], axis: Axis, what: str) -> str:
+def _unanswered(bus: HalfDuplexBus[Any], axis: Axis, label: str) -> str:
     if axis.id in bus.refusals:
-        return f"{axis.label} refuses {what}: {bus.refusals[axis.id]}. Power-cycle it and try again"
+        return f"{axis.label} refuses {label}: {bus.refusals[axis.id]}. Power-cycle it and try again"
     if bus.starved:
-        return f"{too_busy(bus.late_s, f'the answer of {axis.label} to {what}')}"
+        return f"{too_busy(bus.late_s, f'the answer of {axis.label} to {label}')}"
     if bus.stray_bytes:
-        return f"{axis.label} garbles its answer to {what}. Two servos with one id, or a bad cable?"
-    return f"{axis.label} does not answer {what}. Check its cable and power"
+        return f"{axis.label} garbles its answer to {label}. Two servos with one id, or a bad cable?"
+    return f"{axis.label} does not answer {label}. Check its cable and power"

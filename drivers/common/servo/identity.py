@@ -1,4 +1,4 @@
-"""The values that any servo reports when its wire is opened, in the form that gates and status need."""
+"""The values that every servo reports when the connection is opened, in the form that other modules need."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .axes import Axis
 
 
 class Identity(Protocol):
-    """The values of one servo. The class of each wire has more."""
+    """The values of one servo. Each servo family has a class with more values."""
 
     @property
     def model_name(self) -> str: ...
@@ -17,7 +17,7 @@ class Identity(Protocol):
     def firmware(self) -> object: ...
     @property
     def travel(self) -> tuple[int, int]:
-        """Lowest and highest goal that the servo takes, in counts."""
+        """Lowest and highest goal position that the servo accepts, in counts."""
 
     @property
     def min_voltage_v(self) -> float: ...
@@ -34,10 +34,10 @@ class Identity(Protocol):
 
 
 def limits_of(axes: Sequence[Axis], servos: Sequence[Identity]) -> dict[str, tuple[float, ...]]:
-    """Return the limits of the servos for the gates, as sensors that do not change, in axis order.
+    """Return the limits of the servos as constant sensor rows, in axis order. The checks of commands use them.
 
-    ``travel_low`` and ``travel_high`` are the narrower range of the joint and its servo, in the joint's
-    unit.
+    ``travel_low`` and ``travel_high`` are the limits of the joint or of its servo, whichever are narrower, in the
+    joint's unit.
     """
     travel = [_travel(axis, servo) for axis, servo in zip(axes, servos, strict=True)]
     return {
@@ -56,7 +56,11 @@ def _travel(axis: Axis, servo: Identity) -> tuple[float, float]:
 
 
 def facts_of(servos: Mapping[str, Identity]) -> dict[str, dict[str, object]]:
-    """Return the facts for ``status``, by name and axis key. ``servos`` is by axis key."""
+    """Return the servos' properties that ``status`` shows: each by its name, then by axis key.
+
+    Args:
+        servos: The servos by axis key.
+    """
     return {
         "model": {key: servo.model_name for key, servo in servos.items()},
         "firmware": {key: servo.firmware for key, servo in servos.items()},

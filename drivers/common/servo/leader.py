@@ -1,4 +1,4 @@
-"""Leader arms: the servos of a follower, moved by hand and read. They are never energised."""
+"""Leader arms: a person moves the arm by hand, and its servos are only read. They are never energised."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from .driver import ServoDriver
 
 
 class Leader(ServoDriver):
-    """A leader arm. It comes before the follower's class among the bases: ``class
-    FeetechLeader(Leader, Feetech)``."""
+    """A leader arm. Name this class before the follower's driver: ``class FeetechLeader(Leader, Feetech)``."""
 
     CALIBRATIONS: ClassVar[str] = calibration.LEADERS
     firmware_watchdog = "none is needed: a leader is never energised"

@@ -1,4 +1,4 @@
-"""Keep the newest value of everything that servos report, per axis, and make an ``Observation`` of it."""
+"""Store the newest values that each servo has reported, and make an ``Observation`` of them."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ _NAN = math.nan
 
 
 class Sample(NamedTuple):
-    """The values in one reply."""
+    """The values in one servo's reply."""
 
-    position: int  # counts
+    position: int  # encoder counts
     velocity: float  # counts per second
-    sensors: tuple[float, ...]  # in the order of ``Readings.SENSORS``
-    words: str = ""  # faults that the servo reports
-    energised: bool | None = None  # None: not in the reply
+    sensors: tuple[float, ...]  # values in the order of ``Readings.SENSORS``
+    words: str = ""  # names of the faults that the servo reports
+    energised: bool | None = None  # True if the servo has torque; None if the reply does not contain it
 
 
 class Readings(ABC, Generic[PacketT]):
     """The newest values of all servos of a bus.
 
-    A subclass names its rows in ``SENSORS`` and decodes a reply in ``sample``.
+    A subclass lists the names of its sensor rows in ``SENSORS``, and decodes a reply in ``sample``.
 
     Args:
         axes: The axes.
-        limits: Rows of constants for every observation, in axis order.
+        limits: Constant rows that each observation also contains, in axis order.
     """
 
     SENSORS: tuple[str, ...]
@@ -58,9 +58,10 @@ class Readings(ABC, Generic[PacketT]):
         self._sensors = [[_NAN] * count for _ in self.SENSORS]
         self._limits = dict(limits)
         self._words: dict[int, str] = {}
-        self._asked_ns: dict[int, int] = {}
+        self._requested_ns: dict[int, int] = {}
         self._speed: dict[int, float] = {}
-        # Request time of the first of the latest readings in which the joint stands.
+        # Start of the time during which all readings showed the joint at rest: time of the first such request, by
+        # id.
         self._stands_since_ns: dict[int, int] = {}
         self.counts: dict[int, int] = {}
         """The last measured position by id, of any age."""
@@ -69,26 +70,26 @@ class Readings(ABC, Generic[PacketT]):
 
     @abstractmethod
     def sample(self, axis: Axis, reply: PacketT, base: int) -> Sample:
-        """Decode a block that was read from address ``base``."""
+        """Decode a servo's reply to a read of a block. ``base`` is the address of the block's first register."""
 
-    def take(
+    def store(
         self,
         replies: Mapping[int, PacketT],
         base: int,
-        asked_ns: int,
+        requested_ns: int,
         now_ns: int,
         refusals: Mapping[int, str] | None = None,
     ) -> None:
-        """Take the replies to one request.
+        """Store the values of the replies to one request.
 
         Args:
-            replies: By id.
-            base: The address of the block that was read.
-            asked_ns: When the request was sent. The servos have measured after that.
-            now_ns: The time.
-            refusals: Errors by id.
+            replies: The replies, by servo id.
+            base: The address of the first register that was read.
+            requested_ns: Time at which the request was sent. The servos have measured later than that.
+            now_ns: The present time.
+            refusals: The errors that servos have reported instead, by id.
         """
-        for at, axis in enumerate(self._axes):
+        for index, axis in enumerate(self._axes):
             if refusals and axis.id in refusals:
                 self._words[axis.id] = refusals[axis.id]
             reply = replies.get(axis.id)
@@ -96,48 +97,50 @@ class Readings(ABC, Generic[PacketT]):
                 continue
             sample = self.sample(axis, reply, base)
             self.counts[axis.id] = sample.position
-            self._asked_ns[axis.id] = asked_ns
+            self._requested_ns[axis.id] = requested_ns
             self._speed[axis.id] = sample.velocity
             if abs(sample.velocity) > STANDING or sample.energised is False:
                 self._stands_since_ns.pop(axis.id, None)
             else:
-                self._stands_since_ns.setdefault(axis.id, asked_ns)
-            self._stamp_ns[at] = now_ns
-            self._position[at] = axis.value(sample.position)
-            self._velocity[at] = sample.velocity / axis.scale
+                self._stands_since_ns.setdefault(axis.id, requested_ns)
+            self._stamp_ns[index] = now_ns
+            self._position[index] = axis.value(sample.position)
+            self._velocity[index] = sample.velocity / axis.scale
             for row, value in zip(self._sensors, sample.sensors, strict=True):
-                row[at] = value
+                row[index] = value
             self._words[axis.id] = sample.words
             if sample.energised is not None:
                 (self.limp.discard if sample.energised else self.limp.add)(axis.id)
 
-    def known(self, since_ns: int, now_ns: int, goals: Mapping[int, int], aimed_ns: int) -> dict[int, int]:
-        """Return the positions, by id, of servos that have torque and cannot have moved far since.
+    def recent_positions(
+        self, since_ns: int, now_ns: int, goals: Mapping[int, int], aimed_ns: int
+    ) -> dict[int, int]:
+        """Return the positions of servos that have torque and cannot have moved far since they were read, by id.
 
-        A servo that was asked before it had started towards its goal is on its way now. So is a servo that
-        has just begun to stand far from its goal, because it was reset and a repeated goal has energised it
-        again. A blocked servo stands for longer.
+        Two kinds of servo are left out, because they may be moving. The first was read before it had started
+        towards a new goal. The second has just come to rest far from its goal: it may have been reset, and a
+        repeated goal then energises it again. A blocked servo has been at rest for longer, so it is not left out.
 
         Args:
-            since_ns: Leave out servos that were asked before.
-            now_ns: The time.
-            goals: The last goals, counts by id.
-            aimed_ns: When they were sent.
+            since_ns: Leave out servos whose last read request is older than this.
+            now_ns: The present time.
+            goals: The last goals, in counts by id.
+            aimed_ns: Time at which the goals were sent.
         """
         return {
             motor: count
             for motor, count in self.counts.items()
-            if (asked_ns := self._asked_ns[motor]) >= since_ns
+            if (requested_ns := self._requested_ns[motor]) >= since_ns
             and motor not in self.limp
-            and abs(self._speed[motor]) * (now_ns - asked_ns) <= STILL_COUNTS * NS
+            and abs(self._speed[motor]) * (now_ns - requested_ns) <= STILL_COUNTS * NS
             and not (
-                asked_ns < max(aimed_ns, self._stands_since_ns.get(motor, 0)) + SET_OFF_NS
+                requested_ns < max(aimed_ns, self._stands_since_ns.get(motor, 0)) + SET_OFF_NS
                 and abs(goals.get(motor, count) - count) > STILL_COUNTS
             )
         }
 
     def energised(self) -> None:
-        """Note that all servos have torque, as was read back."""
+        """Note that all servos have torque, after this was read back."""
         self.limp.clear()
 
     def observation(self, now_ns: int, silent: Sequence[int], armed: bool) -> Observation:

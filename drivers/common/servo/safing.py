@@ -1,4 +1,5 @@
-"""Make every servo safe, and prove it. The wire and the root's stop channel share this code."""
+"""Make every servo safe, and confirm it by reading back. The process that commands the robot and the process that
+supervises it share this code."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ here than a late one."""
 
 
 class Tally:
-    """The results so far, per motor."""
+    """The results of a stop so far, for each motor."""
 
     def __init__(self, axes: Sequence[Axis]) -> None:
         self._axes = axes
@@ -43,7 +44,7 @@ class Tally:
         self._detail = {axis.id: "silent" for axis in axes}
 
     def open(self) -> tuple[int, ...]:
-        """Return the ids of motors that are not confirmed yet."""
+        """Return the ids of motors that are not confirmed as safe yet."""
         return tuple(axis.id for axis in self._axes if axis.id not in self._safe)
 
     def answered(self, motor: int, safe: bool, detail: str) -> None:
@@ -56,13 +57,14 @@ class Tally:
         if motor not in self._answered:
             self._detail[motor] = detail
 
-    def failed(self, why: str) -> None:
+    def failed(self, reason: str) -> None:
         for motor in self.open():
-            self._detail[motor] = why
+            self._detail[motor] = reason
 
     def reports(self, goals: Mapping[int, int] | None = None) -> tuple[MotorReport, ...]:
-        """Return the reports. ``goals`` are the positions at which the motors should hold, counts by id."""
-        held = goals or {}
+        """Return one report per motor. ``goals`` are the positions at which the motors should hold, in counts by
+        id."""
+        targets = goals or {}
         return tuple(
             MotorReport(
                 axis=axis.key,
@@ -71,28 +73,28 @@ class Tally:
                 acknowledged=axis.id in self._answered,
                 safe=axis.id in self._safe,
                 detail=self._detail[axis.id],
-                target=axis.value(held[axis.id]) if axis.id in held else None,
+                target=axis.value(targets[axis.id]) if axis.id in targets else None,
             )
             for axis in self._axes
         )
 
 
-def unreachable(axes: Sequence[Axis], why: str, written: bool = False) -> tuple[MotorReport, ...]:
+def unreachable(axes: Sequence[Axis], reason: str, written: bool = False) -> tuple[MotorReport, ...]:
     tally = Tally(axes)
     tally.written = written
-    tally.failed(why)
+    tally.failed(reason)
     return tally.reports()
 
 
 class Safing(Generic[PacketT]):
-    """Makes the servos of one bus safe. A subclass sets the class variables for its protocol.
+    """Make the servos of one bus safe. A subclass sets the class variables for its protocol.
 
     Args:
         bus: The bus.
-        codec: Its protocol.
+        codec: The protocol of the bus.
         axes: The axes.
-        travel: Lowest and highest goal that each servo takes, by id. Goals are clamped to it, so that they
-            can be compared with the goals that are read back.
+        travel: Lowest and highest goal that each servo accepts, by id. Goals are limited to this range, so that
+            they equal the goals that are read back.
     """
 
     REPEATS: ClassVar[int]
@@ -121,11 +123,12 @@ class Safing(Generic[PacketT]):
 
     @property
     def port_took_a_frame(self) -> bool:
-        """True if the port has taken any frame, even a request. The port then works."""
+        """True if the port has accepted any frame, even a read request, so that the port works."""
         return self._bus.sent > 0
 
     def goals(self, counts: Mapping[int, int]) -> dict[int, int]:
-        """Return the goals that servos will report when they are sent ``counts``."""
+        """Return the goals that servos will have after ``counts`` are sent: each is limited to the servo's
+        range."""
         clamped = {}
         for motor, count in counts.items():
             low, high = self._travel.get(motor, self.ANYWHERE)
@@ -136,30 +139,31 @@ class Safing(Generic[PacketT]):
         """Return why a servo does not hold; empty if it does.
 
         Args:
-            block: Its registers from torque to goal.
-            base: The address of the first.
-            goal: The goal that it should have; None if its position is unknown.
+            block: The servo's registers from torque to goal.
+            base: The address of the block's first register.
+            goal: The goal that the servo should have; None if its position is unknown.
         """
         if self._codec.TORQUE_ENABLE.decode(block, base) == 0:
             return LIMP
         if goal is None:
             return "position unknown"
-        there = self._codec.GOAL_POSITION.decode(block, base)
-        return "" if there == goal else f"goal is {there}, not {goal}"
+        stored_goal = self._codec.GOAL_POSITION.decode(block, base)
+        return "" if stored_goal == goal else f"goal is {stored_goal}, not {goal}"
 
-    async def shout(self) -> bool:
-        """Switch off all torque, without asking for an answer. Never raises.
+    async def limp_unconfirmed(self) -> bool:
+        """Switch off the torque of all servos, without confirmation. Never raises.
 
         Returns:
-            True if the frame has left.
+            True if the frame was sent.
         """
         tally = Tally(self._axes)
-        with contextlib.suppress(WireDown):  # The port is dead. A part of the frame may have left.
+        # If the port does not work, a part of the frame may have been sent even so.
+        with contextlib.suppress(WireDown):
             await self._burst(self._codec.LIMP, tally)
         return tally.written
 
     async def limp(self) -> tuple[MotorReport, ...]:
-        """Switch off all torque, and confirm it for each servo. Never raises."""
+        """Switch off the torque of all servos, and confirm it for each servo. Never raises."""
         tally = Tally(self._axes)
         try:
             await self._burst(self._codec.LIMP, tally)
@@ -167,7 +171,7 @@ class Safing(Generic[PacketT]):
                 for _ in range(ATTEMPTS):
                     await self._read_torque(tally)
                     for motor in tally.open():
-                        await self._insist(motor, tally)
+                        await self._limp_one(motor, tally)
                     if not tally.open():
                         break
         except WireDown as error:
@@ -176,32 +180,32 @@ class Safing(Generic[PacketT]):
 
     async def hold(
         self,
-        known: Mapping[int, int],
-        kept: Mapping[int, int] | None = None,
-        tell: Callable[[Mapping[int, int]], None] = lambda _: None,
+        positions: Mapping[int, int],
+        last_goals: Mapping[int, int] | None = None,
+        before_send: Callable[[Mapping[int, int]], None] = lambda _: None,
     ) -> tuple[MotorReport, ...]:
-        """Set the goals to the positions, and confirm them. Never raises.
+        """Set the goal of each servo to its position, and confirm it. Never raises.
 
-        The goals from ``known`` and ``kept`` leave at once. Then the other servos are asked for their
-        positions, and held there. A servo that does not answer keeps its last goal. A servo without torque
-        gets no goal, since a goal may energise it.
+        The goals from ``positions`` and ``last_goals`` are sent at once. Then the positions of the other servos are
+        read, and become their goals. A servo that does not answer keeps its last goal. A servo without torque gets
+        no goal, because a goal may energise it.
 
         Args:
-            known: The present positions of servos with torque, counts by id.
-            kept: The last goals of servos with torque. They are sent again to servos that are not in
-                ``known``, because a goal from an older reading would move those.
-            tell: Called with all goals before they leave, since a hold that is cut short makes no report.
+            positions: Present positions of servos with torque, in counts by id.
+            last_goals: Last goals of servos with torque. A servo that is not in ``positions`` gets its last goal
+                again, because a goal from an old reading would move it.
+            before_send: Called with all goals before they are sent, because a cancelled hold returns no report.
         """
         tally = Tally(self._axes)
-        goals = self.goals(known)
-        told = {**(kept or {}), **goals}
+        goals = self.goals(positions)
+        sent = {**(last_goals or {}), **goals}
         try:
-            if told:
-                tell(told)
-                await self._burst(self._codec.hold(told), tally)
+            if sent:
+                before_send(sent)
+                await self._burst(self._codec.hold(sent), tally)
             with trio.move_on_after(CONFIRM_S):
                 for attempt in range(ATTEMPTS):
-                    await self._hold_others(goals, tally, tell)
+                    await self._hold_others(goals, tally, before_send)
                     if attempt and (again := {motor: goals[motor] for motor in tally.open() if motor in goals}):
                         self._bus.send(self._codec.hold(again))
                     await self._read_goals(goals, tally)
@@ -209,30 +213,32 @@ class Safing(Generic[PacketT]):
                         break
         except WireDown as error:
             tally.failed(str(error))
-        return tally.reports({**told, **goals})
+        return tally.reports({**sent, **goals})
 
     async def _hold_others(
-        self, goals: dict[int, int], tally: Tally, tell: Callable[[Mapping[int, int]], None]
+        self, goals: dict[int, int], tally: Tally, before_send: Callable[[Mapping[int, int]], None]
     ) -> None:
-        """Ask servos without a goal for their positions, and hold them there."""
+        """Read the positions of servos that have no goal yet, and set them as their goals."""
         if lacking := [motor for motor in tally.open() if motor not in goals]:
-            found = self.goals(await self._read_places(lacking, tally))
-            goals |= found
-            if found:
-                tell(found)
-                await self._burst(self._codec.hold(found), tally)
+            new_goals = self.goals(await self._read_places(lacking, tally))
+            goals |= new_goals
+            if new_goals:
+                before_send(new_goals)
+                await self._burst(self._codec.hold(new_goals), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
-        """Write a safe frame so that servos read it in spite of torn frames.
+        """Send a safe frame so often that each servo reads it, even after an incomplete frame.
 
-        Waiting output is thrown away first. That can cut a frame in two, and so can the death of its
-        writer. The servos then take the first bytes for the rest of that frame. RESYNC and enough copies to
-        outlast the longest frame let their parsers find a header before the last copy.
+        Output that was not sent yet is dropped first. This may leave an incomplete frame on the bus, as does the
+        death of a process while it writes. A servo then takes the following bytes for the rest of that frame.
+        RESYNC and enough copies of the safe frame (more bytes than the longest frame has) let its parser find a
+        header before the last copy.
         """
         try:
             self._bus.port.discard_output()
         except WireDown as error:
-            tally.failed(str(error))  # The write is tried all the same.
+            # Dropping the unsent output has failed. Even so, try to write the safe frame.
+            tally.failed(str(error))
         self._bus.send(self._codec.RESYNC + frame * (self._longest // len(frame) + 2))
         tally.written = True
         for _ in range(self.REPEATS):
@@ -251,8 +257,8 @@ class Safing(Generic[PacketT]):
             tally.answered(motor, reply.params[0] == 0, "still energised")
         self._note_missing(ids, replies, tally)
 
-    async def _insist(self, motor: int, tally: Tally) -> None:
-        """Switch off the torque of one motor, with an acknowledgement, and read it back."""
+    async def _limp_one(self, motor: int, tally: Tally) -> None:
+        """Switch off the torque of one motor with an acknowledged write, and read it back."""
         register = self._codec.TORQUE_ENABLE
         for request, size in (
             (self._codec.torque(motor, False), 0),
@@ -265,16 +271,23 @@ class Safing(Generic[PacketT]):
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
     async def _read_places(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Return the present positions by id. A reply that took long has an old position. Then positions are
-        read again, and joints that have moved since are left out."""
-        found = await self._read_positions(ids, tally)
-        if found and self._bus.delay_s > AT_ONCE_S:
-            again = await self._read_positions(list(found), tally)
-            return {motor: at for motor, at in again.items() if abs(at - found[motor]) <= STILL_COUNTS}
-        return found
+        """Return the present positions by id.
+
+        If the replies took long, their positions may be old. Then the positions are read again, and joints that
+        have moved between the readings are left out.
+        """
+        positions = await self._read_positions(ids, tally)
+        if positions and self._bus.delay_s > AT_ONCE_S:
+            again = await self._read_positions(list(positions), tally)
+            return {
+                motor: position
+                for motor, position in again.items()
+                if abs(position - positions[motor]) <= STILL_COUNTS
+            }
+        return positions
 
     async def _read_positions(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Return the positions of servos with torque, by id."""
+        """Read the positions of servos, and return those of servos with torque, by id."""
         torque, position = self._codec.TORQUE_ENABLE, self._codec.POSITION
         base = torque.address
         replies = await self._ask(ids, base, position.address + position.size - base)
@@ -295,7 +308,8 @@ class Safing(Generic[PacketT]):
             detail = self.holds(reply.params, address, goals.get(motor))
             tally.answered(motor, not detail, detail)
             if detail == LIMP:
-                goals.pop(motor, None)  # No goal is sent to it again.
+                # A servo without torque gets no goal, because a goal may energise it.
+                goals.pop(motor, None)
         self._note_missing(ids, replies, tally)
 
     async def _ask(self, ids: Sequence[int], address: int, size: int) -> dict[int, PacketT]:
@@ -314,6 +328,6 @@ class Safing(Generic[PacketT]):
 def safing_on(
     port: BytePort, config: ServoConfig, codec: Codec[PacketT], safing: type[Safing[PacketT]], clock: Clock
 ) -> Safing[PacketT]:
-    """Return the safing of a port, without any knowledge of its servos."""
+    """Return a ``Safing`` for a port whose servos were not read yet."""
     bus = HalfDuplexBus(port, codec.Decoder(), clock, config.baud, overhead=codec.OVERHEAD)
     return safing(bus, codec, config.joints)

@@ -1,5 +1,7 @@
-"""Set up servos when a robot is built: their ids, and its calibration. Nothing here energises a servo. No tree
-may run meanwhile, because this process needs the port for itself."""
+"""Set the ids and the calibration of servos when a robot is built. Nothing here energises a servo.
+
+The robot must not be in use by another process meanwhile, because this process needs the port for itself.
+"""
 
 from __future__ import annotations
 
@@ -27,17 +29,17 @@ SLOT_S = 0.003
 """Slot of one id after a broadcast ping [assumed, as at the roll call]."""
 
 
-class Found(NamedTuple):
-    """A servo that answers: the speed of its bus, and its id."""
+class FoundServo(NamedTuple):
+    """A servo that answers: the baud rate of its bus, and its id."""
 
     baud: int
     id: int
 
 
 class Setup(ABC, Generic[PacketT]):
-    """The setup of one robot or leader, on its port. Every call raises ``WireDown`` if it fails.
+    """Set up the servos of one robot or leader arm on a port. Every method raises ``WireDown`` if it fails.
 
-    A subclass provides the codec, the safing, and the methods that depend on the protocol.
+    A subclass provides the codec, the ``Safing`` class, and the methods that depend on the protocol.
     """
 
     CODEC: Codec[PacketT]
@@ -53,31 +55,31 @@ class Setup(ABC, Generic[PacketT]):
         self._port: BytePort | None = None
         self._bus: HalfDuplexBus[PacketT] | None = None
 
-    # -- parts of a protocol
+    # -- methods that depend on the protocol
 
     @abstractmethod
     async def unlock(self, axis: Axis) -> None:
-        """Allow writes that survive a power off."""
+        """Allow writes to registers that keep their value without power."""
 
     @abstractmethod
     async def lock(self, axis: Axis) -> None: ...
 
     @abstractmethod
     async def read_calibration(self, axis: Axis) -> MotorCalibration:
-        """Return the calibration that the servo has now, valid or not."""
+        """Read the calibration that the servo has now, even if it is not valid."""
 
     @abstractmethod
     async def write_calibration(self, axis: Axis, motor: MotorCalibration) -> None:
-        """Write the whole calibration, and the mode of the joint."""
+        """Write the calibration and the operating mode of the joint's servo."""
 
     @abstractmethod
     def offset_to_middle(self, position: int) -> int:
-        """Return the homing offset with which a servo at ``position`` (read without an offset) reads
-        ``HALF_TURN``."""
+        """Return the homing offset with which a servo reports ``HALF_TURN`` at ``position``, which was read without
+        an offset."""
 
     @abstractmethod
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
-        """Give a servo the id of a joint and the speed of its bus. It is the only one on the bus."""
+        """Set the id of a joint and the baud rate of its bus on a servo. No other servo may be on the bus."""
 
     # -- common parts
 
@@ -97,10 +99,10 @@ class Setup(ABC, Generic[PacketT]):
         assert self._port is not None
         reports = await safing_on(self._port, config, self.CODEC, self.SAFING, self.clock).limp()
         if stiff := [report.axis for report in reports if not report.safe]:
-            raise WireDown(f"{', '.join(stiff)} may have torque. Check cables and power")
+            raise WireDown(f"{', '.join(stiff)} may still have torque. Check cables and power")
 
     async def positions(self) -> dict[str, int]:
-        """Return the counts that the servos report, by joint."""
+        """Read the position of each servo, in counts by joint."""
         register, ids = self.CODEC.POSITION, self.config.ids
         request = self.CODEC.sync_read(ids, register.address, register.size)
         replies = await self.bus.transact(request, dict.fromkeys(ids, register.size), ANSWER_S, wait=True)
@@ -108,35 +110,35 @@ class Setup(ABC, Generic[PacketT]):
             raise WireDown(f"{', '.join(mute)} does not answer. Check cables and power")
         return {axis.key: register.decode(replies[axis.id].params) for axis in self.axes}
 
-    async def seek(self, bauds: Sequence[int] = ()) -> list[Found]:
-        """Return every servo that answers at one of ``bauds``, or at any speed."""
-        found: list[Found] = []
+    async def seek(self, bauds: Sequence[int] = ()) -> list[FoundServo]:
+        """Find all servos that answer at one of ``bauds``. The default tries every baud rate."""
+        servos: list[FoundServo] = []
         for baud in bauds or self.CODEC.BAUD_RATES:
             self._open(baud)
-            heard = await self.bus.listen(
+            replies = await self.bus.listen(
                 self.CODEC.ping(self.CODEC.BROADCAST), SEEK_S + SLOT_S * self.CODEC.BROADCAST, SEEK_S
             )
-            found += [Found(baud, servo) for servo in sorted({packet.id for packet in heard})]
-        return found
+            servos += [FoundServo(baud, servo_id) for servo_id in sorted({packet.id for packet in replies})]
+        return servos
 
-    async def adopt(self, found: Found, axis: Axis) -> None:
-        """Make the only servo on the bus the servo of a joint, and verify it."""
-        self._open(found.baud)
+    async def adopt(self, servo: FoundServo, axis: Axis) -> None:
+        """Set id and baud rate of the only servo on the bus to those of a joint, and check that it answers."""
+        self._open(servo.baud)
         codec, model = self.CODEC, self._model
-        params = await block(self.bus, codec, _named(axis, found.id), *model)
+        params = await block(self.bus, codec, _named(axis, servo.id), *model)
         number = int.from_bytes(params[:2], "little")
         check_model(axis, axis.id, number, codec)
-        await command(self.bus, _named(axis, found.id), codec.torque(found.id, False), "torque off")
-        await self.give(found.id, axis, self.config.baud)
+        await command(self.bus, _named(axis, servo.id), codec.torque(servo.id, False), "torque off")
+        await self.give(servo.id, axis, self.config.baud)
         self._open(self.config.baud)
-        heard = await self.bus.listen(codec.ping(axis.id), ANSWER_S, SEEK_S)
-        if [packet.id for packet in heard] != [axis.id]:
-            raise WireDown(f"{axis.label} does not answer after it was given its id. Power-cycle it, try again")
+        replies = await self.bus.listen(codec.ping(axis.id), ANSWER_S, SEEK_S)
+        if [packet.id for packet in replies] != [axis.id]:
+            raise WireDown(f"{axis.label} does not answer at its new id. Power-cycle it, then try again")
 
     @property
     @abstractmethod
     def _model(self) -> tuple[int, int]:
-        """Address and size of the register with the model number."""
+        """Address and size of the register that holds the model number."""
 
     def close(self) -> None:
         port, self._port, self._bus = self._port, None, None
@@ -151,11 +153,11 @@ class Setup(ABC, Generic[PacketT]):
 
 
 def _named(axis: Axis, servo: int) -> Axis:
-    """Return the joint with the present id of its servo."""
+    """Return a copy of the joint with the present id of its servo."""
     return Axis(**{**{name: getattr(axis, name) for name in Axis.__struct_fields__}, "id": servo})
 
 
-# -- the calibration itself, pure
+# -- the recorded ranges; pure
 
 LEAST_COUNTS = 200
 """Least travel of a joint, 18 degrees. With less it was not moved at all."""
@@ -166,11 +168,11 @@ middle."""
 
 
 class Ranges:
-    """The lowest and highest count of each joint so far.
+    """The lowest and the highest count of each joint that was recorded so far.
 
     Args:
         axes: The joints.
-        whole_turn: Keys of joints without an end.
+        whole_turn: Keys of joints that turn without an end.
     """
 
     def __init__(self, axes: Sequence[Axis], whole_turn: Sequence[str]) -> None:
@@ -180,8 +182,9 @@ class Ranges:
         self._whole_turn = frozenset(whole_turn)
         self._wrapped: set[str] = set()
 
-    def take(self, positions: Mapping[str, int]) -> None:
-        """Take the next reading. Between two readings no hand turns a joint by half a turn."""
+    def record(self, positions: Mapping[str, int]) -> None:
+        """Record the next positions. The joints must be read so often that a hand cannot turn one by half a turn in
+        between."""
         for key, count in positions.items():
             before = self.now.get(key, count)
             if abs(count - before) > MIDDLE:
@@ -195,7 +198,7 @@ class Ranges:
         return (0, TOP) if key in self._whole_turn else (self.low[key], self.high[key])
 
     def problems(self) -> dict[str, str]:
-        """Return the problems of ranges that cannot be used, by joint."""
+        """Return the problem of each joint whose recorded range cannot be used."""
         problems = {}
         for key in self.low:
             if key in self._whole_turn:

@@ -1,5 +1,5 @@
-"""The root's stop channel to position servos: the open port of the wire that has ended, or the port opened
-again."""
+"""The path by which the supervising process stops position servos: the port that the ended process had open, or the
+port opened again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from .safing import Safing, safing_on, unreachable
 
 
 class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[PacketT]):
-    """The stop channel of a servo bus. A subclass sets the codec and the safing of its protocol."""
+    """The supervising process's path to a servo bus. A subclass sets the codec and the ``Safing`` class of its
+    protocol."""
 
     CODEC: Codec[PacketT]
     SAFING: type[Safing[PacketT]]
@@ -45,13 +46,13 @@ class ServoStopChannel(DuplicateDescriptor[ServoConfig, BytePort], Generic[Packe
 
     async def make_safe_on(self, port: BytePort, safe_state: SafeState) -> tuple[MotorReport, ...]:
         safing = safing_on(port, self.config, self.CODEC, self.SAFING, self.clock)
-        # The positions of the servos are unknown here, so a hold first asks for them.
+        # The positions of the servos are unknown in this process, so a hold first reads them.
         reports = await safing.hold({}) if safe_state == SafeState.HOLD else await safing.limp()
-        # A hold may write nothing, for example if no servo has torque. The port is then kept: it cannot be
-        # opened again while the standby has a duplicate of it.
+        # A hold may write no goal, for example if no servo has torque. If the port has accepted a read request, it
+        # works and is kept. Another process may have a duplicate of it, which would prevent opening it again.
         if not safing.port_took_a_frame:
             raise WireDown(reports[0].detail)
         return reports
 
-    def failed(self, why: str) -> tuple[MotorReport, ...]:
-        return unreachable(self.config.joints, why)
+    def failed(self, reason: str) -> tuple[MotorReport, ...]:
+        return unreachable(self.config.joints, reason)

@@ -1,6 +1,7 @@
-"""The bus of position servos in the wire process.
+"""Command and read a bus of position servos. Runs in the only process that writes to the robot.
 
-A subclass has the differences of one protocol or firmware: ``handshake``, and the hooks around arming.
+A subclass adds the steps that depend on the protocol or firmware: ``handshake``, ``before_arming`` and
+``after_arming``.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from strands_actors.kernel.clock import NS, Clock
 from .axes import COUNTS, Axis
 from .codec import Codec
 from .config import ServoConfig
-from .handshake import ask, command, roll_call, untold
+from .handshake import ask, command, not_reported, roll_call
 from .readings import Readings
 from .safing import Safing, safing_on, unreachable
 
@@ -40,16 +41,16 @@ Range = tuple[int, int]
 
 
 class Handshake(msgspec.Struct, Generic[PacketT]):
-    """The result of ``ServoWire.handshake``."""
+    """The values that ``ServoWire.handshake`` has read from the servos."""
 
     readings: Readings[PacketT]
-    travel: Mapping[int, Range]  # id -> lowest and highest goal that it takes
-    reach: Mapping[int, Range]  # id -> range in which the joint may rest when it is energised
-    facts: dict[str, Any]  # for status
+    travel: Mapping[int, Range]  # lowest and highest goal that each servo accepts, by id
+    reach: Mapping[int, Range]  # range of counts in which each joint may be when it is energised, by id
+    facts: dict[str, Any]  # properties of the servos that ``status`` shows
 
 
 class ServoSession(Generic[PacketT]):
-    """The state between ``open`` and ``close``."""
+    """The state of one connection, from ``open`` to ``close``."""
 
     def __init__(
         self,
@@ -66,31 +67,32 @@ class ServoSession(Generic[PacketT]):
         self.observation = self.readings.observation(bus.clock.now_ns(), (), armed=False)
         self.torque_due_ns = 0
         self.silent_since_ns: int | None = None
-        self.goals: dict[int, int] = {}  # the last ones that were written
-        self.aimed_ns = 0  # when they changed
+        self.goals: dict[int, int] = {}  # last goal that was written to each servo, by id
+        self.aimed_ns = 0  # time at which a goal last changed
 
     def reachable_goals(self, counts: Mapping[int, int]) -> dict[int, int]:
-        """Return the goals without servos that are silent, which may have lost their torque, and without
-        servos that have lost it."""
-        left_out = self.readings.limp.union(self.health.mute())
-        return {motor: count for motor, count in counts.items() if motor not in left_out}
+        """Return the goals of servos that answer and have torque. The others are left out, because a goal could
+        energise them."""
+        excluded = self.readings.limp.union(self.health.mute())
+        return {motor: count for motor, count in counts.items() if motor not in excluded}
 
-    def told(self, goals: Mapping[int, int]) -> None:
+    def note_sent(self, goals: Mapping[int, int]) -> None:
         if self.goals != {**self.goals, **goals}:
             self.goals |= goals
             self.aimed_ns = self.bus.clock.now_ns()
 
-    def known(self) -> dict[int, int]:
-        """Return the present positions of servos with torque, read since their goals last changed."""
+    def recent_positions(self) -> dict[int, int]:
+        """Return the present positions of servos with torque, as far as they were read after the last change of a
+        goal."""
         now_ns = self.bus.clock.now_ns()
         since_ns = max(self.aimed_ns, now_ns - round(HOLD_FRESH_S * NS))
-        return self.readings.known(since_ns, now_ns, self.goals, self.aimed_ns)
+        return self.readings.recent_positions(since_ns, now_ns, self.goals, self.aimed_ns)
 
 
 class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
-    """The wire of a servo bus.
+    """The connection to a robot of position servos on one bus.
 
-    A subclass sets the class variables and ``handshake``, and may override the hooks around arming.
+    A subclass sets the class variables and ``handshake``, and may override ``before_arming`` and ``after_arming``.
     """
 
     interruptible: ClassVar[bool] = True
@@ -112,17 +114,18 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self._port: BytePort | None = None
         self._armed = False
 
-    # -- parts of a protocol
+    # -- steps that depend on the protocol
 
     @abstractmethod
     async def handshake(self, bus: HalfDuplexBus[PacketT]) -> Handshake[PacketT]:
-        """Identify, check and set up the servos, after all ids have answered. Raise ``WireDown``."""
+        """Identify, check and set up the servos. All ids have answered before. Raise ``WireDown``."""
 
     async def before_arming(self, permit: Permit) -> None:
-        """Raise ``WireDown`` for a robot that must not be energised."""
+        """Raise ``WireDown`` if the robot must not be energised."""
 
     async def after_arming(self, permit: Permit) -> None:
-        """Arm the firmware's watchdogs, after every servo was energised. Raise ``WireDown``."""
+        """Energise motor after motor, each with its present position as goal. A Feetech servo is energised by a
+        goal alone."""
 
     # -- the contract
 
@@ -133,13 +136,14 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         codec = self.CODEC
         bus = HalfDuplexBus(self._port, codec.Decoder(), self.clock, config.baud, overhead=codec.OVERHEAD)
         try:
-            where = f"{config.port} at {config.baud} baud"
-            await roll_call(bus, codec, config.robot, self.axes, where, config.others)
+            port_name = f"{config.port} at {config.baud} baud"
+            await roll_call(bus, codec, config.robot, self.axes, port_name, config.others)
             handshake = await self.handshake(bus)
         except BaseException as error:
             self.close()
             if isinstance(error, WireDown) and (users := users_of(config.port)):
-                raise WireDown(in_use(config.port, users)) from error  # The other program garbles the replies.
+                # The other program's frames damage the replies, so it is the likely cause of the error.
+                raise WireDown(in_use(config.port, users)) from error
             raise
         safing = self.SAFING(bus, codec, self.axes, handshake.travel)
         self.session_or_none = ServoSession(bus, config.ids, handshake, safing)
@@ -151,12 +155,12 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise motor by motor, each at its present position: a goal alone energises a Feetech servo."""
+        """Switch on the firmware's watchdogs, after every servo was energised. Raise ``WireDown``."""
         self._refuse_passive("arm")
         session = self.session
         await self.before_arming(permit)
         replies = await self.ask_all(*self.FEEDBACK, "its position")
-        session.readings.take(replies, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
+        session.readings.store(replies, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
         for axis in self.axes:
             self._refuse_outside(axis, session.readings.counts[axis.id])
         self._armed = True
@@ -171,28 +175,31 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
     async def read(self) -> Observation:
         session = self.session
         if session.bus.quiet:
-            await trio.lowlevel.checkpoint()  # A caller that reads in a loop must let other tasks run.
+            # Let other tasks run, even if the caller reads in a loop.
+            await trio.lowlevel.checkpoint()
         else:
-            # A request that a stop has cut short, and that no servo answered, begins the quiet time here.
+            # ``Quiet`` is raised if a stop has cancelled a request that no servo answered: the bus must then be
+            # silent for a while.
             with contextlib.suppress(Quiet):
                 await self._measure(session)
         return session.observation
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Write a setpoint to servos that answer and have torque. A goal would give torque back to a servo
-        that has lost it."""
+        """Send a setpoint to the servos that answer and have torque. The others get no goal, because a goal could
+        energise a servo that has lost its torque."""
         self._refuse_passive("write")
         session = self.session
         if not self._armed:
             raise PermitDenied("not armed")
         requested = {axis.id: axis.count(value) for axis, value in zip(self.axes, values, strict=True)}
         counts = session.reachable_goals(requested)
-        if not counts:  # If no servo could take this setpoint in time, drop it.
+        # Servos that are silent or have no torque get no goal. If no servo is left, drop the setpoint.
+        if not counts:
             raise PermitDenied("no servo is heard that has torque")
         frame = self.CODEC.goals(counts)
         permit.check()
         session.bus.send(frame)
-        session.told(counts)
+        session.note_sent(counts)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         session = self.session_or_none
@@ -204,19 +211,22 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         return await session.safing.limp()
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """The old descriptor may still take a frame that no servo answers. A new descriptor reaches an
-        adapter that was plugged in again."""
+        """Make the servos safe after the connection was lost.
+
+        The torque is first switched off over the old port, which may still send. Then the port is opened again, in
+        case the adapter was unplugged and plugged in again.
+        """
         old, config = self._port, self.config
-        shouted = False
+        written = False
         try:
             if old is not None and safe_state != SafeState.HOLD:
-                shouted = await self._safing_on(old).shout()
+                written = await self._safing_on(old).limp_unconfirmed()
         finally:
             self.close()
         try:
             port = self._open_port(config.port, config.baud)
         except WireDown as error:
-            return unreachable(self.axes, str(error), shouted)
+            return unreachable(self.axes, str(error), written)
         try:
             safing = self._safing_on(port)
             return await safing.hold({}) if safe_state == SafeState.HOLD else await safing.limp()
@@ -236,19 +246,19 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self.session_or_none = None
         self._armed = False
 
-    # -- for the hooks
+    # -- for subclasses
 
     def check_torque_soon(self) -> None:
-        """Make the next reading include the torque."""
+        """Let the next reading also read whether the servos have torque."""
         self.session.torque_due_ns = 0
 
-    async def ask_all(self, address: int, size: int, what: str) -> dict[int, PacketT]:
-        """Read a block that every servo must return, before any servo is energised.
+    async def ask_all(self, address: int, size: int, label: str) -> dict[int, PacketT]:
+        """Read a block of registers from every servo, before any servo is energised.
 
         Args:
-            address: The first register.
-            size: Bytes of the block.
-            what: The name of the value for messages.
+            address: The address of the first register.
+            size: Number of bytes.
+            label: The name of the value, for messages.
 
         Raises:
             WireDown: A servo did not answer.
@@ -256,17 +266,18 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         ids, bus = self.config.ids, self.session.bus
         replies = await ask(bus, self.CODEC.sync_read(ids, address, size), dict.fromkeys(ids, size))
         if missing := [axis.label for axis in self.axes if axis.id not in replies]:
-            raise WireDown(untold(bus, ", ".join(missing), what))
+            raise WireDown(not_reported(bus, ", ".join(missing), label))
         return replies
 
     # -- details
 
     async def _hold(self, session: ServoSession[PacketT]) -> tuple[MotorReport, ...]:
         if not self._armed:
-            return await session.safing.hold({})  # Servos that have torque all the same are asked.
-        kept = session.reachable_goals(session.goals)
-        reports = await session.safing.hold(session.known(), kept, session.told)
-        session.told(
+            # Some servos may have torque although the robot is not armed. Their positions are read first.
+            return await session.safing.hold({})
+        last_goals = session.reachable_goals(session.goals)
+        reports = await session.safing.hold(session.recent_positions(), last_goals, session.note_sent)
+        session.note_sent(
             {
                 axis.id: axis.count(report.target)
                 for axis, report in zip(self.axes, reports, strict=True)
@@ -277,16 +288,16 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
 
     async def _measure(self, session: ServoSession[PacketT]) -> None:
         now_ns = self.clock.now_ns()
-        asked = session.health.to_ask(now_ns)
+        ids = session.health.to_ask(now_ns)
         base, size = self.FEEDBACK
         if now_ns >= session.torque_due_ns:
             session.torque_due_ns = now_ns + round(TORQUE_CHECK_S * NS)
             base, size = self.FEEDBACK_AND_TORQUE
         bus = session.bus
-        replies = await bus.transact(self.CODEC.sync_read(asked, base, size), dict.fromkeys(asked, size))
+        replies = await bus.transact(self.CODEC.sync_read(ids, base, size), dict.fromkeys(ids, size))
         now_ns = self.clock.now_ns()
-        session.health.update(asked, {*replies, *bus.refusals}, now_ns)
-        session.readings.take(replies, base, bus.sent_ns, now_ns, bus.refusals)
+        session.health.update(ids, {*replies, *bus.refusals}, now_ns)
+        session.readings.store(replies, base, bus.sent_ns, now_ns, bus.refusals)
         session.observation = session.readings.observation(now_ns, session.health.silent(), self._armed)
         if replies or bus.refusals:
             session.silent_since_ns = None
@@ -300,53 +311,53 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             )
 
     async def _energise(self, axis: Axis, permit: Permit) -> None:
-        """Energise one servo, without a jump. Raise ``WireDown`` if it fails.
+        """Energise one servo without a jump. Raise ``WireDown`` if it fails.
 
-        First its position is written as the goal, which may energise it already. Torque follows only when the
-        goal was read back, because an old goal would be a jump. Then the torque is read back.
+        An old goal would make the servo jump. So its position is first written as the goal, which may energise it
+        already. The goal is read back before the torque is switched on. Then the torque is read back.
         """
         codec, session = self.CODEC, self.session
         goal_register, torque = codec.GOAL_POSITION, codec.TORQUE_ENABLE
         reply = await self._of(axis, *self.FEEDBACK, "its position")
-        session.readings.take({axis.id: reply}, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
+        session.readings.store({axis.id: reply}, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
         position = session.readings.counts[axis.id]
         self._refuse_outside(axis, position)
         goal = session.safing.goals({axis.id: position})[axis.id]
         permit.check()
         session.bus.send(codec.hold({axis.id: goal}))
-        session.told({axis.id: goal})
+        session.note_sent({axis.id: goal})
         reply = await self._of(axis, goal_register.address, goal_register.size, "its goal")
-        taken = goal_register.decode(reply.params)
-        if taken != goal:
+        stored_goal = goal_register.decode(reply.params)
+        if stored_goal != goal:
             raise WireDown(
                 f"arm: {axis.label} did not take its present position as goal "
-                f"({taken}, not {goal}). Try again; if it stays, check its cable"
+                f"({stored_goal}, not {goal}). Check its cable, then try again"
             )
         permit.check()
         try:
             await command(session.bus, axis, codec.torque(axis.id, True), "torque on")
         except WireDown:
             refusals = session.bus.refusals
-            why = f" ({refusals[axis.id]})" if axis.id in refusals else ""
+            detail = f" ({refusals[axis.id]})" if axis.id in refusals else ""
             raise WireDown(
-                f"arm: {axis.label} does not confirm torque on{why}. Check its cable and power"
+                f"arm: {axis.label} does not confirm torque on{detail}. Check its cable and power"
             ) from None
         reply = await self._of(axis, torque.address, torque.size, "whether it has torque")
         if torque.decode(reply.params) != 1:
             raise WireDown(f"arm: {axis.label} does not stay energised. Check its load, supply and temperature")
 
-    async def _of(self, axis: Axis, address: int, size: int, what: str) -> PacketT:
-        """Return a block of one servo. Raise ``WireDown`` if it does not answer."""
+    async def _of(self, axis: Axis, address: int, size: int, label: str) -> PacketT:
+        """Read a block of registers of one servo. Raise ``WireDown`` if the servo does not answer."""
         bus = self.session.bus
         replies = await ask(bus, self.CODEC.read(axis.id, address, size), {axis.id: size})
         if axis.id not in replies:
-            raise WireDown(untold(bus, axis.label, what))
+            raise WireDown(not_reported(bus, axis.label, label))
         return replies[axis.id]
 
-    def _refuse_passive(self, what: str) -> None:
+    def _refuse_passive(self, action: str) -> None:
         if self.config.passive:
             raise WireDown(
-                f"{what}: {self.config.robot} is a leader arm, which is never energised. Move it by hand"
+                f"{action}: {self.config.robot} is a leader arm, which is never energised. Move the arm by hand"
             )
 
     def _refuse_outside(self, axis: Axis, count: int) -> None:
@@ -354,6 +365,6 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         outside_deg = (count - min(max(count, low), high)) * 360 / COUNTS
         if abs(outside_deg) > OUTSIDE_DEG:
             raise WireDown(
-                f"arm: {axis.label} rests {abs(outside_deg):.1f} deg outside its range and would be "
-                "pulled in. Move it inside by hand"
+                f"arm: {axis.label} is {abs(outside_deg):.1f} deg outside its range and would jump "
+                "back. Move it inside its range by hand"
             )

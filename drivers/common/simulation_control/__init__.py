@@ -1,6 +1,6 @@
-"""The simulation control: a second interface of a twin, which serves it as a simulation.
+"""A second interface of a simulated robot, by which a program uses it as a simulation.
 
-On the wire a twin is the robot. Here it is the world around the robot: targets without gates, positions
-without noise, pictures, a reset. It is a unix socket for any number of clients, each with one request
-at a time.
+In its real protocol (the "wire") a simulated robot behaves like the robot. This interface controls the world around
+it: targets without checks, positions without noise, pictures, a reset. It is a unix socket for any number of
+clients. Each client sends one request at a time.
 """

@@ -1,4 +1,4 @@
-"""The client's end of the simulation control."""
+"""The client of a simulation's control socket."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _CHUNK = 1 << 18
 
 
 class SimulationClient:
-    """One connection, with one request at a time. Every method raises ``WireDown`` once the simulation is
-    gone."""
+    """One connection to a simulation, with one request at a time. Every method raises ``WireDown`` once the
+    simulation has ended."""
 
     def __init__(self, path: str) -> None:
         try:
@@ -40,10 +40,10 @@ class SimulationClient:
             raise WireDown(f"the simulation does not run ({error.strerror or error})") from None
         self._decoder = p.reply_decoder()
         self._numbers = itertools.count(1)
-        self._heard: deque[p.Reply] = deque()
+        self._replies: deque[p.Reply] = deque()
 
     def tell(self, request: p.Request) -> None:
-        """Send a request without waiting. Raise ``WireDown`` if the socket does not take all of it."""
+        """Send a request without waiting. Raise ``WireDown`` if the socket does not accept all of it."""
         data = p.encode(request)
         try:
             sent = self._socket.send(data)
@@ -52,25 +52,25 @@ class SimulationClient:
         except OSError as error:
             raise WireDown(f"the simulation ended ({error.strerror or error})") from None
         if sent != len(data):
-            raise WireDown("the simulation does not read. reconnect")
+            raise WireDown("the simulation does not read its socket. reconnect")
 
     def ask(self, request: p.Request) -> int:
-        """Send a request, and return the number of its reply."""
+        """Send a request. Return its number, which its reply will carry."""
         number = next(self._numbers)
         self.tell(msgspec.structs.replace(request, number=number))
         return number
 
-    async def answer(self, number: int, kind: type[T], within_s: float) -> T | None:
-        """Return the reply with this number; None if it does not come in time. Drop other replies.
+    async def answer(self, number: int, reply_type: type[T], within_s: float) -> T | None:
+        """Wait for the reply with this number, and drop other replies. Return None if it does not come in time.
 
         Args:
-            number: As returned by ``ask``.
-            kind: Type of the expected reply.
+            number: The result of ``ask``.
+            reply_type: Type of the expected reply.
             within_s: Timeout in seconds.
 
         Raises:
-            Refusal: The reply is a ``No``.
-            WireDown: The reply has another type, or the simulation is gone.
+            Refusal: The simulation has refused the request (reply ``No``).
+            WireDown: The reply has another type, or the simulation has ended.
         """
         with trio.move_on_after(within_s):
             while True:
@@ -78,15 +78,15 @@ class SimulationClient:
                 if reply.number != number:
                     continue
                 if isinstance(reply, p.No):
-                    raise Refusal(reply.why)
-                if not isinstance(reply, kind):
-                    raise WireDown(f"the simulation answers with {type(reply).__name__}")
+                    raise Refusal(reply.reason)
+                if not isinstance(reply, reply_type):
+                    raise WireDown(f"the simulation sent an unexpected reply ({type(reply).__name__})")
                 return reply
         return None
 
-    async def call(self, request: p.Request, kind: type[T], within_s: float) -> T:
+    async def call(self, request: p.Request, reply_type: type[T], within_s: float) -> T:
         """Send a request and return its reply. Raise ``WireDown`` if it does not come in time."""
-        reply = await self.answer(self.ask(request), kind, within_s)
+        reply = await self.answer(self.ask(request), reply_type, within_s)
         if reply is None:
             raise WireDown(f"the simulation does not answer within {within_s:g} s")
         return reply
@@ -97,7 +97,7 @@ class SimulationClient:
         self._socket.close()
 
     async def _next(self) -> p.Reply:
-        while not self._heard:
+        while not self._replies:
             await trio.lowlevel.wait_readable(self._socket)
             try:
                 data = self._socket.recv(_CHUNK)
@@ -108,11 +108,11 @@ class SimulationClient:
             if not data:
                 raise WireDown("the simulation ended")
             try:
-                self._heard.extend(self._decoder.feed(data))
+                self._replies.extend(self._decoder.feed(data))
             except MalformedFrame as garbled:
-                raise WireDown(f"the simulation says {garbled}") from None
-        return self._heard.popleft()
+                raise WireDown(f"the simulation sent malformed data ({garbled})") from None
+        return self._replies.popleft()
 
 
 class Refusal(Exception):
-    """The simulation has refused a request. The text gives the reason."""
+    """The simulation has refused a request. The exception's text gives the reason."""

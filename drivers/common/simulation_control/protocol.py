@@ -1,9 +1,9 @@
-"""Frames of the simulation control: four bytes of length (little endian), then a msgpack array
-tagged with its type.
+"""Encode and decode the frames of a simulation's control socket.
 
-A reply has the ``number`` of its request; a request with 0 gets no reply. Values are those of the model,
-one per axis in the order of ``Axes``: radians or metres, for a gripper its closed fraction. The docstring
-of a request names its reply.
+A frame has four bytes of length (little endian), then a msgpack array that is tagged with its type. A reply has the
+``number`` of its request; a request with the number 0 gets no reply. Positions, targets and so on have one value
+per axis, in the order of ``Axes``: radians or metres, for a gripper the fraction by which it is closed. The
+docstring of each request names its reply.
 """
 
 from __future__ import annotations
@@ -34,54 +34,56 @@ class Frame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class Handshake(Frame, frozen=True):
-    """Ask for the axes. Reply: ``Axes``."""
+    """Request the names of the axes. Reply: ``Axes``."""
 
 
 class Take(Frame, frozen=True):
-    """Energise all joints that the wire does not hold, at their present positions. Reply: ``Sample``."""
+    """Let the simulation control all joints that no command in the robot's real protocol has energised. They hold
+    their positions. Reply: ``Sample``."""
 
 
 class Aim(Frame, frozen=True):
-    """Set new targets. Only the client of the last ``Take`` may do this. No reply."""
+    """Set new targets. Only the client that sent the last ``Take`` may do this. No reply."""
 
     values: tuple[float, ...]
 
 
 class Safe(Frame, frozen=True):
-    """Bring the taken joints to a safe state. Reply: ``Sample``.
+    """Bring the joints that the simulation controls to a safe state. Reply: ``Sample``.
 
-    ``limp`` releases them. ``hold`` sets each target to the position. ``land`` does the same, but a
-    flying robot lands.
+    ``limp`` releases them. ``hold`` lets them hold their positions. ``land`` lets a flying robot land; for other
+    robots it is the same as ``hold``.
     """
 
     safe_state: str
 
 
 class Read(Frame, frozen=True):
-    """Read the state. Reply: ``Sample``."""
+    """Read time, positions, speeds and efforts. Reply: ``Sample``."""
 
 
 class Reset(Frame, frozen=True):
-    """Return to the first pose and hold it. Reply: ``Sample``, or ``No`` while the wire holds a joint."""
+    """Return the robot to its initial pose. Reply: ``Sample``, or ``No`` if a command in the robot's real protocol
+    has energised a joint."""
 
 
 class Step(Frame, frozen=True):
-    """Simulate 1 to ``MOST_STEPS`` time steps at once, after the earlier requests of other clients.
-    Reply: ``Sample``, or ``No`` while the wire holds a joint."""
+    """Simulate 1 to ``MOST_STEPS`` time steps at once, after the earlier requests of other clients. Reply:
+    ``Sample``, or ``No`` if a command in the robot's real protocol has energised a joint."""
 
     steps: int
 
 
 class Render(Frame, frozen=True):
-    """Take a picture. Reply: ``Picture`` or ``No``."""
+    """Take a picture. Reply: ``Picture``, or ``No`` if it is refused."""
 
     width: int
     height: int
-    camera: str  # "": the whole robot
+    camera: str  # name of the camera; empty for a view of the whole robot
 
 
 class AddObject(Frame, frozen=True):
-    """Add an object with the fields of ``scenery.Object``. Reply: ``Done`` or ``No``."""
+    """Add an object with the fields of ``scenery.Object``. Reply: ``Done``, or ``No`` if it is refused."""
 
     name: str
     shape: str
@@ -95,7 +97,7 @@ class AddObject(Frame, frozen=True):
 
 
 class AddCamera(Frame, frozen=True):
-    """Add a camera with the fields of ``scenery.Camera``. Reply: ``Done`` or ``No``."""
+    """Add a camera with the fields of ``scenery.Camera``. Reply: ``Done``, or ``No`` if it is refused."""
 
     name: str
     position: tuple[float, ...]
@@ -105,29 +107,30 @@ class AddCamera(Frame, frozen=True):
 
 
 class RemoveObject(Frame, frozen=True):
-    """Remove an object. Reply: ``Done`` or ``No``."""
+    """Remove an object that was added. Reply: ``Done``, or ``No`` if it is refused."""
 
     name: str
 
 
 class Save(Frame, frozen=True):
-    """Save the state under this name. Reply: ``Done`` or ``No``."""
+    """Save the state of the simulation under this name. Reply: ``Done``, or ``No`` if it is refused."""
 
     name: str
 
 
 class Load(Frame, frozen=True):
-    """Return to a saved state. Reply: ``Sample`` or ``No``, also while the wire holds a joint."""
+    """Return to a saved state. Reply: ``Sample``, or ``No`` if there is no such state, or if a command in the
+    robot's real protocol has energised a joint."""
 
     name: str
 
 
 class GetModel(Frame, frozen=True):
-    """Ask for the scene as a compiled MuJoCo model. Reply: ``Model`` or ``No``."""
+    """Request the scene as a compiled MuJoCo model. Reply: ``Model``, or ``No`` if it is refused."""
 
 
 class GetPose(Frame, frozen=True):
-    """Ask for the pose. Reply: ``Pose``."""
+    """Request the present pose of the scene. Reply: ``Pose``."""
 
 
 class Axes(Frame, frozen=True):
@@ -135,15 +138,16 @@ class Axes(Frame, frozen=True):
 
 
 class Sample(Frame, frozen=True):
-    time_s: float  # of the simulation
+    time_s: float  # simulated time in seconds
     position: tuple[float, ...]
     velocity: tuple[float, ...]
-    effort: tuple[float, ...]  # newton metres, or newtons
-    hands: tuple[int, ...]  # holder of each joint: 0 no holder, 1 the wire, 2 the simulation
+    effort: tuple[float, ...]  # newton metres; newtons for a linear axis
+    # Side that controls each joint. 0: none, 1: commands in the robot's real protocol, 2: the simulation.
+    commanders: tuple[int, ...]
 
 
 class Picture(Frame, frozen=True):
-    """Rows from the top, three bytes a pixel."""
+    """A picture: its rows from top to bottom, with three bytes (red, green, blue) per pixel."""
 
     width: int
     height: int
@@ -152,11 +156,11 @@ class Picture(Frame, frozen=True):
 
 class Model(Frame, frozen=True):
     binary: bytes
-    scene: int = 0  # number of the scene; it changes with the bodies and cameras
+    scene: int = 0  # number of the scene, which increases when objects or cameras change
 
 
 class Pose(Frame, frozen=True):
-    """``qpos`` of the ``Model`` with this ``scene`` number."""
+    """The state ``qpos`` of the ``Model`` that has the same ``scene`` number."""
 
     qpos: tuple[float, ...]
     scene: int = 0
@@ -167,7 +171,7 @@ class Done(Frame, frozen=True):
 
 
 class No(Frame, frozen=True):
-    why: str
+    reason: str
 
 
 Change = AddObject | AddCamera | RemoveObject | Save
@@ -185,27 +189,27 @@ def encode(frame: Frame) -> bytes:
 
 
 class Decoder(Generic[FrameT]):
-    """Decodes frames from bytes in pieces of any size."""
+    """Decode frames from received bytes, which may arrive in pieces of any size."""
 
-    def __init__(self, kind: msgspec.msgpack.Decoder[FrameT], longest: int) -> None:
-        self._kind = kind
+    def __init__(self, decoder: msgspec.msgpack.Decoder[FrameT], longest: int) -> None:
+        self._decoder = decoder
         self._longest = longest
-        self._held = bytearray()
+        self._buffer = bytearray()
 
     def feed(self, data: bytes) -> Iterator[FrameT]:
-        """Yield the frames that are complete. Raise ``MalformedFrame``."""
-        held = self._held
-        held += data
-        while len(held) >= HEADER:
-            size = int.from_bytes(held[:HEADER], "little")
+        """Yield each complete frame. Raise ``MalformedFrame``."""
+        buffer = self._buffer
+        buffer += data
+        while len(buffer) >= HEADER:
+            size = int.from_bytes(buffer[:HEADER], "little")
             if size > self._longest:
                 raise MalformedFrame(f"a frame of {size} bytes, more than {self._longest}")
-            if len(held) < HEADER + size:
+            if len(buffer) < HEADER + size:
                 return
-            body = bytes(held[HEADER : HEADER + size])
-            del held[: HEADER + size]
+            body = bytes(buffer[HEADER : HEADER + size])
+            del buffer[: HEADER + size]
             try:
-                frame = self._kind.decode(body)
+                frame = self._decoder.decode(body)
             except (msgspec.MsgspecError, UnicodeDecodeError) as error:
                 raise MalformedFrame(f"a frame that means nothing: {error}") from None
             yield frame

@@ -1,4 +1,4 @@
-"""Pictures of a model, without a window."""
+"""Draw pictures of a MuJoCo model, without a window."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ WINDOWED = ("", "enable", "enabled", "on", "true", "1", "glfw", "glx", "cgl")
 
 
 class CannotRender(Exception):
-    """No picture can be taken. The text gives the reason and the remedy."""
+    """No picture can be taken. The exception's text gives the reason and the remedy."""
 
 
 class Renderer:
-    """Take pictures of a private copy of the model, one at a time, in a thread."""
+    """Draw pictures of its own copy of the model, one after the other, in a worker thread."""
 
     def __init__(self, spec: Any) -> None:
         self._spec = spec
@@ -46,23 +46,27 @@ class Renderer:
         """Number of the present model; each ``exchange`` adds 1."""
 
     async def render(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
-        """Return a picture: rows from the top, three bytes a pixel. Raise ``CannotRender``."""
+        """Return a picture: its rows from top to bottom, three bytes per pixel. Raise ``CannotRender``."""
         if not (1 <= width <= MAX_WIDTH and 1 <= height <= MAX_HEIGHT):
             raise CannotRender(
-                f"a picture of {width} x {height} pixels. ask for at most {MAX_WIDTH} x {MAX_HEIGHT}"
+                f"a picture of {width} x {height} pixels. Ask for at most {MAX_WIDTH} x {MAX_HEIGHT}"
             )
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
     async def model(self, pose: Sequence[float]) -> tuple[int, bytes]:
-        """Return the number of the scene, and the scene as MuJoCo's binary file. The file is kept, because
-        making it delays the rest of this process by a tenth of a second."""
+        """Return the number of the scene, and the scene as a binary file of MuJoCo.
+
+        The file is kept for the next call, because making it delays the rest of this process by a tenth of a
+        second.
+        """
         while self._binary is None or self._binary[0] != self.scene:
             scene = self.scene
             self._binary = scene, await trio.to_thread.run_sync(self._save, pose, limiter=self._limiter)
         return self._binary
 
     def exchange(self, spec: Any) -> None:
-        """Use this model from the next picture on. A thread uses it, so the caller must not keep it."""
+        """Use the model ``spec`` from the next picture on. The caller must not use it any more, because a worker
+        thread does."""
         self._spec = spec
         self._stale = True
         self.scene += 1
@@ -85,7 +89,7 @@ class Renderer:
         return self._drawn.shoot(pose, width, height, camera)
 
     def _look(self, pose: Sequence[float]) -> View:
-        """Return the view of the camera. The first pose decides it."""
+        """Return the part of the scene that the camera shows. The first pose decides it."""
         if self._view is None:
             model = self._spec.copy().compile()
             data = mujoco.MjData(model)
@@ -102,26 +106,26 @@ class Renderer:
 
 
 def plain(model: Any) -> Any:
-    """Switch off the model's shadows, mirrors and smooth edges, so that it is drawn five times as fast.
-    Return the same model."""
+    """Switch off shadows, reflections and smooth edges of a model, so that it is drawn five times as fast. The
+    model is changed and returned."""
     model.vis.quality.shadowsize = model.vis.quality.offsamples = 0
     return model
 
 
 class SceneRenderer:
-    """A scene and its OpenGL context. It may be used in any thread, but in one at a time."""
+    """A MuJoCo scene with its OpenGL context. Any thread may use it, but only one at a time."""
 
     def __init__(self, model: Any, view: View, width: int, height: int) -> None:
         """Create the OpenGL context.
 
         Args:
             model: A compiled model from ``decorate``.
-            view: The view of the camera.
+            view: The part of the scene that the camera shows.
             width: Largest width of a picture in pixels.
-            height: Largest height.
+            height: Largest height of a picture in pixels.
 
         Raises:
-            CannotRender: There is no OpenGL.
+            CannotRender: OpenGL is not available.
         """
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._size = width, height
@@ -142,19 +146,20 @@ class SceneRenderer:
         return width <= self._size[0] and height <= self._size[1]
 
     def shoot(self, pose: Sequence[float], width: int, height: int, camera: str) -> bytes:
-        """Return a picture: rows from the top, three bytes a pixel. Raise ``CannotRender`` if there is no
-        such camera."""
+        """Return a picture: its rows from top to bottom, three bytes per pixel. Raise ``CannotRender`` if there is
+        no such camera."""
         model, data = self._model, self._data
         own = [model.camera(index).name for index in range(model.ncam)]
         if camera not in CAMERAS and camera not in own:
-            known = ", ".join(name for name in dict.fromkeys((*CAMERAS, *own)) if name)
-            raise CannotRender(f"no camera {camera!r}. there are {known}, and None for the whole robot")
+            names = ", ".join(name for name in dict.fromkeys((*CAMERAS, *own)) if name)
+            raise CannotRender(f"no camera {camera!r}. there are {names}, and None for the whole robot")
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
-        if camera and camera in own:  # A camera of the scene has priority over one of ``CAMERAS``.
+        # If a camera of the scene has the name of one of ``CAMERAS``, the scene's camera is used.
+        if camera and camera in own:
             eye.type = mujoco.mjtCamera.mjCAMERA_FIXED
             eye.fixedcamid = model.camera(camera).id
         else:
@@ -165,7 +170,8 @@ class SceneRenderer:
         with self._gl.as_current():
             mujoco.mjr_render(rectangle, self._scene, self._context)
             mujoco.mjr_readPixels(rows, None, rectangle, self._context)
-        return rows[::-1].tobytes()  # OpenGL's first row is the lowest
+        # OpenGL's first row is the lowest, so reverse the rows.
+        return rows[::-1].tobytes()
 
     def close(self) -> None:
         with self._gl.as_current():
@@ -174,39 +180,41 @@ class SceneRenderer:
 
 
 def open_gl(width: int, height: int) -> Any:
-    """Return an OpenGL context of the platform that ``MUJOCO_GL`` names, otherwise of the first
-    available one. Raise ``CannotRender``."""
-    if why := missing("pictures", "a picture"):
-        raise CannotRender(why)
-    wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
+    """Return an OpenGL context. ``MUJOCO_GL`` selects the platform; the default is the first available one. Raise
+    ``CannotRender``."""
+    if reason := missing("pictures", "a picture"):
+        raise CannotRender(reason)
+    requested = os.environ.get("MUJOCO_GL", "").strip().lower()
     if sys.platform == "darwin":
         platform = "cgl"
-    elif wanted in WINDOWED:
+    elif requested in WINDOWED:
         platform = _first()
-    elif wanted in LIBRARIES:
-        platform = wanted
-        if not _is_there(platform):
+    elif requested in LIBRARIES:
+        platform = requested
+        if not _is_installed(platform):
             raise CannotRender(_missing([platform]))
     else:
-        raise CannotRender(f"MUJOCO_GL is {wanted!r}. unset it, or use {_names(list(LIBRARIES))}")
-    os.environ["MUJOCO_GL"] = platform  # MuJoCo's loader also reads this variable.
+        raise CannotRender(f"MUJOCO_GL is {requested!r}. unset it, or use {_names(list(LIBRARIES))}")
+    # MuJoCo reads this variable when it loads OpenGL.
+    os.environ["MUJOCO_GL"] = platform
     try:
         return importlib.import_module(f"mujoco.{platform}").GLContext(width, height)
-    except Exception as error:  # OpenGL's many layers raise any type.
+    # OpenGL libraries may raise any type of exception.
+    except Exception as error:
         others = [name for name in LIBRARIES if name != platform]
         raise CannotRender(
-            f"{platform} gives no context ({error}). check the graphics driver, or use {_names(others)}"
+            f"{platform} gives no context ({error}). Check the graphics driver, or use {_names(others)}"
         ) from error
 
 
 def _first() -> str:
     for platform in LIBRARIES:
-        if _is_there(platform):
+        if _is_installed(platform):
             return platform
     raise CannotRender(_missing(list(LIBRARIES)))
 
 
-def _is_there(platform: str) -> bool:
+def _is_installed(platform: str) -> bool:
     for name in LIBRARIES[platform][0]:
         try:
             library = ctypes.CDLL(name)
@@ -217,7 +225,7 @@ def _is_there(platform: str) -> bool:
 
 
 def _devices(egl: ctypes.CDLL) -> int:
-    """Return the number of devices on which EGL can draw; 0 for a library without a driver."""
+    """Return the number of devices on which EGL can draw; 0 if EGL has no driver."""
     egl.eglGetProcAddress.restype = ctypes.c_void_p
     address = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
     if not address:
@@ -233,4 +241,4 @@ def _names(platforms: list[str]) -> str:
 
 def _missing(platforms: list[str]) -> str:
     packages = " or ".join(f"{LIBRARIES[name][1]} ({name})" for name in platforms)
-    return f"no OpenGL that draws without a window. install {packages}: apt install {LIBRARIES[platforms[0]][1]}"
+    return f"no OpenGL that draws without a window. Install {packages}: apt install {LIBRARIES[platforms[0]][1]}"

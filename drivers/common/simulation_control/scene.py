@@ -1,5 +1,4 @@
-"""Decorate a model for pictures: light, ground, sky, colours, motors at the joints, and the view of the
-camera."""
+"""Decorate a model for pictures: light, ground, sky, colours, motors at the joints, and the camera's view."""
 
 from __future__ import annotations
 
@@ -37,20 +36,21 @@ SKY, GROUND = "strands_actors sky", "strands_actors ground"
 
 
 class View(NamedTuple):
-    """A ball around the whole robot, at which a camera looks. Lengths are in metres."""
+    """A sphere around the whole robot, at which the camera looks. Lengths are in metres."""
 
     middle: tuple[float, float, float]
     radius: float
 
 
 def decorate(spec: Any, view: View) -> Any:
-    """Return a copy of a model, decorated for ``view`` and not compiled yet. Its joints are the same."""
+    """Return a copy of a model, decorated for ``view`` and not compiled yet. It has the same joints."""
     scene = spec.copy()
     scene.stat.center, scene.stat.extent = view.middle, view.radius
     scene.visual.global_.azimuth, scene.visual.global_.elevation = CAMERAS[""]
     scene.visual.quality.offsamples = 4
     scene.visual.quality.shadowsize = 4096
-    # In extents. With less, the edge of the shadow map speckles the ground.
+    # The clip distance of shadows is a multiple of the model's extent. With a smaller value, the edge of the shadow
+    # map shows as speckles on the ground.
     scene.visual.map.shadowclip = 4
     scene.visual.headlight.ambient = [0.30, 0.30, 0.32]
     scene.visual.headlight.diffuse = [0.30, 0.30, 0.30]
@@ -65,8 +65,8 @@ def decorate(spec: Any, view: View) -> Any:
 
 
 def view_of(model: Any, data: Any) -> View:
-    """Return the view of everything but the ground, in the pose of ``data``."""
-    kept = [at for at in range(model.ngeom) if model.geom_type[at] != mujoco.mjtGeom.mjGEOM_PLANE]
+    """Return a view of everything except the ground, in the pose of ``data``."""
+    kept = [index for index in range(model.ngeom) if model.geom_type[index] != mujoco.mjtGeom.mjGEOM_PLANE]
     if not kept:
         return View((0.0, 0.0, 0.0), 1.0)
     places, sizes = data.geom_xpos[kept], model.geom_rbound[kept][:, None]
@@ -80,22 +80,22 @@ def view_of(model: Any, data: Any) -> View:
 
 
 def widened(view: View, model: Any, data: Any) -> View:
-    """Return a view of the same place that contains the robot in its present pose."""
+    """Return ``view``, with a larger radius if the robot would not fit into it in its present pose."""
     now = view_of(model, data)
     away = math.dist(view.middle, now.middle)
     return view if away + now.radius <= view.radius * _SLACK else view._replace(radius=away + now.radius)
 
 
 def look(eye: Any, model: Any, view: View, width: int, height: int, camera: str = "") -> None:
-    """Point an ``MjvCamera`` at the whole ``view``.
+    """Place an ``MjvCamera`` so that it shows the whole ``view``.
 
     Args:
-        eye: The camera to set.
+        eye: The camera, which is changed.
         model: The compiled model.
         view: The view.
         width: Width of the picture in pixels.
-        height: Its height.
-        camera: The side, a key of ``CAMERAS``.
+        height: Height of the picture in pixels.
+        camera: The direction of the camera, a key of ``CAMERAS``.
     """
     eye.type = mujoco.mjtCamera.mjCAMERA_FREE
     eye.lookat[:] = view.middle
@@ -104,7 +104,7 @@ def look(eye: Any, model: Any, view: View, width: int, height: int, camera: str 
 
 
 def _distance_m(model: Any, view: View, width: int, height: int) -> float:
-    """Return the distance from which the whole ``view`` fits into a picture of this shape."""
+    """Return the distance of the camera, in metres, at which the whole ``view`` fits into the picture."""
     half = math.radians(float(model.vis.global_.fovy)) / 2
     narrow = min(half, math.atan(math.tan(half) * width / height))
     return view.radius * _ROOM / math.sin(narrow)
@@ -139,12 +139,13 @@ def _add_sky_and_ground(scene: Any) -> None:
     for geom in scene.worldbody.geoms:
         if geom.type == mujoco.mjtGeom.mjGEOM_PLANE:
             geom.material = GROUND
-            geom.size = [0, 0, 0.05]  # An infinite plane.
+            # Size 0 makes the ground plane infinite.
+            geom.size = [0, 0, 0.05]
 
 
 def _add_lights(scene: Any, view: View) -> None:
-    """Add a lamp above the robot on one side, and a weaker one on the other side. Their distance grows with
-    the size of the robot."""
+    """Add a lamp above the robot on one side, and a weaker lamp on the other side. The distance of the lamps
+    depends on the size of the robot."""
     middle = np.asarray(view.middle)
     for towards, strength, shadow in (
         ([-0.35, 0.45, -0.82], 0.6, True),
@@ -162,13 +163,13 @@ def _add_lights(scene: Any, view: View) -> None:
 
 
 def _is_bare(geom: Any) -> bool:
-    """Return whether the model does not define how the shape looks."""
+    """Return True if the model gives the shape no colour, material or mesh."""
     return not geom.material and not geom.meshname and list(geom.rgba) == UNPAINTED
 
 
 def _colour(body: Any) -> None:
-    """Colour the base and the motors dark, links light, and the last link in the accent colour. Leave a
-    body alone if the model defines how it looks."""
+    """Colour the parts of a body: base and motors dark, links light, the last link in the accent colour. Do nothing
+    if the model defines colours for the body."""
     shapes = list(body.geoms)
     moves = list(body.joints)
     if not all(map(_is_bare, shapes)):
@@ -183,7 +184,7 @@ def _colour(body: Any) -> None:
 
 
 def _add_motor(body: Any, joint: Any, radius: float) -> None:
-    """Add a drum without mass around the joint's axis."""
+    """Add a cylinder without mass around the joint's axis, which looks like a motor."""
     place, axis = np.asarray(joint.pos), np.asarray(joint.axis)
     reach = axis / np.linalg.norm(axis) * radius * 1.15
     body.add_geom(
@@ -199,7 +200,7 @@ def _add_motor(body: Any, joint: Any, radius: float) -> None:
 
 
 def _thickness(geom: Any) -> float:
-    """Return half the thickness of a link, across it."""
+    """Return half the thickness of a link, measured across its length."""
     sizes = [float(size) for size in geom.size if size > 0]
     if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
         return sorted(sizes)[1] if len(sizes) > 1 else 0.02

@@ -1,4 +1,4 @@
-"""The twin's end of the simulation control."""
+"""The server of a simulation's control socket."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import trio
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
-from ..physics.body import Body, Flying, Hand
+from ..physics.body import Body, Commander, Flying
 from ..physics.scenery import Camera, Object, Refused, scenery_of
 from . import protocol as p
 from .renderer import CannotRender, Renderer
@@ -26,7 +26,7 @@ _STEPS_AT_ONCE = 500
 
 
 class Log(Protocol):
-    """The log of requests: the twin's wire log."""
+    """The log of requests. It is the log of the simulated robot's protocol."""
 
     def write(
         self,
@@ -38,24 +38,26 @@ class Log(Protocol):
 
 
 class SimulationControl:
-    """Serve one body on a unix socket. A thread takes the pictures, so neither the wire nor another client
-    waits for one.
+    """Serve one simulated body on a unix socket. A worker thread draws the pictures, so that neither the robot's
+    protocol nor another client waits for them.
 
-    Only the client that took the body last may aim, and only until another client makes the body safe.
-    Otherwise a setpoint that a gone client has left in its socket could be obeyed after the safe frame.
+    Only the client that sent the last ``Take`` may send targets, and only until another client makes the body safe.
+    Otherwise a target of a client that has ended, which still waits in its socket, could move the body after the
+    stop.
     """
 
     def __init__(self, path: str, body: Body, log: Log) -> None:
-        """Open the socket. Raise ``OSError`` if it cannot be opened at ``path``."""
+        """Open the socket at ``path``. Raise ``OSError`` if that fails."""
         self._path = path
         self._body = body
         self._log = log
-        self._renderer = Renderer(body.spec.copy())  # A copy, because a thread uses it.
+        # The renderer's thread needs a copy of its own.
+        self._renderer = Renderer(body.spec.copy())
         scenery = getattr(body, "scenery", None)
         if scenery is not None:
             scenery.changed = lambda: self._renderer.exchange(body.spec.copy())
-        self._taker: object = None
-        self._holds_at_first = False
+        self._owner: object = None
+        self._holds_initial_pose = False
         self._listener = socket.socket(socket.AF_UNIX)
         self._listener.setblocking(False)
         with contextlib.suppress(FileNotFoundError):
@@ -64,13 +66,13 @@ class SimulationControl:
         os.chmod(path, 0o600)
         self._listener.listen(BACKLOG)
 
-    def hold_at_first(self) -> None:
-        """Hold the robot in its first pose, now and after each reset, until a client releases it."""
-        self._holds_at_first = True
-        self._body.take(True)
+    def hold_initial_pose(self) -> None:
+        """Hold the robot in its initial pose, now and after each reset, until a client releases it."""
+        self._holds_initial_pose = True
+        self._body.energise(True)
 
     async def serve(self) -> None:
-        """Serve until cancelled."""
+        """Serve the clients of the control socket until cancelled."""
         try:
             async with trio.open_nursery() as nursery:
                 while True:
@@ -82,7 +84,7 @@ class SimulationControl:
             self._renderer.close()
 
     async def get_ready(self) -> None:
-        """Make the model for clients that draw the scene, before anything is on the wire."""
+        """Prepare the model for clients that draw the scene, before the robot can be connected."""
         await self._renderer.model(self._body.pose())
 
     def close(self) -> None:
@@ -117,33 +119,33 @@ class SimulationControl:
                 return p.Axes(number, body.axes)
             case p.Take():
                 self._note("enable", request)
-                self._taker = client
-                body.take(True)
+                self._owner = client
+                body.energise(True)
             case p.Aim():
-                if client is self._taker and self._fits(request.values):
+                if client is self._owner and self._fits(request.values):
                     self._note("setpoint", request)
-                    body.aim(request.values)
+                    body.set_targets(request.values)
                 return None
             case p.Safe():
                 self._note("safe", request, request.safe_state)
-                if client is not self._taker:
-                    self._taker = None
+                if client is not self._owner:
+                    self._owner = None
                 if request.safe_state == p.LIMP:
-                    body.take(False)
+                    body.energise(False)
                 elif request.safe_state == p.LAND and isinstance(body, Flying):
                     body.land()
                 else:
                     body.hold()
             case p.Reset():
-                if Hand.WIRE in body.hands:
-                    return p.No(number, "the robot on the wire is energised. stop it first")
+                if Commander.WIRE in body.commanders:
+                    return p.No(number, "the robot on the wire is energised. Stop it first")
                 self._note("reset", request)
                 body.reset()
-                if self._holds_at_first:
-                    body.take(True)
+                if self._holds_initial_pose:
+                    body.energise(True)
             case p.Load():
-                if Hand.WIRE in body.hands:
-                    return p.No(number, "the robot on the wire is energised. stop it first")
+                if Commander.WIRE in body.commanders:
+                    return p.No(number, "the robot on the wire is energised. Stop it first")
                 try:
                     scenery_of(body).load(request.name)
                 except Refused as refusal:
@@ -153,10 +155,10 @@ class SimulationControl:
                 return self._change(request)
             case p.Step():
                 if not 1 <= request.steps <= p.MOST_STEPS:
-                    return p.No(number, f"{request.steps} steps. give 1 to {p.MOST_STEPS}")
-                if Hand.WIRE in body.hands:
+                    return p.No(number, f"{request.steps} steps. Give 1 to {p.MOST_STEPS}")
+                if Commander.WIRE in body.commanders:
                     return p.No(
-                        number, "the robot on the wire is energised, and its time is the clock's. stop it first"
+                        number, "the robot on the wire is energised, and its time is the clock's. Stop it first"
                     )
                 await self._step(request.steps)
             case p.Render():
@@ -175,11 +177,11 @@ class SimulationControl:
             tuple(felt.position),
             tuple(felt.velocity),
             tuple(felt.effort),
-            tuple(int(hand) for hand in felt.hands),
+            tuple(int(commander) for commander in felt.commanders),
         )
 
     def _change(self, request: p.Change) -> p.Reply:
-        """Change the scene, or save its state."""
+        """Change the scene, or save the state of the simulation."""
         self._note("config", request)
         try:
             scenery = scenery_of(self._body)
@@ -197,7 +199,7 @@ class SimulationControl:
         return p.Done(request.number)
 
     async def _step(self, steps: int) -> None:
-        """Simulate steps. Serve the other clients before the first step and between pieces."""
+        """Simulate time steps, in groups. Other clients are served before each group."""
         while steps > 0:
             await trio.lowlevel.checkpoint()
             now = min(steps, _STEPS_AT_ONCE)
@@ -220,12 +222,12 @@ class SimulationControl:
 
 
 def _fields(frame: p.Frame) -> list[Any]:
-    """Return the fields of a frame without its number."""
+    """Return the values of a frame's fields, without its number."""
     return [getattr(frame, name) for name in frame.__struct_fields__ if name != "number"]
 
 
 async def _send(sock: socket.socket, data: bytes) -> None:
-    """Send all bytes. Wait only if the socket's buffer is full, which is rare."""
+    """Send all bytes. The call waits only if the socket's buffer is full, which is rare."""
     rest = memoryview(data)
     while rest:
         try:

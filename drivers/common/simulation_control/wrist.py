@@ -1,5 +1,5 @@
-"""Add a camera to a robot's hand if its model has no such camera. It is behind and above the gripper, and
-looks at it."""
+"""Add a camera to a robot's hand, unless its model has one. The camera is behind and above the gripper and looks at
+it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _HANDS = re.compile(r"hand|gripper|wrist|palm|tool|flange|_ee")
 
 
 def add_wrist(spec: Any) -> bool:
-    """Add the camera if it is missing. Return False for a robot without an arm, which gets no camera."""
+    """Add the camera unless the model has one. Return False for a robot without an arm, which gets no camera."""
     if any(camera.name == WRIST for camera in spec.cameras):
         return True
     model = spec.copy().compile()
@@ -36,9 +36,9 @@ def add_wrist(spec: Any) -> bool:
 
 
 def hand_of(model: Any) -> int | None:
-    """Return the index of the hand's body; None for a robot without an arm.
+    """Return the index of the body that is the robot's hand; None for a robot without an arm.
 
-    It is the outermost body with a name like "hand" or "gripper", otherwise the end of the longest arm
+    It is the outermost body with a name like "hand" or "gripper". If no name fits, it is the end of the longest arm
     on a fixed base.
     """
     depth = [0] * model.nbody
@@ -46,12 +46,12 @@ def hand_of(model: Any) -> int | None:
     for body in range(1, model.nbody):
         parent = int(model.body_parentid[body])
         depth[body] = depth[parent] + 1
-        kinds = [int(model.jnt_type[joint]) for joint in _joints(model, body)]
-        fixed[body] = fixed[parent] and int(mujoco.mjtJoint.mjJNT_FREE) not in kinds
+        joint_types = [int(model.jnt_type[joint]) for joint in _joints(model, body)]
+        fixed[body] = fixed[parent] and int(mujoco.mjtJoint.mjJNT_FREE) not in joint_types
     named = [body for body in range(1, model.nbody) if _HANDS.search(model.body(body).name.lower())]
     arms = [body for body in range(1, model.nbody) if fixed[body] and depth[body] > 2 and model.body(body).name]
-    found = named or arms
-    return max(found, key=lambda body: depth[body]) if found else None
+    candidates = named or arms
+    return max(candidates, key=lambda body: depth[body]) if candidates else None
 
 
 def _joints(model: Any, body: int) -> range:
@@ -60,7 +60,7 @@ def _joints(model: Any, body: int) -> range:
 
 
 def _mounted(model: Any, data: Any, hand: int) -> tuple[list[float], list[float]]:
-    """Return place and orientation of the camera in the hand's frame."""
+    """Return position and orientation of the camera in the frame of the hand's body."""
     origin, axes = data.xpos[hand], data.xmat[hand].reshape(3, 3)
     carried = {hand}
     for body in range(hand + 1, model.nbody):
@@ -75,9 +75,9 @@ def _mounted(model: Any, data: Any, hand: int) -> tuple[list[float], list[float]
     eye = origin - ahead * 0.6 * reach_m + up * 1.2 * reach_m
     forward = _unit(tip + ahead * reach_m - eye, ahead)
     right = _unit(np.cross(forward, up), np.array([0.0, 1.0, 0.0]))
-    seen = np.column_stack([right, np.cross(right, forward), -forward])
+    camera_axes = np.column_stack([right, np.cross(right, forward), -forward])
     quat = np.zeros(4)
-    mujoco.mju_mat2Quat(quat, (axes.T @ seen).flatten())
+    mujoco.mju_mat2Quat(quat, (axes.T @ camera_axes).flatten())
     place: list[float] = (axes.T @ (eye - origin)).tolist()
     turned: list[float] = quat.tolist()
     return place, turned

@@ -1,7 +1,8 @@
-"""The common part of all twins: the process, the line that it serves, the wire log, the faults.
+"""The common part of all simulated robots: the process, the serial port or network that it serves, the log, the
+faults.
 
-The ``twin.py`` of a wire defines a ``Robot`` (bytes in, timed replies out) and a ``main`` that calls
-``run``. On TCP it defines a handler per port instead, and ``main`` calls ``run_server`` with a
+The ``twin.py`` of each driver defines a ``Robot`` (received bytes in, timed replies out). Its ``main`` calls
+``run``. A robot on TCP defines a handler per port instead, and its ``main`` calls ``run_server`` with a
 ``TcpServer``.
 """
 

@@ -1,7 +1,7 @@
-"""An alarm whose time can be changed while a task waits for it.
+"""A timer whose time can be changed while a task waits for it.
 
-On Linux it is a timerfd, which rings 0.05 ms late and costs one system call to set. Elsewhere it uses
-trio's clock, which rounds to milliseconds.
+On Linux it is a timerfd, which is 0.05 ms late and is set by one system call. On other systems it uses trio's
+clock, which rounds to milliseconds.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ _TIMER_ABSTIME = 1
 
 class Alarm(Protocol):
     def set(self, due_ns: int) -> None:
-        """Set the time of the next ring, in ns of CLOCK_MONOTONIC. A time in the past rings at once."""
+        """Set the time at which the timer expires, in ns of CLOCK_MONOTONIC. With a past time it expires at
+        once."""
         ...
 
     async def ring(self) -> None:
-        """Wait until it rings. It rings once for each ``set`` that no later ``set`` has replaced."""
+        """Wait until the timer expires. It expires once for each ``set``, unless a later ``set`` has replaced the
+        time."""
         ...
 
     def close(self) -> None: ...
@@ -41,7 +43,7 @@ class TimerfdAlarm:
             raise OSError(ctypes.get_errno(), "timerfd_create")
 
     def set(self, due_ns: int) -> None:
-        # Four zeros would disarm the timer.
+        # The time 0 would switch the timer off.
         spec = struct.pack("qqqq", 0, 0, *divmod(max(due_ns, 1), NS))
         if self._libc.timerfd_settime(self._fd, _TIMER_ABSTIME, spec, None) != 0:
             raise OSError(ctypes.get_errno(), "timerfd_settime")
@@ -52,7 +54,8 @@ class TimerfdAlarm:
             try:
                 os.read(self._fd, 8)
                 return
-            except BlockingIOError:  # The alarm was set again between waking up and reading.
+            # The timer was set again after this task had woken up and before it read. So wait again.
+            except BlockingIOError:
                 continue
 
     def close(self) -> None:

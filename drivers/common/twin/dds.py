@@ -1,6 +1,6 @@
-"""The robot's end of a DDS network: its participant, its ticks, its state messages and its faults.
+"""Simulate a robot in a DDS network: its participant, its control cycles, its state messages and its faults.
 
-The twin of a wire defines the endpoints and the work of a tick.
+The simulated robot of each driver defines the endpoints and the work of one cycle ("tick").
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .wirelog import WireLog
 
 
 class DdsOptions(HostOption, frozen=True):
-    """Options of every twin on DDS."""
+    """Options of every simulated robot on DDS."""
 
     domain: Annotated[int, option("DDS domain", ge=0)] = 0
     multicast: Annotated[bool, option("be found by multicast, too, as a vendor's client looks for a robot")] = False
@@ -35,20 +35,21 @@ TICK_S = 0.002
 
 
 class Motors(Protocol):
-    """The robot's body, addressed by the index of a motor."""
+    """The motors of the simulated body, by their index."""
 
     def set_stuck(self, index: int, on: bool) -> None: ...
     def set_off(self, index: int, off: bool) -> None: ...
 
 
 class DdsServer(ABC):
-    """Serve one robot. The public methods cause events while it runs: faults, a pulled cable, a freeze."""
+    """Serve one simulated robot. The public methods cause events while it runs: faults, a pulled cable, a
+    freeze."""
 
     def __init__(self, log: WireLog, options: DdsOptions, motors: Motors, slots: Sequence[int]) -> None:
-        """Prepare the server, without a network.
+        """Prepare the server. No network is opened yet.
 
         Args:
-            slots: The number of each motor. A motor can get stuck or lose its supply.
+            slots: The number of each motor in the robot's messages. A motor can get stuck or lose its supply.
         """
         self.log = log
         self.clock = MonotonicClock()
@@ -58,26 +59,27 @@ class DdsServer(ABC):
         self._motors = motors
         self._slots = tuple(slots)
         self._frost = Frost()
-        self._held = b""  # last state, which a stuck robot repeats
+        self._last_state = b""  # last state message, which a stuck robot repeats
         self._late: deque[tuple[int, bytes]] = deque()
         self._lateness = Lateness()
-        self._late_of: dict[bytes, float] = {}  # delay in seconds by a participant's prefix
-        self._waiting: deque[tuple[int, Callable[[int], None]]] = deque()  # due time and handler
+        self._late_of: dict[bytes, float] = {}  # delay of a participant's messages in seconds, by its GUID prefix
+        # delayed messages: the time at which each is due, and its handler
+        self._waiting: deque[tuple[int, Callable[[int], None]]] = deque()
         self._domain = options.domain
         self._multicast = options.multicast
         self._host = options.host or own_host()
 
     @abstractmethod
     def make_endpoints(self, participant: Participant) -> None:
-        """Create writers and readers on a participant that has just been opened."""
+        """Create the robot's DDS writers and readers on a participant that was just opened."""
 
     @abstractmethod
     def advance(self, now_s: float) -> None:
-        """Advance the robot's computer and body to this time."""
+        """Advance the robot's onboard computer and its body to this time."""
 
     @abstractmethod
-    def say(self, tick: int, now_ns: int) -> None:
-        """Send the messages that are due at this tick. Not called while the cable is unplugged."""
+    def send_due(self, tick: int, now_ns: int) -> None:
+        """Send the messages that are due in this control cycle. Not called while the cable is unplugged."""
 
     @abstractmethod
     def power_cycle(self) -> None: ...
@@ -100,7 +102,7 @@ class DdsServer(ABC):
         self.unplug()
 
     async def serve(self) -> None:
-        """Run the robot until cancelled."""
+        """Run the simulated robot until cancelled."""
         async with aclosing(self.clock.ticks(TICK_S)) as ticks:
             tick = 0
             async for now_ns in ticks:
@@ -112,25 +114,25 @@ class DdsServer(ABC):
                     self._waiting.popleft()[1](time.monotonic_ns())
                 self.advance(now_ns / NS)
                 if self.participant is not None:
-                    self.say(tick, now_ns)
+                    self.send_due(tick, now_ns)
 
-    # -- messages received and sent
+    # -- messages that are received and sent
 
-    def take(self, writer: bytes, t_ns: int, take_up: Callable[[int], None]) -> None:
-        """Handle a received message now, or later if its process was made late.
+    def receive(self, writer: bytes, t_ns: int, handle: Callable[[int], None]) -> None:
+        """Handle a received message now. If its sender's process is delayed (see ``Lateness``), handle it later.
 
         Args:
-            writer: The writer that sent it. Its prefix identifies the participant.
-            t_ns: When it was received.
-            take_up: Handles the message. It is called with the time.
+            writer: GUID of the writer that sent the message. Its prefix identifies the participant.
+            t_ns: Time at which the message was received.
+            handle: Handles the message. It is called with the present time.
         """
         late_s = self._late_of.get(writer[:PREFIX_SIZE])
         if late_s is None:
             late_s = self._late_of[writer[:PREFIX_SIZE]] = self._how_late(writer[:PREFIX_SIZE])
         if late_s:
-            self._waiting.append((self.clock.now_ns() + round(late_s * NS), take_up))
+            self._waiting.append((self.clock.now_ns() + round(late_s * NS), handle))
         else:
-            take_up(t_ns)
+            handle(t_ns)
 
     def _how_late(self, prefix: bytes) -> float:
         address = None if self.participant is None else self.participant.address_of(prefix)
@@ -138,19 +140,19 @@ class DdsServer(ABC):
 
     @property
     def is_off(self) -> bool:
-        """Return whether the robot has no power: it neither receives nor sends."""
+        """True if the robot has no power, so that it neither receives nor sends."""
         return self.faults.of(None) is Fault.OFF
 
     @property
     def lies(self) -> bool:
-        """Return whether the robot reports wrong values."""
+        """True if the robot reports wrong values."""
         return self.faults.of(None) is Fault.WRONG
 
-    def say_state(self, writer: Writer, state: bytes, now_ns: int) -> None:
-        """Send a state message, altered by the present fault."""
-        if self.faults.of(None) is not Fault.STUCK or not self._held:
-            self._held = state
-        reply = self.faults.apply(Reply(0.0, self._held))
+    def send_state(self, writer: Writer, state: bytes, now_ns: int) -> None:
+        """Send a state message. The present fault may change, delay or drop it."""
+        if self.faults.of(None) is not Fault.STUCK or not self._last_state:
+            self._last_state = state
+        reply = self.faults.apply(Reply(0.0, self._last_state))
         if reply is not None:
             late_ns = round((reply.delay_s + reply.late_s) * NS)
             self._late.append((now_ns + late_ns, CDR + reply.data))
@@ -158,30 +160,31 @@ class DdsServer(ABC):
             writer.write(self._late.popleft()[1])
 
     def note(self, kind: str, text: str) -> None:
-        """Log an action that the robot takes by itself."""
+        """Log an action that the robot does without a command."""
         self.log.write(time.monotonic_ns(), "robot", [(kind, text.encode())])
 
-    # -- events from outside
+    # -- events that a test can cause
 
     def set_fault(self, text: str) -> None:
-        """Set a fault, given as ``WORD`` or ``WORD:slot``. Raise ``ValueError`` for any other text."""
+        """Set a fault: ``WORD`` for the robot or ``WORD:slot`` for one motor. Raise ``ValueError`` for any other
+        text."""
         fault, unit = parse_fault(text)
         if unit is None:
             self.faults.set(fault)
         elif unit in self._slots and fault in (Fault.OK, Fault.STUCK, Fault.OFF):
-            at = self._slots.index(unit)
-            self._motors.set_stuck(at, fault is Fault.STUCK)
-            self._motors.set_off(at, fault is Fault.OFF)
+            index = self._slots.index(unit)
+            self._motors.set_stuck(index, fault is Fault.STUCK)
+            self._motors.set_off(index, fault is Fault.OFF)
         else:
             raise ValueError(
-                f"a motor, {self._slots[0]} to {self._slots[-1]}, can be ok, stuck or off, not {fault}"
+                f"fault {text!r}: a motor ({self._slots[0]} to {self._slots[-1]}) can be ok, stuck or off"
             )
 
-    def be_late(self, lateness: Lateness) -> None:
-        """Delay the handling of the messages of one process."""
+    def set_delay(self, lateness: Lateness) -> None:
+        """Delay the messages of one client process."""
         self._lateness = lateness
         self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
-        """Stop reading and sending for so long. Then the robot handles the messages that waited."""
+        """Stop reading and sending for this time. Then the robot handles the messages that have waited."""
         self._frost.freeze(seconds)

@@ -1,13 +1,13 @@
-"""Faults of a robot, in PX4's words, and the effect of each on the robot's replies.
+"""Faults of a simulated robot, with the names that PX4 uses, and the effect of each on the robot's replies.
 
-``off``           no supply: it receives nothing, sends nothing, holds nothing
-``stuck``         it repeats its last readings, and does not move
+``off``           no supply: the robot receives nothing, sends nothing, holds nothing
+``stuck``         the robot repeats its last readings, and does not move
 ``garbage``       the bytes of its replies are damaged
-``wrong``         well-formed replies with wrong values
-``slow``          replies come later, within sane timeouts
-``delayed``       replies come after any sane timeout, without delaying other frames
+``wrong``         its replies are well-formed, with wrong values
+``slow``          replies come later, but within usual timeouts
+``delayed``       replies come after any usual timeout, without delaying other frames
 ``intermittent``  every third reply is missing
-``half-open``     it receives and obeys, but its replies are lost: one direction of the line is cut
+``half-open``     the robot receives and obeys, but its replies are lost: one direction of the line is cut
 
 ``off``, ``stuck`` and ``wrong`` depend on the meaning of a reply, so each robot implements them itself.
 """
@@ -35,26 +35,28 @@ class Fault(enum.StrEnum):
 
 
 def parse_fault(text: str) -> tuple[Fault, int | None]:
-    """Parse ``WORD`` or ``WORD:unit``. Raise ``ValueError``, which lists the words, for any other text."""
+    """Parse ``WORD`` or ``WORD:unit``. For any other text raise ``ValueError``, which lists the words."""
     word, colon, unit = text.partition(":")
     try:
         return Fault(word), int(unit) if colon else None
     except ValueError:
-        raise ValueError(f"fault {text!r} is not WORD or WORD:unit. words: {', '.join(Fault)}") from None
+        raise ValueError(
+            f"fault {text!r} is not WORD or WORD:unit. Use one of these words: {', '.join(Fault)}"
+        ) from None
 
 
 class Reply(NamedTuple):
-    """One frame from the robot. ``delay_s`` also delays the frames after it; ``late_s`` does not."""
+    """One frame that the robot sends. ``delay_s`` also delays the frames after it; ``late_s`` does not."""
 
     delay_s: float
     data: bytes
-    unit: int | None = None  # the sender: servo id, node; None on a wire with a single sender
+    unit: int | None = None  # sender of the frame, such as a servo id; None if there is only one possible sender
     kind: str = "read"
     late_s: float = 0.0
 
 
 class Faults:
-    """The present fault of each unit."""
+    """The present fault of each unit (such as a servo), and of all other units."""
 
     def __init__(self) -> None:
         self._everyone = Fault.OK
@@ -62,7 +64,8 @@ class Faults:
         self._replies: dict[int | None, int] = {}
 
     def set(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. Without a unit it applies to all units, and replaces the faults of single ones."""
+        """Set a fault of one unit. Without a unit it applies to all units, and replaces the faults of single
+        units."""
         if unit is None:
             self._everyone = fault
             self._by_unit.clear()
@@ -74,8 +77,8 @@ class Faults:
         return self._everyone if unit is None else self._by_unit.get(unit, self._everyone)
 
     def apply(self, reply: Reply) -> Reply | None:
-        """Return the reply as the fault leaves it; None if it is lost. The result depends only on the
-        fault and on the number of replies before."""
+        """Return the reply after the fault has changed or delayed it; None if it is lost. The result depends only
+        on the fault and on the number of earlier replies."""
         fault = self.of(reply.unit)
         if fault is Fault.OK or fault is Fault.STUCK or fault is Fault.WRONG:
             return reply
@@ -92,7 +95,8 @@ class Faults:
 
 
 def damaged(data: bytes, count: int) -> bytes:
-    """Return ``data`` with damage, never unchanged. In turn: a wrong last byte, noise, a missing end."""
+    """Return ``data`` with damage. ``count`` selects the kind of damage: a wrong last byte, noise, or a missing
+    end."""
     match count % 3:
         case 0:
             return data[:-1] + bytes(byte ^ 0x55 for byte in data[-1:])

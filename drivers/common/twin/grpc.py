@@ -1,7 +1,7 @@
-"""A robot behind a gRPC service: calls in, messages out, with the faults of a twin.
+"""Simulate a robot behind a gRPC service. Faults can damage or delay its messages.
 
-The service receives messages one after the other, in the order of the wire. It answers each at once,
-or later from a tick.
+The service handles received messages one after the other, in their order on the connection. It answers each one at
+once, or later in a control cycle.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from strands_actors.drivers.common.codecs.grpc_messages import (
     Called,
     Ended,
     HalfClosed,
-    Heard,
-    Left,
+    MessageReceived,
+    PeerLeft,
     ServerEnd,
     Status,
 )
@@ -29,7 +29,7 @@ _LATER_S = {Fault.SLOW: SLOW_S, Fault.DELAYED: DELAYED_S}
 
 
 class ServerCall:
-    """One call of a client."""
+    """One gRPC call of a client, as the server sees it."""
 
     def __init__(self, client: GrpcClient, path: str, stream: int) -> None:
         self.client = client
@@ -39,49 +39,49 @@ class ServerCall:
 
     @property
     def has_room(self) -> bool:
-        """Return whether the client has taken all data sent so far. If not, a sample is skipped."""
+        """True if the client has read so much that no data waits for it. If False, a sample should be skipped."""
         return self.is_open and self.client.end.has_room(self._stream)
 
-    def heard(self, t_ns: int, kind: str, message: bytes, safe_state: str | None = None) -> None:
-        """Log a message of the client, without its HTTP/2 frame."""
+    def log_received(self, t_ns: int, kind: str, message: bytes, safe_state: str | None = None) -> None:
+        """Log a message that the client has sent, without its HTTP/2 frame."""
         self.client.connection.log.write(t_ns, "host", [(kind, message)], safe_state)
 
     def send(self, message: bytes) -> None:
-        """Send a message. No effect when the call is over. A client that does not read is disconnected."""
+        """Send a message. Does nothing after the end of the call. A client that does not read is disconnected."""
         try:
             self.client.end.send(self._stream, message)
         except MalformedFrame:
             self.client.connection.abort()
 
     def end(self, status: Status = Status.OK, text: str = "") -> None:
-        """End the call. No effect when it is over."""
+        """End the call. Does nothing if it has ended."""
         self.is_open = False
         self.client.end.end(self._stream, status, text)
 
     def answer(self, message: bytes) -> None:
-        """Send the only message of a unary call, and end the call."""
+        """Send the answer of a unary call (a call with a single answer), and end the call."""
         if self.client.service.faults.apply(Reply(0.0, b"")) is not None:
             self.send(message)
             self.end()
 
 
 class GrpcService(Protocol):
-    """One service for all its clients."""
+    """A simulated gRPC service. One object serves all clients."""
 
     faults: Faults
 
     def called(self, call: ServerCall) -> bool:
-        """Accept a call. Return False if there is no such method."""
+        """Handle the begin of a call. Return False if there is no such method."""
         ...
 
     def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
-        """Handle a message of the call, read at ``t_ns``. On ``MalformedFrame`` the call ends with
-        INTERNAL."""
+        """Handle a message of the call, which was read at ``t_ns``. If this raises ``MalformedFrame``, the call
+        ends with the status INTERNAL."""
         ...
 
     def over(self, call: ServerCall) -> None:
-        """Handle the end of the client's messages. ``call.is_open`` is False if the client has cancelled
-        the call or is gone."""
+        """Handle the end of the client's messages. ``call.is_open`` is False if the client has cancelled the call
+        or has disconnected."""
         ...
 
 
@@ -96,7 +96,8 @@ class GrpcClient:
         self._leaving: deque[tuple[float, bytes]] = deque()
 
     def take(self, t_ns: int, data: bytes) -> None:
-        """Handle received bytes. Raise ``ClientGone`` if they are malformed, or the client leaves."""
+        """Handle received bytes. Raise ``ClientGone`` if they are malformed, or if the client closes the
+        connection."""
         try:
             events = self.end.feed(data)
         except MalformedFrame:
@@ -107,17 +108,17 @@ class GrpcClient:
                     call = self._calls[stream] = ServerCall(self, path, stream)
                     if not self.service.called(call):
                         call.end(Status.UNIMPLEMENTED, f"no method {path}")
-                case Heard(stream, message) if self._open(stream):
+                case MessageReceived(stream, message) if self._open(stream):
                     self._message(self._calls[stream], t_ns, message)
                 case HalfClosed(stream) if self._open(stream):
                     self.service.over(self._calls[stream])
                 case Ended(stream) if stream in self._calls:
                     self._end(self._calls.pop(stream))
-                case Left():
+                case PeerLeft():
                     raise ClientGone
 
     def flush(self) -> None:
-        """Send the waiting bytes; a fault delays or damages them. The order stays the same, as HTTP/2
+        """Send the waiting bytes. A fault may delay or damage them. Their order stays the same, as HTTP/2
         requires."""
         for stream in [stream for stream, call in self._calls.items() if not call.is_open]:
             del self._calls[stream]
@@ -129,7 +130,7 @@ class GrpcClient:
             self.connection.send(self._leaving.popleft()[1])
 
     def close(self) -> None:
-        """End all calls, because the client is gone."""
+        """End all calls, because the client has disconnected."""
         for call in self._calls.values():
             self._end(call)
         self._calls.clear()
@@ -158,7 +159,7 @@ class GrpcClient:
 
 
 class GrpcHost:
-    """All clients of one service."""
+    """All clients of one simulated gRPC service."""
 
     def __init__(self, service: GrpcService, max_message: int = MAX_MESSAGE) -> None:
         self._service = service
@@ -166,7 +167,7 @@ class GrpcHost:
         self._clients: set[GrpcClient] = set()
 
     async def serve(self, connection: Connection) -> None:
-        """Serve one client until it is gone. This is the ``Handler`` of the port."""
+        """Serve one client until it disconnects. The port of the service uses this as its ``Handler``."""
         client = GrpcClient(self._service, connection, self._max_message)
         self._clients.add(client)
         try:
@@ -180,6 +181,7 @@ class GrpcHost:
             client.close()
 
     def flush(self) -> None:
-        """Send the messages that the service has produced since the last call. Call it at every tick."""
+        """Send the messages that the service has produced since the last call of ``flush``. Call it in every
+        control cycle."""
         for client in list(self._clients):
             client.flush()

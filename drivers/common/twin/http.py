@@ -1,4 +1,4 @@
-"""A robot behind an HTTP service: requests in, responses out, with the faults of a twin. No framework."""
+"""Simulate a robot behind an HTTP service, without a web framework. Faults can damage or delay its responses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_REQUEST = 4 << 20
 
 
 class Answer(NamedTuple):
-    """The response of the service. ``kind`` and ``safe_state`` describe the request in the wire log."""
+    """A response of the simulated service. ``kind`` and ``safe_state`` describe the request in the log."""
 
     status: int
     body: bytes
@@ -26,17 +26,17 @@ class Answer(NamedTuple):
 
 
 class Service(Protocol):
-    """One service for all its clients."""
+    """A simulated HTTP service. One object serves all clients."""
 
     faults: Faults
 
     def answer(self, request: Request) -> Answer:
-        """Carry out a request. Not called while the robot has no power (``Fault.OFF``)."""
+        """Carry out a request, and return the response. Not called while the robot has no power (``Fault.OFF``)."""
         ...
 
 
 class HttpSession:
-    """The session of one client."""
+    """The HTTP session of one client."""
 
     def __init__(self, service: Service) -> None:
         self._service = service
@@ -47,7 +47,8 @@ class HttpSession:
             for request in self._end.feed(data):
                 yield self._exchange(request)
         except MalformedFrame:
-            raise ClientGone from None  # A real server also disconnects on a malformed request.
+            # A real server also disconnects a client that sends a malformed request.
+            raise ClientGone from None
 
     def _exchange(self, request: Request) -> Exchange:
         service = self._service
@@ -59,6 +60,6 @@ class HttpSession:
 
 
 def serving(service: Service) -> Handler:
-    """Return the handler of the port on which a service listens."""
+    """Return the handler for the port of an HTTP service."""
     new_session: Callable[[], HttpSession] = lambda: HttpSession(service)  # noqa: E731
     return answering(new_session)

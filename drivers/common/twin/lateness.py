@@ -1,8 +1,8 @@
-"""Delay the handling of one process's requests.
+"""Delay the requests of one client process, to test the order of requests in a simulated robot.
 
-A controller serves its clients one after the other. A request that waits in one client's queue is
-then carried out after a newer request of another client. In this way a stop of the root can overtake
-a request that the wire process sent before it was killed.
+A real controller serves its clients one after the other. A request that waits in one client's queue may be carried
+out after a newer request of another client. So a stop from the supervising process can overtake a request that the
+killed process had sent before.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _LOCAL, _INODE = 1, 9
 
 
 class Lateness:
-    """The requests of process ``pid`` are handled ``seconds`` after they arrive; with 0 s none is
+    """A delay: requests of the process ``pid`` are handled ``seconds`` after they arrive. With 0 s no request is
     delayed."""
 
     def __init__(self, pid: int = 0, seconds: float = 0.0) -> None:
@@ -26,7 +26,7 @@ class Lateness:
         self.seconds = seconds
 
     def of(self, sock: socket.socket) -> float:
-        """Return the delay of this connection's requests in seconds."""
+        """Return the delay in seconds of requests on this connection."""
         if not self.seconds:
             return 0.0
         if sock.family == socket.AF_UNIX:
@@ -35,10 +35,12 @@ class Lateness:
         try:
             return self.of_address(sock.getpeername(), "tcp")
         except OSError:
-            return 0.0  # the client is gone
+            # The client has disconnected, so its requests are not delayed.
+            return 0.0
 
     def of_address(self, address: tuple[str, int], table: str = "udp") -> float:
-        """Return the delay of requests from this address in seconds. ``table`` is ``tcp`` or ``udp``."""
+        """Return the delay in seconds of requests from this address. ``table`` is the protocol, ``tcp`` or
+        ``udp``."""
         if not self.seconds:
             return 0.0
         host, port = address[:2]
@@ -51,13 +53,14 @@ class Lateness:
 
 def _sockets_of(pid: int) -> set[str]:
     directory = f"/proc/{pid}/fd"
-    found: set[str] = set()
+    sockets: set[str] = set()
     try:
         for name in os.listdir(directory):
             try:
-                found.add(os.readlink(f"{directory}/{name}"))
+                sockets.add(os.readlink(f"{directory}/{name}"))
             except FileNotFoundError:
                 continue  # The descriptor was closed meanwhile.
     except FileNotFoundError:
-        return set()  # The process has ended.
-    return found
+        # The client process has ended, so it has no sockets.
+        return set()
+    return sockets

@@ -1,4 +1,4 @@
-"""The robot's end of a cable, which a twin reads and writes."""
+"""The robot's end of a cable. The simulated robot reads from it and writes to it."""
 
 from __future__ import annotations
 
@@ -21,32 +21,33 @@ CHUNK = 4096
 
 
 class Channel(Protocol):
-    """One conversation with one client."""
+    """The robot's end of a connection with one client."""
 
     def bits_per_s(self) -> int | None:
-        """Return the client's bit rate; None on a wire where bytes take no time."""
+        """Return the client's bit rate; None if the transfer of bytes takes no time."""
         ...
 
     async def receive(self) -> tuple[int, bytes]:
-        """Return when the next bytes were read (ns of CLOCK_MONOTONIC), and the bytes. Wait while
-        unplugged."""
+        """Wait for bytes. Return the time at which they were read (ns of CLOCK_MONOTONIC), and the bytes. Also wait
+        while the cable is unplugged."""
         ...
 
     def send(self, data: bytes) -> None:
-        """Send without waiting. Bytes that do not fit into the buffer are lost, as on any wire."""
+        """Send without waiting. Bytes that do not fit into the buffer are lost, as on a real line."""
         ...
 
     def quiet_for(self, seconds: float) -> bool:
-        """Block for so long and return True. Return False at once when bytes have arrived."""
+        """Block this process for ``seconds`` and return True. If bytes arrive meanwhile, return False at once."""
         ...
 
 
 class Line(Channel, Protocol):
-    """A wire that has one client at a time."""
+    """A cable on which the robot has one client at a time."""
 
     @property
     def address(self) -> str:
-        """Return where a client connects. It stays the same after the cable was pulled and put back."""
+        """Return the path or address to which a client connects. It stays the same after the cable was pulled and
+        plugged in again."""
         ...
 
     def plug(self) -> None: ...
@@ -57,14 +58,14 @@ class Line(Channel, Protocol):
 
 
 class PtyLine:
-    """A serial port: a pseudo-terminal behind a symbolic link.
+    """A simulated serial port: a pseudo-terminal with a symbolic link to it.
 
-    The link is the address. It disappears when the cable is pulled, and points to a new terminal when
-    the cable is put back, as /dev entries of USB adapters do.
+    Clients open the link. It disappears when the cable is pulled, and points to a new terminal when the cable is
+    plugged in again. The /dev entries of USB adapters behave in the same way.
     """
 
     def __init__(self, link: str | None = None) -> None:
-        """Prepare the port, unplugged.
+        """Prepare the port. The cable is not plugged in yet.
 
         Args:
             link: Path at which the port appears; by default in a temporary directory.
@@ -87,7 +88,8 @@ class PtyLine:
     def plug(self) -> None:
         if self._master >= 0:
             return
-        # Keep the client's side open, too. Otherwise a client's close would be an end of file here.
+        # Keep the client's side open in this process, too. Otherwise, when a client closes it, a read here would
+        # report an end of file.
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
@@ -103,7 +105,8 @@ class PtyLine:
             return
         self._plugged = trio.Event()
         with contextlib.suppress(FileNotFoundError):
-            os.unlink(self._link)  # Another process may soon get the same terminal.
+            # Remove the link first, because another process may soon get the same terminal.
+            os.unlink(self._link)
         trio.lowlevel.notify_closing(self._master)
         os.close(self._master)
         os.close(self._slave)
@@ -124,7 +127,7 @@ class PtyLine:
                 return time.monotonic_ns(), data
 
     async def readable(self) -> None:
-        """Wait until there may be bytes to take. Wait while unplugged, too."""
+        """Wait until there may be bytes to read. Also wait while the cable is unplugged."""
         while True:
             await self._plugged.wait()
             if self._master < 0:  # The cable was pulled again before this task ran.
@@ -156,7 +159,7 @@ Unlike tcgetattr it reports rates that have no B constant: 250 000, 128 000, 76 
 
 
 def terminal_rate(fd: int) -> int:
-    """Return the rate in bit/s that the client of this terminal has set."""
+    """Return the bit rate that the client has set on this terminal."""
     if not sys.platform.startswith("linux"):
         return int(termios.tcgetattr(fd)[5])
     words = array.array("I", bytes(44))

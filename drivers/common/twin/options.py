@@ -1,6 +1,7 @@
-"""Options of a twin as a struct, like those of a driver. Type, range and meaning stand in one place.
+"""Options of a simulated robot as a struct, like the options of a driver. Type, range and meaning of an option are
+defined in one place.
 
-Values may be text from a command line. ``arm=false`` is parsed as False, not as a non-empty text.
+Values may be text from a command line. The text ``arm=false`` is parsed as False, although it is not empty.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from strands_actors.contract.options import DriverOptions, convert_options, opti
 
 
 class TwinOptions(DriverOptions, frozen=True):
-    """Base of the options of a twin. Every field has a default."""
+    """Base of the options of a simulated robot. Every option has a default."""
 
 
 class HostOption(TwinOptions, frozen=True):
-    """Options of a twin on a network with fixed ports."""
+    """The option of a simulated robot in a network whose port numbers are fixed."""
 
     host: Annotated[str | None, option("address to serve at; None: one of its own in 127.0.0.0/8")] = None
 
@@ -25,7 +26,7 @@ Port = Annotated[int, option("port to serve at; 0: any free one", ge=0, le=65535
 
 
 class NetworkOptions(HostOption, frozen=True):
-    """Options of a twin on a network."""
+    """Options of a simulated robot in a network."""
 
     port: Port = 0
 
@@ -33,19 +34,19 @@ class NetworkOptions(HostOption, frozen=True):
 Options = TypeVar("Options", bound=TwinOptions)
 
 
-def read_twin_options(robot: str, options: type[Options], given: Mapping[str, Any] | None) -> Options:
-    """Convert the options given to a twin's ``main`` into its struct.
+def read_twin_options(robot: str, options: type[Options], keywords: Mapping[str, Any] | None) -> Options:
+    """Convert the keyword arguments of a simulated robot's ``main`` into its options struct.
 
     Args:
         robot: The robot's name, for error messages.
-        options: The struct.
-        given: The options. A number or a bool may be text.
+        options: The type of the struct.
+        keywords: The keyword arguments. A number or a bool may be text.
 
     Raises:
         ValueError: An option does not exist, or a value is not accepted.
     """
     try:
-        return convert_options(robot, options, given or {}, from_text=True)
+        return convert_options(robot, options, keywords or {}, from_text=True)
     except TypeError as unknown:
         raise ValueError(str(unknown)) from None
 

@@ -1,4 +1,5 @@
-"""The process of a twin: signals, control lines on stdin, the parent's pipe, the port file."""
+"""The process of a simulated robot: signals, control lines on stdin, the end of the parent process, the port
+file."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ LINGER_S = 3.0
 _STDIN = 0
 
 
-class Served(Protocol):
-    """A robot on its wire. ``address`` is the content of the port file: a path, or host:port."""
+class SimulatedRobot(Protocol):
+    """A simulated robot that can be served. ``address`` is the content of the port file: a path, or host:port."""
 
     @property
     def address(self) -> str: ...
@@ -43,23 +44,23 @@ class Served(Protocol):
 
 
 @runtime_checkable
-class Orderly(Protocol):
-    """A robot with additional control lines."""
+class HasControlLines(Protocol):
+    """A simulated robot that accepts additional control lines."""
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line. Return False if this robot does not know it."""
+        """Carry out a control line. Return False if this robot does not know the line."""
         ...
 
 
 @runtime_checkable
 class ManyClients(Protocol):
-    """A robot that can handle the requests of one client later than those of another."""
+    """A simulated robot that can delay the requests of one client process."""
 
-    def be_late(self, lateness: Lateness) -> None: ...
+    def set_delay(self, lateness: Lateness) -> None: ...
 
 
 class Control(Protocol):
-    """The simulation control of a robot."""
+    """The control socket by which a program uses the robot as a simulation."""
 
     async def get_ready(self) -> None: ...
     async def serve(self) -> None: ...
@@ -67,7 +68,7 @@ class Control(Protocol):
 
 
 class Start(TypedDict, total=False):
-    """Arguments of every twin's ``main``."""
+    """Keyword arguments of the ``main`` of every simulated robot."""
 
     port_file: str | None
     """Path of the file that holds the wire's address while it is served."""
@@ -88,16 +89,17 @@ class Start(TypedDict, total=False):
 
 
 def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Start]) -> None:
-    """Serve a robot until SIGTERM or SIGINT, or until ``LINGER_S`` after ``parent_fd`` reached its end.
+    """Serve a simulated robot until SIGTERM or SIGINT. It also ends ``LINGER_S`` after the parent process has
+    ended.
 
-    SIGUSR1 cycles the robot's power. If stdin is a pipe, it takes control lines: ``fault WORD[:unit]``,
-    ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A twin with several clients also takes
-    ``late PID SECONDS`` (see ``lateness``).
+    SIGUSR1 switches the robot's power off and on. If stdin is a pipe, control lines are read from it: ``fault
+    WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A robot with several clients also
+    accepts ``late PID SECONDS`` (see ``lateness``).
 
     Args:
         robot: The robot.
-        line: Its end of the cable.
-        wire_time: Whether replies take the time that their bytes take at the client's rate.
+        line: The robot's end of the cable.
+        wire_time: True if a reply takes as long as its bytes take at the client's bit rate.
         start: See ``Start``.
     """
 
@@ -107,14 +109,15 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
     run_server(build, **start)
 
 
-def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> None:
-    """As ``run``, for the server that ``build`` makes with the wire log.
+def run_server(build: Callable[[WireLog], SimulatedRobot], **start: Unpack[Start]) -> None:
+    """Serve a simulated robot as ``run`` does, with the server that ``build`` returns. ``build`` gets the log.
 
-    A twin on a wire runs with priority, because a real robot has a separate computer. A simulation has
-    no priority: a program that steps it without a pause would keep all other processes from running.
+    If a client uses the robot's real protocol, the process runs with priority, because a real robot has its own
+    computer. If the robot is only simulated, it has no priority. Otherwise a program that steps it without a pause
+    would keep all other processes from running.
 
     Raises:
-        ValueError: ``control`` is given, and the robot has no body.
+        ValueError: ``control`` is given, and the robot has no simulated body.
     """
     if start.get("control") is None or start.get("on_wire"):
         run_first(TWIN_PRIORITY)
@@ -122,7 +125,7 @@ def run_server(build: Callable[[WireLog], Served], **start: Unpack[Start]) -> No
 
 
 async def _main(
-    build: Callable[[WireLog], Served],
+    build: Callable[[WireLog], SimulatedRobot],
     *,
     port_file: str | None = None,
     log: str | None = None,
@@ -170,13 +173,15 @@ async def _main(
                 os.unlink(port_file)
 
 
-def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, Any] | None, holds: bool) -> Control:
-    """Open the simulation control.
+def _open_control(
+    path: str, server: SimulatedRobot, log: WireLog, place: Mapping[str, Any] | None, holds: bool
+) -> Control:
+    """Open the control socket by which programs use the robot as a simulation.
 
     Args:
-        holds: The simulation holds the robot in its first pose, until a client releases it.
+        holds: True if the simulation holds the robot in its initial pose until a client releases it.
     """
-    # Imported here, because these modules import MuJoCo, which not every twin has loaded.
+    # These modules import MuJoCo, which not every simulated robot needs. So they are imported here.
     from strands_actors.drivers.common.physics.scenery import scenery_of
     from strands_actors.drivers.common.simulation_control.server import SimulationControl
 
@@ -185,7 +190,7 @@ def _open_control(path: str, server: Served, log: WireLog, place: Mapping[str, A
     if place is not None:
         scenery_of(body).place(place["position"], place["orientation"])
     if holds:
-        control.hold_at_first()
+        control.hold_initial_pose()
     return control
 
 
@@ -198,7 +203,7 @@ async def _outlive_parent(fd: int, scope: trio.CancelScope) -> None:
     scope.cancel()
 
 
-async def _obey(server: Served) -> None:
+async def _obey(server: SimulatedRobot) -> None:
     pending = b""
     while True:
         await trio.lowlevel.wait_readable(_STDIN)
@@ -213,8 +218,8 @@ async def _obey(server: Served) -> None:
                 print(error, file=sys.stderr, flush=True)
 
 
-def command(server: Served, line: str) -> None:
-    """Carry out one control line. Raise ``ValueError``, which lists the lines, for an unknown one."""
+def command(server: SimulatedRobot, line: str) -> None:
+    """Carry out one control line. For an unknown line raise ``ValueError``, which lists the known ones."""
     match line.split():
         case []:
             pass
@@ -229,12 +234,12 @@ def command(server: Served, line: str) -> None:
         case ["freeze", seconds] if _is_number(seconds):
             server.freeze(float(seconds))
         case ["late", pid, seconds] if isinstance(server, ManyClients) and pid.isdecimal() and _is_number(seconds):
-            server.be_late(Lateness(int(pid), float(seconds)))
-        case words if isinstance(server, Orderly) and server.order(words):
+            server.set_delay(Lateness(int(pid), float(seconds)))
+        case words if isinstance(server, HasControlLines) and server.order(words):
             pass
         case _:
-            known = "fault WORD[:unit], power-cycle, unplug, plug, freeze SECONDS"
-            raise ValueError(f"no control line {line!r}. use {known}")
+            control_lines = "fault WORD[:unit], power-cycle, unplug, plug, freeze SECONDS"
+            raise ValueError(f"unknown control line {line!r}. Use {control_lines}")
 
 
 def _is_number(text: str) -> bool:

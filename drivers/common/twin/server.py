@@ -1,6 +1,6 @@
-"""The server between wire and robot.
+"""The server of a simulated robot with one client at a time.
 
-It stamps and logs the received bytes, passes them to the robot, and sends each reply when it is due.
+It notes the time of received bytes, logs them and passes them to the robot. It sends each reply when it is due.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .faults import Fault, Reply, parse_fault
 from .line import Channel, Line
 from .wirelog import WireLog
 
-BITS_PER_BYTE = 10  # 8N1
+BITS_PER_BYTE = 10  # a start bit, 8 data bits and a stop bit (8N1)
 
 SHORT_WAIT_S = 0.002
 """Waits up to this long block the process until the host sends bytes. This costs half as much as a turn
@@ -28,30 +28,30 @@ of the event loop, and a twin has nothing else to do."""
 
 
 class Exchange(NamedTuple):
-    """One frame of the host, as it was on the wire, and the replies to it in order."""
+    """One frame that the robot has received, and the robot's replies to it in order."""
 
     kind: str
     request: bytes
     replies: Sequence[Reply]
-    safe_state: str | None = None  # the safe state that this frame alone brings about; None if unknown
+    safe_state: str | None = None  # safe state that this frame alone brings the robot to; None if unknown
 
 
 class TwinSession(Protocol):
-    """The robot's side of one client. Pure, except that its plant reads the time."""
+    """The robot's side of a connection with one client. Pure, except that the simulated body reads the time."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        """Act on bytes of the host and yield one exchange per frame. The caller logs each request before
-        it takes the next exchange.
+        """Carry out received frames, and yield one exchange per frame. The caller logs each exchange before it
+        requests the next one.
 
         Args:
-            data: The bytes, in pieces of any size.
-            bits_per_s: The host's rate; None where bytes take no time.
+            data: Received bytes, in pieces of any size.
+            bits_per_s: The client's bit rate; None if the transfer of bytes takes no time.
         """
         ...
 
 
 class Controls(Protocol):
-    """Events that a test can cause in a robot."""
+    """Events that a test can cause in a simulated robot."""
 
     def set_fault(self, fault: Fault, unit: int | None) -> None: ...
 
@@ -59,11 +59,11 @@ class Controls(Protocol):
 
 
 class Robot(TwinSession, Controls, Protocol):
-    """The methods that a twin provides to its server, for a robot with a single client."""
+    """The methods that a server needs from a simulated robot with a single client."""
 
 
 class Frost:
-    """A freeze of the robot, during which it neither reads nor answers."""
+    """A freeze of the simulated robot. As long as it lasts, the robot neither reads nor answers."""
 
     def __init__(self) -> None:
         self._thaw_s = 0.0
@@ -76,15 +76,16 @@ class Frost:
             await trio.sleep_until(self._thaw_s)
 
     async def every(self, period_s: float, step: Callable[[], None]) -> None:
-        """Call ``step`` once a period until cancelled, except while the robot is frozen. At most one missed
-        period is made up for."""
+        """Call ``step`` once per period until cancelled, except while the robot is frozen. After a delay, at most
+        one missed call is made in addition."""
         period_ns = round(period_s * NS)
         due_ns = time.monotonic_ns()
-        alarm = new_alarm()  # because trio's sleep costs as much as a step of an arm
+        # trio's own sleep would take as much computing time as a step of a simulated arm.
+        alarm = new_alarm()
         try:
             while True:
                 await self.thawed()
-                # Tasks that were woken together with this one first read the bytes that have come.
+                # Other tasks that woke up at the same time should first read the bytes that have arrived.
                 await trio.lowlevel.checkpoint()
                 step()
                 due_ns = max(due_ns + period_ns, time.monotonic_ns() - period_ns)
@@ -101,15 +102,16 @@ class _Departure(NamedTuple):
 
 
 class Conversation:
-    """One client and its session: requests in, replies out when they are due."""
+    """The connection with one client: it passes requests to the session, and sends the replies when they are
+    due."""
 
     def __init__(
         self, session: TwinSession, channel: Channel, log: WireLog, frost: Frost, *, wire_time: bool = True
     ) -> None:
-        """Prepare the conversation.
+        """Prepare the connection with one client.
 
         Args:
-            wire_time: Whether replies take the time that their bytes take at the client's rate.
+            wire_time: True if a reply takes as long as its bytes take at the client's bit rate.
         """
         self._session = session
         self._channel = channel
@@ -122,7 +124,7 @@ class Conversation:
         self._line_free_ns = 0
 
     async def serve(self) -> None:
-        """Read and answer until cancelled."""
+        """Read requests and send replies until cancelled."""
         try:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(self._read)
@@ -131,14 +133,15 @@ class Conversation:
             self._alarm.close()
 
     async def serve_replies(self) -> None:
-        """As ``serve``, when other code reads the client's frames and passes them to ``heard``."""
+        """Send replies until cancelled. Other code must read the client's frames and pass them to
+        ``handle_received``."""
         try:
             await self._send()
         finally:
             self._alarm.close()
 
-    def heard(self, exchange: Exchange, t_ns: int) -> None:
-        """Log a received frame, and send the replies to it when they are due."""
+    def handle_received(self, exchange: Exchange, t_ns: int) -> None:
+        """Log a received frame. Its replies are sent when they are due."""
         self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.safe_state)
         self._schedule(exchange, t_ns, self._channel.bits_per_s())
 
@@ -164,7 +167,8 @@ class Conversation:
             due_ns += on_wire_ns
             in_time.append(frame)
         self._line_free_ns = due_ns
-        if in_time:  # in one piece, as from an adapter's buffer
+        # All replies that are due together are sent at once, as from the buffer of a serial adapter.
+        if in_time:
             self._depart(due_ns, in_time)
 
     def _depart(self, due_ns: int, frames: list[tuple[str, bytes]]) -> None:
@@ -185,13 +189,13 @@ class Conversation:
                 self._alarm.set(self._departures[0].due_ns)
 
     def _write(self, frames: list[tuple[str, bytes]]) -> None:
-        # Log first, so that the log contains every frame that the host has received.
+        # Log before sending, so that the log contains every frame that the client has received.
         self._log.write(time.monotonic_ns(), "robot", frames)
         self._channel.send(b"".join(data for _, data in frames))
 
 
 class Server:
-    """Serve one robot on one line. The public methods cause events while the robot runs."""
+    """Serve one simulated robot on one cable. The public methods cause events while the robot runs."""
 
     def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
         self._robot = robot
@@ -205,29 +209,30 @@ class Server:
 
     @property
     def body(self) -> Body:
-        """The robot's body. Raise ``ValueError`` for a robot without one."""
+        """The robot's simulated body. Raise ``ValueError`` if it has no body."""
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """Set a fault, given as ``WORD`` or ``WORD:unit``. Raise ``ValueError`` for any other text."""
+        """Set a fault: ``WORD`` for the robot or ``WORD:unit`` for one unit. Raise ``ValueError`` for any other
+        text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:
         self._robot.power_cycle()
 
     def unplug(self) -> None:
-        """Pull the cable. The robot does not notice it."""
+        """Pull the robot's cable. The robot does not notice it."""
         self._line.unplug()
 
     def plug(self) -> None:
         self._line.plug()
 
     def freeze(self, seconds: float) -> None:
-        """Stop reading and answering for so long. Then the robot handles the bytes that waited."""
+        """Stop reading and answering for this time. Then the robot handles the bytes that have waited."""
         self._frost.freeze(seconds)
 
     async def serve(self) -> None:
-        """Serve until cancelled."""
+        """Serve the robot's client until cancelled."""
         await self._conversation.serve()
 
     def close(self) -> None:

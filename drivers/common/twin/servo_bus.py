@@ -1,5 +1,4 @@
-"""The robot's end of a bus of position servos: it decides which servo receives a request, and with which
-fault."""
+"""Simulate a bus of position servos: which servo receives a request, and how its fault changes the reply."""
 
 from __future__ import annotations
 
@@ -25,10 +24,10 @@ TORN_FRAME_S = 0.01
 ZERO_COUNT = 2048
 """Count of the encoder when the joint is at 0 rad."""
 
-LED_S = 0.005
+TARGET_PERIOD_S = 0.005
 """Period of new targets for a joint that moves to its goal at a set rate."""
 
-LED_AT_MOST_S = 0.25
+MOST_TARGET_BACKLOG_S = 0.25
 """Targets are caught up for at most so long. Time before that is skipped if no request came."""
 
 AHEAD_RAD = 0.3
@@ -39,7 +38,7 @@ COUNTS_PER_RAD = COUNTS / (2 * math.pi)
 
 
 class Register(Protocol):
-    """One entry of a control table."""
+    """One register of a servo's control table."""
 
     @property
     def address(self) -> int: ...
@@ -50,7 +49,7 @@ class Register(Protocol):
 
 
 class Reading(NamedTuple):
-    """Values of the encoder and the current sensor. ``load`` is -1..1 of the servo's stall torque."""
+    """Measured values of a simulated servo. ``load`` is its torque as a fraction, -1 to 1, of the stall torque."""
 
     rad: float
     rad_s: float
@@ -58,14 +57,14 @@ class Reading(NamedTuple):
 
 
 class TwinServo(ABC):
-    """One servo: its control table and its effect on the joint. The bus updates ``reading`` before every
+    """One simulated servo: its control table, and its effect on the joint. The bus updates ``reading`` before every
     request."""
 
     def __init__(self, plant: Plant, joint: int, table: bytearray, voltage_v: float, room_c: float) -> None:
-        """Set up the servo.
+        """Create a servo in its state at delivery.
 
         Args:
-            table: The control table as at delivery.
+            table: The control table with the values at delivery.
         """
         self.plant = plant
         self.joint = joint
@@ -81,10 +80,10 @@ class TwinServo(ABC):
         """Goal to which the target moves, or at which it has arrived."""
         self._target_rad = self.reading.rad
 
-    # -- moving to a goal
+    # -- moving the joint's target
 
-    def lead(self, rad: float, rate_rad_s: float = 0.0) -> None:
-        """Go to a goal at this rate. With rate 0, go as fast as the joint can."""
+    def move_target(self, rad: float, rate_rad_s: float = 0.0) -> None:
+        """Move the joint's target to ``rad`` at this rate. With rate 0 the joint moves as fast as it can."""
         self.aimed_rad = rad
         if rate_rad_s <= 0:
             self.rate_rad_s = 0.0
@@ -95,23 +94,23 @@ class TwinServo(ABC):
         self.rate_rad_s = rate_rad_s
 
     def turn(self, rate_rad_s: float) -> None:
-        """Turn without end. At rate 0, hold the present position."""
+        """Turn the joint without end at this rate. With rate 0 it holds its present position."""
         if rate_rad_s == 0.0:
-            self.lead(self.reading.rad)
+            self.move_target(self.reading.rad)
             return
-        self.lead(math.copysign(math.inf, rate_rad_s), abs(rate_rad_s))
+        self.move_target(math.copysign(math.inf, rate_rad_s), abs(rate_rad_s))
 
     def stand(self) -> None:
-        """Stop moving the target."""
+        """Stop the movement of the joint's target."""
         self.rate_rad_s, self.aimed_rad = 0.0, self.reading.rad
 
     @property
-    def led_rad(self) -> float:
-        """Return the present target."""
+    def target_rad(self) -> float:
+        """Return the joint's present target, in radians."""
         return self._target_rad if self.rate_rad_s else self.aimed_rad
 
     def go_on(self, rad: float, seconds: float) -> None:
-        """Move the target on for ``seconds``, while the joint is at ``rad``."""
+        """Move the target as far as it moves in ``seconds``. ``rad`` is the joint's present position."""
         step = self.rate_rad_s * seconds
         target = self._target_rad + max(-step, min(step, self.aimed_rad - self._target_rad))
         self._target_rad = max(rad - AHEAD_RAD, min(rad + AHEAD_RAD, target))
@@ -125,20 +124,21 @@ class TwinServo(ABC):
     @property
     @abstractmethod
     def bits_per_s(self) -> int | None:
-        """Return the rate at which it receives; None if its register has no valid value."""
+        """Return the bit rate at which the servo receives; None if its register has no valid value."""
 
     @property
     @abstractmethod
     def return_delay_s(self) -> float: ...
     @abstractmethod
     def sense(self) -> None:
-        """Update the read-only registers."""
+        """Write the measured values into the read-only registers."""
 
     @abstractmethod
     def power_cycle(self) -> None: ...
     @abstractmethod
     def protect(self, now_s: float) -> None:
-        """Do the firmware's own protective actions that are due at this time."""
+        """Do the protective actions that the firmware does without a request, as far as they are due at this
+        time."""
 
     def get(self, register: Register) -> int:
         end = register.address + register.size
@@ -156,7 +156,8 @@ class TwinServo(ABC):
     def fault(self, fault: Fault) -> None:
         if fault is self._fault:
             return
-        self.sense()  # A stuck servo repeats these readings.
+        # Measure once more before a fault begins, because a stuck servo repeats these values.
+        self.sense()
         before, self._fault = self._fault, fault
         self.plant.set_stuck(self.joint, fault is Fault.STUCK)
         if Fault.OFF in (before, fault):
@@ -167,7 +168,8 @@ ServoT = TypeVar("ServoT", bound=TwinServo)
 
 
 class ServoBus(ABC, Generic[ServoT, PacketT]):
-    """Requests in, replies out. Time passes between calls, on the given clock. No method waits."""
+    """Simulate a bus of servos: it receives requests and returns replies. Its time advances at each call, by the
+    given clock. No method waits."""
 
     def __init__(
         self, plant: Plant, servos: Sequence[ServoT], decoder: Decoder[PacketT], now_s: Callable[[], float]
@@ -178,33 +180,35 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self.now_s = now_s
         self.body = JointedBody(plant, self.pass_time)
         self._decoder = decoder
-        self._heard_s = self._led_s = now_s()
+        self._last_received_s = self._targets_moved_s = now_s()
 
     @abstractmethod
     def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
-        """Return the exchange of a request, with its meaning for the log."""
+        """Return a request with its replies. The result also has the meaning of the request, for the log."""
 
     @abstractmethod
     def answer(self, packet: PacketT, hearing: Mapping[int, Sequence[ServoT]]) -> Iterable[Reply | None]:
-        """Carry out a request and yield the replies.
+        """Carry out a request, and yield the replies.
 
         Args:
             packet: The request.
-            hearing: The servos that receive it, by id. Several servos with the same id all answer, as on
-                a real bus.
+            hearing: The servos that receive it, by id. If several servos have the same id, all of them answer, as
+                on a real bus.
         """
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         now_s = self.now_s()
-        if now_s - self._heard_s > TORN_FRAME_S:
-            self._decoder.clear()  # Otherwise a damaged length would swallow the next frames.
-        self._heard_s = now_s
+        if now_s - self._last_received_s > TORN_FRAME_S:
+            # After a pause, drop an incomplete frame. If its length is damaged, it would include the following
+            # frames.
+            self._decoder.clear()
+        self._last_received_s = now_s
         for packet in self._decoder.feed(data):
             yield self.exchange(packet, self.handle(packet, bits_per_s))
 
     def handle(self, packet: PacketT, bits_per_s: int | None = None) -> list[Reply]:
-        """Carry out one request. A servo with another rate than ``bits_per_s`` does not receive it; with
-        None all do."""
+        """Carry out one request, and return the replies. A servo with another bit rate than ``bits_per_s`` does not
+        receive it. With None all servos receive it."""
         self.pass_time()
         return self.with_faults(self.answer(packet, self.hearing(bits_per_s)))
 
@@ -236,23 +240,23 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
 
     def step_to(self, now_s: float) -> None:
         plant = self.plant
-        self._lead_to(now_s)
+        self._move_targets(now_s)
         plant.catch_up(now_s)
         columns = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm, plant.effort_limit_nm)
         for servo, rad, rad_s, nm, limit_nm in zip(self.servos, *columns, strict=True):
             servo.reading = Reading(rad, rad_s, nm / limit_nm)
             servo.protect(now_s)
 
-    def _lead_to(self, now_s: float) -> None:
-        """Move the targets of joints that go to a goal on to this time."""
-        at_s, self._led_s = max(self._led_s, now_s - LED_AT_MOST_S), now_s
-        while at_s < now_s and (on_the_way := [servo for servo in self.servos if servo.rate_rad_s]):
-            step_s = min(LED_S, now_s - at_s)
-            at_s += step_s
+    def _move_targets(self, now_s: float) -> None:
+        """Advance the moving targets of the joints to the time ``now_s``."""
+        moved_to_s, self._targets_moved_s = max(self._targets_moved_s, now_s - MOST_TARGET_BACKLOG_S), now_s
+        while moved_to_s < now_s and (moving_servos := [servo for servo in self.servos if servo.rate_rad_s]):
+            step_s = min(TARGET_PERIOD_S, now_s - moved_to_s)
+            moved_to_s += step_s
             position = self.plant.position_rad
-            for servo in on_the_way:
+            for servo in moving_servos:
                 servo.go_on(position[servo.joint], step_s)
-            self.plant.catch_up(at_s)
+            self.plant.catch_up(moved_to_s)
 
 
 class BusOptions(TwinOptions, frozen=True):
@@ -261,5 +265,5 @@ class BusOptions(TwinOptions, frozen=True):
 
 
 def serve(robot: Robot, options: BusOptions, **start: Unpack[Start]) -> None:
-    """Serve a robot on a serial port until interrupted (see ``run``)."""
+    """Serve a simulated robot on a serial port until interrupted (see ``run``)."""
     run(robot, PtyLine(options.link), wire_time=options.wire_time, **start)

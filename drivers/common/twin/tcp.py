@@ -1,8 +1,8 @@
-"""A robot behind TCP ports: many clients, each with a separate conversation.
+"""Simulate a robot on TCP ports, with any number of clients.
 
-Every twin has a separate host address, 127.x.y.z, since several wires have fixed ports. Pulling the
-cable ends every connection and refuses new ones. A frozen robot accepts connections and does not
-answer.
+Every simulated robot has its own host address, 127.x.y.z, because several protocols have fixed port numbers.
+Pulling the cable ends every connection, and new connections are refused. A frozen robot accepts connections and
+does not answer.
 """
 
 from __future__ import annotations
@@ -33,11 +33,12 @@ OFFERED_BYTES = 16 * 1024
 
 
 class ClientGone(Exception):
-    """The client has closed its connection, or the cable was pulled."""
+    """Raised in a handler: the client has closed its connection, or the cable was pulled."""
 
 
 class Connection:
-    """One client: a ``Channel``, with ``heard`` and ``say`` for handlers that send without a request."""
+    """The robot's end of the connection with one client. ``log_received`` and ``send_logged`` are for handlers that
+    also send messages without a request."""
 
     def __init__(self, sock: socket.socket, log: WireLog, frost: Frost) -> None:
         self._sock = sock
@@ -45,12 +46,12 @@ class Connection:
         """Delay of the client's requests in seconds. Their order stays the same."""
         self.log = log
         self.frost = frost
-        self._owed = b""  # the rest of an offer that the client has not taken yet
+        self._unsent = b""  # rest of an offered frame that was not sent yet
         self._offers = False
 
     @property
     def peer_host(self) -> str:
-        """Return the client's address; empty once it is gone."""
+        """The client's IP address; empty after the client has disconnected."""
         try:
             return str(self._sock.getpeername()[0])
         except OSError:
@@ -60,10 +61,11 @@ class Connection:
         return None
 
     def quiet_for(self, seconds: float) -> bool:
-        return False  # Blocking would hold up the other clients of this loop.
+        # This function must not block, because other clients use the same event loop.
+        return False
 
     async def receive(self) -> tuple[int, bytes]:
-        """Return the next bytes and when they were read. Raise ``ClientGone``."""
+        """Wait for bytes. Return the time at which they were read, and the bytes. Raise ``ClientGone``."""
         while True:
             try:
                 await trio.lowlevel.wait_readable(self._sock)
@@ -80,33 +82,36 @@ class Connection:
             return time.monotonic_ns(), data
 
     def send(self, data: bytes) -> None:
-        """Send without waiting. A client that cannot take the whole frame is disconnected, because it could
-        not decode a part."""
+        """Send a frame without waiting. If it does not fit into the client's buffer, disconnect the client, because
+        it could not decode a part of the frame."""
         try:
             sent = self._sock.send(data)
         except BlockingIOError:
             sent = 0
         except OSError:
-            return  # ``receive`` notices the end of the connection.
+            # The connection has ended. The next ``receive`` reports this.
+            return
         if sent != len(data):
             self.abort()
 
     @property
     def takes(self) -> bool:
-        """Return whether the client has taken the whole last offer. Send the rest of it first."""
-        if self._owed:
-            self._owed = self._owed[self._sent(self._owed) :]
-        return not self._owed
+        """True if the last offered frame was sent completely. Otherwise try to send the rest of it first."""
+        if self._unsent:
+            self._unsent = self._unsent[self._sent(self._unsent) :]
+        return not self._unsent
 
     def offer(self, data: bytes) -> None:
-        """Send a frame that the client need not read, for example a client that only sends. While it does
+        """Send a frame that a client may ignore, for example a client that only sends. As long as the client does
         not read, whole frames are skipped."""
-        if not self._offers:  # A small buffer: do not queue megabytes for a client that does not read.
+        # A small send buffer prevents megabytes from waiting for a client that does not read.
+        if not self._offers:
             self._offers = True
-            with contextlib.suppress(OSError):  # ``receive`` notices the end of the connection.
+            # This fails if the connection has ended. The next ``receive`` reports this.
+            with contextlib.suppress(OSError):
                 self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, OFFERED_BYTES)
         if self.takes:
-            self._owed = data[self._sent(data) :]
+            self._unsent = data[self._sent(data) :]
 
     def _sent(self, data: bytes) -> int:
         try:
@@ -114,29 +119,30 @@ class Connection:
         except BlockingIOError:
             return 0
         except OSError:
-            return len(data)  # ``receive`` notices the end of the connection.
+            # The connection has ended. The next ``receive`` reports this.
+            return len(data)
 
-    def heard(self, t_ns: int, kind: str, data: bytes) -> None:
-        """Log a frame of the client."""
+    def log_received(self, t_ns: int, kind: str, data: bytes) -> None:
+        """Log a frame that the client has sent."""
         self.log.write(t_ns, "host", [(kind, data)])
 
-    def say(self, kind: str, data: bytes) -> None:
-        """Log and send a frame of the robot."""
+    def send_logged(self, kind: str, data: bytes) -> None:
+        """Send a frame of the robot, and log it."""
         self.log.write(time.monotonic_ns(), "robot", [(kind, data)])
         self.send(data)
 
-    def be_late(self, lateness: Lateness) -> None:
-        """Delay the requests of this client, if ``lateness`` is about its process."""
+    def set_delay(self, lateness: Lateness) -> None:
+        """Delay the requests of this client if ``lateness`` names its process."""
         self.late_s = lateness.of(self._sock)
 
     def hang_up(self) -> None:
-        """Close the connection in order, so that all sent bytes arrive."""
+        """Close the connection in order, so that all sent bytes still arrive."""
         if self._sock.fileno() >= 0:
             trio.lowlevel.notify_closing(self._sock)
             self._sock.close()
 
     def abort(self) -> None:
-        """Close the connection with a reset. No effect when it is closed."""
+        """Close the connection with a reset. Does nothing if it is closed."""
         if self._sock.fileno() < 0:
             return
         with contextlib.suppress(OSError):
@@ -150,7 +156,7 @@ Handler = Callable[[Connection], Awaitable[None]]
 
 
 def answering(new_session: Callable[[], TwinSession]) -> Handler:
-    """Return the handler of a wire on which the robot sends only replies."""
+    """Return a handler for a port on which the robot sends only replies."""
 
     async def handle(connection: Connection) -> None:
         await Conversation(new_session(), connection, connection.log, connection.frost).serve()
@@ -159,7 +165,7 @@ def answering(new_session: Callable[[], TwinSession]) -> Handler:
 
 
 class StreamServer(ABC):
-    """Serve one robot on its listeners, with one handler each. The public methods cause events while the
+    """Serve one simulated robot on several ports, each with its handler. The public methods cause events while the
     robot runs."""
 
     def __init__(self, robot: Controls, handlers: Sequence[Handler], log: WireLog) -> None:
@@ -175,22 +181,23 @@ class StreamServer(ABC):
     @property
     @abstractmethod
     def address(self) -> str:
-        """Return where clients connect."""
+        """Return the address to which clients connect."""
 
     @abstractmethod
     def listen(self) -> list[socket.socket]:
-        """Return a listener for each handler, at the address. Raise ``OSError``."""
+        """Open a listener for each handler. Raise ``OSError``."""
 
     def forget(self) -> None:  # noqa: B027  # TCP leaves nothing to remove
-        """Remove the traces of the address, such as a path, when the cable is pulled."""
+        """Remove what is left of the address, such as a path, after the cable was pulled."""
 
     @property
     def body(self) -> Body:
-        """The robot's body. Raise ``ValueError`` for a robot without one."""
+        """The robot's simulated body. Raise ``ValueError`` if it has no body."""
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """Set a fault, given as ``WORD`` or ``WORD:unit``. Raise ``ValueError`` for any other text."""
+        """Set a fault: ``WORD`` for the robot or ``WORD:unit`` for one unit. Raise ``ValueError`` for any other
+        text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:
@@ -202,8 +209,9 @@ class StreamServer(ABC):
             self._plugged.set()
 
     def unplug(self) -> None:
-        """Pull the cable. The robot does not notice it."""
-        if self._plugged.is_set():  # Otherwise tasks already wait for this event.
+        """Pull the robot's cable. The robot does not notice it."""
+        # If the cable is already unplugged, tasks wait for the present event, so it must stay.
+        if self._plugged.is_set():
             self._plugged = trio.Event()
         for listener in self._listeners:
             trio.lowlevel.notify_closing(listener)
@@ -214,43 +222,43 @@ class StreamServer(ABC):
             connection.abort()
 
     def freeze(self, seconds: float) -> None:
-        """Stop reading and answering for so long. Then the robot handles the bytes that waited."""
+        """Stop reading and answering for this time. Then the robot handles the bytes that have waited."""
         self._frost.freeze(seconds)
 
-    def be_late(self, lateness: Lateness) -> None:
-        """Delay the requests of one process, on its present and on new connections."""
+    def set_delay(self, lateness: Lateness) -> None:
+        """Delay the requests of one client process, on its open connections and on new ones."""
         self._lateness = lateness
         for connection in self._connections:
-            connection.be_late(lateness)
+            connection.set_delay(lateness)
 
     async def serve(self) -> None:
-        """Serve until cancelled."""
+        """Serve the robot's clients until cancelled."""
         async with trio.open_nursery() as nursery:
-            for at in range(len(self._handlers)):
-                nursery.start_soon(self._accept, at, nursery)
+            for index in range(len(self._handlers)):
+                nursery.start_soon(self._accept, index, nursery)
 
     def close(self) -> None:
         self.unplug()
 
-    async def _accept(self, at: int, nursery: trio.Nursery) -> None:
+    async def _accept(self, index: int, nursery: trio.Nursery) -> None:
         while True:
             await self._plugged.wait()
             if not self._listeners:  # The cable was pulled again before this task ran.
                 continue
-            listener = self._listeners[at]
+            listener = self._listeners[index]
             with contextlib.suppress(BlockingIOError, ConnectionError, trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(listener)
                 await self._frost.thawed()
                 if listener.fileno() >= 0:
                     sock, _ = listener.accept()
-                    nursery.start_soon(self._attend, sock, self._handlers[at])
+                    nursery.start_soon(self._attend, sock, self._handlers[index])
 
     async def _attend(self, sock: socket.socket, handler: Handler) -> None:
         sock.setblocking(False)
         if sock.family != socket.AF_UNIX:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection = Connection(sock, self._log, self._frost)
-        connection.be_late(self._lateness)
+        connection.set_delay(self._lateness)
         self._connections.add(connection)
         try:
             await handler(connection)
@@ -265,13 +273,13 @@ class TcpServer(StreamServer):
     def __init__(
         self, robot: Controls, handlers: Mapping[int, Handler], log: WireLog, host: str | None = None
     ) -> None:
-        """Reserve the ports, unplugged.
+        """Reserve the ports. The cable is not plugged in yet.
 
         Args:
             robot: The robot.
-            handlers: Handlers by port number, 0 for any free port. The first port is the address.
-            log: The wire log.
-            host: Host address; by default an unused one for this twin.
+            handlers: Handlers by port number, 0 for any free port. Clients get the number of the first port.
+            log: The log of the robot's protocol.
+            host: Host address; by default an unused one for this robot.
 
         Raises:
             OSError: A port is in use.
@@ -295,7 +303,7 @@ class TcpServer(StreamServer):
 
 
 def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
-    """Return listeners for all ports on one host. If a random host is already in use, try another."""
+    """Open a listener for each port on one host address. If a random host address is in use, try another."""
     for attempt in range(ATTEMPTS):
         chosen = host or own_host()
         listeners: list[socket.socket] = []
@@ -312,8 +320,8 @@ def _listen(host: str | None, ports: list[int]) -> list[socket.socket]:
 
 
 def own_host() -> str:
-    """Return a host address for one twin. On Linux every address 127.x.y.z is local; elsewhere only
-    127.0.0.1 is."""
+    """Return a host address for one simulated robot. On Linux every address 127.x.y.z is local; on other systems
+    only 127.0.0.1 is."""
     if not sys.platform.startswith("linux"):
         return "127.0.0.1"
     chance = random.Random(os.getpid() ^ time.monotonic_ns())

@@ -1,7 +1,7 @@
-"""A robot behind a unix socket: many clients, each with a separate conversation.
+"""Simulate a robot on a unix socket, with any number of clients.
 
-Pulling the cable ends every connection and removes the path. A frozen robot accepts connections and
-does not answer.
+Pulling the cable ends every connection and removes the socket's path. A frozen robot accepts connections and does
+not answer.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .wirelog import WireLog
 
 class UnixServer(StreamServer):
     def __init__(self, robot: Controls, handler: Handler, log: WireLog, path: str | None = None) -> None:
-        """Prepare the server, unplugged.
+        """Prepare the server. The cable is not plugged in yet.
 
         Args:
             path: Path of the socket; by default in a temporary directory.

@@ -1,4 +1,4 @@
-"""The server's side of a WebSocket for twins: alone on a port, or together with an HTTP service."""
+"""The WebSocket server of a simulated robot. It has a port alone, or shares it with an HTTP service."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from strands_actors.drivers.common.codecs.websocket_messages import (
     MAX_HEAD,
     MAX_MESSAGE,
     Closed,
-    Heard,
     Opened,
+    Received,
     ServerEnd,
 )
 
@@ -26,22 +26,22 @@ _HEAD_END = b"\r\n\r\n"
 
 
 class WebSocketClient:
-    """An accepted client."""
+    """A client after its upgrade to WebSocket was accepted."""
 
     def __init__(self, connection: Connection, end: ServerEnd, opened: Opened) -> None:
         self._end = end
-        self._heard: deque[Heard] = deque()
+        self._received: deque[Received] = deque()
         self._read_ns = time.monotonic_ns()
         self.connection = connection
         self.target = opened.target
         self.headers = opened.headers
 
     async def receive(self) -> tuple[int, str | bytes]:
-        """Return when the next message was read, and the message. Answer pings meanwhile. Raise
-        ``ClientGone``."""
+        """Wait for the next message. Return the time at which it was read, and the message. Pings are answered
+        meanwhile. Raise ``ClientGone``."""
         while True:
-            while self._heard:
-                match self._heard.popleft():
+            while self._received:
+                match self._received.popleft():
                     case str() | bytes() as message:
                         return self._read_ns, message
                     case Closed():
@@ -51,23 +51,24 @@ class WebSocketClient:
                 self._read_ns, data = await self.connection.receive()
             await self.connection.frost.thawed()
             try:
-                self._heard.extend(self._end.feed(data))
+                self._received.extend(self._end.feed(data))
             except MalformedFrame:
-                raise ClientGone from None  # A real server also disconnects on a malformed frame.
+                # A real server also disconnects a client that sends a malformed frame.
+                raise ClientGone from None
             if replies := self._end.replies():
                 self.connection.send(replies)
 
-    def heard(self, t_ns: int, kind: str, message: str | bytes, safe_state: str | None = None) -> None:
-        """Log a message of the client, without its frame."""
+    def log_received(self, t_ns: int, kind: str, message: str | bytes, safe_state: str | None = None) -> None:
+        """Log a message that the client has sent, without its WebSocket frame."""
         self.connection.log.write(t_ns, "host", [(kind, _bytes(message))], safe_state)
 
-    def say(self, kind: str, message: str | bytes) -> None:
-        """Log and send a message of the robot. Raise ``ClientGone`` after a close."""
+    def send_logged(self, kind: str, message: str | bytes) -> None:
+        """Send a message of the robot, and log it. Raise ``ClientGone`` after the end of the connection."""
         self.connection.log.write(time.monotonic_ns(), "robot", [(kind, _bytes(message))])
         self.send(message)
 
     def send(self, message: str | bytes) -> None:
-        """Send without a line in the log, for messages that go out many times a second. Raise
+        """Send a message without logging it. Use it for messages that are sent many times a second. Raise
         ``ClientGone``."""
         try:
             frame = self._end.message(message)
@@ -84,8 +85,8 @@ Choose = Callable[[str], WebSocketHandler | None]
 
 
 def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
-    """Return the handler of a port with WebSockets only. Frames that come with the upgrade are accepted,
-    as in tornado."""
+    """Return a handler for a port with WebSockets only. Frames that arrive together with the upgrade request are
+    accepted, as the server tornado does."""
 
     async def handle(connection: Connection) -> None:
         await _serve(connection, b"", choose, ServerEnd(max_message))
@@ -94,14 +95,14 @@ def serving_websocket(choose: Choose, max_message: int = MAX_MESSAGE) -> Handler
 
 
 def serving_both(new_session: Callable[[], TwinSession], choose: Choose, max_message: int = MAX_MESSAGE) -> Handler:
-    """Return the handler of a port with an HTTP service and WebSockets.
+    """Return a handler for a port with an HTTP service and WebSockets.
 
-    The first request of a connection decides which of the two it is. Frames that come with the upgrade
-    are dropped, as by uvicorn.
+    The first request of a connection decides between HTTP and WebSocket. Frames that arrive together with the
+    upgrade request are dropped, as the server uvicorn does.
 
     Args:
         new_session: Makes the session of an HTTP client.
-        choose: Returns the handler of a WebSocket.
+        choose: Returns the handler of a WebSocket, by the path of its upgrade request.
         max_message: Largest message in bytes.
     """
 
@@ -123,10 +124,10 @@ def serving_both(new_session: Callable[[], TwinSession], choose: Choose, max_mes
 async def _serve(connection: Connection, data: bytes, choose: Choose, end: ServerEnd) -> None:
     while True:
         try:
-            heard = list(end.feed(data)) if data else []
+            events = list(end.feed(data)) if data else []
         except MalformedFrame:
             raise ClientGone from None
-        match heard:
+        match events:
             case [Opened() as opened]:
                 break
             case []:
@@ -136,14 +137,15 @@ async def _serve(connection: Connection, data: bytes, choose: Choose, end: Serve
     handler = choose(opened.target.partition("?")[0])
     if handler is None:
         connection.send(end.reject(NOT_FOUND))
-        while True:  # Wait until the client has read it and closes.
+        # Wait until the client has read the refusal and closes the connection.
+        while True:
             await connection.receive()
     connection.send(end.accept())
     await handler(WebSocketClient(connection, end, opened))
 
 
 class _Begun(Channel):
-    """A connection from which some bytes have already been read."""
+    """A connection from which the first bytes were already read. ``receive`` returns them first."""
 
     def __init__(self, connection: Connection, t_ns: int, first: bytes) -> None:
         self._connection = connection

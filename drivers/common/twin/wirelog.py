@@ -1,4 +1,5 @@
-"""The wire log: every frame on the wire with its time, one JSON object a line. Safety tests read it."""
+"""The log of a simulated robot's protocol: every frame with its time, one JSON object per line. Safety tests read
+it."""
 
 from __future__ import annotations
 
@@ -11,8 +12,8 @@ Source = Literal["host", "robot", "control"]
 
 
 class WireLog:
-    """Writes each line to the file before ``write`` returns, so that a reader sees every frame, even after
-    a crash."""
+    """Write the log. Each line is in the file before ``write`` returns, so that a reader sees every frame even
+    after a crash."""
 
     def __init__(self, path: str | None) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC
@@ -21,14 +22,14 @@ class WireLog:
     def write(
         self, t_ns: int, source: Source, frames: Iterable[tuple[str, bytes]], safe_state: str | None = None
     ) -> None:
-        """Log frames that were on the wire together.
+        """Log frames that were sent together.
 
         Args:
             t_ns: Time in ns of CLOCK_MONOTONIC.
-            source: The sender.
+            source: The sender of the frames.
             frames: Kind and bytes of each frame.
-            safe_state: The safe state that these frames alone bring the whole robot to; empty if they
-                bring it to none, None if unknown.
+            safe_state: The safe state (for example ``hold``) to which these frames alone bring the whole robot;
+                empty if they do not bring it to a safe state, None if that is unknown.
         """
         if self._fd is None:
             return

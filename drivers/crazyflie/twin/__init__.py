@@ -1,4 +1,4 @@
-"""Run a Crazyflie as a twin: its firmware on UDP, TCP or a serial line, with a flying body behind it."""
+"""Simulate a Crazyflie: its firmware on UDP, TCP or a serial line, and a flying body."""
 
 from .server import main
 

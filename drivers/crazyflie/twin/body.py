@@ -1,7 +1,7 @@
-"""Simulate the body of the twin: a rigid body in MuJoCo under a cascade of controllers as in the firmware.
+"""Simulate the body of the drone: a rigid body in MuJoCo, with cascaded controllers like those of the firmware.
 
-A speed error gives a tilt, and a tilt error a torque. The motors' thrust and torque are bounded. The gains are
-[assumed]: they make it fly, but are not the firmware's.
+A speed error leads to a tilt, and a tilt error to a torque. The motors' thrust and torque are bounded. The
+gains are [assumed]: they make it fly, but are not the firmware's.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ LONGEST_S = 0.25
 _SPEED_GAIN, _CLIMB_GAIN, _HEIGHT_GAIN, _TURN_GAIN = 4.0, 8.0, 2.0, 10.0
 _TILT_GAIN, _TILT_DAMPING = 400.0, 36.0
 _MOST_TILT_RAD = math.radians(25.0)
-_MOST_CLIMB_M_S = 1.0  # posCtlPid.zVelMax
+_MOST_CLIMB_M_S = 1.0  # as posCtlPid.zVelMax of the firmware
 _MOST_LIFT_M_S2 = 5.0
 
 
-class Wanted(NamedTuple):
-    """A setpoint of the commander for the controllers.
+class Target(NamedTuple):
+    """A setpoint for the simulated flight controllers.
 
-    ``level`` keeps roll and pitch at zero for any speed. ``z_m`` is the height; None if only ``vz_m_s`` counts.
+    ``level`` keeps roll and pitch at zero for any speed. ``z_m`` is the height to hold; None if only the climb
+    speed ``vz_m_s`` counts.
     """
 
     vx_m_s: float = 0.0
@@ -41,7 +42,8 @@ class Wanted(NamedTuple):
 
 
 class FlyingBody:
-    """The body. It starts on the floor, motors off. ``wanted`` is None while the motors are off."""
+    """The simulated body. It starts on the floor with its motors off. ``target`` is its setpoint; None while
+    the motors are off."""
 
     def __init__(self, table: Mapping[str, Any]) -> None:
         self.spec = build(table)
@@ -54,16 +56,16 @@ class FlyingBody:
         self._torque_nm = [float(value) for value in table["torque_nm"]]
         self._drag = float(table["drag_n_s_m"])
         self._rest_m = float(self.data.qpos[2])
-        self.wanted: Wanted | None = None
+        self.target: Target | None = None
         self.reset()
 
     def reset(self) -> None:
-        """Put the body where it began: on the floor, upright, at rest."""
+        """Put the body back at its start: on the floor, upright, at rest."""
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
-        self.wanted = None
+        self.target = None
 
-    # -- the estimator's values
+    # -- values that the simulated estimator reports
 
     @property
     def time_s(self) -> float:
@@ -71,7 +73,7 @@ class FlyingBody:
 
     @property
     def xyz_m(self) -> tuple[float, float, float]:
-        """Return the position. The height is that of the feet."""
+        """Return the position. The height is measured at the feet."""
         x, y, z = self.data.qpos[:3].tolist()
         return x, y, z - self._rest_m
 
@@ -112,8 +114,8 @@ class FlyingBody:
         vx, vy, vz = self.velocity_m_s
         force = [-self._drag * vx, -self._drag * vy, -self._drag * vz]
         torque = (0.0, 0.0, 0.0)
-        if self.wanted is not None:
-            thrust_n, torque = self._control(self.wanted)
+        if self.target is not None:
+            thrust_n, torque = self._control(self.target)
             up = data.xmat[self._base][2::3].tolist()
             force = [drag + thrust_n * axis for drag, axis in zip(force, up, strict=True)]
         rotation = data.xmat[self._base].tolist()
@@ -121,32 +123,32 @@ class FlyingBody:
         data.xfrc_applied[self._base] = (*force, *turned)
         mujoco.mj_step(self.model, data)
 
-    def _control(self, wanted: Wanted) -> tuple[float, tuple[float, float, float]]:
+    def _control(self, target: Target) -> tuple[float, tuple[float, float, float]]:
         """Return thrust and torques in the body's frame, within the limits of the motors."""
         roll, pitch, yaw = self.rpy_rad
         vx, vy, vz = self.velocity_m_s
         cos, sin = math.cos(yaw), math.sin(yaw)
-        forward, left = cos * vx + sin * vy, cos * vy - sin * vx
-        want_forward, want_left = wanted.vx_m_s, wanted.vy_m_s
-        if wanted.world:
-            want_forward, want_left = (
-                cos * wanted.vx_m_s + sin * wanted.vy_m_s,
-                cos * wanted.vy_m_s - sin * wanted.vx_m_s,
+        forward, sideways = cos * vx + sin * vy, cos * vy - sin * vx
+        target_forward, target_sideways = target.vx_m_s, target.vy_m_s
+        if target.world:
+            target_forward, target_sideways = (
+                cos * target.vx_m_s + sin * target.vy_m_s,
+                cos * target.vy_m_s - sin * target.vx_m_s,
             )
-        want_pitch = want_roll = 0.0
-        if not wanted.level:
-            want_pitch = _tilt(_SPEED_GAIN * (want_forward - forward))
-            want_roll = -_tilt(_SPEED_GAIN * (want_left - left))
-        climb = wanted.vz_m_s
-        if wanted.z_m is not None:
-            climb = _within(climb + _HEIGHT_GAIN * (wanted.z_m - self.xyz_m[2]), _MOST_CLIMB_M_S)
+        target_pitch = target_roll = 0.0
+        if not target.level:
+            target_pitch = _tilt(_SPEED_GAIN * (target_forward - forward))
+            target_roll = -_tilt(_SPEED_GAIN * (target_sideways - sideways))
+        climb = target.vz_m_s
+        if target.z_m is not None:
+            climb = _within(climb + _HEIGHT_GAIN * (target.z_m - self.xyz_m[2]), _MOST_CLIMB_M_S)
         lift = GRAVITY_M_S2 + _within(_CLIMB_GAIN * (climb - vz), _MOST_LIFT_M_S2)
         thrust_n = self._kg * lift / max(0.5, math.cos(roll) * math.cos(pitch))
         turn = self.data.qvel[3:6].tolist()
         angular = (
-            _TILT_GAIN * (want_roll - roll) - _TILT_DAMPING * turn[0],
-            _TILT_GAIN * (want_pitch - pitch) - _TILT_DAMPING * turn[1],
-            _TURN_GAIN * (wanted.wz_rad_s - turn[2]),
+            _TILT_GAIN * (target_roll - roll) - _TILT_DAMPING * turn[0],
+            _TILT_GAIN * (target_pitch - pitch) - _TILT_DAMPING * turn[1],
+            _TURN_GAIN * (target.wz_rad_s - turn[2]),
         )
         torques = [
             _within(inertia * value, most)
@@ -163,4 +165,4 @@ def _within(value: float, most: float) -> float:
     return max(-most, min(most, value))
 
 
-__all__ = ["LONGEST_S", "TIMESTEP_S", "FlyingBody", "Wanted"]
+__all__ = ["LONGEST_S", "TIMESTEP_S", "FlyingBody", "Target"]

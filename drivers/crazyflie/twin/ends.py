@@ -1,5 +1,5 @@
-"""The twin's end of its link, one class for each kind: packets in, packets out. A packet without a receiver is
-lost."""
+"""The simulated drone's side of its link, one class for each kind of link: packets in, packets out. A packet
+without a receiver is lost."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class End(Protocol):
     def close(self) -> None: ...
 
     async def receive(self) -> bytes:
-        """Return the next packet. Waits while unplugged."""
+        """Return the next packet. Wait while the link is unplugged."""
         ...
 
     def send(self, packet: bytes) -> None: ...
 
 
 class UdpEnd:
-    """One packet in each datagram. Answers go to the last sender."""
+    """CRTP over UDP: one packet in each datagram. Answers go to the last sender."""
 
     def __init__(self, host: str, port: int) -> None:
         self._place = host, port
@@ -56,7 +56,8 @@ class UdpEnd:
     def unplug(self) -> None:
         if self._sock is not None:
             self._plugged = trio.Event()
-            with suppress(RuntimeError):  # At the end no loop runs.
+            # When the simulation ends, no event loop runs any more.
+            with suppress(RuntimeError):
                 trio.lowlevel.notify_closing(self._sock)
             self._sock.close()
             self._sock = None
@@ -68,7 +69,8 @@ class UdpEnd:
         while True:
             await self._plugged.wait()
             sock = self._sock
-            if sock is None:  # It was unplugged again before this task ran.
+            # The link was cut again before this task ran.
+            if sock is None:
                 continue
             with suppress(OSError, ValueError, trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(sock)
@@ -162,7 +164,7 @@ class TcpEnd:
 
 
 class SerialEnd:
-    """CPX on a serial line. It takes every frame at once, and acknowledges it."""
+    """CPX on a serial line. Every received frame is acknowledged at once."""
 
     def __init__(self) -> None:
         self._line = PtyLine()
@@ -210,7 +212,7 @@ async def _wake(sock: socket.socket, scope: trio.CancelScope) -> None:
 
 
 def _crtp(packets: list[bytes]) -> list[bytes]:
-    """Return the firmware's data in CPX packets. Other packets are dropped."""
+    """Return the CRTP packets for the firmware that are inside CPX packets. All other packets are dropped."""
     carried = []
     for packet in packets:
         with suppress(MalformedFrame):

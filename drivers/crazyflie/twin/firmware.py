@@ -1,7 +1,7 @@
 """Simulate the firmware: commander, supervisor, high-level commander, log and parameters. It has no sockets.
 
-Its watchdog is that of the real firmware. Without a setpoint it levels out after 0.5 s, and cuts the motors after
-2 s. The high-level commander has no watchdog, and flies its plan to the end.
+The watchdog is that of the real firmware. Without a setpoint it levels out after 0.5 s, and cuts the motors
+after 2 s. The high-level commander has no watchdog, and flies its plan to the end.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint
 
-from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Wanted
+from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Target
 from .tables import LOG, LOG_LAYOUTS, PARAMETERS, Reading, checksum, packed
 
 LEVEL_AFTER_S, CUT_AFTER_S = 0.5, 2.0
@@ -39,8 +39,8 @@ HOVER_THRUST = 36000.0
 """In the firmware's units, of 65535 [assumed]."""
 
 
-class Heard(NamedTuple):
-    """The result of a packet: its kind for the wire log, the answers, and the safe state that it causes."""
+class Reaction(NamedTuple):
+    """The effect of a packet: its kind for the packet log, the answers, and the safe state that it causes."""
 
     kind: str
     replies: tuple[bytes, ...] = ()
@@ -61,19 +61,20 @@ class Plan:
     def ends_s(self) -> float:
         return self.began_s + self.duration_s
 
-    def wanted(self, now_s: float) -> Wanted:
-        """Return the present setpoint, by the polynomial of degree 7 that leads from rest to rest."""
+    def target(self, now_s: float) -> Target:
+        """Return the present setpoint of the plan. It follows a polynomial of degree 7 from rest to rest."""
         share = min(1.0, (now_s - self.began_s) / self.duration_s)
         passed = share**4 * (35 - 84 * share + 70 * share**2 - 20 * share**3)
         rate = 140 * (share * (1 - share)) ** 3 / self.duration_s
         rise = self.to_m - self.from_m
-        return Wanted(z_m=self.from_m + rise * passed, vz_m_s=rise * rate)
+        return Target(z_m=self.from_m + rise * passed, vz_m_s=rise * rate)
 
 
 @dataclass
-class LogBlock:
-    variables: list[tuple[int, int]] = field(default_factory=list)  # number in the table, type to send
-    period_s: float = 0.0  # 0 if it is not started
+class RunningBlock:
+    # number of the variable in the table, and type in which it is sent
+    variables: list[tuple[int, int]] = field(default_factory=list)
+    period_s: float = 0.0  # 0 if the block is not started
     due_s: float = 0.0
 
 
@@ -87,37 +88,37 @@ class Firmware:
         auto_arm: bool = False,
         note: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """Start the firmware. ``note`` is called for each act of the watchdog and the supervisor."""
+        """Start the firmware. ``note`` is called with a text for each action of the watchdog or the supervisor."""
         self.body = FlyingBody(table)
         self._now_s = now_s
         self._protocol = protocol
         self._auto_arm = auto_arm
         self._note = note
-        self._seen_s = now_s()
+        self._updated_s = now_s()
         self.battery_v = 4.0
-        self.stuck: Reading | None = None  # the reading that a stuck log repeats
+        self.stuck: Reading | None = None  # the report that a log with the fault "stuck" repeats
         self.wrong_m = 0.0
         self.boot()
 
     def boot(self) -> None:
-        """Restart as after switching off and on, at the present place."""
+        """Restart the firmware as after switching the drone off and on. The drone stays where it is."""
         self._booted_s = self.time_s
         self.armed = self._auto_arm
         self.locked = self.tumbled = self.crashed = False
-        self._setpoint: Wanted | None = None
-        self._told_s = 0.0
-        self._plan: Plan | None = None  # None while the planner is idle, with motors off
+        self._setpoint: Target | None = None
+        self._setpoint_s = 0.0
+        self._plan: Plan | None = None  # None while no flight is planned
         self._planned_until_s = -math.inf
         self._flew_s = -math.inf
         self._tipped_s = 0.0
         self._levelled = False
-        self.blocks: dict[int, LogBlock] = {}
+        self.blocks: dict[int, RunningBlock] = {}
         self.parameters = [parameter.value for parameter in PARAMETERS]
-        self.simulated = False  # True while a simulation flies the drone instead of the wire
-        self._simulated: Wanted | None = None
+        self.simulated = False  # True while a local simulation flies the drone instead of a client
+        self._simulated: Target | None = None
 
     def reset(self) -> None:
-        """Put the drone on the floor where it began, and boot it."""
+        """Put the drone back on the floor at its start, and restart the firmware."""
         self.body.reset()
         self.boot()
 
@@ -129,12 +130,12 @@ class Firmware:
 
     @property
     def motors_on(self) -> bool:
-        return self.body.wanted is not None
+        return self.body.target is not None
 
     def pass_time(self) -> None:
-        """Advance to the present time."""
+        """Advance the simulation to the present time."""
         now_s = self._now_s()
-        passed_s, self._seen_s = min(now_s - self._seen_s, LONGEST_S), now_s
+        passed_s, self._updated_s = min(now_s - self._updated_s, LONGEST_S), now_s
         for _ in range(round(passed_s / TIMESTEP_S)):
             self.step()
 
@@ -143,38 +144,39 @@ class Firmware:
         blocked = not (self.may_fly or self.simulated)
         if self._plan is not None and (blocked or (self._plan.lands and self.time_s >= self._plan.ends_s)):
             self._plan = None
-        self.body.wanted = self._wanted()
+        self.body.target = self._present_target()
         self.body.step()
         self._supervise()
 
-    def fly(self, wanted: Wanted | None) -> None:
-        """Follow a simulation's setpoint; None switches the motors off."""
-        self._simulated, self._plan = wanted, None
+    def fly(self, target: Target | None) -> None:
+        """Obey a setpoint of a local simulation, in the place of a client; None switches the motors off."""
+        self._simulated, self._plan = target, None
 
     def descend(self) -> None:
-        """Land, for a simulation."""
+        """Land for a local simulation, in the place of a client."""
         if self._simulated is not None:
             self._simulated = None
             self._begin(0.0, self.body.xyz_m[2] / LANDING_M_S, lands=True)
 
     def _begin(self, to_m: float, duration_s: float, lands: bool) -> None:
-        """Let the high-level commander fly to a height."""
+        """Start a flight of the high-level commander to a height."""
         plan = Plan(self._planned_m(), to_m, self.time_s, max(duration_s, TIMESTEP_S), lands)
         self._plan, self._planned_until_s = plan, plan.ends_s
 
     def _planned_m(self) -> float:
-        """Return the height at which a new plan starts: that of the present plan, or of the drone."""
-        planned = None if self._plan is None else self._plan.wanted(self.time_s).z_m
+        """Return the height at which a new plan starts: the present height of a running plan, or else the
+        drone's height."""
+        planned = None if self._plan is None else self._plan.target(self.time_s).z_m
         return max(0.0, self.body.xyz_m[2]) if planned is None else planned
 
-    def _wanted(self) -> Wanted | None:
-        planned = None if self._plan is None else self._plan.wanted(self.time_s)
+    def _present_target(self) -> Target | None:
+        planned = None if self._plan is None else self._plan.target(self.time_s)
         if self.simulated:
             return planned or self._simulated
         if not self.may_fly:
             return None
         if self._setpoint is not None:
-            age_s = self.time_s - self._told_s
+            age_s = self.time_s - self._setpoint_s
             if age_s > CUT_AFTER_S:
                 self._setpoint = self._plan = None
                 self._note("watchdog: motors off")
@@ -222,7 +224,8 @@ class Firmware:
             Bit.TUMBLED: self.tumbled,
             Bit.LOCKED: self.locked,
             Bit.CRASHED: self.crashed,
-            Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,  # even while a setpoint is obeyed instead
+            # True even while a setpoint is obeyed instead of the plan.
+            Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,
             Bit.TRAJECTORY_FINISHED: self.time_s >= self._planned_until_s,
         }
         return Bit(sum(bit for bit, on in flags.items() if on))
@@ -246,22 +249,23 @@ class Firmware:
             HOVER_THRUST if self.motors_on else 0.0,
         )
 
-    def rows(self) -> Iterator[bytes]:
-        """Return the rows of the log that are due."""
+    def reports(self) -> Iterator[bytes]:
+        """Return the reports of the log that are due."""
         for number, block in self.blocks.items():
             if block.period_s and self.time_s >= block.due_s:
                 block.due_s = max(block.due_s + block.period_s, self.time_s)
-                values = (packed(LOG_LAYOUTS[kind], LOG[row].read(self.reading)) for row, kind in block.variables)
+                reading = self.reading
+                values = (packed(LOG_LAYOUTS[code], LOG[index].read(reading)) for index, code in block.variables)
                 stamp_ms = round((self.time_s - self._booted_s) * 1e3) % p.STAMP_WRAP_MS
                 head = bytes((number,)) + stamp_ms.to_bytes(3, "little")
                 yield p.encode(Port.LOG, 2, head + b"".join(values))
 
     # -- received packets
 
-    def hear(self, packet: bytes) -> Heard:
+    def receive(self, packet: bytes) -> Reaction:
         """Process a packet. A malformed one has no effect and no answer."""
         if p.is_null(packet):
-            return Heard("poll", (p.encode(Port.LINK, 3),))
+            return Reaction("poll", (p.encode(Port.LINK, 3),))
         try:
             port, channel, data = p.decode(packet)
             match port, channel:
@@ -269,73 +273,73 @@ class Firmware:
                     return self._set(data)
                 case Port.SETPOINT, 1:
                     self._setpoint = None
-                    return Heard("yield")
+                    return Reaction("yield")
                 case Port.HIGH_LEVEL, 0:
                     return self._high_level(data)
                 case Port.RPYT, 0:
                     struct.unpack("<fffH", data)
-                    return self._follow(Wanted(level=True), "setpoint")
+                    return self._follow(Target(level=True), "setpoint")
                 case Port.SUPERVISOR, _:
                     return self._supervisor(channel, data)
                 case Port.LOCALIZATION, 1 if data[:1] == b"\x03":
                     return self._lock()
                 case Port.LINK, 1:
-                    return self._said(Port.LINK, 1, p.NAME.ljust(30, b"\0"))
+                    return self._reply(Port.LINK, 1, p.NAME.ljust(30, b"\0"))
                 case Port.LINK, 0:
-                    return self._said(Port.LINK, 0, data)
+                    return self._reply(Port.LINK, 0, data)
                 case Port.PLATFORM, 1 if data[:1] == b"\0":
-                    return self._said(Port.PLATFORM, 1, bytes((0, self._protocol)))
+                    return self._reply(Port.PLATFORM, 1, bytes((0, self._protocol)))
                 case Port.PLATFORM, 1 if data[:1] == b"\1":
-                    return self._said(Port.PLATFORM, 1, b"\1twin\0")
+                    return self._reply(Port.PLATFORM, 1, b"\1twin\0")
                 case Port.MEMORY, 0 if data[:1] == b"\1":
-                    return self._said(Port.MEMORY, 0, b"\1\0")
+                    return self._reply(Port.MEMORY, 0, b"\1\0")
                 case Port.LOG, _:
                     return self._log(channel, data)
                 case Port.PARAMETERS, _:
                     return self._parameters(channel, data)
         except (MalformedFrame, struct.error, IndexError, ValueError):
-            return Heard("garbled")
-        return Heard("other")
+            return Reaction("garbled")
+        return Reaction("other")
 
-    def _said(self, port: int, channel: int, data: bytes, kind: str = "read") -> Heard:
-        return Heard(kind, (p.encode(port, channel, data),))
+    def _reply(self, port: int, channel: int, data: bytes, kind: str = "read") -> Reaction:
+        return Reaction(kind, (p.encode(port, channel, data),))
 
-    def _set(self, data: bytes) -> Heard:
+    def _set(self, data: bytes) -> Reaction:
         match data[0]:
             case Setpoint.STOP:
                 self._setpoint = self._plan = None
-                return Heard("safe", (), "limp")
+                return Reaction("safe", (), "limp")
             case Setpoint.HOVER:
                 vx, vy, turn, z = struct.unpack("<ffff", data[1:])
-                wanted = Wanted(vx, vy, 0.0, math.radians(turn), max(0.0, z), world=False)
+                target = Target(vx, vy, 0.0, math.radians(turn), max(0.0, z), world=False)
                 still = (math.copysign(1.0, vx), vx, vy, turn) == (-1.0, 0.0, 0.0, 0.0)
-                return self._follow(wanted, "safe", "hold") if still else self._follow(wanted, "setpoint")
+                return self._follow(target, "safe", "hold") if still else self._follow(target, "setpoint")
             case Setpoint.VELOCITY_WORLD:
                 vx, vy, vz, turn = struct.unpack("<ffff", data[1:])
-                return self._follow(Wanted(vx, vy, vz, math.radians(turn)), "setpoint")
-        return Heard("other")
+                return self._follow(Target(vx, vy, vz, math.radians(turn)), "setpoint")
+        return Reaction("other")
 
-    def _follow(self, wanted: Wanted, kind: str, safe_state: str | None = None) -> Heard:
-        self._setpoint, self._told_s, self._levelled = wanted, self.time_s, False
+    def _follow(self, target: Target, kind: str, safe_state: str | None = None) -> Reaction:
+        self._setpoint, self._setpoint_s, self._levelled = target, self.time_s, False
         self._plan = None
-        return Heard(kind, (), safe_state)
+        return Reaction(kind, (), safe_state)
 
-    def _high_level(self, data: bytes) -> Heard:
-        here_m = self._planned_m()
+    def _high_level(self, data: bytes) -> Reaction:
+        height_m = self._planned_m()
         match data[0]:
             case HighLevel.STOP:
                 self._plan = None
-                return Heard("safe", _answer(data, 0), "limp")
+                return Reaction("safe", _answer(data, 0), "limp")
             case HighLevel.TAKEOFF | HighLevel.LAND:
                 _, to_m, _, _, duration_s = struct.unpack("<Bff?f", data[1:])
             case HighLevel.LAND_WITH_VELOCITY:
                 _, to_m, relative, _, _, mean_m_s = struct.unpack("<Bf?f?f", data[1:])
-                to_m = here_m - to_m if relative else to_m
-                duration_s = abs(to_m - here_m) / (mean_m_s if mean_m_s > 0 else USUAL_LANDING_M_S)
+                to_m = height_m - to_m if relative else to_m
+                duration_s = abs(to_m - height_m) / (mean_m_s if mean_m_s > 0 else USUAL_LANDING_M_S)
             case _:
-                return Heard("other", _answer(data, UNKNOWN))
+                return Reaction("other", _answer(data, UNKNOWN))
         if not math.isfinite(to_m) or not 0 <= duration_s < 60:
-            return Heard("garbled")
+            return Reaction("garbled")
         lands = data[0] != HighLevel.TAKEOFF
         status = 0
         if not self.may_fly:
@@ -345,62 +349,62 @@ class Firmware:
         else:
             self._begin(to_m, duration_s, lands)
         answer = _answer(data, status)
-        return Heard("safe", answer, "land") if lands else Heard("setpoint", answer)
+        return Reaction("safe", answer, "land") if lands else Reaction("setpoint", answer)
 
-    def _supervisor(self, channel: int, data: bytes) -> Heard:
+    def _supervisor(self, channel: int, data: bytes) -> Reaction:
         match channel, data[0]:
             case 0, 0x0C:
-                return self._said(Port.SUPERVISOR, 0, b"\x8c" + struct.pack("<H", self.reading.bits))
+                return self._reply(Port.SUPERVISOR, 0, b"\x8c" + struct.pack("<H", self.reading.bits))
             case 1, Order.ARM:
                 arms = bool(data[1])
                 done = not arms or Bit.CAN_BE_ARMED in self.bits
                 self.armed = arms if done else self.armed
                 answer = bytes((0x81, done, self.armed))
-                return self._said(Port.SUPERVISOR, 1, answer, "arm" if arms else "disarm")
+                return self._reply(Port.SUPERVISOR, 1, answer, "arm" if arms else "disarm")
             case 1, Order.RECOVER:
                 self.crashed = self.crashed and self.tumbled
-                return self._said(Port.SUPERVISOR, 1, bytes((0x82, 1, not self.crashed)), "recover")
+                return self._reply(Port.SUPERVISOR, 1, bytes((0x82, 1, not self.crashed)), "recover")
             case 1, Order.EMERGENCY_STOP:
                 return self._lock()
-        return Heard("other")
+        return Reaction("other")
 
-    def _lock(self) -> Heard:
+    def _lock(self) -> Reaction:
         self.locked = True
         self._setpoint = self._plan = None
-        return Heard("safe", (), "off")
+        return Reaction("safe", (), "off")
 
     # -- tables
 
-    def _log(self, channel: int, data: bytes) -> Heard:
+    def _log(self, channel: int, data: bytes) -> Reaction:
         command = data[0]
         if channel == 0 and command == 3:
             info = struct.pack("<BHIBB", 3, len(LOG), checksum(LOG), 16, 128)
-            return self._said(Port.LOG, 0, info)
+            return self._reply(Port.LOG, 0, info)
         if channel == 0 and command == 2:
-            at = struct.unpack("<H", data[1:3])[0]
-            row = LOG[at]
-            names = f"{row.group}\0{row.name}\0".encode()
-            return self._said(Port.LOG, 0, data[:3] + bytes((row.kind,)) + names)
+            index = struct.unpack("<H", data[1:3])[0]
+            variable = LOG[index]
+            names = f"{variable.group}\0{variable.name}\0".encode()
+            return self._reply(Port.LOG, 0, data[:3] + bytes((variable.type_code,)) + names)
         if channel != 1:
-            return Heard("other")
+            return Reaction("other")
         if command == 5:
             self.blocks.clear()
-            return self._said(Port.LOG, 1, b"\5\0\0")
-        return self._said(Port.LOG, 1, bytes((command, data[1], self._change_block(command, data))))
+            return self._reply(Port.LOG, 1, b"\5\0\0")
+        return self._reply(Port.LOG, 1, bytes((command, data[1], self._change_block(command, data))))
 
     def _change_block(self, command: int, data: bytes) -> int:
-        """Create, start, stop or delete a block. Return an errno; 0 for success."""
+        """Create, start, stop or delete a log block. Return an errno; 0 for success."""
         number, block = data[1], self.blocks.get(data[1])
         if command == 6:
             if block is not None:
-                return 17  # EEXIST
-            rows = [struct.unpack("<BH", data[at : at + 3]) for at in range(2, len(data), 3)]
-            variables = [(at, kind & 0x0F) for kind, at in rows]
-            if any(at >= len(LOG) or kind not in LOG_LAYOUTS for at, kind in variables):
-                return 2  # ENOENT
-            if sum(struct.calcsize(LOG_LAYOUTS[kind]) for _, kind in variables) > LOG_BYTES:
-                return 7  # E2BIG
-            self.blocks[number] = LogBlock(variables)
+                return 17  # EEXIST: the block exists already
+            items = [struct.unpack("<BH", data[index : index + 3]) for index in range(2, len(data), 3)]
+            variables = [(index, type_code & 0x0F) for type_code, index in items]
+            if any(index >= len(LOG) or type_code not in LOG_LAYOUTS for index, type_code in variables):
+                return 2  # ENOENT: no such block
+            if sum(struct.calcsize(LOG_LAYOUTS[type_code]) for _, type_code in variables) > LOG_BYTES:
+                return 7  # E2BIG: the variables are too long for one block
+            self.blocks[number] = RunningBlock(variables)
             return 0
         if block is None:
             return 2
@@ -412,25 +416,25 @@ class Firmware:
             del self.blocks[number]
         return 0
 
-    def _parameters(self, channel: int, data: bytes) -> Heard:
+    def _parameters(self, channel: int, data: bytes) -> Reaction:
         if channel == 0 and data[0] == 3:
             info = struct.pack("<BHI", 3, len(PARAMETERS), checksum(PARAMETERS))
-            return self._said(Port.PARAMETERS, 0, info)
+            return self._reply(Port.PARAMETERS, 0, info)
         if channel == 0 and data[0] == 2:
-            row = PARAMETERS[struct.unpack("<H", data[1:3])[0]]
-            names = f"{row.group}\0{row.name}\0".encode()
-            return self._said(Port.PARAMETERS, 0, data[:3] + bytes((row.kind,)) + names)
+            parameter = PARAMETERS[struct.unpack("<H", data[1:3])[0]]
+            names = f"{parameter.group}\0{parameter.name}\0".encode()
+            return self._reply(Port.PARAMETERS, 0, data[:3] + bytes((parameter.type_code,)) + names)
         if channel not in (1, 2):
-            return Heard("other")
-        at = struct.unpack("<H", data[:2])[0]
-        layout = PARAMETERS[at].layout
+            return Reaction("other")
+        index = struct.unpack("<H", data[:2])[0]
+        layout = PARAMETERS[index].layout
         if channel == 1:
-            value = packed(layout, self.parameters[at])
-            return self._said(Port.PARAMETERS, 1, data[:2] + b"\0" + value)
-        self.parameters[at] = struct.unpack(layout, data[2:])[0]
-        return self._said(Port.PARAMETERS, 2, data)
+            value = packed(layout, self.parameters[index])
+            return self._reply(Port.PARAMETERS, 1, data[:2] + b"\0" + value)
+        self.parameters[index] = struct.unpack(layout, data[2:])[0]
+        return self._reply(Port.PARAMETERS, 2, data)
 
 
 def _answer(data: bytes, status: int) -> tuple[bytes, ...]:
-    """Return the high-level commander's answer: the first three bytes of the order, and a status."""
+    """Encode the high-level commander's answer to an order: the first three bytes of the order, and a status."""
     return (p.encode(Port.HIGH_LEVEL, 0, data[:3].ljust(3, b"\0") + bytes((status,))),)

@@ -1,6 +1,6 @@
-"""Run the twin as a process: its firmware behind one link, which may lose and delay packets.
+"""Run the simulated drone as a process: its firmware behind one link, which may lose and delay packets.
 
-Besides the control lines of every twin it takes ``battery VOLTS``, ``tip-over`` (onto its back) and
+Besides the control lines of every simulated robot it takes ``battery VOLTS``, ``tip-over`` (onto its back) and
 ``link LOSS DELAY_S``.
 """
 
@@ -57,7 +57,7 @@ SEED = 23
 
 
 class CrazyflieServer:
-    """Serve one robot. The methods at the end are its faults."""
+    """Serve one simulated drone. The methods at the end inject faults."""
 
     def __init__(self, table: Mapping[str, Any], log: WireLog, end: End, options: CrazyflieTwinOptions) -> None:
         self._log = log
@@ -69,7 +69,8 @@ class CrazyflieServer:
         self._loss, self._delay_s = options.loss, options.delay_s
         self._lateness = Lateness()
         self._late_of: dict[tuple[str, int], float] = {}
-        self._underway: list[tuple[int, int, bool, bytes]] = []  # time due, order, True to the robot, packet
+        # Packets on their way: arrival time, sequence number, True if for the robot, and the packet.
+        self._underway: list[tuple[int, int, bool, bytes]] = []
         self._order = itertools.count()
         self.firmware = Firmware(
             table,
@@ -99,7 +100,7 @@ class CrazyflieServer:
                 self._pass_on(packet, to_robot=True, late_s=self._late_s())
 
     def _late_s(self) -> float:
-        """Return the delay of the newest packet, which depends on its sender."""
+        """Return the delay of the newest packet. A fault can delay the packets of one sender."""
         peer = self._end.peer if isinstance(self._end, UdpEnd) else None
         if peer is None:
             return 0.0
@@ -113,8 +114,8 @@ class CrazyflieServer:
                 await self._frost.thawed()
                 self.firmware.pass_time()
                 self._deliver()
-                for row in self.firmware.rows():
-                    self._say(row)
+                for report in self.firmware.reports():
+                    self._send_reply(report)
                 if self._trace is not None:
                     body = self.firmware.body
                     line = (time.monotonic(), body.xyz_m[2], math.degrees(body.tilt_rad))
@@ -123,7 +124,7 @@ class CrazyflieServer:
     # -- the link
 
     def _pass_on(self, packet: bytes, to_robot: bool, late_s: float = 0.0) -> None:
-        """Lose a packet, deliver it now, or deliver it later."""
+        """Deliver a packet now or later, or lose it."""
         if self._loss and self._chance.random() < self._loss:
             return
         late_s += self._delay_s
@@ -144,12 +145,12 @@ class CrazyflieServer:
             return
         t_ns = time.monotonic_ns()
         self.firmware.pass_time()
-        heard = self.firmware.hear(packet)
-        self._log.write(t_ns, "host", [(heard.kind, packet)], heard.safe_state)
-        for reply in heard.replies:
-            self._say(reply)
+        reaction = self.firmware.receive(packet)
+        self._log.write(t_ns, "host", [(reaction.kind, packet)], reaction.safe_state)
+        for reply in reaction.replies:
+            self._send_reply(reply)
 
-    def _say(self, packet: bytes) -> None:
+    def _send_reply(self, packet: bytes) -> None:
         reply = self._faults.apply(Reply(0.0, packet))
         if reply is not None:
             self._log.write(time.monotonic_ns(), "robot", [("read", reply.data)])
@@ -161,10 +162,11 @@ class CrazyflieServer:
     # -- faults
 
     def set_fault(self, text: str) -> None:
-        """Set a fault, by its word alone, since there is only one sender. Raise ``ValueError``."""
+        """Inject a fault. The text is the fault's word alone, because the drone has no units. Raise
+        ``ValueError``."""
         fault, unit = parse_fault(text)
         if unit is not None:
-            raise ValueError(f"fault {text!r}: a Crazyflie has no units. use {fault}")
+            raise ValueError(f"fault {text!r}: a Crazyflie has no units. Use {fault} alone")
         firmware = self.firmware
         firmware.pass_time()
         firmware.stuck = None
@@ -181,16 +183,16 @@ class CrazyflieServer:
         self._end.plug()
 
     def unplug(self) -> None:
-        """Lose the link. The robot itself notices that setpoints are missing."""
+        """Cut the link. The drone notices by itself that setpoints are missing."""
         self._end.unplug()
 
-    def be_late(self, lateness: Lateness) -> None:
-        """Delay the packets of one process, over UDP."""
+    def set_delay(self, lateness: Lateness) -> None:
+        """Delay the UDP packets of one client process."""
         self._lateness = lateness
         self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
-        """Neither read nor answer for so many seconds, then process the waiting packets."""
+        """Neither read nor answer for ``seconds``, then process the packets that have waited."""
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
@@ -212,7 +214,7 @@ class CrazyflieServer:
 
 
 def open_end(options: CrazyflieTwinOptions) -> End:
-    """Open the robot's end of the link in ``options``. Raise ``OSError``."""
+    """Open the drone's side of the link that ``options`` names. Raise ``OSError``."""
     host, port = options.host or own_host(), options.port
     ends: dict[str, Callable[[], End]] = {
         "udp": lambda: UdpEnd(host, port),
@@ -223,11 +225,11 @@ def open_end(options: CrazyflieTwinOptions) -> End:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, CrazyflieTwinOptions, options)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    settings = read_twin_options(robot, CrazyflieTwinOptions, options)
     table = TABLES.table(robot)
 
     def build(wire_log: WireLog) -> CrazyflieServer:
-        return CrazyflieServer(table, wire_log, open_end(given), given)
+        return CrazyflieServer(table, wire_log, open_end(settings), settings)
 
     run_server(build, **start)

@@ -1,14 +1,14 @@
-"""Let a simulation fly the twin's body. While the wire flies it, it follows the wire."""
+"""Let a local simulation fly the simulated drone. While a client flies it, the drone obeys only the client."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import Felt, Hand
+from strands_actors.drivers.common.physics.body import Commander, Felt
 from strands_actors.drivers.crazyflie.robots import AXES
 
-from .body import Wanted
+from .body import Target
 from .firmware import Firmware
 
 
@@ -24,38 +24,39 @@ class CrazyflieBody:
         return self._firmware.body.spec
 
     @property
-    def hands(self) -> Sequence[Hand]:
+    def commanders(self) -> Sequence[Commander]:
         firmware = self._firmware
         if firmware.simulated:
-            return (Hand.SIM,) * len(AXES)
-        return ((Hand.WIRE if firmware.motors_on else Hand.NONE),) * len(AXES)
+            return (Commander.SIM,) * len(AXES)
+        return ((Commander.WIRE if firmware.motors_on else Commander.NONE),) * len(AXES)
 
     def felt(self) -> Felt:
         body = self._firmware.body
         still = (0.0,) * len(AXES)
         position = (*body.velocity_m_s, body.wz_rad_s, body.xyz_m[2])
-        return Felt(body.time_s, position, still, still, self.hands)
+        return Felt(body.time_s, position, still, still, self.commanders)
 
     def pose(self) -> Sequence[float]:
         pose: list[float] = self._firmware.body.data.qpos.tolist()
         return pose
 
-    def take(self, on: bool) -> None:
-        """Take or release the drone. A taken drone stays on the floor at first, motors off."""
-        if Hand.WIRE not in self.hands:
+    def energise(self, on: bool) -> None:
+        """Give the drone to the local simulation, or take it back. The drone then stays on the floor, motors
+        off."""
+        if Commander.WIRE not in self.commanders:
             self._firmware.simulated = on
             self._firmware.fly(None)
 
-    def aim(self, values: Sequence[float]) -> None:
-        """Fly at these speeds in the world's frame. Without a climb speed, fly at the height ``z``."""
+    def set_targets(self, values: Sequence[float]) -> None:
+        """Fly at these speeds in the world's frame. If the climb speed is zero, fly at the height ``z``."""
         if self._firmware.simulated:
             vx, vy, vz, wz, z = values
-            self._firmware.fly(Wanted(vx, vy, vz, wz, None if vz else z))
+            self._firmware.fly(Target(vx, vy, vz, wz, None if vz else z))
 
     def hold(self) -> None:
         """Hover at the present place. On the floor, stay there."""
         if self._firmware.simulated and self._firmware.motors_on:
-            self._firmware.fly(Wanted(z_m=max(0.0, self._firmware.body.xyz_m[2])))
+            self._firmware.fly(Target(z_m=max(0.0, self._firmware.body.xyz_m[2])))
 
     def land(self) -> None:
         """Land, and switch the motors off on the floor."""

@@ -1,4 +1,5 @@
-"""The twin's tables of log variables and parameters, as a client reads them: group, name, type, value.
+"""The simulated firmware's tables of log variables and parameters, as a client reads them: group, name, type,
+value.
 
 Names and types are those of the firmware. The real tables are some hundred rows longer.
 """
@@ -19,7 +20,7 @@ _READ_ONLY = 0x40
 
 
 class Reading(NamedTuple):
-    """The values of the estimator, in the firmware's units."""
+    """The simulated estimator's values, in the firmware's units."""
 
     xyz_m: tuple[float, float, float]
     velocity_m_s: tuple[float, float, float]
@@ -34,7 +35,7 @@ class Reading(NamedTuple):
 class Variable(NamedTuple):
     group: str
     name: str
-    kind: int
+    type_code: int
     read: Callable[[Reading], float]
 
     @property
@@ -69,12 +70,12 @@ LOG: tuple[Variable, ...] = (
 class Parameter(NamedTuple):
     group: str
     name: str
-    kind: int  # includes _READ_ONLY for a parameter that cannot be written
+    type_code: int  # includes _READ_ONLY for a parameter that cannot be written
     value: float
 
     @property
     def layout(self) -> str:
-        return PARAMETER_LAYOUTS[self.kind & 0x0F]
+        return PARAMETER_LAYOUTS[self.type_code & 0x0F]
 
 
 PARAMETERS: tuple[Parameter, ...] = (
@@ -91,7 +92,8 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 
 def checksum(rows: object) -> int:
-    """Return the checksum by which a client knows that it already has this table."""
+    """Return the checksum of a table. A client that has stored a table with this checksum need not read it
+    again."""
     names = ",".join(f"{row[0]}.{row[1]}:{row[2]}" for row in rows)  # type: ignore[attr-defined]
     return zlib.crc32(names.encode())
 

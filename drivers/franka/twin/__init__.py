@@ -1,7 +1,8 @@
-"""Simulate the robot's end of a Franka arm's wire: FCI 5 or 10 on TCP and UDP, with MuJoCo behind it.
+"""Simulate a Franka arm with its controller (a "twin"): FCI 5 or 10 on TCP and UDP, and MuJoCo for the arm.
 
-Besides the control lines of every twin it takes ``reflex ERROR`` and ``mode MODE``, with the names
-of ``protocol.ERRORS`` and ``protocol.RobotMode``, and ``success-rate NUMBER|measured``.
+A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``reflex
+ERROR``, ``mode MODE`` and ``success-rate NUMBER|measured``. The names are in ``protocol.ERRORS`` and
+``protocol.RobotMode``.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from .server import FrankaServer
 
 
 class FrankaTwinOptions(HostOption, frozen=True):
-    """The port is fixed."""
+    """The options of a simulated Franka arm. Its TCP port is always 1337, as on a real controller."""
 
     fci: Annotated[int | None, option("version of the interface, 5 or 10; None: the arm's")] = None
     tick_wait_ms: Annotated[
@@ -33,15 +34,15 @@ class FrankaTwinOptions(HostOption, frozen=True):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, FrankaTwinOptions, options)
-    fci = arm_of(robot).fci if given.fci is None else given.fci
+    """Run the simulated controller of an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    chosen = read_twin_options(robot, FrankaTwinOptions, options)
+    fci = arm_of(robot).fci if chosen.fci is None else chosen.fci
     if fci not in DIALECTS:
-        raise ValueError(f"fci is {fci}. There are {', '.join(map(str, DIALECTS))}")
+        raise ValueError(f"fci is {fci}. Use one of {', '.join(map(str, DIALECTS))}")
     gc.collect()
-    gc.freeze()  # A full collection would be a pause of many cycles.
+    gc.freeze()  # A full garbage collection would stop this process for many milliseconds.
 
     def build(wire_log: WireLog) -> FrankaServer:
-        return FrankaServer(robot, fci, wire_log, given.host, given.tick_wait_ms / 1e3)
+        return FrankaServer(robot, fci, wire_log, chosen.host, chosen.tick_wait_ms / 1e3)
 
     run_server(build, **start)

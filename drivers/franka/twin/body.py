@@ -1,5 +1,7 @@
-"""Move the twin's arm as a simulation while no motion runs on its controller. Targets then come through the
-simulation control."""
+"""Let a simulation control the joints of the simulated arm while no FCI motion runs.
+
+The simulation is another program on this computer. It sends its targets by the twin's control lines, not by FCI.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ from .controller import TICK_S, Controller
 
 class FrankaBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
-        super().__init__(controller.plant, lambda: None)  # The controller's ticks advance the time.
+        # Nothing to do between steps: each tick of the controller also advances the physics.
+        super().__init__(controller.plant, lambda: None)
         self._controller = controller
 
     @property
@@ -21,15 +24,15 @@ class FrankaBody(ControlledBody):
         return self._controller.motion is not None
 
     @property
-    def led(self) -> bool:
-        return self._controller.led
+    def simulation_moves(self) -> bool:
+        return self._controller.simulation_moves
 
-    def lead(self, on: bool) -> None:
-        self._controller.lead(self._plant.position_rad)
-        self._controller.led = on
+    def let_simulation_move(self, on: bool) -> None:
+        self._controller.set_targets(self._plant.position_rad)
+        self._controller.simulation_moves = on
 
-    def aim_controller(self, values: Sequence[float]) -> None:
-        self._controller.lead(values)
+    def set_controller_targets(self, values: Sequence[float]) -> None:
+        self._controller.set_targets(values)
 
     def step(self, steps: int) -> None:
         for _ in range(round(steps * TIMESTEP_S / TICK_S)):

@@ -1,4 +1,4 @@
-"""Simulate the controller of the twin: robot mode, the running motion, its guards and the arm. No sockets.
+"""Simulate a Franka controller: robot mode, running motion, checks of each command, and the arm. No sockets.
 
 Time passes in ticks of a millisecond, one per call of ``tick``.
 """
@@ -22,8 +22,8 @@ START_RAD = 1e-3
 SLACK = 1.001
 """Tolerance on the limits, since commands are sums of floats."""
 BRAKING_S = 0.04
-"""A servo of the twin lags its target by this time, so this is where it halts from any speed without turning
-back."""
+"""Time by which a simulated servo lags its target. A joint that moves this long at its present speed reaches the
+point where it can halt without turning back."""
 WRONG_BY_RAD = 0.5
 RATE_OVER = 100
 """Number of commands over which the success rate is computed."""
@@ -33,20 +33,21 @@ SEVEN = range(JOINTS)
 
 
 class Motion(msgspec.Struct):
-    """A running Move."""
+    """A running motion, begun by a ``move`` request with the number ``id``."""
 
     id: int
     controller: int
     generator: int
-    command: p.Command | None = None  # received since the last tick
-    begun: bool = False  # whether a first command was received
-    missed: int = 0  # consecutive ticks without a command
+    command: p.Command | None = None  # The command that was received since the last tick.
+    begun: bool = False  # True once the first command of the motion was received.
+    missed: int = 0  # Number of consecutive ticks without a command.
     speed: tuple[float, ...] = (0.0,) * JOINTS
     acceleration: tuple[float, ...] = (0.0,) * JOINTS
 
 
 class Controller:
-    """The controller. ``on_event`` receives the events that no client caused."""
+    """The simulated controller. It reports each event that no client requested, such as a reflex, to
+    ``on_event``."""
 
     def __init__(self, arm: Arm, fci: int, on_event: Callable[[str], None] = lambda kind: None) -> None:
         self.arm = arm
@@ -58,13 +59,13 @@ class Controller:
         self.reset()
 
     def reset(self) -> None:
-        """Reset to the state after a boot: unlocked in Desk, the interface activated, the arm where it is."""
+        """Reset to the state after a boot: joints unlocked, FCI activated. The arm stays where it is."""
         self.mode = p.RobotMode.IDLE
         self.motion: Motion | None = None
-        self.led = False  # whether a simulation moves the arm
+        self.simulation_moves = False  # True while a simulation, not an FCI client, sets the arm's targets.
         self._booted = self.ticks
         self.reasons: set[str] = set()
-        self.success_rate: float | None = None  # set by an order; None for the computed one
+        self.success_rate: float | None = None  # A rate that a test has set. None: report the measured rate.
         self._answered: deque[bool] = deque(maxlen=RATE_OVER)
         self._tau = (0.0,) * JOINTS
         self._shown = b""
@@ -78,14 +79,14 @@ class Controller:
 
     def start(self, request_id: int, controller: int, generator: int) -> str:
         """Begin a motion. Return the status of the reply."""
-        kind = generator + 1
+        reported = generator + 1
         torque = controller == p.Controller.EXTERNAL
-        if not (kind in JOINT_GENERATORS or (torque and kind == p.Generator.NONE)):
+        if not (reported in JOINT_GENERATORS or (torque and reported == p.Generator.NONE)):
             return "invalid_argument"
         if self.mode != p.RobotMode.IDLE:
             return "not_possible"
-        self.motion = Motion(request_id, controller, kind)
-        self.led = False
+        self.motion = Motion(request_id, controller, reported)
+        self.simulation_moves = False
         self.mode = p.RobotMode.MOVE
         self._answered.clear()
         self.reasons.clear()
@@ -95,14 +96,18 @@ class Controller:
         return "motion_started"
 
     def take(self, command: p.Command) -> bool:
-        """Take a command. Return whether a motion runs to which it may belong."""
+        """Keep a command for the next tick. Return False if no motion runs: the command is then ignored."""
         if self.motion is None:
             return False
         self.motion.command = command
         return True
 
     def stop(self, status: str, mode: p.RobotMode = p.RobotMode.IDLE) -> tuple[int, str] | None:
-        """End the running motion. Return the number of its request and the status to reply; None without one."""
+        """End the running motion.
+
+        Returns:
+            The number of the request that began the motion, and the status to reply. None if no motion ran.
+        """
         motion, self.motion = self.motion, None
         if motion is None:
             return None
@@ -132,7 +137,7 @@ class Controller:
         return ended
 
     def _halt(self, goal: tuple[float, ...] | None = None) -> None:
-        """Halt and hold the arm: at ``goal``, or as soon as possible."""
+        """Stop the arm and hold it: at ``goal`` if given, else as soon as its speed allows."""
         pairs = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
         self._goal = goal or tuple(
             min(high, max(low, rad + rad_s * BRAKING_S))
@@ -144,21 +149,21 @@ class Controller:
             self.plant.set_torque(joint, True)
             self.plant.set_target(joint, self._goal[joint])
 
-    def lead(self, goal: Sequence[float]) -> None:
-        """Follow a simulation's target."""
+    def set_targets(self, goal: Sequence[float]) -> None:
+        """Move the joints to a target that a simulation has set."""
         self._goal = tuple(goal)
         for joint in SEVEN:
             self.plant.set_target(joint, self._goal[joint])
 
     @property
     def q_d(self) -> tuple[float, ...]:
-        """The commanded position."""
+        """The joint positions that the controller commands at present, in rad."""
         return self._goal
 
     # -- time
 
     def tick(self) -> tuple[int, str] | None:
-        """Advance by a millisecond. If the motion ends here, return its end as ``stop`` does."""
+        """Advance by a millisecond. If the motion ends in this tick, return the same as ``stop``, else None."""
         self.ticks += 1
         ended = None
         if self.motion is not None:
@@ -194,8 +199,10 @@ class Controller:
         return self.stop("success") if command.finished else None
 
     def _go_on(self, motion: Motion) -> None:
-        """Continue in place of a missing command: at constant acceleration (libfranka's rate_limiting.h), within
-        the arm's range."""
+        """Continue the motion in a tick without a command, as a real controller does.
+
+        The acceleration stays constant (libfranka's rate_limiting.h), and the joints stay within their ranges.
+        """
         if motion.controller == p.Controller.EXTERNAL:
             return
         speed = [v + a * TICK_S for v, a in zip(motion.speed, motion.acceleration, strict=True)]
@@ -205,48 +212,50 @@ class Controller:
             for rad, rad_s, low, high in zip(self._goal, speed, arm.low, arm.high, strict=True)
         )
         motion.speed = tuple(speed)
-        self._lead_to(goal)
+        self._set_goal(goal)
 
     def _follow(self, motion: Motion, command: p.Command, first: bool) -> str:
-        """Follow a command. Return the error of the guard that it violates; empty for no error."""
+        """Check a command, and move as it requests. Return the name of the violated limit; empty if it is valid."""
         arm = self.arm
         if motion.generator == p.Generator.JOINT_VELOCITY:
             goal = tuple(rad + rad_s * TICK_S for rad, rad_s in zip(self._goal, command.dq, strict=True))
         else:
             goal = command.q
-        if first and max(abs(there - here) for there, here in zip(goal, self._goal, strict=True)) > START_RAD:
+        steps = tuple(goal_rad - last_rad for goal_rad, last_rad in zip(goal, self._goal, strict=True))
+        if first and max(map(abs, steps)) > START_RAD:
             return "joint_position_motion_generator_start_pose_invalid"
-        speed = tuple((there - here) / TICK_S for there, here in zip(goal, self._goal, strict=True))
+        speed = tuple(step / TICK_S for step in steps)
         acceleration = tuple((now - then) / TICK_S for now, then in zip(speed, motion.speed, strict=True))
         before = motion.acceleration
-        for at in SEVEN:
-            slowest, fastest = arm.speed_at(at, goal[at])
-            if not arm.low[at] - 1e-6 <= goal[at] <= arm.high[at] + 1e-6:
+        for joint in SEVEN:
+            slowest, fastest = arm.speed_at(joint, goal[joint])
+            if not arm.low[joint] - 1e-6 <= goal[joint] <= arm.high[joint] + 1e-6:
                 return "joint_motion_generator_position_limits_violation"
-            if not slowest * SLACK - 1e-4 <= speed[at] <= fastest * SLACK + 1e-4:
+            if not slowest * SLACK - 1e-4 <= speed[joint] <= fastest * SLACK + 1e-4:
                 return "joint_motion_generator_velocity_limits_violation"
-            if abs(acceleration[at]) > arm.acceleration[at] * SLACK + 0.01:
+            if abs(acceleration[joint]) > arm.acceleration[joint] * SLACK + 0.01:
                 return "joint_motion_generator_velocity_discontinuity"
-            if abs(acceleration[at] - before[at]) > arm.jerk[at] * TICK_S * SLACK + 0.01:
+            if abs(acceleration[joint] - before[joint]) > arm.jerk[joint] * TICK_S * SLACK + 0.01:
                 return "joint_motion_generator_acceleration_discontinuity"
         motion.speed, motion.acceleration = speed, acceleration
-        self._lead_to(goal)
+        self._set_goal(goal)
         return ""
 
-    def _lead_to(self, goal: tuple[float, ...]) -> None:
+    def _set_goal(self, goal: tuple[float, ...]) -> None:
         self._goal = goal
-        for at in SEVEN:
-            self.plant.set_target(at, goal[at])
+        for joint in SEVEN:
+            self.plant.set_target(joint, goal[joint])
 
     # -- the state
 
     @property
     def message_id(self) -> int:
-        """The id of the state of this tick."""
+        """The controller's time in this tick: milliseconds since the boot."""
         return self.ticks - self._booted
 
     def state(self) -> bytes:
-        """Return the state of this tick for the wire. With a fault it is repeated or wrong."""
+        """Return the encoded state of this tick. An injected fault repeats the last state, or falsifies this
+        one."""
         if self.fault is Fault.STUCK and self._shown:
             return self._shown
         put, data, motion = self.dialect.put, self._data, self.motion
@@ -270,7 +279,7 @@ class Controller:
         flags = [name in self.reasons for name in p.ERRORS]
         put(data, "errors", *(flags if self.mode == p.RobotMode.REFLEX else [False] * len(flags)))
         put(data, "reflex_reason", *flags)
-        if self.ticks % 10 == 0:  # The kinematics cost as much as all the rest.
+        if self.ticks % 10 == 0:  # Compute the pose rarely: it takes as long as the rest of the state.
             pose = self.pose()
             for name in ("O_T_EE", "O_T_EE_d", "O_T_EE_c"):
                 put(data, name, *pose)

@@ -1,8 +1,8 @@
 """Build the shared library with the arm's model that clients load from a controller of FCI 5.
 
-A controller compiles nothing, and neither does this module. It assembles the library for Linux on x86-64. The
-thirty functions return zeros: no gravity, no Coriolis forces, no inertia beyond what the twin itself compensates,
-and Jacobians and frames without use. Clients that control by joints need no more.
+This module needs no compiler: it writes the machine code for Linux on x86-64 by itself. The thirty functions return
+zeros for gravity, Coriolis forces, inertia, Jacobians and frames. A client that commands joint positions does not
+need them. The simulated arm compensates gravity by itself.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ X86_64_LINUX = bytes((0, 0))
 _BASE = 0x1000
 """Offset of the code, on a separate page."""
 
-# The result of a function is its last argument. This is the code "mov rdi, register" for the register of that
-# argument (System V ABI).
+# Each function writes its result to the address in its last argument. The System V ABI passes this address in a
+# register. Each value here is the machine code of "mov rdi, register" for that register.
 _FROM = {
     "rdi": b"",
     "rsi": b"\x48\x89\xf7",
@@ -29,10 +29,14 @@ _JOINTS = range(1, 10)
 
 
 def _functions() -> dict[str, tuple[str, int]]:
-    """Return each function with the register of its result and the number of doubles in that."""
+    """Return each function's name with the register that has the address of its result, and the result's size.
+
+    The size is a number of doubles.
+    """
     functions = {"M_NE": ("rcx", 49), "c_NE": ("r8", 7), "g_NE": ("rcx", 7)}
     for joint in _JOINTS:
-        # The first Jacobian depends on nothing. Those of the end effector get its frame, too.
+        # The Jacobian of joint 1 is constant, so its function has no joint positions as argument. The functions for
+        # the end effector have its frame as an additional argument.
         jacobian = "rdi" if joint == 1 else "rsi"
         functions[f"O_J_J{joint}"] = functions[f"Ji_J_J{joint}"] = (jacobian if joint < 9 else "rdx", 42)
         functions[f"O_T_J{joint}"] = ("rsi" if joint < 9 else "rdx", 16)
@@ -55,35 +59,37 @@ def model_library() -> bytes:
         strings += name.encode() + b"\0"
         code += body
     total = len(names) + 1
-    chain = struct.pack(f"<{total}I", 0, *((at + 1) % total for at in range(1, total)))
-    table = struct.pack("<III", 1, total, 1) + chain  # one bucket, with every name in one chain
-    symbols_at = 64 + 3 * 56
-    strings_at = symbols_at + len(symbols)
-    table_at = -(-(strings_at + len(strings)) // 8) * 8
-    dynamic_at = -(-(table_at + len(table)) // 8) * 8
-    tags = ((4, table_at), (5, strings_at), (6, symbols_at), (10, len(strings)), (11, 24), (0, 0))
+    chain = struct.pack(f"<{total}I", 0, *((index + 1) % total for index in range(1, total)))
+    table = struct.pack("<III", 1, total, 1) + chain  # The hash table has one bucket, with all names in one chain.
+    symbols_offset = 64 + 3 * 56
+    strings_offset = symbols_offset + len(symbols)
+    table_offset = -(-(strings_offset + len(strings)) // 8) * 8
+    dynamic_offset = -(-(table_offset + len(table)) // 8) * 8
+    tags = ((4, table_offset), (5, strings_offset), (6, symbols_offset), (10, len(strings)), (11, 24), (0, 0))
     dynamic = b"".join(struct.pack("<QQ", *tag) for tag in tags)
-    read_only = dynamic_at + len(dynamic)
+    read_only = dynamic_offset + len(dynamic)
     head = struct.pack("<16sHHIQQQIHHHHHH", _IDENT, 3, 62, 1, 0, 64, 0, 0, 64, 56, 3, 64, 0, 0)
     segments = (
-        _segment(1, 6, 0, read_only),  # data; writable, since the loader notes there where the dynamic section is
+        # The data segment is writable, because the loader writes the address of the dynamic section into it.
+        _segment(1, 6, 0, read_only),
         _segment(1, 5, _BASE, len(code)),
-        _segment(2, 6, dynamic_at, len(dynamic)),
+        _segment(2, 6, dynamic_offset, len(dynamic)),
     )
     file = bytearray(_BASE)
-    for at, part in (
+    for offset, part in (
         (0, head + b"".join(segments)),
-        (symbols_at, symbols),
-        (strings_at, strings),
-        (table_at, table),
-        (dynamic_at, dynamic),
+        (symbols_offset, symbols),
+        (strings_offset, strings),
+        (table_offset, table),
+        (dynamic_offset, dynamic),
     ):
-        file[at : at + len(part)] = part
+        file[offset : offset + len(part)] = part
     return bytes(file) + code
 
 
 _IDENT = b"\x7fELF\x02\x01\x01" + bytes(9)
 
 
-def _segment(kind: int, flags: int, at: int, size: int) -> bytes:
-    return struct.pack("<IIQQQQQQ", kind, flags, at, at, at, size, size, 0x1000 if kind == 1 else 8)
+def _segment(segment_type: int, flags: int, offset: int, size: int) -> bytes:
+    alignment = 0x1000 if segment_type == 1 else 8
+    return struct.pack("<IIQQQQQQ", segment_type, flags, offset, offset, offset, size, size, alignment)

@@ -1,8 +1,9 @@
-"""Simulate the robot's end of FCI: requests on TCP, a state each millisecond on UDP, and the clock of both.
+"""Serve the FCI of a simulated Franka controller: requests on TCP, and a state each millisecond on UDP.
 
-A real controller keeps its time whatever its client does. This one shares the machine with its client. While a
-motion runs, it waits up to ``tick_wait_s`` in each millisecond for the command, and then counts it as missed.
-Without a motion it wakes up every few milliseconds only, and sends the states of that time together.
+A real controller never waits for its client. The simulated controller runs on the same computer as its client, so
+it gives the client more time. During a motion it waits in each tick up to ``tick_wait_s`` for the command. After
+that the command counts as missed. Without a motion it wakes up every few milliseconds, and sends the states that
+are due together.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from .model_library import X86_64_LINUX, model_library
 IDLE_TICKS = 4
 """Milliseconds between two wake-ups without a motion."""
 ALONE_S = 0.02
-"""The same time in seconds without a client."""
+"""Time in seconds between two wake-ups while no client is connected."""
 LONGEST_TICKS = 20
 """Most milliseconds to catch up after a pause of this process. The rest is dropped."""
 LOGGED_BYTES = 64
@@ -50,7 +51,8 @@ class Machine:
 
         Args:
             fault: The fault.
-            unit: 1 to 7 for a joint, which can only get stuck. None for all that the controller sends.
+            unit: 1 to 7 for a joint, which can only get stuck. None for a fault of everything that the controller
+                sends.
         """
         if unit is None:
             self.faults.set(fault)
@@ -65,7 +67,7 @@ class Machine:
 
 
 class FrankaServer(TcpServer):
-    """Serve one controller and advance its time."""
+    """Serve the clients of one simulated controller, and call its tick every millisecond."""
 
     def __init__(self, robot: str, fci: int, log: WireLog, host: str | None, tick_wait_s: float) -> None:
         def on_event(kind: str) -> None:
@@ -104,7 +106,7 @@ class FrankaServer(TcpServer):
             self.unplug()
 
     def power_cycle(self) -> None:
-        """End every connection. The controller comes back ready."""
+        """Close every connection and restart the controller. Afterwards it is ready for a motion."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -134,13 +136,15 @@ class FrankaServer(TcpServer):
         try:
             while True:
                 t_ns, data = await connection.receive()
-                self._take_commands()  # Read commands first that left before this request.
+                self._take_commands()  # First handle the commands that the client sent before this request.
                 for message in decoder.feed(data):
                     name = self._dialect.name_of(message.code)
-                    connection.heard(t_ns, KINDS.get(name, "config" if name != "?" else "other"), message.raw)
+                    connection.log_received(
+                        t_ns, KINDS.get(name, "config" if name != "?" else "other"), message.raw
+                    )
                     self._obey(connection, name, message)
         except MalformedFrame:
-            raise ClientGone from None  # A real server closes a connection with a request that it cannot decode.
+            raise ClientGone from None  # A real controller also closes the connection after an unreadable request.
         finally:
             self._listeners_of_state.pop(connection, None)
             if self._mover is connection:
@@ -178,16 +182,18 @@ class FrankaServer(TcpServer):
                 answer = bytes(1 + 24 + 128 + 1)
             case "?":
                 raise MalformedFrame(f"there is no command {message.code}")
-        connection.say("read", p.Message(message.code, message.id, answer).raw)
+        connection.send_logged("read", p.Message(message.code, message.id, answer).raw)
 
     def _end(self, ended: tuple[int, str] | None) -> None:
-        """Reply to the request that began the motion."""
+        """Send the second reply to the ``move`` request: the status with which the motion has ended."""
         if ended is None:
             return
         mover, self._mover = self._mover, None
         if mover is not None:
             status = self._dialect.move_statuses.index(ended[1])
-            mover.say("read", p.Message(self._dialect.commands.index("move"), ended[0], bytes((status,))).raw)
+            mover.send_logged(
+                "read", p.Message(self._dialect.commands.index("move"), ended[0], bytes((status,))).raw
+            )
 
     # -- UDP, and time
 
@@ -219,7 +225,9 @@ class FrankaServer(TcpServer):
         self._tick()
         while self.controller.motion is not None:
             over = time.monotonic() - began_s >= self._wait_s
-            if self._take_commands() or over:  # A command that arrived while this process was paused is in time.
+            # Read commands before ending the wait: a command that arrived during a pause of this process is in
+            # time.
+            if self._take_commands() or over:
                 break
             self._readable.poll(1)
             await trio.lowlevel.checkpoint()
@@ -239,27 +247,28 @@ class FrankaServer(TcpServer):
         while self._late and self._late[0][0] <= now_s:
             _, data = self._late.popleft()
             for address in self._listeners_of_state.values():
-                with contextlib.suppress(OSError):  # Its buffer is full, or it is gone, which TCP reports.
+                # Ignore a client with a full buffer. If the client has gone, its TCP connection shows that.
+                with contextlib.suppress(OSError):
                     self._udp.sendto(data, address)
 
     def _take_commands(self) -> bool:
-        """Take the received commands. Return whether one of them was a command of the motion."""
-        taken = False
+        """Handle the received commands. Return whether one of them was in time for the running motion."""
+        in_time = False
         while True:
             try:
                 data = self._udp.recv(p.LARGEST_REQUEST)
             except BlockingIOError:
-                return taken
+                return in_time
             except OSError:
-                return taken  # An earlier state met a closed port.
+                return in_time  # The system reports that an earlier state was sent to a closed port.
             try:
                 command = self._dialect.command(data)
             except MalformedFrame:
                 of_motion = late = False
             else:
-                late = command.message_id < self.controller.message_id  # Its millisecond is over.
+                late = command.message_id < self.controller.message_id  # It answers an earlier state.
                 of_motion = self.controller.motion is not None if late else self.controller.take(command)
             # Without a motion a command has no effect: the controller ignores it.
             kind = "setpoint" if of_motion else "other"
             self._log.write(time.monotonic_ns(), "host", [(kind, data[:LOGGED_BYTES])])
-            taken = taken or (of_motion and not late)
+            in_time = in_time or (of_motion and not late)

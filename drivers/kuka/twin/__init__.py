@@ -1,14 +1,18 @@
-"""Simulate the controller's end of FRI: its UDP port sends a message every sample time, with or without
-answers.
+"""Simulate a KUKA controller with its arm (a "twin"): it sends an FRI message by UDP in every sample time.
 
-It binds an address in 127.0.0.0/8, with the port number of the client's end, and sends to that port at
-``client``. The log has every answer: ``setpoint`` if its positions differ from those of the previous answer,
-``safe`` (``hold``) if they repeat it or are missing, ``garbled`` if it is no command message. From the
-controller the log has ``session`` with each state and its reason, but no monitoring messages.
+It binds an address in 127.0.0.0/8 and sends to the option ``client``. Both ends have the same port number.
 
-Besides the control lines of every twin it takes ``motion start|stop`` (the pendant), ``safety
-LEVEL``, ``drive JOINT NUMBER``, ``client_mode``, ``control_mode`` and ``overlay`` with the numbers
-of the protocol.
+Its log of the network (wire log) has every answer of the client, by its kind:
+
+    setpoint   its positions differ from those of the previous answer
+    safe       it repeats the previous positions (a ``hold``), or has no positions
+    garbled    it is not a command message
+
+From the controller the log has each new state of the session with its reason (``session``), but no messages.
+
+A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``motion
+start|stop`` (as on the pendant), ``safety LEVEL``, ``drive JOINT NUMBER``, ``client_mode NUMBER``, ``control_mode
+NUMBER`` and ``overlay NUMBER``. The numbers are those of the protocol.
 """
 
 from __future__ import annotations
@@ -71,7 +75,7 @@ MODES = ("safety", "client_mode", "control_mode", "overlay")
 
 
 class KukaServer:
-    """Serve one controller. Its methods are the events that may happen to it."""
+    """Run one simulated controller on its UDP port. Its methods are events, such as a fault or a pulled cable."""
 
     def __init__(self, arm: Arm, log: WireLog, options: KukaTwinOptions) -> None:
         self._log = log
@@ -94,7 +98,7 @@ class KukaServer:
         self._place = host, port if options.from_port is None else options.from_port
         self._peer = self._client, port
         self._answers = Answers(self.controller)
-        self._readings: Mapping[str, tuple[float, ...]] = {}  # repeated while it is stuck
+        self._readings: Mapping[str, tuple[float, ...]] = {}  # Measurements that the fault ``stuck`` repeats.
         self._late: deque[tuple[int, bytes]] = deque()
 
     @property
@@ -105,7 +109,7 @@ class KukaServer:
     # -- the network
 
     def _find_place(self, options: KukaTwinOptions) -> tuple[str, int]:
-        """Return an address and a port that are free at both ends. Raise ``OSError``."""
+        """Return an own address, and a port that is free there and at the client's address. Raise ``OSError``."""
         host, port = options.host or own_host(), options.port
         if port:
             return host, port
@@ -123,7 +127,7 @@ class KukaServer:
             self._plugged.set()
 
     def unplug(self) -> None:
-        """Pull the cable. The controller notices by itself that answers are missing."""
+        """Close the socket, like a pulled network cable. The controller runs on, without answers."""
         if self._sock is not None:
             self._plugged = trio.Event()
             trio.lowlevel.notify_closing(self._sock)
@@ -136,7 +140,7 @@ class KukaServer:
             self._sock = None
 
     async def serve(self) -> None:
-        """Serve until cancelled."""
+        """Send messages and receive answers until this task is cancelled."""
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._hear)
             nursery.start_soon(self._tick)
@@ -145,7 +149,7 @@ class KukaServer:
         while True:
             await self._plugged.wait()
             sock = self._sock
-            if sock is None:  # The cable was pulled again before this task ran.
+            if sock is None:  # The socket was closed again (``unplug``) before this task ran.
                 continue
             with suppress(BlockingIOError, ConnectionRefusedError, trio.ClosedResourceError):
                 await trio.lowlevel.wait_readable(sock)
@@ -158,7 +162,7 @@ class KukaServer:
         async with aclosing(self._clock.ticks(self.controller.sample_ms / 1e3)) as ticks:
             async for now_ns in ticks:
                 await self._frost.thawed()
-                await trio.lowlevel.checkpoint()  # Read the received data first.
+                await trio.lowlevel.checkpoint()  # Let the other task read the received answers first.
                 self._say(now_ns)
 
     # -- receiving and sending
@@ -190,8 +194,10 @@ class KukaServer:
     # -- events
 
     def set_fault(self, text: str) -> None:
-        """Set the fault ``WORD``, or ``WORD:joint`` (1 to 7) for a joint that gets stuck. Raise
-        ``ValueError``."""
+        """Inject a fault. ``text`` is ``FAULT``, or ``FAULT:JOINT`` with a joint from 1 to 7.
+
+        A joint can only get stuck. Raise ``ValueError`` for any other text.
+        """
         fault, joint = parse_fault(text)
         if joint is None:
             self._faults.set(fault)
@@ -201,14 +207,14 @@ class KukaServer:
             stuck = range(joint - 1, joint)
         else:
             raise ValueError(f"a joint, 1 to {JOINTS}, can be ok or stuck, not {fault}")
-        for at in stuck:
-            self.controller.plant.set_stuck(at, fault is Fault.STUCK)
+        for index in stuck:
+            self.controller.plant.set_stuck(index, fault is Fault.STUCK)
 
     def power_cycle(self) -> None:
         self.controller.wake_up()
 
     def freeze(self, seconds: float) -> None:
-        """Neither read nor send for this long. Afterwards process the data received meanwhile."""
+        """Stop reading and sending for this time. Afterwards process the data received meanwhile."""
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
@@ -237,11 +243,11 @@ def _bound(host: str, port: int) -> socket.socket:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, KukaTwinOptions, options)
+    """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    chosen = read_twin_options(robot, KukaTwinOptions, options)
     arm = arm_of(robot)
 
     def build(wire_log: WireLog) -> KukaServer:
-        return KukaServer(arm, wire_log, given)
+        return KukaServer(arm, wire_log, chosen)
 
     run_server(build, **start)

@@ -1,4 +1,4 @@
-"""Pass the client's answers to the controller, and return the kind of each for the wire log."""
+"""Pass the client's answers to the simulated controller, and classify each answer for the log."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from .controller import Controller
 
 
 class Answers:
-    """The answers of one client."""
+    """Receive the answers of one client, and remember the last positions."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
-        self._last: tuple[float, ...] = ()  # positions of the previous answer
+        self._last: tuple[float, ...] = ()  # Joint positions in the previous answer.
 
     def take(self, data: bytes) -> str:
-        """Pass a datagram to the controller.
+        """Decode a datagram of the client and pass it to the controller.
 
         Returns:
-            ``setpoint`` if its positions differ from those of the previous answer, ``safe`` if they
-            repeat them or are missing, ``garbled`` if it is no command message.
+            ``setpoint`` if its positions differ from those of the previous answer. ``safe`` if it repeats the
+            previous positions or has no positions. ``garbled`` if it is not a command message.
         """
         try:
             command = decode_command(data)
@@ -29,5 +29,5 @@ class Answers:
         position = command.position
         moves = bool(position) and position != self._last and not self._controller.mirrors(command)
         self._last = position or self._last
-        self._controller.hear(command)
+        self._controller.take_answer(command)
         return "setpoint" if moves else "safe"

@@ -1,10 +1,10 @@
-"""Move the twin's arm as a simulation while no client commands it."""
+"""Let a simulation (another program on this computer) control the simulated arm while no FRI client does."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 
 from .controller import Controller
@@ -20,18 +20,18 @@ class KukaBody(ControlledBody):
         return self._controller.is_commanded
 
     @property
-    def led(self) -> bool:
+    def simulation_moves(self) -> bool:
         return self._controller.simulated
 
-    def lead(self, on: bool) -> None:
+    def let_simulation_move(self, on: bool) -> None:
         self._controller.stand()
         self._controller.simulated = on
 
-    def aim_controller(self, values: Sequence[float]) -> None:
-        self._controller.aim(values)
+    def set_controller_targets(self, values: Sequence[float]) -> None:
+        self._controller.set_targets(values)
 
     def hold(self) -> None:
-        if self.hand is Hand.SIM:
+        if self.commander is Commander.SIM:
             self._controller.stand()
 
     def reset(self) -> None:

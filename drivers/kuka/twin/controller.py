@@ -1,7 +1,7 @@
-"""Simulate the controller of the twin: its FRI session, its pendant and its arm. No sockets.
+"""Simulate a KUKA controller: its FRI session, its pendant and its arm. No sockets.
 
-Time passes in cycles. Every threshold of the session is assumed [?], because the vendor does not publish
-them.
+Each call of ``cycle`` is one cycle of the controller. All thresholds of the session are assumed [?], because the
+vendor does not publish them.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from strands_actors.drivers.kuka.robots import Arm
 from .model import model_table
 
 FAIR_AFTER, GOOD_AFTER, EXCELLENT_AFTER = 5, 20, 100
-"""Consecutive answers after which the quality has this level."""
+"""Numbers of consecutive answers after which the connection quality rises to FAIR, GOOD and EXCELLENT."""
 POOR_AFTER, LOST_AFTER = 3, 10
-"""Consecutive missed answers. With more, the quality becomes poor, or the session drops to monitoring."""
+"""Numbers of consecutive missed answers. With more, the quality becomes POOR, or the session drops to
+monitoring."""
 MIRRORED = 20
 """Consecutive answers that must repeat the interpolated position before the client may command."""
 MIRROR_RAD = 1e-6
@@ -47,7 +48,7 @@ class Controller:
         now_s: Callable[[], float] = time.monotonic,
         note: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """Take an arm. ``note`` receives each new state of the session, with its reason."""
+        """Build the controller of ``arm``. It calls ``note`` with each new state of the session and its reason."""
         self.plant = Plant.from_table(model_table(arm))
         self.sample_ms = sample_ms
         self.multiplier = multiplier
@@ -58,23 +59,25 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Reset to the state after a boot. The arm stays where it is, and a robot program starts its motion by
-        itself."""
-        self.motion = True  # the robot program lets the client command
+        """Reset to the state after a boot. The arm stays where it is.
+
+        The robot program is already running, as if it had been started on the pendant.
+        """
+        self.motion = True  # True while the robot program runs a motion that the client may overlay.
         self.safety = 0
         self.drives = [int(Drive.ACTIVE)] * JOINTS
         self.control_mode = int(ControlMode.POSITION)
         self.client_mode = int(ClientMode.POSITION)
         self.overlay = int(Overlay.JOINT)
-        self.simulated = False  # whether a simulation moves the arm while no client commands it
+        self.simulated = False  # True while a simulation, not an FRI client, sets the arm's targets.
         self.state = State.MONITORING_WAIT
         self.quality = Quality.POOR
         self._answer: Command | None = None
         self._sequence = 0
         self._reflected = 0
         self._good = self._missed = self._waited = self._mirrored = 0
-        for at in range(JOINTS):
-            self.plant.set_torque(at, True)
+        for joint in range(JOINTS):
+            self.plant.set_torque(joint, True)
         self.stand()
         self.plant.catch_up(self.now_s())
 
@@ -82,26 +85,26 @@ class Controller:
 
     @property
     def is_commanded(self) -> bool:
-        """Whether a client's positions control the arm, or are about to."""
+        """True if the client's answers command the arm, or will soon (state COMMANDING_WAIT or later)."""
         return self.state >= State.COMMANDING_WAIT
 
     def stand(self) -> None:
-        """Hold the arm where it is."""
-        self.aim(self.plant.position_rad)
+        """Stop the arm and hold it at its present position."""
+        self.set_targets(self.plant.position_rad)
 
-    def aim(self, position_rad: Sequence[float]) -> None:
+    def set_targets(self, position_rad: Sequence[float]) -> None:
         self.commanded = tuple(position_rad)
-        for at, rad in enumerate(self.commanded):
-            self.plant.set_target(at, rad)
+        for joint, rad in enumerate(self.commanded):
+            self.plant.set_target(joint, rad)
 
     # -- one cycle
 
-    def hear(self, command: Command) -> None:
-        """Take an answer. The last one in a cycle counts."""
+    def take_answer(self, command: Command) -> None:
+        """Store the client's answer for the next cycle. A later answer in the same cycle replaces it."""
         self._answer = command
 
     def cycle(self) -> Monitoring:
-        """Evaluate the answer to the previous message. Return the next message."""
+        """Run one cycle: evaluate the client's answer to the last message, and return the next message."""
         answer, self._answer = self._answer, None
         answered = answer is not None and (self._sequence - answer.reflected) & COUNTER < self.multiplier
         if answer is not None and answered:
@@ -109,17 +112,19 @@ class Controller:
         self._judge(answered)
         if self._missed > LOST_AFTER and self.state > State.MONITORING_WAIT:
             self._leave(State.MONITORING_WAIT, "no answers")
-        elif self.is_commanded and (why := self._reason_not_movable()):
-            self._leave(State.MONITORING_READY, why)
+        elif self.is_commanded and (reason := self._reason_not_movable()):
+            self._leave(State.MONITORING_READY, reason)
         else:
             self._step(answer if answered else None)
         self.plant.catch_up(self.now_s())
         self._sequence = (self._sequence + 1) & COUNTER
-        return self._said()
+        return self._message()
 
     def _judge(self, answered: bool) -> None:
-        """Count answers and derive the quality of the connection. An answer is due every ``multiplier``
-        cycles."""
+        """Count received and missed answers, and compute the connection quality from them.
+
+        The client must answer once in ``multiplier`` cycles.
+        """
         self._waited = 0 if answered else self._waited + 1
         if answered:
             self._good, self._missed = self._good + 1, 0
@@ -161,41 +166,41 @@ class Controller:
             self._abort("an answer without positions")
             return
         cycle_s = self.sample_ms * self.multiplier / 1e3
-        for at, (rad, before) in enumerate(zip(answer.position, self.commanded, strict=True)):
-            most = self._speed_rad_s[at] * cycle_s * STEP_TOLERANCE
+        for joint, (rad, before) in enumerate(zip(answer.position, self.commanded, strict=True)):
+            most = self._speed_rad_s[joint] * cycle_s * STEP_TOLERANCE
             if abs(rad - before) > most:
-                self._abort(f"joint{at + 1} steps {abs(rad - before):.5f} rad, limit {most:.5f}")
+                self._abort(f"joint{joint + 1} steps {abs(rad - before):.5f} rad, limit {most:.5f}")
                 return
-            if abs(rad) > self._reach_rad[at] * STEP_TOLERANCE:
-                self._abort(f"joint{at + 1} is past its end")
+            if abs(rad) > self._reach_rad[joint] * STEP_TOLERANCE:
+                self._abort(f"joint{joint + 1} is past its end")
                 return
-        self.aim(answer.position)
+        self.set_targets(answer.position)
 
-    def _off(self, position: Sequence[float], wanted: Sequence[float]) -> float:
-        """Return the largest difference of two positions; infinite if ``position`` is empty."""
+    def _off(self, position: Sequence[float], goal: Sequence[float]) -> float:
+        """Return the largest difference between two joint positions (rad). Infinite if ``position`` is empty."""
         if not position:
             return float("inf")
-        return max(abs(rad - other) for rad, other in zip(position, wanted, strict=True))
+        return max(abs(rad - goal_rad) for rad, goal_rad in zip(position, goal, strict=True))
 
     def mirrors(self, command: Command) -> bool:
-        """Return whether a command repeats the interpolated position while the controller waits for that."""
+        """Return True if a command only repeats the interpolated position, as COMMANDING_WAIT requires."""
         return self.state == State.COMMANDING_WAIT and self._off(command.position, self.commanded) <= MIRROR_RAD
 
-    def _abort(self, why: str) -> None:
-        """End the robot program's motion. Only the pendant can start it again."""
+    def _abort(self, reason: str) -> None:
+        """End the motion of the robot program. It can be started again only on the pendant."""
         self.motion = False
-        self._leave(State.MONITORING_READY, f"aborted, {why}")
+        self._leave(State.MONITORING_READY, f"aborted, {reason}")
 
-    def _leave(self, state: State, why: str) -> None:
+    def _leave(self, state: State, reason: str) -> None:
         if self.is_commanded:
             self.stand()
-        self._enter(state, why)
+        self._enter(state, reason)
 
-    def _enter(self, state: State, why: str) -> None:
+    def _enter(self, state: State, reason: str) -> None:
         self.state = state
-        self._note(f"{state.name}: {why}")
+        self._note(f"{state.name}: {reason}")
 
-    def _said(self) -> Monitoring:
+    def _message(self) -> Monitoring:
         effort = tuple(self.plant.effort_nm)
         return Monitoring(
             sequence=self._sequence,

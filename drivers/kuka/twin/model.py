@@ -1,4 +1,4 @@
-"""Build the model of the twin's arm."""
+"""Build the simulation model of a KUKA arm from its table in ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from strands_actors.drivers.kuka.robots import TABLES, Arm
 
 
 def model_table(arm: Arm) -> Mapping[str, Any]:
-    """Return the arm in the form that ``drivers/common/model_rows`` takes. Ranges, efforts and speeds come from
-    the joints."""
+    """Return the arm as a table from which ``drivers/common/physics/model_rows`` builds the model.
+
+    Ranges, torques and speeds are copied from the joints.
+    """
     table = TABLES.table(arm.name)
     joints = {joint.key: joint for joint in arm.joints}
 

@@ -1,1 +1,1 @@
-"""Run LeRobot's own robot classes in this package's tree: ``Robot(name, driver="lerobot", ...)``."""
+"""Run the robot classes of LeRobot in this package: ``Robot(name, driver="lerobot", ...)``."""

@@ -1,8 +1,8 @@
-"""A robot of LeRobot's as a driver of this package: ``PlainDriver`` with a ``Follower`` and the facts of
-its type.
+"""Drive a robot by LeRobot's class for it. It is a ``PlainDriver`` for the class ``Follower``, with the facts of
+the robot's type.
 
-For a bus that this package knows (so100, so101, koch) the stop channel, the axes and the limits are those
-of our own wire. For other buses another process connects by LeRobot's class and calls its stop.
+For so100, so101 and koch this package knows the servo bus. Their axes, limits and stop channel are those of this
+package's own driver. For other robots a second process connects with LeRobot's class and calls its stop.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from .follower import LIMP
 from .types import TYPES, Type
 
 ARM_S = 2.0
-"""Longest time to write the goals and energise: a few frames per motor."""
+"""Longest time for writing the goals and switching the torque on: a few frames per motor."""
 REMEDY = "take the load off, then call stop() and resume() to energise it again"
 OWN_STOP_S = 2.5
-"""Longest time of a stop by our own codec. The wire's stop may wait for a running call."""
+"""Longest time of a stop by this package's own driver. The stop may wait for a running call."""
 
 
 class LeRobotDriver(PlainDriver):
@@ -43,12 +43,12 @@ class LeRobotDriver(PlainDriver):
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         super().__init__(robot, port, options)
-        self.kind: Type = TYPES[robot]
+        self.robot_type: Type = TYPES[robot]
         self._own: Driver | None = None
-        if self.kind.wire:
-            self._own = load(self.kind.wire)(robot, port, options["own"])
+        if self.robot_type.wire:
+            self._own = load(self.robot_type.wire)(robot, port, options["own"])
             self.timing = msgspec.structs.replace(self.timing, arm_s=ARM_S, safe_s=OWN_STOP_S, late_s=0.0)
-        if self.kind.holds:
+        if self.robot_type.holds:
             self.gates = (*self.gates, _has_torque(self.axes))
             self.fallbacks = {
                 **fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP),
@@ -61,10 +61,10 @@ class LeRobotDriver(PlainDriver):
     @classmethod
     def options_of(cls, driver_class: type[Any], robot: str, keywords: Mapping[str, Any]) -> dict[str, Any]:
         options = super().options_of(driver_class, robot, keywords)
-        kind = TYPES[robot]
-        if not kind.wire:
+        robot_type = TYPES[robot]
+        if not robot_type.wire:
             return options
-        own_class: type[Driver] = load(kind.wire)
+        own_class: type[Driver] = load(robot_type.wire)
         own = own_class.resolve(robot, _calibration(keywords))
         options["own"] = own
         if keywords.get("use_degrees", True):
@@ -78,8 +78,8 @@ class LeRobotDriver(PlainDriver):
             self._own.preload()
 
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        """Return a stop channel of our own codec, if it knows the bus. The codec uses the second descriptor
-        of the wire's handover."""
+        """Return a stop channel of this package's own driver, if it knows the robot's bus. It uses the open serial
+        port that the wire process has handed over."""
         if self._own is None:
             return super().stop_channel(descriptors, clock)
         return self._own.stop_channel(descriptors, clock)
@@ -87,18 +87,19 @@ class LeRobotDriver(PlainDriver):
 
 def _has_torque(axes: Sequence[str]) -> GateCheck:
     def has_torque(candidate: Candidate, state: GateState) -> Refused | None:
-        """Refuse to move a motor that has lost its torque: a goal may switch it on again, with a jump."""
+        """Refuse to move a motor that has lost its torque. Its goal may switch the torque on again, and the arm
+        jumps."""
         faults = state.observation.faults
-        limp = next((axes[at] for at in candidate.named if faults.get(axes[at]) == LIMP), "")
+        limp = next((axes[index] for index in candidate.named if faults.get(axes[index]) == LIMP), "")
         if not limp:
             return None
-        return Refused(MotorCode.LIMP, f"{limp} is limp", REMEDY, LIMP, "torque")
+        return Refused(MotorCode.LIMP, f"{limp} has lost its torque", REMEDY, LIMP, "torque")
 
     return has_torque
 
 
 def _calibration(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the calibration that LeRobot will read, as an option of our driver."""
+    """Return the option that makes our driver use the same calibration file as LeRobot."""
     name, folder = keywords.get("tool_name"), keywords.get("calibration_dir")
     file = Path(str(folder)).expanduser() / f"{name}.json" if folder else None
     if file is not None and file.is_file():

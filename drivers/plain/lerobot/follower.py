@@ -1,8 +1,8 @@
-"""An object of LeRobot's, in the wire process, as a driver class of the drivers page.
+"""Wrap a robot object of LeRobot as a driver class in the form of ``docs/drivers.md``. It runs in the wire process.
 
-LeRobot energises a robot when it connects. This class keeps the torque off while it connects, if it can
-reach the robot's buses. The tree's arming then energises the motors at their present positions. Robots with
-other buses are energised by connecting, as in LeRobot.
+LeRobot switches the torque on when it connects. This class keeps it off while it connects, if it can reach the
+robot's servo buses. Arming then switches the torque on at the present positions. For robots with other buses,
+connecting switches the torque on, as in LeRobot.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ GOAL, PRESENT, TORQUE = "Goal_Position", "Present_Position", "Torque_Enable"
 LOOKS, LOOK_S = 4, 0.03
 """How often the torque is read back, and the pause in between in seconds, so that late answers arrive."""
 TORQUE_EVERY = 3
-"""Readings of the positions for each reading of the torque: about ten a second at 30 a second. A servo that
-resets or is overloaded stays limp for longer. Reading the torque each time would cost a third of the
-bus."""
+"""The torque is read once for this many readings of the positions, about ten times a second. A servo that resets
+or is overloaded stays without torque for longer. Reading the torque each time would use a third of the bus."""
 LIMP = "limp"
 """Fault text of a motor that has lost its torque."""
 TRIES = 2
-"""Retries after a bad answer. The deadline of the call limits all of them."""
+"""Number of retries after a bad answer, within the timeout of the call."""
 
 
 class Follower:
-    """``tool_name``: LeRobot's ``id``, under which the robot was calibrated. Other keywords are fields of
-    LeRobot's config, as mappings for nested configs."""
+    """The driver class of one LeRobot robot. ``tool_name`` is LeRobot's ``id``, under which the robot was
+    calibrated. Other keywords are fields of LeRobot's config. A nested config is given as a mapping."""
 
     ROBOT: ClassVar[str]
     DRIVER: ClassVar[str] = "strands_actors.drivers.plain.lerobot.driver:LeRobotDriver"
 
     def __init__(self, port: str | None = None, tool_name: str | None = None, **fields: Any) -> None:
         fields.pop("data_config", None)
-        self._kind = kind = TYPES[self.ROBOT]
-        if port is not None and not kind.port:
+        self._robot_type = robot_type = TYPES[self.ROBOT]
+        if port is not None and not robot_type.port:
             raise ValueError(
-                f"{kind.type} has no port of its own. give the fields of its config: left_arm_config={{...}}"
+                f"{robot_type.type} has no single port. Give the fields of its config instead: "
+                "left_arm_config={...}"
             )
-        self._fields = {"id": tool_name, **fields, **({kind.port: port} if port is not None else {})}
+        self._fields = {"id": tool_name, **fields, **({robot_type.port: port} if port is not None else {})}
         self._robot = self._make()
         self._energised = False
         self._readings = 0
@@ -54,17 +54,18 @@ class Follower:
         """Motors that were energised, and had no torque at the last reading."""
 
     def _make(self) -> Any:
-        import draccus  # LeRobot depends on it, and parses its command line with it
+        # LeRobot depends on draccus, and parses its command line with it.
+        import draccus
 
         robots = importlib.import_module("lerobot.robots")
-        importlib.import_module(f"lerobot.robots.{self._kind.module}")
-        config_class = robots.RobotConfig.get_choice_class(self._kind.type)
+        importlib.import_module(f"lerobot.robots.{self._robot_type.module}")
+        config_class = robots.RobotConfig.get_choice_class(self._robot_type.type)
         fields = _fields_of(config_class)
         if unknown := [name for name in self._fields if name not in fields]:
-            raise ValueError(f"{self._kind.type} has no {', '.join(unknown)}. it has {', '.join(fields)}")
+            raise ValueError(f"{self._robot_type.type} has no option {', '.join(unknown)}. Use {', '.join(fields)}")
         own = {"cameras": {}, "use_degrees": True, "disable_torque_on_disconnect": True}
-        given = {name: value for name, value in own.items() if name in fields} | self._fields
-        return robots.make_robot_from_config(draccus.decode(config_class, given))
+        config = {name: value for name, value in own.items() if name in fields} | self._fields
+        return robots.make_robot_from_config(draccus.decode(config_class, config))
 
     @property
     def action_features(self) -> Mapping[str, Any]:
@@ -73,17 +74,18 @@ class Follower:
 
     @property
     def is_connected(self) -> bool:
-        """Return True if it may be commanded. A stop ends that."""
+        """Return True if the robot is connected and energised. After a stop this is False."""
         return self._energised and bool(self._robot.is_connected)
 
     def connect(self) -> None:
-        """Connect at the first call, without torque if possible. Energise at the present position at the
-        next."""
-        robot, kind = self._robot, self._kind
-        if robot.is_connected and kind.holds:
+        """Connect at the first call, without torque if possible. At the next call, switch the torque on at the
+        present position."""
+        robot, robot_type = self._robot, self._robot_type
+        if robot.is_connected and robot_type.holds:
             self._energise()
             return
-        if robot.is_connected:  # it was stopped, and only a new connection energises it
+        # The robot was stopped. Only a new connection switches its torque on.
+        if robot.is_connected:
             robot.disconnect()
         with contextlib.ExitStack() as stack:
             for bus in self._buses():
@@ -92,10 +94,10 @@ class Follower:
         if not robot.is_calibrated:
             robot.disconnect()
             raise ConnectionError(
-                f"{kind.type} {self._fields['id']!r} is not calibrated as its motors are. run lerobot-calibrate "
-                f"--robot.type={kind.type} --robot.id={self._fields['id']}"
+                f"{robot_type.type} {self._fields['id']!r} is not calibrated as its motors are. Run "
+                f"lerobot-calibrate --robot.type={robot_type.type} --robot.id={self._fields['id']}"
             )
-        if not kind.holds:
+        if not robot_type.holds:
             self._energised = True
         elif failure := self._each([functools.partial(_limp, bus) for bus in self._buses()]):
             raise ConnectionError(failure)
@@ -103,42 +105,46 @@ class Follower:
     def _energise(self) -> None:
         for bus in self._buses():
             motors = self._goals(bus)
-            bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)  # an earlier goal would be a jump
+            # With the goal of an earlier session the arm would jump.
+            bus.sync_write(GOAL, _read(bus, PRESENT, motors), normalize=False)
             bus.enable_torque(num_retry=TRIES)
         self._energised, self._readings, self.limp = True, 0, frozenset()
 
     def get_observation(self) -> Mapping[str, Any]:
         observed: Mapping[str, Any] = self._robot.get_observation()
-        if self._energised and self._kind.holds:
+        if self._energised and self._robot_type.holds:
             self._readings += 1
             if self._readings % TORQUE_EVERY == 0:
-                self.limp = frozenset(name for path in self._kind.buses for name in self._without_torque(path))
+                self.limp = frozenset(
+                    name for path in self._robot_type.buses for name in self._without_torque(path)
+                )
         return observed
 
     def send_action(self, action: Mapping[str, float]) -> None:
         """Send an action.
 
         Raises:
-            RuntimeError: It would move a motor without torque. On an STS3215 a goal turns the torque on.
+            RuntimeError: The action would move a motor that has no torque. On an STS3215 the goal would switch the
+                torque on again.
         """
         if limp := self.limp_of(action):
             raise RuntimeError(f"{', '.join(limp)} has no torque")
         self._robot.send_action(dict(action))
 
     def limp_of(self, action: Collection[str]) -> list[str]:
-        """Return the motors without torque that an action would move: those that it names, and those
-        without a key of the robot (wheels), which any action may move."""
+        """Return the motors without torque that an action would move. These are the motors that the action names.
+        Wheels have no key in an action, so any action may move them."""
         features = self.action_features if self.limp else ()
         return sorted(name for name in self.limp if f"{name}.pos" in action or f"{name}.pos" not in features)
 
     def hold(self) -> str:
-        """Make the present positions the goals of all motors with torque, and put the others into ``limp``.
-        Return an error text for other failures."""
+        """Make the motors with torque hold their present positions. Store the names of the others in ``self.limp``.
+        Return an error text if a bus fails."""
         self.limp = frozenset()
-        return self._each([functools.partial(self._hold, path) for path in self._kind.buses])
+        return self._each([functools.partial(self._hold, path) for path in self._robot_type.buses])
 
     def _hold(self, path: str) -> None:
-        bus, prefix = _at(self._robot, path), _prefix(path)
+        bus, prefix = _attribute_at(self._robot, path), _prefix(path)
         limp = self._without_torque(path)
         self.limp |= limp
         if motors := [motor for motor in self._goals(bus) if prefix + motor not in limp]:
@@ -146,24 +152,26 @@ class Follower:
 
     def _goals(self, bus: Any) -> list[str]:
         """Return the motors of a bus that have a goal register."""
-        return list(getattr(self._robot, self._kind.goals) if self._kind.goals else bus.motors)
+        return list(getattr(self._robot, self._robot_type.goals) if self._robot_type.goals else bus.motors)
 
     def _without_torque(self, path: str) -> frozenset[str]:
-        torque = _read(_at(self._robot, path), TORQUE)
+        torque = _read(_attribute_at(self._robot, path), TORQUE)
         return frozenset(_prefix(path) + motor for motor, value in torque.items() if not value)
 
     def stop(self) -> Mapping[str, Any] | None:
-        """Make every call that stops this type, even if some fail, and read the torque back."""
+        """Call all functions that stop this type of robot, even if some fail. Then read the torque of all motors to
+        confirm the stop."""
         self._energised, self.limp = False, frozenset()
         if not self._robot.is_connected:
             return None
-        calls = [functools.partial(self._called, path) for path in self._kind.stops]
+        calls = [functools.partial(self._called, path) for path in self._robot_type.stops]
         buses = self._buses()
-        # LeRobot asks motor by motor, and gives up at the first one that does not answer. So first send
-        # one frame per bus to all motors, without waiting for an answer.
+        # LeRobot switches off one motor after the other, and gives up at the first motor that does not answer. So
+        # first send one frame per bus that reaches all motors, without waiting for an answer.
         at_once = [functools.partial(_torque_off, bus) for bus in buses]
         failure = self._each([*at_once, *calls])
-        # A failure may leave answers on the bus, so one reading of the torque does not prove it then.
+        # After a failure, replies may still be on the bus. Then two readings in a row must show that there is no
+        # torque.
         energised = self._each([functools.partial(_limp, bus, 2 if failure else 1) for bus in buses])
         if buses and not energised:
             return None
@@ -171,7 +179,7 @@ class Follower:
         return {"status": "error", "content": [{"text": failure}]} if failure else None
 
     def _called(self, path: str) -> None:
-        _at(self._robot, path)()
+        _attribute_at(self._robot, path)()
 
     def _each(self, calls: Sequence[Any]) -> str:
         failures = []
@@ -188,27 +196,30 @@ class Follower:
             self._robot.disconnect()
 
     def descriptors(self) -> list[int]:
-        """Return the open serial ports, for a stop channel that knows the bus."""
-        return [bus.port_handler.ser.fileno() for bus in self._buses()] if self._kind.wire else []
+        """Return the descriptors of the open serial ports, if this package's own driver can stop the robot by
+        them."""
+        return [bus.port_handler.ser.fileno() for bus in self._buses()] if self._robot_type.wire else []
 
     def _buses(self) -> list[Any]:
-        return [_at(self._robot, path) for path in self._kind.buses]
+        return [_attribute_at(self._robot, path) for path in self._robot_type.buses]
 
 
 @contextlib.contextmanager
 def _without_torque(bus: Any) -> Iterator[None]:
-    """Keep the motors limp while LeRobot configures them. LeRobot would switch the torque on at the end,
-    with goals from an earlier time."""
-    bus.enable_torque = lambda *args, **keywords: None  # an attribute of this object hides the class's method
+    """Keep the torque off while LeRobot configures the motors. LeRobot would switch it on at the end, and the
+    motors would move to the goals of an earlier session."""
+    # An attribute of this object replaces the method of its class.
+    bus.enable_torque = lambda *args, **keywords: None
     try:
         yield
-        bus.disable_torque(num_retry=TRIES)  # the torque may have been on before
+        bus.disable_torque(num_retry=TRIES)  # the torque may already be on from an earlier session
     finally:
         del bus.enable_torque
 
 
 def _forget(bus: Any) -> None:
-    """Discard received bytes, since LeRobot would take a late answer for the next one."""
+    """Discard the bytes that were received, since LeRobot would take a late reply for the reply to its next
+    request."""
     serial = getattr(getattr(bus, "port_handler", None), "ser", None)
     if serial is not None:
         serial.reset_input_buffer()
@@ -220,8 +231,8 @@ def _torque_off(bus: Any) -> None:
 
 
 def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[str, int]:
-    """Return a register of each motor, without conversion. Feetech's first protocol cannot read all motors
-    with one frame."""
+    """Return the raw value of a register of each motor. Feetech's first protocol version has no frame that reads
+    all motors, so it reads them one by one."""
     if getattr(bus, "protocol_version", None) == 1:
         return {
             motor: bus.read(register, motor, num_retry=TRIES, normalize=False) for motor in motors or bus.motors
@@ -231,9 +242,9 @@ def _read(bus: Any, register: str, motors: Sequence[str] | None = None) -> dict[
 
 
 def _limp(bus: Any, agreeing: int = 1) -> None:
-    """Raise ``ConnectionError`` unless all motors report, ``agreeing`` times in a row, that they have no
-    torque."""
-    seen, why = 0, ""
+    """Raise ``ConnectionError`` unless all motors report that they have no torque. ``agreeing`` is the number of
+    readings in a row that must show it."""
+    limp_readings, reason = 0, ""
     for look in range(LOOKS):
         if look:
             time.sleep(LOOK_S)
@@ -241,23 +252,24 @@ def _limp(bus: Any, agreeing: int = 1) -> None:
         try:
             energised = [motor for motor, value in _read(bus, TORQUE).items() if value]
         except ConnectionError as error:
-            energised, why = list(bus.motors), str(error)
+            energised, reason = list(bus.motors), str(error)
         else:
             if energised:
-                why = f"{', '.join(energised)} still has torque"
-        seen = 0 if energised else seen + 1
-        if seen == agreeing:
+                reason = f"{', '.join(energised)} still has torque"
+        limp_readings = 0 if energised else limp_readings + 1
+        if limp_readings == agreeing:
             return
-    raise ConnectionError(why)
+    raise ConnectionError(reason)
 
 
 def _prefix(path: str) -> str:
-    """Return the prefix of the robot's keys for the motors of one bus, such as ``left_arm.bus``."""
+    """Return the prefix of the keys of one bus's motors. It is ``left_`` for the bus ``left_arm.bus``, and empty
+    for a robot with one arm."""
     side, arm, _ = path.partition("_arm.")
     return f"{side}_" if arm else ""
 
 
-def _at(thing: Any, path: str) -> Any:
+def _attribute_at(thing: Any, path: str) -> Any:
     return functools.reduce(getattr, path.split("."), thing)
 
 
@@ -266,21 +278,25 @@ def _fields_of(config_class: type[Any]) -> list[str]:
 
 
 def class_name(robot: str) -> str:
-    """Return the name of a robot's class in this module. The robot's processes import it by this name."""
+    """Return the name that the class of a robot has in this module. Other processes import the class by this
+    name."""
     return "".join(part.capitalize() for part in robot.split("_")) + "Follower"
 
 
 def class_of(robot: str) -> type[Follower]:
-    """Return the class of a robot of ``TYPES``."""
+    """Return the ``Follower`` class of a robot of ``TYPES``."""
     follower_class: type[Follower] = globals()[class_name(robot)]
     return follower_class
 
 
 def _made(robot: str) -> type[Follower]:
-    kind = TYPES[robot]
+    robot_type = TYPES[robot]
     members: dict[str, Any] = {"ROBOT": robot, "__module__": __name__, "__doc__": Follower.__doc__}
-    if kind.port:
-        members |= {"PORT_KIND": "serial" if kind.serial else "address", "PORT_OPTIONAL": not kind.serial}
+    if robot_type.port:
+        members |= {
+            "PORT_KIND": "serial" if robot_type.serial else "address",
+            "PORT_OPTIONAL": not robot_type.serial,
+        }
     return type(class_name(robot), (Follower,), members)
 
 

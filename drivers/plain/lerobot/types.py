@@ -1,4 +1,4 @@
-"""The robots that LeRobot has a class for, by the names of this package: ``types.toml``."""
+"""Read the table of robots that LeRobot supports (``types.toml``). The keys are the names of this package."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import msgspec
 
 
 class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A row of ``types.toml``, which describes each field."""
+    """One row of ``types.toml``. That file describes each field."""
 
     type: str
     module: str
@@ -25,7 +25,7 @@ class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def stops(self) -> tuple[str, ...]:
-        """Return the paths of the calls that stop the robot."""
+        """Return the functions that stop the robot, as paths of attributes of LeRobot's robot object."""
         return self.stop or tuple(f"{bus}.disable_torque" for bus in self.buses)
 
     @property
@@ -34,24 +34,25 @@ class Type(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return bool(self.buses)
 
 
-def missing(kind: Type) -> str:
-    """Return the command that installs the packages that this robot needs and this machine lacks; empty if it
-    lacks nothing. Nothing is imported, since LeRobot's packages import torch."""
-    has_type = _has_type(kind)
-    if has_type and importlib.util.find_spec(kind.needs) is not None:
+def missing(robot_type: Type) -> str:
+    """Return the command that installs the packages which this robot needs. Empty if they are installed. This
+    imports nothing, because LeRobot's packages import torch."""
+    has_type = _has_type(robot_type)
+    if has_type and importlib.util.find_spec(robot_type.needs) is not None:
         return ""
-    newer = "-U " if has_type is False else ""  # without -U, pip keeps an installed LeRobot
-    lerobot = f"'lerobot[{kind.extra}]'" if kind.extra else "lerobot"
-    return f"pip install {newer}{lerobot}{f', and {kind.also}' if kind.also else ''}"
+    # Without -U, pip keeps an installed LeRobot.
+    newer = "-U " if has_type is False else ""
+    lerobot = f"'lerobot[{robot_type.extra}]'" if robot_type.extra else "lerobot"
+    return f"pip install {newer}{lerobot}{f', and {robot_type.also}' if robot_type.also else ''}"
 
 
-def _has_type(kind: Type) -> bool | None:
-    """Return True if the installed LeRobot has this robot, since newer versions added some. None without
-    LeRobot."""
+def _has_type(robot_type: Type) -> bool | None:
+    """Return True if the installed LeRobot has this robot, since only newer versions have some robots. Return None
+    if LeRobot is not installed."""
     lerobot = importlib.util.find_spec("lerobot")
     if lerobot is None:
         return None
-    places = [Path(folder) / "robots" / kind.module for folder in lerobot.submodule_search_locations or ()]
+    places = [Path(folder) / "robots" / robot_type.module for folder in lerobot.submodule_search_locations or ()]
     return any(place.is_dir() or place.with_suffix(".py").is_file() for place in places)
 
 

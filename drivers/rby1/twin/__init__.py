@@ -1,7 +1,7 @@
-"""Simulate the robot's end of an RB-Y1's wire: its gRPC server, with MuJoCo behind it.
+"""Simulate an RB-Y1: its gRPC server, with a body in MuJoCo behind it.
 
-Besides the control lines of every twin it takes ``emergency-stop pressed``, ``emergency-stop
-released``, ``manager MINOR_FAULT``, ``manager MAJOR_FAULT`` and ``manager ok``.
+Besides the control lines of every simulated robot it takes ``emergency-stop pressed``,
+``emergency-stop released``, ``manager MINOR_FAULT``, ``manager MAJOR_FAULT`` and ``manager ok``.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any, Unpack
 
 import trio
 
-from strands_actors.drivers.common.physics.controlled_body import LedBody
+from strands_actors.drivers.common.physics.controlled_body import SharedBody
 from strands_actors.drivers.common.twin import (
     Fault,
     NetworkOptions,
@@ -38,17 +38,17 @@ TICK_S = 0.004
 
 
 class Machine:
-    """The faults and events of the simulated robot."""
+    """Injects faults and events into the simulated robot."""
 
     def __init__(self, service: RBY1Service) -> None:
         self._service = service
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """Set a fault.
+        """Inject a fault.
 
         Args:
             fault: The fault.
-            unit: 2 to 23 for a joint, which can only get stuck. None for all that the server sends.
+            unit: 2 to 23 for one joint, which can only get stuck. None for all messages of the server.
         """
         plant = self._service.controller.plant
         if unit is None:
@@ -56,23 +56,23 @@ class Machine:
         elif fault in (Fault.OK, Fault.STUCK) and 0 <= unit - 2 < len(plant.joints):
             plant.set_stuck(unit - 2, fault is Fault.STUCK)
         else:
-            raise ValueError(f"a joint, 2 to {len(plant.joints) + 1}, can be ok or stuck, not {fault}")
+            raise ValueError(f"a joint (2 to {len(plant.joints) + 1}) can be ok or stuck, not {fault}")
 
     def power_cycle(self) -> None:
         self._service.controller.wake_up()
 
 
 class RBY1Server(TcpServer):
-    """Serve one robot and advance its time."""
+    """Serve one simulated robot, and advance its time."""
 
     def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
         self._service = RBY1Service(controller)
         self._grpc = GrpcHost(self._service)
-        self._body = LedBody(controller, lambda: controller.driven)
+        self._body = SharedBody(controller, lambda: controller.driven)
         super().__init__(Machine(self._service), {port: self._grpc.serve}, log, host)
 
     @property
-    def body(self) -> LedBody:
+    def body(self) -> SharedBody:
         return self._body
 
     def set_fault(self, text: str) -> None:
@@ -86,7 +86,7 @@ class RBY1Server(TcpServer):
             self.plug()
 
     def power_cycle(self) -> None:
-        """End every connection. The robot comes back without power on its motors."""
+        """End every connection. The simulated robot then has no power on its motors."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -115,11 +115,11 @@ class RBY1Server(TcpServer):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, RBY1TwinOptions, options)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, RBY1TwinOptions, options)
     controller = Controller(TABLES.table(robot))
 
     def build(wire_log: WireLog) -> RBY1Server:
-        return RBY1Server(controller, wire_log, given.host, given.port)
+        return RBY1Server(controller, wire_log, twin_options.host, twin_options.port)
 
     run_server(build, **start)

@@ -1,7 +1,7 @@
-"""Simulate the robot of the twin: supplies, servos, control manager and commands. No sockets.
+"""Simulate the robot without its network: power supplies, servos, control manager and commands.
 
-Time passes in ticks, on the given clock. Behaviour that was never seen on a real robot is marked
-[assumed].
+Time passes only in ticks, by the given clock. Behaviour that was never seen on a real robot is
+marked [assumed].
 """
 
 from __future__ import annotations
@@ -44,29 +44,32 @@ _ROUNDING = 1e-6
 
 
 class Owner(Protocol):
-    """The sender of a command, which receives the command's result."""
+    """The client that sent a command, and receives the command's result."""
 
-    def finished(self, why: Finish) -> None: ...
+    def finished(self, reason: Finish) -> None: ...
 
 
 class Motion(msgspec.Struct, frozen=True):
-    """The motion of one part."""
+    """The planned motion of one body part."""
 
     begin: tuple[float, ...]
     goal: tuple[float, ...]
     begin_s: float
     arrive_s: float
-    until_s: float  # end of the hold time; the goal is dropped then
+    until_s: float  # end of the hold time, at which the command ends
 
-    def at(self, now_s: float) -> list[float]:
+    def target_at(self, now_s: float) -> list[float]:
         span_s = self.arrive_s - self.begin_s
         share = 1.0 if span_s <= 0.0 else min(1.0, (now_s - self.begin_s) / span_s)
-        return [one + share * (two - one) for one, two in zip(self.begin, self.goal, strict=True)]
+        return [
+            start_rad + share * (goal_rad - start_rad)
+            for start_rad, goal_rad in zip(self.begin, self.goal, strict=True)
+        ]
 
 
 class Controller:
     def __init__(self, table: Mapping[str, Any], now_s: Callable[[], float] = time.monotonic) -> None:
-        """Take a robot of ``robots.toml`` as ``table``."""
+        """Build the robot from its table in ``robots.toml``."""
         joints = table["joints"]
         self.plant = Plant.from_table(table)
         self.now_s = now_s
@@ -74,10 +77,10 @@ class Controller:
         self._ranges: list[tuple[float, float]] = [tuple(joint["range_rad"]) for joint in joints]
         self._speeds: list[float] = [joint["speed_rad_s"] for joint in joints]
         self._slices: dict[str, slice] = {}
-        at = 0
+        start = 0
         for name, count in PARTS.items():
-            self._slices[name] = slice(at, at + count)
-            at += count
+            self._slices[name] = slice(start, start + count)
+            start += count
         self.info = RobotInfo(
             "A",
             "1.2",
@@ -98,14 +101,15 @@ class Controller:
         self.servos = [False] * len(self.info.joints)
         self.manager: int = Manager.IDLE
         self.pressed = False
-        # A client on the wire drives the joints: true from an enable or a command until a cancel.
+        # True while a client drives the joints: from an enable or a command until a cancel.
         self.driven = False
-        self.led = False  # a simulation moves it meanwhile
+        self.simulation_moves = False  # True while a local simulation moves the robot
         self.time_scale = 1.0
         self._motions: dict[str, Motion] = {}
         self._owner: Owner | None = None
         self._priority = 0
-        self._rested = True  # nothing was energised yet, and brakes hold the arms, too [assumed]
+        # True until a motor is energised. Until then brakes hold the arms, too [assumed].
+        self._rested = True
         self._ticked_s = self.now_s()
         self._set_brakes()
         self._halt()
@@ -162,7 +166,7 @@ class Controller:
     # -- orders
 
     def power(self, names: str, on: bool) -> bool:
-        """Switch the matching supplies. Return whether that succeeded."""
+        """Switch the power supplies that match ``names`` on or off. Return True if that succeeded."""
         indices = _matching(names, SUPPLIES)
         if indices is None or (on and self.pressed):
             return False
@@ -173,7 +177,7 @@ class Controller:
         return True
 
     def servo(self, names: str, order: int) -> bool:
-        """Switch the matching servos. Return whether that succeeded."""
+        """Switch the servos that match ``names`` on or off. Return True if that succeeded."""
         indices = _matching(names, self.info.joints)
         if indices is None:
             return False
@@ -213,7 +217,7 @@ class Controller:
         self.driven = False
 
     def command(self, owner: Owner, command: Command) -> Finish | None:
-        """Start a command. It replaces a running one of the same or a lower priority [assumed].
+        """Start a command. It replaces a running command of the same or a lower priority [assumed].
 
         Returns:
             Why the command has already ended; None if it runs.
@@ -238,7 +242,7 @@ class Controller:
         return None
 
     def leave(self, owner: Owner) -> None:
-        """End the command of a stream that has ended."""
+        """End the command of a client whose stream has ended."""
         if self._owner is owner:
             self._owner = None
             self._end(Finish.CANCELED)
@@ -252,40 +256,40 @@ class Controller:
         now_s, joints = self.now_s(), self._slices[name]
         begin = tuple(self._target[joints])
         rows = zip(begin, part.position, self._speeds[joints], strict=True)
-        needed_s = max(abs(two - one) / speed for one, two, speed in rows)
+        needed_s = max(abs(goal_rad - start_rad) / speed for start_rad, goal_rad, speed in rows)
         arrive_s = now_s + max(part.minimum_s, needed_s)
         return Motion(begin, part.position, now_s, arrive_s, arrive_s + part.hold_s)
 
     # -- the joints
 
-    def aim(self, goal: Sequence[float]) -> None:
-        """Take the target of a simulation."""
+    def set_targets(self, goal: Sequence[float]) -> None:
+        """Set the joints' target for a local simulation, in the place of a client."""
         self._target = list(goal)
 
     def hold(self) -> None:
         self._halt()
 
-    def lead(self, on: bool) -> None:
-        """Let a simulation move the robot, or take it back."""
-        self.led = on
+    def let_simulation_move(self, on: bool) -> None:
+        """Let a local simulation move the robot, or end that."""
+        self.simulation_moves = on
         self._rested = not on and not any(self.servos)
         self._halt()
         self._set_brakes()
 
     def _drive(self) -> None:
-        """Give the joints to the client on the wire, beginning at their present positions."""
-        if self.led:
+        """Let the client command the joints from now on, beginning at their present positions."""
+        if self.simulation_moves:
             self._halt()
-        self.driven, self.led = True, False
+        self.driven, self.simulation_moves = True, False
 
-    def _end(self, why: Finish) -> None:
+    def _end(self, reason: Finish) -> None:
         """End any motion. The robot holds its position."""
         owner, self._owner = self._owner, None
         if self._motions:
             self._motions.clear()
             self._halt()
             if owner is not None:
-                owner.finished(why)
+                owner.finished(reason)
 
     def _halt(self) -> None:
         columns = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
@@ -300,13 +304,13 @@ class Controller:
         self._set_brakes()
 
     def _set_brakes(self) -> None:
-        """Set brakes and torque. The torso has brakes. Arms and head drop without power, once they
-        were energised [assumed]."""
+        """Set the brakes and torques of all joints. The torso has brakes. Without power, arms and
+        head drop if they were energised before [assumed]."""
         torso = self._slices["torso"].stop
-        for at in range(len(self.plant.joints)):
-            on = self.led or self.servos[FIRST_JOINT + at]
-            self.plant.set_stuck(at, not on and (at < torso or self._rested))
-            self.plant.set_torque(at, on)
+        for joint in range(len(self.plant.joints)):
+            on = self.simulation_moves or self.servos[FIRST_JOINT + joint]
+            self.plant.set_stuck(joint, not on and (joint < torso or self._rested))
+            self.plant.set_torque(joint, on)
 
     # -- time
 
@@ -317,10 +321,11 @@ class Controller:
         self.plant.catch_up(now_s)
 
     def advance(self, elapsed_s: float) -> None:
-        """Set the joints' targets for now, and end commands after their hold time."""
+        """Set the joints' targets for the present time, and end commands whose hold time has
+        passed."""
         now_s = self.now_s()
         for name, motion in self._motions.items():
-            self._target[self._slices[name]] = motion.at(now_s)
+            self._target[self._slices[name]] = motion.target_at(now_s)
         if self._motions and all(now_s >= motion.until_s for motion in self._motions.values()):
             owner, self._owner = self._owner, None
             self._motions.clear()
@@ -331,13 +336,13 @@ class Controller:
 
 
 def _matching(pattern: str, names: Sequence[str]) -> list[int] | None:
-    """Return the indices of the names that a regular expression matches as a whole.
+    """Return the indices of the names that a regular expression matches completely.
 
     None if the expression is invalid or too long.
     """
     if len(pattern) > 64:
         return None
     try:
-        return [at for at, name in enumerate(names) if re.fullmatch(pattern, name)]
+        return [index for index, name in enumerate(names) if re.fullmatch(pattern, name)]
     except re.error:
         return None

@@ -1,4 +1,4 @@
-"""Serve the gRPC calls of the twin from its ``Controller``."""
+"""Answer the gRPC calls to the simulated robot."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class StateStream:
 
 
 class CommandCall:
-    """A client that sends commands, on a stream or in one call."""
+    """One call by which a client sends commands, as a stream or a single request."""
 
     def __init__(self, call: ServerCall) -> None:
         self.call = call
         self.streams = call.path == Method.COMMAND_STREAM
 
-    def finished(self, why: Finish) -> None:
-        feedback = Feedback(Status.FINISHED, why).encode()
+    def finished(self, reason: Finish) -> None:
+        feedback = Feedback(Status.FINISHED, reason).encode()
         if self.streams:
             self.call.send(feedback)
         else:
@@ -56,14 +56,15 @@ class RBY1Service:
 
     def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
         method = Method(call.path)
-        call.heard(t_ns, kind_of(method, message), message)
+        call.log_received(t_ns, kind_of(method, message), message)
         self.controller.tick()
         if method in (Method.COMMAND, Method.COMMAND_STREAM):
             self._command(self._commands[call], Command.decode(message))
         elif method is Method.STATE_STREAM:
             self._states[call] = StateStream(call, p.decode_rate(message), self.controller.now_s())
         elif self.faults.of(None) is Fault.STUCK and kind_of(method, message) not in ("read", "keepalive"):
-            call.answer(p.headed(p.encode_done(Done.SUCCESS)))  # Stuck: it answers, and does nothing.
+            # With the fault "stuck" the robot answers with success and does nothing.
+            call.answer(p.headed(p.encode_done(Done.SUCCESS)))
         else:
             call.answer(p.headed(self._obey(method, message)))
 
@@ -77,7 +78,8 @@ class RBY1Service:
             self._states.pop(call, None)
 
     def tick(self) -> None:
-        """Send the states that are due. A client that has not taken the last one misses this one."""
+        """Send the states that are due. A client that has not read its previous state gets no new
+        one."""
         self.controller.tick()
         now_s = self.controller.now_s()
         due = [stream for stream in self._states.values() if now_s >= stream.due_s]
@@ -93,14 +95,14 @@ class RBY1Service:
         if self.faults.of(None) is Fault.STUCK:
             caller.call.send(Feedback(Status.RUNNING).encode())
             return
-        why = self.controller.command(caller, command)
-        if why is not None:
-            caller.finished(why)
+        reason = self.controller.command(caller, command)
+        if reason is not None:
+            caller.finished(reason)
         elif caller.streams:
             caller.call.send(Feedback(Status.RUNNING).encode())
 
     def _obey(self, method: Method, message: bytes) -> bytes:
-        """Carry out a request and return the answer. Raise ``MalformedFrame``."""
+        """Carry out a request and return the encoded answer. Raise ``MalformedFrame``."""
         controller = self.controller
         match method:
             case Method.GET_ROBOT_INFO:
@@ -141,7 +143,7 @@ class RBY1Service:
 
 
 def kind_of(method: Method, message: bytes) -> str:
-    """Return the kind of a message, in the terms of the wire log. Raise ``MalformedFrame``."""
+    """Return the kind of a message for the log of messages. Raise ``MalformedFrame``."""
     match method:
         case Method.CANCEL | Method.SERVO_OFF:
             return "safe"

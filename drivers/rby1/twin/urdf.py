@@ -1,4 +1,4 @@
-"""Build the URDF that the twin sends, from the links in ``robots.toml``."""
+"""Build the URDF that the simulated robot sends, from the links in ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ def urdf_of(table: Mapping[str, Any]) -> str:
 
 
 def _row(row: Row) -> str:
-    kind = "revolute" if row.joint else "fixed"
+    joint_type = "revolute" if row.joint else "fixed"
     limit = ""
     if row.limits:
         low, high = row.limits
         ends = f'lower="{low}" upper="{high}"'
         limit = f'<limit {ends} velocity="{row.velocity}" effort="{row.effort}" acceleration="10"/>'
-    joint = _joint(row.joint or f"{row.body}_base", kind, row.parent, row.body, row.xyz, _rpy(row.quat), row.axis)
+    joint = _joint(
+        row.joint or f"{row.body}_base", joint_type, row.parent, row.body, row.xyz, _rpy(row.quat), row.axis
+    )
     return _link(row.body, row.kg, row.com or (0.0, 0.0, 0.0)) + "\n" + joint.format(limit=limit)
 
 
@@ -45,7 +47,7 @@ def _link(name: str, kg: float, com: Sequence[float]) -> str:
 
 def _joint(
     name: str,
-    kind: str,
+    joint_type: str,
     parent: str,
     child: str,
     xyz: Sequence[float],
@@ -53,7 +55,7 @@ def _joint(
     axis: Sequence[float],
 ) -> str:
     return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<joint name="{name}" type="{joint_type}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/><axis xyz="{_words(axis)}"/>{{limit}}</joint>'
     )
 

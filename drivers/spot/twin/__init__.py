@@ -1,8 +1,8 @@
-"""Run a Spot as a twin: its nine services on one port, behind TLS, with a clock that is two minutes
-ahead. Its address names the certificate to trust: ``127.1.2.3:40000?ca=PATH``.
+"""Simulate a Spot: its nine services on one port, behind TLS, with a clock that is two minutes
+ahead. The address contains the path of the certificate to trust: ``127.1.2.3:40000?ca=PATH``.
 
-Control lines of this twin: ``steal NAME`` takes the lease, ``press`` and ``release`` operate its e-stop
-button, ``mute METHOD ...`` suppresses the answers of these methods.
+Control lines of this simulated robot: ``steal NAME`` takes the lease, ``press`` and ``release``
+operate its e-stop button, ``mute METHOD ...`` suppresses the answers of these methods.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _TICK_S = 0.01
 
 
 class SpotServer(TcpServer):
-    """Serve one twin at one port."""
+    """Serve one simulated Spot on one port."""
 
     def __init__(self, twin: SpotTwin, port: int, log: WireLog, host: str | None) -> None:
         self._twin = twin
@@ -73,10 +73,10 @@ class SpotServer(TcpServer):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, SpotTwinOptions, options)
-    twin = SpotTwin(robot, time.monotonic, skew_s=given.skew_s, sync_s=given.sync_s, arm=given.arm)
-    run_server(lambda log: SpotServer(twin, given.port, log, given.host), **start)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    settings = read_twin_options(robot, SpotTwinOptions, options)
+    twin = SpotTwin(robot, time.monotonic, skew_s=settings.skew_s, sync_s=settings.sync_s, arm=settings.arm)
+    run_server(lambda log: SpotServer(twin, settings.port, log, settings.host), **start)
 
 
 __all__ = ["Mechanism", "SpotServer", "SpotTwin", "main"]

@@ -1,6 +1,7 @@
-"""Let a simulation drive the twin's robot.
+"""Let a local simulation move the simulated Spot, in the place of a client.
 
-Parts that the wire drives follow the wire. When the simulation takes the robot, it stands up.
+Parts that a client commands follow the client. When the local simulation takes the robot, it stands
+up.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 from strands_actors.drivers.spot.robots import KEYS
 
 from .mechanism import Mechanism
@@ -26,43 +27,44 @@ class SpotBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
+        # Import MuJoCo only here. It only draws the robot.
+        from strands_actors.drivers.common.physics.model_rows import build
 
         return build(self._table)
 
     @property
-    def hands(self) -> Sequence[Hand]:
-        return (self._mechanism.hand,) * len(self.axes)
+    def commanders(self) -> Sequence[Commander]:
+        return (self._mechanism.commander,) * len(self.axes)
 
     def felt(self) -> Felt:
         mechanism = self._mechanism
-        position = (*mechanism.runs, *mechanism.joints)
+        position = (*mechanism.present_twist, *mechanism.joints)
         velocity = (0.0, 0.0, 0.0, *mechanism.speeds)
-        return Felt(mechanism.time_s, position, velocity, (0.0,) * len(self.axes), self.hands)
+        return Felt(mechanism.time_s, position, velocity, (0.0,) * len(self.axes), self.commanders)
 
     def pose(self) -> Sequence[float]:
         mechanism = self._mechanism
         place = [mechanism.x_m, mechanism.y_m, mechanism.height_m, mechanism.yaw_rad]
         return [*place, *(mechanism.leg_rad * 4), *mechanism.joints]
 
-    def take(self, on: bool) -> None:
+    def energise(self, on: bool) -> None:
         mechanism = self._mechanism
-        if on and mechanism.hand is Hand.NONE and not mechanism.walks:
+        if on and mechanism.commander is Commander.NONE and not mechanism.walks:
             mechanism.power_on(at_once=True)
-            mechanism.stand(Hand.SIM)
-        elif not on and mechanism.hand is Hand.SIM:
+            mechanism.stand(Commander.SIM)
+        elif not on and mechanism.commander is Commander.SIM:
             mechanism.settle()
-            mechanism.hand = Hand.NONE
+            mechanism.commander = Commander.NONE
 
-    def aim(self, values: Sequence[float]) -> None:
+    def set_targets(self, values: Sequence[float]) -> None:
         mechanism = self._mechanism
-        if mechanism.hand is Hand.SIM:
+        if mechanism.commander is Commander.SIM:
             vx, vy, wz, *joints = values
-            mechanism.walk((vx, vy, wz), math.inf, Hand.SIM)
-            mechanism.reach(dict(enumerate(joints)), Hand.SIM)
+            mechanism.walk((vx, vy, wz), math.inf, Commander.SIM)
+            mechanism.reach(dict(enumerate(joints)), Commander.SIM)
 
     def hold(self) -> None:
-        if self._mechanism.hand is Hand.SIM:
+        if self._mechanism.commander is Commander.SIM:
             self._mechanism.halt()
 
     def step(self, steps: int) -> None:

@@ -1,4 +1,4 @@
-"""Simulate the body behind the twin's services: it stands up, walks and sits, and its arm follows."""
+"""Simulate Spot's body: it stands up, walks and sits, and its arm follows its goals."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import ARM, CLAW
 
@@ -23,21 +23,21 @@ class Mechanism:
     def __init__(self, table: Mapping[str, Any], now_s: Callable[[], float]) -> None:
         self._table = table
         self._now_s = now_s
-        self._seen_s = now_s()
+        self._updated_s = now_s()
         self.time_s = 0.0
         self.reset()
 
     def reset(self) -> None:
-        """Put the robot where it began: sitting, motors off, the arm stowed."""
-        self.hand = Hand.NONE
+        """Put the robot back at its start: sitting, motors off, the arm stowed."""
+        self.commander = Commander.NONE
         self.motors = Motors.OFF
         self.up = 0.0
         """How far the robot has stood up: 0 sits, 1 stands."""
         self.wants_up = False
         self._cuts_when_down = False
         self._on_in_s = 0.0
-        self.told: Twist = REST
-        self.runs: Twist = REST
+        self.target_twist: Twist = REST
+        self.present_twist: Twist = REST
         self._ends_s = math.inf
         self.x_m = self.y_m = self.yaw_rad = 0.0
         self.joints = [float(value) for value in self._table["home_rad"]]
@@ -62,21 +62,21 @@ class Mechanism:
         self.motors = Motors.OFF
         self.halt()
         self.up, self.wants_up, self._cuts_when_down = 0.0, False, False
-        self.hand = Hand.NONE
+        self.commander = Commander.NONE
 
     def settle(self) -> None:
-        """Sit, then switch motors off."""
+        """Sit down, then switch the motors off."""
         self.pass_time()
         self.halt()
         self.wants_up, self._cuts_when_down = False, True
         if self.motors is not Motors.ON:
             self._switch_off()
 
-    def stand(self, hand: Hand) -> None:
+    def stand(self, commander: Commander) -> None:
         self.pass_time()
         self.halt()
         self.wants_up, self._cuts_when_down = True, False
-        self.hand = hand
+        self.commander = commander
 
     def sit(self) -> None:
         self.pass_time()
@@ -84,21 +84,22 @@ class Mechanism:
         self.wants_up = False
 
     def halt(self) -> None:
-        """Stand still, with the arm at rest."""
-        self.told, self._ends_s = REST, math.inf
+        """Stop walking and stop the arm. The robot stands."""
+        self.target_twist, self._ends_s = REST, math.inf
         self._goal = list(self.joints)
 
-    def walk(self, twist: Twist, for_s: float, hand: Hand) -> None:
+    def walk(self, twist: Twist, for_s: float, commander: Commander) -> None:
         """Walk with this twist for ``for_s`` seconds. A sitting robot stands up first."""
         self.pass_time()
         self.wants_up, self._cuts_when_down = True, False
-        self.told, self.hand = twist, hand
+        self.target_twist, self.commander = twist, commander
         self._ends_s = self.time_s + for_s
 
-    def reach(self, goals_rad: Mapping[int, float], hand: Hand) -> None:
-        """Move joints of the arm, by index. A goal outside a range is limited to the range."""
+    def reach(self, goals_rad: Mapping[int, float], commander: Commander) -> None:
+        """Move joints of the arm, by index. A goal outside a joint's range becomes the nearest
+        limit."""
         self.pass_time()
-        self.hand = hand
+        self.commander = commander
         ranges = list(self._table["joints_rad"].values())
         for index, goal in goals_rad.items():
             low, high = ranges[index]
@@ -118,7 +119,7 @@ class Mechanism:
     @property
     def walks(self) -> bool:
         """Return True if the robot is commanded to move, or still moves."""
-        return self.told != REST or any(abs(speed) > 1e-9 for speed in self.runs)
+        return self.target_twist != REST or any(abs(speed) > 1e-9 for speed in self.present_twist)
 
     @property
     def height_m(self) -> float:
@@ -133,16 +134,17 @@ class Mechanism:
         return hx, hy, kn
 
     def pass_time(self) -> None:
-        """Advance to the present time."""
+        """Advance the simulation to the present time."""
         now_s = self._now_s()
-        passed_s, self._seen_s = now_s - self._seen_s, now_s
+        passed_s, self._updated_s = now_s - self._updated_s, now_s
         late_s = passed_s - _LONGEST_S
         if late_s > 0:
-            self.time_s += late_s  # A twist ends on time, even during a pause.
+            # Count the time of a long pause, so that a twist ends on time. The motion of the pause is left out.
+            self.time_s += late_s
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
-        """Advance by so many seconds."""
+        """Advance the simulation by ``seconds``."""
         while seconds > 0:
             step_s = min(seconds, _STEP_S)
             seconds -= step_s
@@ -156,18 +158,18 @@ class Mechanism:
             if self._on_in_s <= 0:
                 self.motors = Motors.ON
         if self.time_s >= self._ends_s:
-            self.told, self._ends_s = REST, math.inf
-            self.hand = Hand.NONE if self.hand is Hand.WIRE else self.hand
+            self.target_twist, self._ends_s = REST, math.inf
+            self.commander = Commander.NONE if self.commander is Commander.WIRE else self.commander
         if self.motors is Motors.ON and not self.stuck:
             rise_s = float(table["stand_s"] if self.wants_up else table["sit_s"])
             self.up = _towards(self.up, float(self.wants_up), step_s / rise_s)
             if self._cuts_when_down and self.up == 0.0:
                 self._switch_off()
         moving = self.motors is Motors.ON and self.stands and not self.stuck
-        goal_speeds = self.told if moving else REST
+        goal_speeds = self.target_twist if moving else REST
         ramp = float(table["ramp_m_s2"]) * step_s
-        vx, vy, wz = (_towards(run, goal, ramp) for run, goal in zip(self.runs, goal_speeds, strict=True))
-        self.runs = vx, vy, wz
+        vx, vy, wz = (_towards(run, goal, ramp) for run, goal in zip(self.present_twist, goal_speeds, strict=True))
+        self.present_twist = vx, vy, wz
         ahead, across = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         self.x_m += (vx * ahead - vy * across) * step_s
         self.y_m += (vx * across + vy * ahead) * step_s

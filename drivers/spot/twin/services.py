@@ -1,4 +1,4 @@
-"""Serve the nine services of the twin behind one port: requests in, replies out."""
+"""Answer the requests to the nine services of the simulated Spot, all on one port."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import Fault, Faults
 from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.spot import protocol as p
@@ -35,13 +35,13 @@ Logged = tuple[str, str | None]
 
 
 class SpotTwin:
-    """One robot for all its clients.
+    """One simulated robot, which all clients share.
 
     Args:
         robot: Name of the robot.
         now_s: The monotonic clock.
         skew_s: How far the robot's clock is ahead of the host's.
-        sync_s: How long after the first request the time sync is not ready.
+        sync_s: For how long after the first request the robot has no time estimate yet.
         arm: True if the robot has an arm.
         wall_ns: The host's clock.
     """
@@ -76,7 +76,8 @@ class SpotTwin:
     # -- faults
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
+        """Inject a fault. ``unit`` is ignored, because this robot has no units that can fail
+        separately."""
         self.mechanism.pass_time()
         self._stuck = self.state() if fault is Fault.STUCK else None
         self.mechanism.stuck = fault is Fault.STUCK
@@ -90,7 +91,7 @@ class SpotTwin:
         self.estop, self.leases = Estop(self._now_s), Leases()
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line of this twin."""
+        """Carry out a control line of this simulated robot."""
         match words:
             case ["steal", owner]:
                 self.leases.acquire(owner, take=True)
@@ -105,17 +106,17 @@ class SpotTwin:
         return True
 
     def pass_time(self) -> None:
-        """Advance to the present time, and carry out the level of the e-stop."""
+        """Advance the simulation to the present time, and apply the present level of the e-stop."""
         self.mechanism.pass_time()
         level = self.estop.level
-        if self.mechanism.hand is Hand.SIM or self.mechanism.motors is Motors.OFF:
+        if self.mechanism.commander is Commander.SIM or self.mechanism.motors is Motors.OFF:
             return
         if level is p.StopLevel.CUT:
             self.mechanism.cut()
         elif level is p.StopLevel.SETTLE_THEN_CUT:
             self.mechanism.settle()
 
-    # -- as a gRPC service
+    # -- methods that the gRPC server calls
 
     def called(self, call: ServerCall) -> bool:
         return call.path in _PATHS
@@ -127,16 +128,16 @@ class SpotTwin:
         request = decode(method.request, message)
         self.pass_time()
         reply, (kind, safe_state) = self.answer(method.name, request)
-        call.heard(t_ns, kind, message, safe_state)
+        call.log_received(t_ns, kind, message, safe_state)
         if method.name not in self.muted:
             call.answer(encode(method.reply, {"header": self._header(request), **reply}))
 
     def over(self, call: ServerCall) -> None:
-        """Do nothing: no state is kept for a call."""
+        """Do nothing, because no state is kept for a call."""
 
     def answer(self, name: str, request: Message) -> tuple[Message, Logged]:
-        """Carry out a request. Return the reply, and the kind of the request for the wire log. Raise
-        ``MalformedFrame``."""
+        """Carry out a request. Return the reply, and the kind of the request for the log of
+        messages. Raise ``MalformedFrame``."""
         client = request.get("header", {}).get("client_name", _UNNAMED)
         lease = request.get("lease", {})
         match name:
@@ -147,9 +148,9 @@ class SpotTwin:
             case "ListServiceEntries":
                 return {"service_entries": [_entry(service) for service in p.SERVICES]}, ("read", None)
             case "GetServiceEntry":
-                known = request.get("service_name") in p.SERVICES
-                entry = {"service_entry": _entry(request["service_name"])} if known else {}
-                return {"status": p.OK if known else 2, **entry}, ("read", None)
+                is_known = request.get("service_name") in p.SERVICES
+                entry = {"service_entry": _entry(request["service_name"])} if is_known else {}
+                return {"status": p.OK if is_known else 2, **entry}, ("read", None)
             case "TimeSyncUpdate":
                 return self._sync(request), ("config", None)
             case "AcquireLease" | "TakeLease":
@@ -164,8 +165,8 @@ class SpotTwin:
                 return {"robot_state": self._stuck or self.state()}, ("read", None)
             case "PowerCommand":
                 reply = self._power(request, lease)
-                taken = reply.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)
-                return reply, ("enable" if taken else "other", None)
+                is_accepted = reply.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)
+                return reply, ("enable" if is_accepted else "other", None)
             case "PowerCommandFeedback":
                 return {"status": int(self._power_status())}, ("read", None)
             case "RobotCommand":
@@ -277,7 +278,8 @@ class SpotTwin:
         if kind == "safe" and reply.get("status") not in (p.Command.OK, p.Command.NOT_POWERED_ON):
             safe_state = ""
         if kind == "enable" and reply.get("status") != p.Command.OK:
-            kind = "other"  # A refused command has no effect.
+            # The robot has refused the command, so it enabled nothing.
+            kind = "other"
         return reply, (kind, safe_state)
 
     def _status_of(self, command: Message, clock: str) -> p.Command:
@@ -296,7 +298,7 @@ class SpotTwin:
             mechanism.halt()
             return p.Command.OK
         if "stand_request" in base:
-            mechanism.stand(Hand.WIRE)
+            mechanism.stand(Commander.WIRE)
         if "sit_request" in base:
             mechanism.sit()
         if "se2_velocity_request" in base:
@@ -307,23 +309,23 @@ class SpotTwin:
         if goals and not self._has_arm:
             return p.Command.UNSUPPORTED
         if goals:
-            mechanism.reach(goals, Hand.WIRE)
+            mechanism.reach(goals, Commander.WIRE)
         return p.Command.OK if parts else p.Command.INVALID_REQUEST
 
-    def _walk(self, asked: Message, clock: str) -> p.Command:
+    def _walk(self, request: Message, clock: str) -> p.Command:
         if clock != CLOCK:
             return p.Command.NO_TIMESYNC
-        left_s = (p.stamp_ns(asked.get("end_time", {})) - self.robot_ns()) / p.NS
-        if left_s <= 0:
+        remaining_s = (p.stamp_ns(request.get("end_time", {})) - self.robot_ns()) / p.NS
+        if remaining_s <= 0:
             return p.Command.EXPIRED
-        if left_s > TOO_DISTANT_S:
+        if remaining_s > TOO_DISTANT_S:
             return p.Command.TOO_DISTANT
-        velocity = asked.get("velocity", {})
+        velocity = request.get("velocity", {})
         speeds = (velocity.get("linear", {}).get("x", 0.0), velocity.get("linear", {}).get("y", 0.0))
         twist = (float(speeds[0]), float(speeds[1]), float(velocity.get("angular", 0.0)))
         if not all(math.isfinite(speed) for speed in twist):
             return p.Command.INVALID_REQUEST
-        self.mechanism.walk(twist, left_s, Hand.WIRE)
+        self.mechanism.walk(twist, remaining_s, Commander.WIRE)
         return p.Command.OK
 
     @staticmethod
@@ -331,13 +333,13 @@ class SpotTwin:
         move = parts.get("arm_command", {}).get("arm_joint_move_command", {}).get("trajectory", {})
         goals: dict[int, float] = {}
         for point in move.get("points", ())[-1:]:
-            for at, name in enumerate(("sh0", "sh1", "el0", "el1", "wr0", "wr1")):
+            for index, name in enumerate(("sh0", "sh1", "el0", "el1", "wr0", "wr1")):
                 if name in point.get("position", {}):
-                    goals[at] = float(point["position"][name].get("value", 0.0))
+                    goals[index] = float(point["position"][name].get("value", 0.0))
         claw = parts.get("gripper_command", {}).get("claw_gripper_command", {}).get("trajectory", {})
         for point in claw.get("points", ())[-1:]:
             goals[len(JOINTS) - 1] = float(point.get("point", 0.0))
-        return {at: goal for at, goal in goals.items() if math.isfinite(goal)}
+        return {index: goal for index, goal in goals.items() if math.isfinite(goal)}
 
     def _feedback(self, request: Message) -> Message:
         overridden = request.get("robot_command_id", 0) < self._command
@@ -356,7 +358,7 @@ class SpotTwin:
     def state(self) -> Message:
         """Return the robot's present state."""
         mechanism = self.mechanism
-        vx, vy, wz = mechanism.runs
+        vx, vy, wz = mechanism.present_twist
         if self.faults.of(None) is Fault.WRONG:
             vx += WRONG_M_S
         cos, sin = math.cos(mechanism.yaw_rad), math.sin(mechanism.yaw_rad)
@@ -423,7 +425,7 @@ def _entry(service: str) -> Message:
 
 
 def _kind_of(command: Message) -> Logged:
-    """Return the kind and the safe state of a command, for the wire log."""
+    """Return the kind of a command and the safe state that it causes, for the log of messages."""
     whole, parts = command.get("full_body_command", {}), command.get("synchronized_command", {})
     base = parts.get("mobility_command", {})
     if "safe_power_off_request" in whole:
@@ -435,9 +437,9 @@ def _kind_of(command: Message) -> Logged:
     return "setpoint", None
 
 
-def _logged_check_in(request: Message, told: Message) -> Logged:
+def _logged_check_in(request: Message, reply: Message) -> Logged:
     level = request["stop_level"]
-    if level == p.StopLevel.NONE or told["status"] != p.CheckIn.OK:
+    if level == p.StopLevel.NONE or reply["status"] != p.CheckIn.OK:
         return "other", None
     return "safe", "off" if level == p.StopLevel.CUT else "settle"
 

@@ -1,7 +1,7 @@
-"""The twin's end of TLS.
+"""The TLS server of the simulated Spot.
 
-Its private key is published, so only clients that are given ``?ca=`` may trust it. The key that signed it
-was thrown away.
+Its private key is published. Only clients that were given ``?ca=`` should trust it. The key of the
+certificate authority was deleted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from strands_actors.drivers.common.twin import ClientGone, Connection
 
 
 def certificate(name: str) -> str:
-    """Return the path of ``ca.pem`` or ``twin.pem``."""
+    """Return the path of the file ``ca.pem`` or ``twin.pem``."""
     return str(resources.files(__package__).joinpath(name))
 
 
@@ -26,7 +26,7 @@ def server_context() -> ssl.SSLContext:
 
 
 class TlsConnection(Connection):
-    """A client's connection, decrypted."""
+    """A TLS connection to a client. It returns decrypted data."""
 
     def __init__(self, below: Connection, context: ssl.SSLContext) -> None:
         self._below = below
@@ -36,7 +36,8 @@ class TlsConnection(Connection):
 
     async def shake_hands(self) -> None:
         """Complete the handshake. Raise ``ClientGone``."""
-        self._early = 0, b""  # bytes that came in one piece with the handshake, and their time
+        # Data that arrived together with the handshake, and its time.
+        self._early = 0, b""
         while not self._records.is_up:
             t_ns, data = await self._below.receive()
             self._early = t_ns, self._hear(data)
@@ -55,7 +56,7 @@ class TlsConnection(Connection):
 
     def send(self, data: bytes) -> None:
         try:
-            self._records.say(data)
+            self._records.encrypt(data)
         except ssl.SSLError:
             self.abort()
             return
@@ -66,7 +67,7 @@ class TlsConnection(Connection):
 
     def _hear(self, data: bytes) -> bytes:
         try:
-            plain = self._records.hear(data)
+            plain = self._records.decrypt(data)
         except ssl.SSLError:
             raise ClientGone from None
         outgoing = self._records.outgoing()

@@ -1,4 +1,4 @@
-"""Run a Stretch as a twin: every board on its own port, and a robot that drives on a floor."""
+"""Simulate a Stretch: every board on its own port, and a robot that drives on a floor."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class StretchTwinOptions(TwinOptions, frozen=True):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``). ``StretchServer.order`` has
-    its own control lines."""
-    given = read_twin_options(robot, StretchTwinOptions, options)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``). For its control lines
+    see ``StretchServer.order``."""
+    settings = read_twin_options(robot, StretchTwinOptions, options)
     world = World(TABLES.canonical(robot))
 
     def build(wire_log: WireLog) -> StretchServer:
-        return StretchServer(world, wire_log, given.folder)
+        return StretchServer(world, wire_log, settings.folder)
 
     run_server(build, **start)
 

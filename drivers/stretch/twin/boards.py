@@ -1,4 +1,4 @@
-"""Answer each port of the twin: a board that answers calls, or a chain of servos."""
+"""Answer the frames on each port of the simulated robot: a board that answers calls, or a chain of servos."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ WRONG_RAD = 50.0
 """Error of the reported position of a stepper with wrong readings."""
 
 
-class Heard(NamedTuple):
-    """One frame of the host. ``act`` carries it out."""
+class ReceivedFrame(NamedTuple):
+    """One frame from the host. ``act`` carries out the frame."""
 
     kind: str
     act: Callable[[], Exchange]
 
 
-class Ear(Protocol):
-    def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[Heard]:
-        """Return the frames in some bytes of the host, without carrying them out."""
+class DeviceDecoder(Protocol):
+    def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[ReceivedFrame]:
+        """Split received bytes into frames, without carrying them out."""
         ...
 
 
-class BoardEar(ABC):
-    """One board: both transports, and the calls of its kind. ``number`` is its unit."""
+class BoardDecoder(ABC):
+    """Decodes and answers the frames to one board: both transports, and the calls of its kind. ``number`` is
+    the board's unit number for faults."""
 
     INFO_CALL: int
     INFO: tuple[str, str]
@@ -57,22 +58,23 @@ class BoardEar(ABC):
 
     @abstractmethod
     def do(self, call: int, data: bytes) -> bytes:
-        """Carry out a call. Return its reply without the number. Raise ``MalformedFrame``."""
+        """Carry out a call. Return its reply, without the number at its start. Raise ``MalformedFrame``."""
 
     @abstractmethod
     def kind_of(self, call: int, data: bytes) -> str:
-        """Return the kind of a call for the log. Raise ``MalformedFrame``."""
+        """Return the kind of a call for the log of messages. Raise ``MalformedFrame``."""
 
     @property
     def fault(self) -> Fault:
         return self.world.faults.of(self.number)
 
-    def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[Heard]:
+    def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[ReceivedFrame]:
         for frame in self._decoder.feed(data):
-            yield Heard(self._kind(frame), partial(self._act, frame))
+            yield ReceivedFrame(self._kind(frame), partial(self._act, frame))
 
     def _kind(self, frame: f.Frame) -> str:
-        """Return the kind of the call that a frame completes. An earlier part of a call has no effect yet."""
+        """Return the kind of the call that a frame completes. A frame with an earlier part of a call has no
+        effect yet."""
         if frame.code in (f.PULL_FIRST, f.PULL_NEXT, f.V0_START, f.V0_SEND_LAST, f.V0_GET):
             return "read"
         call = {f.PUSH_ONLY: frame.data, f.PUSH_LAST: self._call + frame.data}.get(frame.code, b"")
@@ -93,7 +95,7 @@ class BoardEar(ABC):
         return Exchange(kind, request, faulty, self.world.safe_state if kind == "safe" else None)
 
     def _answer(self, frame: f.Frame) -> bytes | None:
-        """Return the frame that answers; None if the frame has no answer."""
+        """Return the frame that answers a frame of the host; None if it needs no answer."""
         match frame.code:
             case f.PUSH_ONLY:
                 return f.frame(f.PUSH_ACK, self._reply(frame.data)[: f.CHUNK_V1])
@@ -135,7 +137,7 @@ class BoardEar(ABC):
             return b""
 
 
-class StepperEar(BoardEar):
+class StepperDecoder(BoardDecoder):
     INFO_CALL = p.BOARD_INFO[p.Kind.STEPPER]
     INFO = (VARIANT, FIRMWARE)
 
@@ -174,7 +176,7 @@ class StepperEar(BoardEar):
         return b""
 
     def _status(self) -> p.StepperStatus:
-        """Return the status. A stuck board repeats its last one."""
+        """Return the status of the board. A board with the fault "stuck" repeats its last status."""
         if self.fault is not Fault.STUCK:
             self._frozen = self._motor.status()
         frozen = self._frozen
@@ -182,7 +184,7 @@ class StepperEar(BoardEar):
         return frozen._replace(position=frozen.position + wrong)
 
 
-class PimuEar(BoardEar):
+class PimuDecoder(BoardDecoder):
     INFO_CALL = p.BOARD_INFO[p.Kind.PIMU]
     INFO = ("Pimu.3", "Pimu.v0.7.2p6")
 
@@ -216,13 +218,13 @@ class PimuEar(BoardEar):
         return b""
 
     def _status(self) -> p.PimuStatus:
-        """Return the status. A stuck board repeats its last one."""
+        """Return the status of the board. A board with the fault "stuck" repeats its last status."""
         if self.fault is not Fault.STUCK:
             self._frozen = self.world.pimu_status()
         return self._frozen
 
 
-class WaccEar(BoardEar):
+class WaccDecoder(BoardDecoder):
     INFO_CALL = p.BOARD_INFO[p.Kind.WACC]
     INFO = ("Wacc.3", "Wacc.v0.7.2p3")
 
@@ -238,8 +240,9 @@ class WaccEar(BoardEar):
         return b""
 
 
-class ChainEar:
-    """A chain of servos, with the robot's clock. ``driven`` are the ids of all servos but the gripper's."""
+class ChainDecoder:
+    """Decodes and answers the frames to a chain of servos, by the robot's clock. ``driven`` contains the ids of
+    all servos except the gripper's."""
 
     def __init__(self, world: World, bus: DynamixelBus, driven: frozenset[int]) -> None:
         self._world = world
@@ -247,9 +250,9 @@ class ChainEar:
         self._driven = driven
         self._decoder = dxl.Decoder()
 
-    def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[Heard]:
+    def frames(self, data: bytes, bits_per_s: int | None) -> Iterator[ReceivedFrame]:
         for packet in self._decoder.feed(data):
-            yield Heard(dxl.classify(packet), partial(self._act, packet, bits_per_s))
+            yield ReceivedFrame(dxl.classify(packet), partial(self._act, packet, bits_per_s))
 
     def _act(self, packet: dxl.Packet, bits_per_s: int | None) -> Exchange:
         kind = dxl.classify(packet)
@@ -259,7 +262,7 @@ class ChainEar:
         return Exchange(kind, dxl.frame(*packet), replies, safe_state)
 
     def _note(self, kind: str, packet: dxl.Packet) -> None:
-        """Note the servos that got a goal, and those that were stopped."""
+        """Store which servos got a goal, and which were stopped."""
         ids = frozenset({packet.id})
         if packet.id == dxl.BROADCAST:
             ids = frozenset(dxl.rows_of(packet)[1]) if packet.code == dxl.SYNC_WRITE else self._driven

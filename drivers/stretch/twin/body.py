@@ -1,4 +1,5 @@
-"""Let a simulation drive the twin's robot. Parts that the wire drives follow the wire."""
+"""Let a local simulation move the simulated Stretch, in the place of a client. Parts that a client commands
+follow the client."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, RIGHT
 
 from .world import GRIPPER, World, body_table
@@ -37,64 +38,65 @@ class StretchBody:
         return build({**table, "model_rows": rows})
 
     @property
-    def hands(self) -> Sequence[Hand]:
+    def commanders(self) -> Sequence[Commander]:
         steppers = self._world.steppers
-        wheels = [steppers[name].hand for name in (LEFT, RIGHT)]
-        base = Hand.WIRE if Hand.WIRE in wheels else wheels[0]
-        servos = [plant.hand(at) for plant, at in self._servos]
-        return [steppers[LIFT].hand, steppers[ARM].hand, *servos, base, base]
+        wheels = [steppers[name].commander for name in (LEFT, RIGHT)]
+        base = Commander.WIRE if Commander.WIRE in wheels else wheels[0]
+        servos = [plant.commander(index) for plant, index in self._servos]
+        return [steppers[LIFT].commander, steppers[ARM].commander, *servos, base, base]
 
     def felt(self) -> Felt:
         world = self._world
         base = self._config.twist(*(world.metres_per_s(name) for name in (LEFT, RIGHT)))
         position = (world.metres(LIFT), world.metres(ARM), *self._rad(), *base)
-        servos = [plant.velocity_rad_s[at] for plant, at in self._servos]
+        servos = [plant.velocity_rad_s[index] for plant, index in self._servos]
         velocity = (world.metres_per_s(LIFT), world.metres_per_s(ARM), *servos, 0.0, 0.0)
-        return Felt(world.time_s, position, velocity, (0.0,) * len(self.axes), self.hands)
+        return Felt(world.time_s, position, velocity, (0.0,) * len(self.axes), self.commanders)
 
     def pose(self) -> Sequence[float]:
-        """Return the pose in the order of the model's rows: base, lift and arm, wrist and gripper, head."""
+        """Return the joint positions in the order of the simulation model: base, lift and arm, wrist and
+        gripper, head."""
         world = self._world
         rows = [world.metres(LIFT), world.metres(ARM)]
         wrist, head = (bus.plant for bus in world.chains)
-        places = [*wrist.position_rad]
+        positions = [*wrist.position_rad]
         if GRIPPER not in wrist.joints:
-            places.append(0.0)
-        return [*world.pose, *rows, *places, *head.position_rad]
+            positions.append(0.0)
+        return [*world.pose, *rows, *positions, *head.position_rad]
 
-    def take(self, on: bool) -> None:
-        wanted, becomes = (Hand.NONE, Hand.SIM) if on else (Hand.SIM, Hand.NONE)
+    def energise(self, on: bool) -> None:
+        previous, commander = (Commander.NONE, Commander.SIM) if on else (Commander.SIM, Commander.NONE)
         for name, motor in self._world.steppers.items():
-            if motor.hand is wanted:
-                motor.let_go()
+            if motor.commander is previous:
+                motor.release()
                 if on:
                     self._hold(name)
-                motor.hand = becomes
-        for plant, at in self._servos:
-            plant.take(at, on)
+                motor.commander = commander
+        for plant, index in self._servos:
+            plant.energise(index, on)
 
-    def aim(self, values: Sequence[float]) -> None:
+    def set_targets(self, values: Sequence[float]) -> None:
         world, config = self._world, self._config
         target = dict(zip(self.axes, values, strict=True))
         for name in (LIFT, ARM):
             motor, own = world.steppers[name], config.motors[name]
-            if motor.hand is Hand.SIM:
+            if motor.commander is Commander.SIM:
                 goal = min(max(target[name], own.low_m), own.high_m)
                 command = config.goal(name, goal)
                 motor.aim(command.position, command.velocity, command.acceleration)
         for name, speed in zip((LEFT, RIGHT), config.wheels(target["vx"], target["wz"]), strict=True):
-            if world.steppers[name].hand is Hand.SIM:
+            if world.steppers[name].commander is Commander.SIM:
                 command = config.drive(name, speed)
                 world.steppers[name].spin(command.velocity, command.acceleration)
-        for (plant, at), value in zip(self._servos, values[2:-2], strict=True):
-            plant.aim(at, value)
+        for (plant, index), value in zip(self._servos, values[2:-2], strict=True):
+            plant.set_simulation_target(index, value)
 
     def hold(self) -> None:
         for name, motor in self._world.steppers.items():
-            if motor.hand is Hand.SIM:
+            if motor.commander is Commander.SIM:
                 self._hold(name)
-        for (plant, at), here in zip(self._servos, self._rad(), strict=True):
-            plant.aim(at, here)
+        for (plant, index), position_rad in zip(self._servos, self._rad(), strict=True):
+            plant.set_simulation_target(index, position_rad)
 
     def step(self, steps: int) -> None:
         self._world.run(steps * TIMESTEP_S)
@@ -105,7 +107,7 @@ class StretchBody:
         self._world.reset()
 
     def _rad(self) -> tuple[float, ...]:
-        return tuple(plant.position_rad[at] for plant, at in self._servos)
+        return tuple(plant.position_rad[index] for plant, index in self._servos)
 
     def _hold(self, name: str) -> None:
         motor = self._world.steppers[name]

@@ -1,8 +1,9 @@
-"""Serve all ports of one robot together: a folder with a port for each board, by its name.
+"""Serve all ports of one simulated robot together. A folder contains a port for each board, under the board's
+device name.
 
-All waiting bytes of all ports are read in one sweep. Frames to different boards within a sweep have no order,
-as on a real robot. Commands are logged before stops, so that a command from before a stop to another board does
-not appear to follow it.
+All waiting bytes of all ports are read in one pass. Frames to different boards within a pass have no order, as
+on a real robot. Setpoints are therefore logged before stops. Otherwise a setpoint that was sent before a stop
+to another board could appear after it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from strands_actors.drivers.stretch.protocol import State
 from strands_actors.drivers.stretch.robots import nominal_of, robot_of
 from strands_actors.drivers.stretch.safing import number_of
 
-from .boards import ChainEar, Ear, Heard, PimuEar, StepperEar, WaccEar
+from .boards import ChainDecoder, DeviceDecoder, PimuDecoder, ReceivedFrame, StepperDecoder, WaccDecoder
 from .body import StretchBody
 from .world import GRIPPER, World
 
@@ -45,8 +46,8 @@ FLEET_ID = "stretch-twin-0000"
 
 
 class StretchServer:
-    """Serve the robot. ``address`` is the folder. It disappears when the cables are pulled. The folder
-    ``fleet`` beside it has the robot's own YAML, for a client that reads it."""
+    """Serve the simulated robot. ``address`` is the folder of the ports. The folder disappears when the cables
+    are pulled. The folder ``fleet`` beside it contains the robot's own YAML for clients that read it."""
 
     def __init__(self, world: World, log: WireLog, folder: str | None = None) -> None:
         self._world = world
@@ -56,12 +57,12 @@ class StretchServer:
         self._log = log
         self._frost = Frost()
         self.body = StretchBody(world)
-        ears = ears_of(world)
-        self._ears: dict[str, Ear] = {name: ear for name, (ear, _) in ears.items()}
-        self._lines = {name: PtyLine(str(self._folder / name)) for name in ears}
+        decoders = decoders_of(world)
+        self._decoders: dict[str, DeviceDecoder] = {name: decoder for name, (decoder, _) in decoders.items()}
+        self._lines = {name: PtyLine(str(self._folder / name)) for name in decoders}
         self._conversations = {
             name: Conversation(_Deaf(), self._lines[name], log, self._frost, wire_time=has_wire_time)
-            for name, (_, has_wire_time) in ears.items()
+            for name, (_, has_wire_time) in decoders.items()
         }
         self._write_fleet()
 
@@ -167,19 +168,19 @@ class StretchServer:
             await trio.lowlevel.checkpoint()
 
     def _sweep(self) -> None:
-        """Read all ports until nothing waits. So each frame that was written before a frame of this sweep is in the
-        sweep, too."""
+        """Read all ports until no byte waits. A frame that was written before another frame of this pass is
+        then in this pass, too."""
         t_ns = time.monotonic_ns()
-        waiting: dict[str, deque[Heard]] = {name: deque() for name in self._lines}
+        waiting: dict[str, deque[ReceivedFrame]] = {name: deque() for name in self._lines}
         again = True
         while again:
             again = False
             for name, line in self._lines.items():
                 if data := line.take():
                     again = True
-                    waiting[name].extend(self._ears[name].frames(data, line.bits_per_s()))
-        for name, heard in commands_first(waiting):
-            self._conversations[name].heard(heard.act(), t_ns)
+                    waiting[name].extend(self._decoders[name].frames(data, line.bits_per_s()))
+        for name, frame in commands_first(waiting):
+            self._conversations[name].handle_received(frame.act(), t_ns)
 
     def close(self) -> None:
         self.unplug()
@@ -187,30 +188,32 @@ class StretchServer:
             shutil.rmtree(self._own, ignore_errors=True)
 
 
-def commands_first(waiting: Mapping[str, deque[Heard]]) -> Iterator[tuple[str, Heard]]:
-    """Return the frames, those of each port in order. Between ports, stops come last."""
-    while names := [name for name, heard in waiting.items() if heard]:
+def commands_first(waiting: Mapping[str, deque[ReceivedFrame]]) -> Iterator[tuple[str, ReceivedFrame]]:
+    """Return the frames, those of each port in their order. Across ports, setpoints come before stops."""
+    while names := [name for name, frames in waiting.items() if frames]:
         name = next((each for each in names if waiting[each][0].kind != "safe"), names[0])
         yield name, waiting[name].popleft()
 
 
 class _Deaf:
-    """A receiver that ignores its bytes, since the sweep reads them."""
+    """Ignores the bytes of a port, because the pass over all ports reads them."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         return iter(())
 
 
-def ears_of(world: World) -> dict[str, tuple[Ear, bool]]:
-    """Return the receiver of each device by name, and True if its bytes take time (those of USB do not)."""
-    config, found = world.config, dict[str, tuple[Ear, bool]]()
+def decoders_of(world: World) -> dict[str, tuple[DeviceDecoder, bool]]:
+    """Return the receiver of each device by name, and True if its bytes take time on a serial line (over USB
+    they do not)."""
+    config, decoders = world.config, dict[str, tuple[DeviceDecoder, bool]]()
     for name, motor in world.steppers.items():
-        found[_device(config.usb(name))] = (StepperEar(world, motor), False)
-    found[_device(config.usb(PIMU))] = (PimuEar(world, number_of(PIMU)), False)
-    found[_device(WACC_USB)] = (WaccEar(world), False)
+        decoders[_device(config.usb(name))] = (StepperDecoder(world, motor), False)
+    decoders[_device(config.usb(PIMU))] = (PimuDecoder(world, number_of(PIMU)), False)
+    decoders[_device(WACC_USB)] = (WaccDecoder(world), False)
     for chain, bus in zip(config.chains, world.chains, strict=True):
-        found[_device(chain.usb)] = (ChainEar(world, bus, frozenset(joint.id for joint in chain.joints)), True)
-    return found
+        driven = frozenset(joint.id for joint in chain.joints)
+        decoders[_device(chain.usb)] = (ChainDecoder(world, bus, driven), True)
+    return decoders
 
 
 def _device(usb: str) -> str:

@@ -1,10 +1,10 @@
-"""Simulate one stepper board of the twin: its firmware's modes, and the motor that follows."""
+"""Simulate one stepper board: the modes of its firmware, and the motor that follows."""
 
 from __future__ import annotations
 
 import math
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.stretch import protocol as p
 
 PROTOCOL = 5
@@ -22,8 +22,8 @@ MOVES_RAD_S = 0.05
 
 
 class StepperMotor:
-    """The board and its motor, with positions in motor radians. With the watchdog in its gains, a velocity that
-    is not repeated for ``watchdog_s`` leads to the safety mode."""
+    """One stepper board and its motor, with positions in motor radians. If its gains switch the watchdog on, a
+    velocity that is not repeated within ``watchdog_s`` leads to the safety mode."""
 
     def __init__(self, name: str, number: int, gains: p.Gains, position: float, watchdog_s: float) -> None:
         self.name = name
@@ -39,7 +39,7 @@ class StepperMotor:
         self.homed = True
 
     def power_cycle(self) -> None:
-        """Restart. Only the values in flash stay, and the motor is free."""
+        """Restart the board. Only the values in flash memory stay, and the motor has no torque."""
         self.gains = self.flash
         self.command = p.Command(p.Mode.SAFETY)
         self.waiting: p.Command | None = None
@@ -49,9 +49,9 @@ class StepperMotor:
         self.homed = False
         self.is_dirty = False
         """True if it got a setpoint since the last stop."""
-        self.hand = Hand.NONE
+        self.commander = Commander.NONE
         self._goal = self.position
-        self._told_s = 0.0
+        self._commanded_s = 0.0
         self._steps = 0
         self.contacts = 0
         self._is_in_contact = False
@@ -67,7 +67,7 @@ class StepperMotor:
     # -- commands
 
     def take(self, command: p.Command) -> None:
-        """Take a command, at once or at the next pulse of the power board."""
+        """Store a command, and carry it out at once or at the next sync pulse of the power board."""
         self.is_dirty = command.kind == "setpoint" and not self.is_stopped
         if self.has(p.Config.SYNC):
             self.waiting = command
@@ -81,8 +81,9 @@ class StepperMotor:
 
     def _begin(self, command: p.Command) -> None:
         if self.is_stopped:
-            return  # With the runstop on, the board takes no command.
-        self._told_s = self.time_s
+            # While the runstop is on, the board ignores commands.
+            return
+        self._commanded_s = self.time_s
         self._is_in_contact = False
         if command.mode == p.Mode.STEP_PROFILE:
             if command.step != self._steps:
@@ -94,7 +95,7 @@ class StepperMotor:
             self._goal = self.position
         self.command = command
         is_free = command.mode == p.Mode.FREEWHEEL or (command.mode == p.Mode.SAFETY and not self._safety_holds)
-        self.hand = Hand.NONE if is_free else Hand.WIRE
+        self.commander = Commander.NONE if is_free else Commander.WIRE
 
     def runstop(self, on: bool) -> None:
         if on == self.is_stopped or not self.has(p.Config.RUNSTOP):
@@ -105,10 +106,11 @@ class StepperMotor:
         self._fall_safe()
 
     def _fall_safe(self) -> None:
-        """Enter the safety mode until the next command. The gains decide whether it holds or frees the motor."""
+        """Enter the safety mode until the next command. The gains decide whether the motor holds or has no
+        torque."""
         self.command = p.Command(p.Mode.SAFETY)
         self._goal = self.position
-        self.hand = Hand.WIRE if self._safety_holds else Hand.NONE
+        self.commander = Commander.WIRE if self._safety_holds else Commander.NONE
 
     def trigger(self, bits: int, value: float) -> None:
         if bits & p.RESET_HOMED:
@@ -135,17 +137,18 @@ class StepperMotor:
     def aim(self, position: float, velocity: float, acceleration: float) -> None:
         self._goal = position
         self.command = p.Command(p.Mode.POSITION_PROFILE, position, velocity, acceleration)
-        self.hand = Hand.SIM
+        self.commander = Commander.SIM
 
     def spin(self, velocity: float, acceleration: float) -> None:
         self.command = p.Command(p.Mode.VELOCITY_PROFILE, 0.0, velocity, acceleration)
-        self._told_s = math.inf  # The firmware's watchdog does not apply.
-        self.hand = Hand.SIM
+        # The firmware's watchdog does not apply to a local simulation.
+        self._commanded_s = math.inf
+        self.commander = Commander.SIM
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         self.command = p.Command(p.Mode.SAFETY)
         self._goal = self.position
-        self.hand = Hand.NONE
+        self.commander = Commander.NONE
 
     # -- time
 
@@ -156,15 +159,15 @@ class StepperMotor:
             return
         if self._is_overdue:
             self._fall_safe()
-        wanted, change = self._wanted()
+        goal, change = self._goal_velocity()
         before = self.velocity
-        self.velocity += max(-change * step_s, min(change * step_s, wanted - before))
+        self.velocity += max(-change * step_s, min(change * step_s, goal - before))
         self.position += (before + self.velocity) / 2 * step_s
         self._feel(step_s)
 
     def _feel(self, step_s: float) -> None:
-        """Stop at the obstacle. A guarded motor that pushes against it enters its safety mode until the next
-        command."""
+        """Stop the motor at the obstacle. In a guarded motion it enters the safety mode after a short push,
+        until the next command."""
         if self.wall is None or self.position <= self.wall:
             self._pushed_s = 0.0
             return
@@ -178,19 +181,19 @@ class StepperMotor:
     @property
     def _is_overdue(self) -> bool:
         runs = self.mode in (p.Mode.VELOCITY, p.Mode.VELOCITY_PROFILE) and self.has(p.Config.VELOCITY_WATCHDOG)
-        return runs and self.time_s - self._told_s > self.watchdog_s
+        return runs and self.time_s - self._commanded_s > self.watchdog_s
 
-    def _wanted(self) -> tuple[float, float]:
-        """Return the velocity that the motor approaches, and the acceleration for that."""
-        told = self.command
+    def _goal_velocity(self) -> tuple[float, float]:
+        """Return the velocity that the motor has to reach, and the acceleration for that."""
+        command = self.command
         match self.mode:
             case p.Mode.VELOCITY | p.Mode.VELOCITY_PROFILE:
-                has_profile = told.mode == p.Mode.VELOCITY_PROFILE
-                return told.velocity, told.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
+                has_profile = command.mode == p.Mode.VELOCITY_PROFILE
+                return command.velocity, command.acceleration or BRAKE_RAD_S2 if has_profile else BRAKE_RAD_S2
             case p.Mode.POSITION_PROFILE | p.Mode.STEP_PROFILE | p.Mode.POSITION:
-                gain = told.acceleration or BRAKE_RAD_S2
+                gain = command.acceleration or BRAKE_RAD_S2
                 self._goal = self._within(self._goal)  # The limits may have become narrower.
-                return self._towards(abs(told.velocity) or 25.0, gain), max(gain, BRAKE_RAD_S2)
+                return self._towards(abs(command.velocity) or 25.0, gain), max(gain, BRAKE_RAD_S2)
             case p.Mode.HOLD:
                 return 0.0, BRAKE_RAD_S2
             case p.Mode.SAFETY if self._safety_holds:
@@ -198,12 +201,13 @@ class StepperMotor:
         return 0.0, ROLL_RAD_S2
 
     def _towards(self, fastest: float, slowing: float) -> float:
-        way = self._goal - self.position
-        if abs(way) < 1e-4:
+        distance = self._goal - self.position
+        if abs(distance) < 1e-4:
             return 0.0
-        # The speed from which it can still stop at the goal, without passing it in one step of the twin.
-        speed = min(fastest, math.sqrt(2 * slowing * abs(way)), abs(way) / 0.01)
-        return math.copysign(speed, way)
+        # Limit the speed so that the motor can still stop at the goal, and does not pass it in one step of the
+        # simulation.
+        speed = min(fastest, math.sqrt(2 * slowing * abs(distance)), abs(distance) / 0.01)
+        return math.copysign(speed, distance)
 
     # -- reports
 
@@ -233,5 +237,5 @@ class StepperMotor:
             contacts=self.contacts,
             trajectory=0.0,
             waypoint=0,
-            voltage=630.0,  # raw: 12 V
+            voltage=630.0,  # raw value for 12 V
         )

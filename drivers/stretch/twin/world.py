@@ -1,4 +1,4 @@
-"""Simulate the robot behind the twin's ports: four motors, the power board, two chains of servos, and a floor."""
+"""Simulate the robot: four stepper motors, the power board, two chains of servos, and a floor."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ CURRENT_RAW = 170.0
 
 
 class TurningServo(Servo):
-    """A servo that counts its turns. ``zero`` is the origin of the count once it is homed. Without power it
-    loses its turns, and the note in RAM that it was homed."""
+    """A servo that counts its turns. ``zero`` is the origin of the count after homing. Without power the servo
+    loses the count of turns and the mark in RAM that it is homed."""
 
-    def __init__(self, plant: Plant, at: int, servo_id: int, zero: float, scale: float) -> None:
-        super().__init__(plant, at, servo_id, SERVO_MODEL, t.EXTENDED_POSITION_MODE, SERVO_V)
+    def __init__(self, plant: Plant, index: int, servo_id: int, zero: float, scale: float) -> None:
+        super().__init__(plant, index, servo_id, SERVO_MODEL, t.EXTENDED_POSITION_MODE, SERVO_V)
         self._zero = self.zero_count = zero
         self.counts_per_rad = scale
 
@@ -58,7 +58,7 @@ class TurningServo(Servo):
         super().power_cycle()
 
     def home(self) -> None:
-        """Home the servo as the homing routine does: with its turns, and a note that it knows them."""
+        """Home the servo as the robot's homing routine does: set the origin of its count, and mark it as homed."""
         self.zero_count = self._zero
         self.sense()
         self.put(t.GOAL_POSITION, self.get(t.POSITION))
@@ -71,7 +71,7 @@ def body_table() -> Mapping[str, Any]:
 
 
 class World:
-    """The robot. At first lift, arm, wrist and head are in their home pose."""
+    """The simulated robot. At the start lift, arm, wrist and head are in their home pose."""
 
     def __init__(self, robot: str, now_s: Callable[[], float] = time.monotonic) -> None:
         table, self.parameters = robot_of(robot), parameters_of(robot)
@@ -103,12 +103,13 @@ class World:
         self.pose = START
         self.time_s = 0.0
         self._pimu_began_s = 0.0
-        self._seen_s = now_s()
+        self._updated_s = now_s()
 
     # -- faults
 
     def set_runstop(self, on: bool) -> None:
-        """Set or release the runstop. An alert of the power board sets it again at once."""
+        """Set or release the runstop (the robot's stop button). While the power board reports an alert, it sets
+        the runstop again at once."""
         on = self.runstop = on or bool(self.alerts)
         for motor in self.steppers.values():
             motor.runstop(on and self.stops_at_runstop)
@@ -123,18 +124,18 @@ class World:
             self.steppers[joint].homed = on
             return
         for chain, bus in zip(self.config.chains, self.chains, strict=True):
-            for at, candidate in enumerate(chain.joints):
-                servo = bus.servos[at]
+            for index, candidate in enumerate(chain.joints):
+                servo = bus.servos[index]
                 if candidate.key == joint and candidate.needs_homing and isinstance(servo, TurningServo):
                     servo.home()
                     servo.write(HOMED.address, bytes((int(on),)))
                     return
-        raise ValueError(f"{joint} needs no homing. lift, arm and wrist_yaw do")
+        raise ValueError(f"{joint} needs no homing. Use lift, arm or wrist_yaw")
 
     def set_contact(self, joint: str, on: bool) -> None:
         """Put an obstacle right above the lift, or in front of the arm. Raise ``ValueError`` for another joint."""
         if joint not in (LIFT, ARM):
-            raise ValueError(f"{joint} meets nothing here. lift and arm do")
+            raise ValueError(f"{joint} cannot meet an obstacle here. Use lift or arm")
         self.pass_time()
         self.steppers[joint].wall = self.steppers[joint].position if on else None
 
@@ -144,7 +145,8 @@ class World:
             motor.sync()
 
     def reset_pimu(self) -> None:
-        """Restart the power board. Its clock starts anew, and it keeps its configuration in flash [assumed]."""
+        """Restart the power board. Its clock begins again at zero. Its configuration stays in flash memory
+        [assumed]."""
         self._pimu_began_s = self.time_s
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
@@ -153,9 +155,9 @@ class World:
         if self.faults.of(PIMU_NUMBER) is Fault.OFF:
             self.reset_pimu()
         for motor in self.steppers.values():
-            found = self.faults.of(motor.number)
-            motor.stuck = found is Fault.STUCK
-            if found is Fault.OFF:
+            present_fault = self.faults.of(motor.number)
+            motor.stuck = present_fault is Fault.STUCK
+            if present_fault is Fault.OFF:
                 motor.power_cycle()
         for bus in self.chains:
             bus.set_fault(fault, unit)
@@ -172,11 +174,11 @@ class World:
         self.dirty_servos.clear()
 
     def reset(self) -> None:
-        """Put the robot in its first state, homed."""
+        """Put the robot back into its first state, with all joints homed."""
         self.power_cycle()
         for name, motor in self.steppers.items():
             motor.position = self._home.get(name, 0.0) * self.config.motors[name].rad_per_m
-            motor.let_go()
+            motor.release()
             motor.homed = True
             motor.wall = None
         for bus in self.chains:
@@ -194,9 +196,9 @@ class World:
     # -- time
 
     def pass_time(self) -> None:
-        """Advance to the present time."""
+        """Advance the simulation to the present time."""
         now_s = self.now_s()
-        passed_s, self._seen_s = now_s - self._seen_s, now_s
+        passed_s, self._updated_s = now_s - self._updated_s, now_s
         self.run(min(passed_s, LONGEST_S))
 
     def run(self, seconds: float) -> None:
@@ -241,20 +243,20 @@ class World:
         return self.steppers[name].velocity / self.config.motors[name].rad_per_m
 
     def numbers(self) -> dict[str, int]:
-        """Return the unit of each board, as faults name it."""
+        """Return the unit number of each board, by which a fault selects it."""
         return {**{name: number_of(name) for name in (*STEPPERS, PIMU)}, WACC: WACC_NUMBER}
 
 
 def _bus(
     chain: Chain, home: Mapping[str, float], root: str, rows: str, gripper: int, now_s: Callable[[], float]
 ) -> DynamixelBus:
-    """Return one chain with its own body, mounted where the rest of the robot would be."""
+    """Return one chain of servos with its own body, mounted where it is on the whole robot."""
     table = body_table()
     model = {**table, "model_rows": f"{root} base - - 0,0,1 0 - - - .1 - s.01\n{table[rows]}"}
     keys = [joint.key for joint in chain.joints]
     keys += [GRIPPER] if gripper else []
     plant = Plant(build(model), keys, float(table["bandwidth"]), [home.get(key, 0.0) for key in keys])
-    servos = [_servo(plant, at, joint) for at, joint in enumerate(chain.joints)]
+    servos = [_servo(plant, index, joint) for index, joint in enumerate(chain.joints)]
     if gripper:
         servos.append(_set_up(TurningServo(plant, len(servos), gripper, float(ZERO_COUNT), COUNTS_PER_RAD)))
     bus = DynamixelBus(plant, servos, now_s)
@@ -262,12 +264,12 @@ def _bus(
     return bus
 
 
-def _servo(plant: Plant, at: int, joint: Joint) -> Servo:
+def _servo(plant: Plant, index: int, joint: Joint) -> Servo:
     if joint.needs_homing:
-        return _set_up(TurningServo(plant, at, joint.id, joint.zero, joint.scale))
-    servo = Servo(plant, at, joint.id, SERVO_MODEL, t.POSITION_MODE, SERVO_V)
+        return _set_up(TurningServo(plant, index, joint.id, joint.zero, joint.scale))
+    servo = Servo(plant, index, joint.id, SERVO_MODEL, t.POSITION_MODE, SERVO_V)
     if joint.key in BY_CURRENT:
-        servo = Servo(plant, at, joint.id, BY_CURRENT_MODEL, t.CURRENT_POSITION_MODE, SERVO_V)
+        servo = Servo(plant, index, joint.id, BY_CURRENT_MODEL, t.CURRENT_POSITION_MODE, SERVO_V)
     servo.zero_count, servo.counts_per_rad = joint.zero, joint.scale
     return _set_up(servo)
 

@@ -1,19 +1,23 @@
-"""The robot's end of a Unitree network: LowState 500 times a second, LowCmd, the services; MuJoCo behind
-them.
+"""Simulate a Unitree robot (a "twin") on a DDS network. MuJoCo simulates its body.
 
-All but the H1-2 also walk by their onboard controller, as long as their onboard mode has the motors. A Go2
-and a B2 publish SportModeState 50 times a second, and a G1 its odometry. Velocities are ``setpoint`` in the
-log; StopMove and Damp are ``safe``. A G1 and an H1 have no StopMove. There a velocity of zero is ``safe`` if it
-has the duration that the vendor's StopMove sends, one second.
+It publishes LowState 500 times a second, obeys LowCmd, and answers the requests to its services. All robots except
+the H1-2 can also walk by their onboard controller, while their onboard mode is active. A Go2 and a B2 publish
+SportModeState 50 times a second, and a G1 publishes its odometry.
 
-The log has every LowCmd: ``safe`` with its safe state if it gives no torque, else ``setpoint``; ``garbled`` if
-its checksum is wrong, ``other`` if it is for another ``mode_machine``. It has every request. From the robot it
-has the answers and its own events: ``fsm``, ``mode``, ``fell``, ``stood``. It has no LowStates: they are a
-megabyte a second, and have no reader.
+The log of the network (wire log) has every LowCmd and every request, by its kind:
 
-Besides the control lines of every twin it takes ``fsm NUMBER``, ``mode NAME`` (``mode -``: released),
-``battery PERCENT`` (``battery unknown``) and ``nan JOINT`` (``nan -`` ends it): the joint then reports a
-position that is not a number.
+    setpoint   a LowCmd with torque, or a velocity
+    safe       a LowCmd without torque, StopMove or Damp. A G1 and an H1 have no StopMove: there it is a velocity of
+               zero with a duration of one second, as the vendor's client sends it
+    garbled    a LowCmd with a wrong checksum
+    other      a LowCmd for another ``mode_machine``
+
+It also has the robot's answers and events: ``fsm``, ``mode``, ``fell``, ``stood``. It has no LowStates, which would
+be a megabyte a second.
+
+A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``fsm
+NUMBER``, ``mode NAME`` (``mode -`` releases the onboard mode) and ``battery PERCENT`` (or ``battery unknown``).
+After ``nan JOINT`` this joint reports a position that is not a number, until ``nan -``.
 """
 
 from __future__ import annotations
@@ -54,23 +58,23 @@ class UnitreeTwinOptions(DdsOptions, frozen=True):
 
 
 BATTERY_EVERY, GAIT_EVERY = 50, 10
-"""Periods in ticks."""
+"""Periods of publishing the battery and SportModeState, in ticks of 2 ms."""
 WRONG_RAD = 1.0
 _SAFE_STATES = {ZERO_TORQUE: SafeState.ZERO_TORQUE, DAMP: SafeState.DAMP}
-"""FSM id to its safe state."""
+"""FSM id -> safe state that it means."""
 _READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID, rpc.LOCO_GET_ODOM)
 
 
 def safe_state_of(command: Command) -> str:
-    """Return the safe state to which a LowCmd brings the whole robot: ``zero_torque``, ``damp``, or "" for
-    anything else."""
+    """Return the safe state that a LowCmd commands: ``zero_torque`` or ``damp``. Return "" if it commands
+    torque."""
     if any(command.tau) or any(command.kp):
         return ""
     return "damp" if any(command.kd) else "zero_torque"
 
 
 class UnitreeServer(DdsServer):
-    """Serves one robot. Its methods are the events that may happen to the robot while it runs."""
+    """Run one simulated robot on the network. Its methods are events, such as a fault or a power cycle."""
 
     def __init__(self, model: Model, log: WireLog, options: UnitreeTwinOptions) -> None:
         self._model = model
@@ -78,14 +82,14 @@ class UnitreeServer(DdsServer):
         self.onboard = Onboard(model, self.note, options.silence_s, self._simulator, keeps_s=options.keeps_s)
         super().__init__(log, options, self.onboard.body, model.slots)
         self.body = StandingBody(self.onboard)
-        """The body for the simulation control."""
+        """The body that a simulation (another program on this computer) may move."""
         self.onboard.soc = None if options.battery == "unknown" else options.battery
         if options.fsm is not None:
             self.onboard.set_fsm(options.fsm)
         self._commands = CommandCodec(model)
         self._states = StateCodec(model)
         self._answers: dict[str, Writer] = {}
-        self._nan = ""  # a joint that reports NaN as its position
+        self._nan = ""  # Name of a joint that must report NaN as its position, or empty.
 
     def make_endpoints(self, participant: Participant) -> None:
         family = self._model.family
@@ -106,7 +110,7 @@ class UnitreeServer(DdsServer):
         def on_request(payload: memoryview, writer: bytes, t_ns: int) -> None:
             if not self.is_off:
                 body = bytes(payload[4:])
-                self.take(writer, t_ns, lambda t_ns: self._take_request(service, body, t_ns))
+                self.receive(writer, t_ns, lambda t_ns: self._take_request(service, body, t_ns))
 
         part.reader(rpc.request_topic(service), rpc.REQUEST_TYPE, on_request, reliable=True)
 
@@ -119,7 +123,7 @@ class UnitreeServer(DdsServer):
         if self.is_off:
             return
         body = bytes(payload[4:])
-        self.take(writer, t_ns, lambda t_ns: self._take_command(body, t_ns))
+        self.receive(writer, t_ns, lambda t_ns: self._take_command(body, t_ns))
 
     def _take_command(self, body: bytes, t_ns: int) -> None:
         try:
@@ -149,20 +153,20 @@ class UnitreeServer(DdsServer):
             self._answers[service].write(CDR + answer)
 
     def _kind_of(self, service: str, request: rpc.Request) -> tuple[str, str | None]:
-        """Return the kind of a request, and the safe state to which it brings the whole robot."""
+        """Return the kind of a request for the wire log, and the safe state that it commands, if it does so."""
         if request.api in _READS or service == rpc.MOTION_SWITCHER or self.onboard.gait is None:
             return ("read" if request.api in _READS else "config"), None
         match request.api:
             case rpc.MOVE:
                 return "setpoint", ""
-            case rpc.STOP_MOVE:  # used for a hold and for a stop
+            case rpc.STOP_MOVE:  # The driver sends it for a hold and for a stop, so the safe state is unknown.
                 return "safe", None
             case rpc.DAMP:
                 return "safe", SafeState.DAMP
             case rpc.SET_VELOCITY | rpc.LOCO_SET_VELOCITY:
-                asked = self._parameter(request)
-                # A velocity of zero may also be a setpoint. The duration of a StopMove tells them apart.
-                stops = (asked.get("velocity"), asked.get("duration")) == ([0.0, 0.0, 0.0], STOP_DURATION_S)
+                parameter = self._parameter(request)
+                # A velocity of zero may be a setpoint or a stop. A stop has the duration of the vendor's StopMove.
+                stops = (parameter.get("velocity"), parameter.get("duration")) == ([0.0, 0.0, 0.0], STOP_DURATION_S)
                 return ("safe", None) if stops else ("setpoint", "")
             case rpc.SET_FSM_ID | rpc.LOCO_SET_FSM_ID:
                 number = self._parameter(request).get("data")
@@ -172,7 +176,7 @@ class UnitreeServer(DdsServer):
 
     @staticmethod
     def _parameter(request: rpc.Request) -> dict[str, Any]:
-        """Return the parameter of a request; empty if it cannot be read."""
+        """Decode the parameter of a request. Return an empty dict if it cannot be decoded."""
         try:
             return rpc.parsed(request.parameter)
         except MalformedFrame:
@@ -180,7 +184,7 @@ class UnitreeServer(DdsServer):
 
     # -- sent data
 
-    def say(self, tick: int, now_ns: int) -> None:
+    def send_due(self, tick: int, now_ns: int) -> None:
         state = self.onboard.state()
         if self.lies:
             state = state._replace(q=tuple(rad + WRONG_RAD for rad in state.q))
@@ -192,7 +196,7 @@ class UnitreeServer(DdsServer):
         body = self._states.encode(state)
         if self._simulator:
             body = body[:-4] + bytes(4)
-        self.say_state(self._state_writer, body, now_ns)
+        self.send_state(self._state_writer, body, now_ns)
         gait = self.onboard.sport_state(now_ns)
         if self._gait_writer is not None and gait is not None and not self.is_off and tick % GAIT_EVERY == 0:
             self._gait_writer.write(CDR + encode_state(gait))
@@ -223,11 +227,11 @@ class UnitreeServer(DdsServer):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, UnitreeTwinOptions, options)
+    """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, UnitreeTwinOptions, options)
     model = model_of(robot)
 
     def build(wire_log: WireLog) -> UnitreeServer:
-        return UnitreeServer(model, wire_log, given)
+        return UnitreeServer(model, wire_log, twin_options)
 
     run_server(build, **start)

@@ -1,4 +1,4 @@
-"""Build the twin's body from the robot's table."""
+"""Build the simulated body of a robot from its table in ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from strands_actors.drivers.unitree.robots import TABLES, Model
 
 
 def body_of(model: Model) -> LeggedBody:
-    """Return the body. Limits, torque and speed come from the joints, the rest from ``links``."""
+    """Return the simulated body. Its joint limits, torques and speeds come from the joints in the table."""
     table = TABLES.table(model.name)
     joints = {joint.key: joint for joint in model.joints}
 

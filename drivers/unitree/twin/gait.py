@@ -1,8 +1,9 @@
-"""The gait of a robot's onboard controller, as its service shows it: modes, velocity and odometry. It knows
-no network and no physics. ``sport.py`` and ``loco.py`` handle the requests of the two services.
+"""Simulate how an onboard controller walks, as seen by its clients: modes, velocity and odometry.
 
-Like the robot, it answers success to a velocity that it ignores: while it sits, lies, gets up, or stands with
-locked joints.
+This module has no network and no physics. ``sport.py`` and ``loco.py`` handle the requests of the two services.
+
+A real robot ignores a velocity while it sits, lies, gets up, or stands with locked joints, but still answers
+success. So does this simulation.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ REST = (0.0, 0.0, 0.0)
 
 
 class Pose(Enum):
-    """How the controller drives the body."""
+    """What the onboard controller does with the body: holds it up or down, brakes the joints, or lets them go."""
 
     UP = "up"
     DOWN = "down"
@@ -29,10 +30,13 @@ class Pose(Enum):
 
 
 class Gait(ABC):
-    """The base of both gaits. ``note(kind, text)`` is called with ``twist``, and with a change of mode."""
+    """The common base of the two simulated walking services.
+
+    It calls ``note(kind, text)`` at each new velocity (kind ``twist``) and at each change of mode.
+    """
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float) -> None:
-        """``keeps_s``: a velocity ends by itself after this time; 0: never."""
+        """Start in the mode ``first_mode``. A velocity ends by itself after ``keeps_s`` seconds (0 for never)."""
         self._note = note
         self._keeps_s = keeps_s
         self.reset()
@@ -43,27 +47,27 @@ class Gait(ABC):
         self.position = [0.0, 0.0]
         self.heading_rad = 0.0
         self._until_s = math.inf
-        self._next: tuple[float, int] | None = None  # when the next mode begins, and which one
+        self._next: tuple[float, int] | None = None  # Time at which the mode changes, and the next mode.
         self._now_s = 0.0
 
     @property
     @abstractmethod
     def first_mode(self) -> int:
-        """The mode after a start."""
+        """The mode in which the controller starts."""
 
     @property
     @abstractmethod
     def walks(self) -> bool:
-        """True if the present mode carries out a velocity."""
+        """True if the robot walks at a velocity that it receives in the present mode."""
 
     @property
     @abstractmethod
     def pose(self) -> Pose:
-        """How it drives the body, or is about to."""
+        """The pose into which the controller has brought the body, or is bringing it."""
 
     @abstractmethod
     def order(self, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
-        """Carry out a request. Return code and data of the answer.
+        """Carry out a request. Return the code and the data of the answer.
 
         Raises:
             KeyError: The parameter lacks a key.
@@ -72,20 +76,20 @@ class Gait(ABC):
 
     @abstractmethod
     def become(self, mode: int) -> None:
-        """Change to a mode at once, and note it if it is another one."""
+        """Change to a mode at once. Report it to ``note`` if it differs from the present mode."""
 
     @property
     def next_mode(self) -> int:
-        """The mode to which it is changing, or else the present one."""
+        """The mode at the end of the present change of posture. Without a change, the present mode."""
         return self.mode if self._next is None else self._next[1]
 
     @property
     def share(self) -> float:
-        """The share of the present change that is done, 0 to 1."""
+        """Progress of the present change of posture, 0 to 1. Without a change it is 1."""
         return 1.0 if self._next is None else 1.0 - max(0.0, self._next[0] - self._now_s) / POSTURE_S
 
     def advance(self, now_s: float) -> float:
-        """Let time pass. Return for how many seconds it has walked."""
+        """Advance to the time ``now_s``. Return for how many seconds the robot has walked since the last call."""
         passed_s = min(now_s - self._now_s, 0.25) if self._now_s else 0.0
         self._now_s = now_s
         if self._next is not None and now_s >= self._next[0]:
@@ -104,7 +108,7 @@ class Gait(ABC):
         return passed_s
 
     def _move(self, twist: tuple[float, float, float], duration_s: float = math.inf) -> bool:
-        """Begin a velocity. Return False if it is ignored. ``duration_s``: from the request."""
+        """Begin to walk at a velocity, for at most ``duration_s``. Return False if the mode does not allow it."""
         if not self.walks or self._next is not None:
             return False
         lasts_s = min(duration_s, self._keeps_s) if self._keeps_s else math.inf

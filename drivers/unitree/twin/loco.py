@@ -1,7 +1,8 @@
-"""The locomotion service of the twin of a G1 or an H1: a state machine with a number that requests set.
+"""Simulate the locomotion service of a G1 or an H1: a state machine with a number for each state.
 
-Like the robot, it is in the new state at once, while the body is still moving there, and it answers success
-to a number that it does not change to. Each velocity has its duration.
+As on a real robot, a request changes the number at once, although the body still moves into the new posture. A
+request for a state that cannot follow the present one is ignored, but answered with success. Each request for a
+velocity contains its duration.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .gait import POSTURE_S, REST, Gait, Pose
 
 
 class LocoGait(Gait):
-    """Notes ``fsm``, its state, by number."""
+    """The simulated service. It reports each new state to ``note``, as ``fsm`` with the number."""
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float, words: LocoDialect) -> None:
         self._words = words
@@ -25,7 +26,9 @@ class LocoGait(Gait):
 
     def reset(self) -> None:
         super().reset()
-        self.tells_pose = not self._words.at_open  # whether it answers a request for its pose
+        self.tells_pose = (
+            not self._words.opening_orders
+        )  # True if the service answers requests for the robot's pose.
 
     @property
     def first_mode(self) -> int:
@@ -66,7 +69,7 @@ class LocoGait(Gait):
         if words.ask_odometry and api == words.ask_odometry and self.tells_pose:
             heading = math.remainder(self.heading_rad, math.tau)
             return rpc.OK, {"x": self.position[0], "y": self.position[1], "z": heading}
-        if any(api == order.api for order in words.at_open):
+        if any(api == order.api for order in words.opening_orders):
             self.tells_pose = True
             return rpc.OK, None
         return rpc.NOT_IMPLEMENTED, None

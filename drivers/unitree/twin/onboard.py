@@ -1,7 +1,6 @@
-"""The twin's onboard computer: states, modes, services, battery, and control of the body. It knows no
-network.
+"""Simulate the onboard computer of a robot: states, modes, services, battery, and control of the body.
 
-Each call passes the time; between calls nothing happens.
+This module has no network, and no own clock: time advances only in ``advance``.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from .loco import LocoGait
 from .sport import SportGait
 
 STAND_KP, STAND_KD = 1000.0, 20.0
-"""Gains of the onboard controller, which only stands."""
+"""Gains with which the onboard controller holds the joints while the robot stands."""
 
 ROOM_C = 30
 MODE_MACHINE = 5
@@ -36,8 +35,11 @@ MODE_MACHINE = 5
 
 
 class Onboard:
-    """The onboard computer of one robot. ``note(kind, text)`` is called with its events: ``fsm``, ``mode``,
-    ``fell``, ``stood``, ``silence``, and ``gait`` and ``twist`` of its gait."""
+    """The simulated onboard computer of one robot.
+
+    It calls ``note(kind, text)`` at each event. The kinds are ``fsm``, ``mode``, ``fell``, ``stood``, ``silence``,
+    ``gait`` and ``twist``.
+    """
 
     def __init__(
         self,
@@ -48,15 +50,15 @@ class Onboard:
         body: LeggedBody | None = None,
         keeps_s: float = 1.0,
     ) -> None:
-        """Make the computer and its body.
+        """Build the computer and the body.
 
         Args:
-            model: The robot.
-            note: Called with each event.
-            silence_s: Without a LowCmd for this time the robot damps; 0: never.
-            simulator: It accepts every LowCmd in any mode.
-            body: Replaces the body of the robot's table.
-            keeps_s: A velocity ends by itself after this time; 0: never.
+            model: The type of robot.
+            note: Called with the kind and the text of each event.
+            silence_s: If no LowCmd arrives for this time, the joints brake. 0: they never brake by themselves.
+            simulator: True to behave like Unitree's simulator, which obeys a LowCmd in every mode.
+            body: A body to use instead of the one in ``robots.toml``.
+            keeps_s: A velocity ends by itself after this time. 0: it never ends by itself.
         """
         self.model = model
         self._simulator = simulator
@@ -69,10 +71,9 @@ class Onboard:
         home = tuple(self.body.position_rad)
         self._lie = model.walks.lie_rad if model.walks and model.walks.lie_rad else home
         self.gait = self._make_gait(keeps_s)
-        """The gait; None if this package does not know how the robot walks."""
-        self._way: tuple[Sequence[float], Sequence[float]] | None = (
-            None  # the poses between which it moves, from and to
-        )
+        """The simulated walking service. None if this package cannot make the robot walk."""
+        # First and last pose of the present change of posture, or None.
+        self._pose_change: tuple[Sequence[float], Sequence[float]] | None = None
         self._stand = (home, self._zero, self._zero, (STAND_KP,) * count, (STAND_KD,) * count)
         self._brake = (self._zero, self._zero, self._zero, self._zero, (model.damp_kd,) * count)
         self._limp = (self._zero,) * 5
@@ -80,7 +81,7 @@ class Onboard:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state after a boot, standing."""
+        """Reset to the state after a boot. The robot stands."""
         self.body.stand_up()
         self.mode = self.model.sport_mode
         if self.gait is not None:
@@ -88,7 +89,7 @@ class Onboard:
         self.fallen = False
         self._commanded_s = 0.0
         self.commanded = False
-        """True if the newest LowCmd asks for torque, and is obeyed."""
+        """True if the newest LowCmd commands torque, and the robot obeys it."""
         self.obey_itself()
 
     def _make_gait(self, keeps_s: float) -> Gait | None:
@@ -100,21 +101,22 @@ class Onboard:
             return LocoGait(self._gait_changed, keeps_s, dialect)
         return SportGait(self._gait_changed, keeps_s, walks.sits)
 
-    # -- control of the body
+    # -- which controller commands the joints
 
     @property
     def fsm_id(self) -> int | None:
-        """The FSM id; None if the robot has no state machine."""
+        """The number of the state machine's state (FSM id). None if the robot has no state machine."""
         return self.gait.mode if isinstance(self.gait, LocoGait) else None
 
     @property
     def machine(self) -> int:
-        """Its ``mode_machine``, which every LowCmd has to repeat; 0 if there is no such field."""
+        """The robot's ``mode_machine``, a number that every LowCmd must repeat. 0 if its frames have no such
+        field."""
         return MODE_MACHINE if self.model.family == "hg" and not self._simulator else 0
 
     @property
     def takes_commands(self) -> bool:
-        """True if it obeys a LowCmd."""
+        """True if the robot obeys a LowCmd in its present state."""
         if self._simulator:
             return True
         if self.model.handshake == "fsm":
@@ -122,8 +124,11 @@ class Onboard:
         return not self.mode
 
     def command(self, command: Command, now_s: float) -> None:
-        """Take a LowCmd with a right checksum. The newest one applies until another event. A LowCmd for
-        another ``mode_machine`` is ignored [assumed: the vendor's examples copy the number from LowState]."""
+        """Carry out a LowCmd, until the next command or event.
+
+        A LowCmd with another ``mode_machine`` is ignored [assumed: the vendor's examples copy the number from
+        LowState].
+        """
         if not self.takes_commands or command.machine != self.machine:
             return
         active = [1.0 if mode else 0.0 for mode in command.mode]
@@ -132,16 +137,17 @@ class Onboard:
         self._commanded_s = now_s
         self.commanded = any(command.tau) or any(command.kp) or any(command.kd)
 
-    def lead(self, rows: Sequence[Sequence[float]], which: Sequence[float]) -> None:
-        """Drive the joints that the flags name. The onboard controller drives the others."""
+    def set_targets(self, rows: Sequence[Sequence[float]], selected: Sequence[float]) -> None:
+        """Command the joints for which ``selected`` is 1, as a simulation requests. The onboard controller holds
+        the other joints."""
         mixed = (
-            [value if led else own for value, own, led in zip(row, stand, which, strict=True)]
+            [value if led else own for value, own, led in zip(row, stand, selected, strict=True)]
             for row, stand in zip(rows, self._stand, strict=True)
         )
         self.body.drive(*mixed)
 
     def set_fsm(self, number: int) -> None:
-        """Set the state of the state machine, if there is one, as the robot's remote does."""
+        """Set the state of the state machine, as a person does by the remote. Ignored without a state machine."""
         if isinstance(self.gait, LocoGait):
             self.gait.become(number)
             self.obey_itself()
@@ -152,35 +158,35 @@ class Onboard:
         self.obey_itself()
 
     def obey_itself(self) -> None:
-        """Let the onboard controller drive the body, by its mode, its FSM and its posture."""
+        """Let the onboard controller command the joints, as its mode, its state and its posture require."""
         self._commanded_s = 0.0
         self.commanded = False
         pose = Pose.UP if self.gait is None else self.gait.pose
         if pose is Pose.LIMP or pose is Pose.BRAKED or not self.mode:
-            self._way = None
+            self._pose_change = None
             self.body.drive(*(self._limp if pose is Pose.LIMP else self._brake))
             return
         to = self._lie if pose is Pose.DOWN else self._stand[0]
         rests = pose is Pose.UP and (self.gait is None or self.gait.share >= 1.0)
-        self._way = None if rests else (self.body.position_rad, to)
-        self._drive_way()
+        self._pose_change = None if rests else (self.body.position_rad, to)
+        self._drive_pose_change()
 
     @property
     def _is_down(self) -> bool:
-        """True if the onboard controller has laid the robot down, or is about to."""
+        """True if the onboard controller has laid the robot down, or is laying it down."""
         return self.gait is not None and self.gait.pose is Pose.DOWN
 
-    def _drive_way(self) -> bool:
-        """Move on to the next pose, as far as the gait is. Return True if the body is there."""
-        if self._way is None or self.gait is None:
+    def _drive_pose_change(self) -> bool:
+        """Move the joints towards the next pose, as far as the change has progressed. Return True at its end."""
+        if self._pose_change is None or self.gait is None:
             self.body.drive(*self._stand)
             return True
         share = self.gait.share
-        q = [(1.0 - share) * at + share * to for at, to in zip(*self._way, strict=True)]
+        q = [(1.0 - share) * start + share * end for start, end in zip(*self._pose_change, strict=True)]
         self.body.drive(q, *self._stand[1:])
         if share < 1.0:
             return False
-        self._way = None
+        self._pose_change = None
         return True
 
     def _gait_changed(self, kind: str, text: str) -> None:
@@ -198,7 +204,7 @@ class Onboard:
             walked_s = self.gait.advance(now_s)
             if walked_s:
                 self.body.carry(*self.gait.twist, walked_s)
-            if self._way is not None and self._drive_way() and isinstance(self.gait, LocoGait):
+            if self._pose_change is not None and self._drive_pose_change() and isinstance(self.gait, LocoGait):
                 self._hang_up()
         self.body.catch_up(now_s)
         self._tick += 1
@@ -207,7 +213,8 @@ class Onboard:
             self._note("fell" if self.fallen else "stood", f"{self.body.height_m:.3f}")
 
     def _hang_up(self) -> None:
-        """Put a G1 or an H1 that has stood up on its feet, since a hanger holds it meanwhile."""
+        """Put a robot that has fallen while standing up back on its feet. A real G1 or H1 hangs in a hanger
+        then."""
         if self.body.fallen and not self._is_down:
             self.body.stand_up()
             self.body.drive(*self._stand)
@@ -228,7 +235,7 @@ class Onboard:
         )
 
     def sport_state(self, now_ns: int) -> SportState | None:
-        """Return the state of the onboard controller; None if it publishes no state."""
+        """Return the SportModeState of the onboard controller. None if no onboard mode is active."""
         gait = self.gait
         if gait is None or not self.mode:
             return None
@@ -246,13 +253,13 @@ class Onboard:
         return (rpc.MOTION_SWITCHER, self.model.service)
 
     def serve(self, service: str, request: Request) -> Response | None:
-        """Return the answer to a request; None for no answer."""
+        """Return the response to a request. None if the service does not answer."""
         try:
             parameter = rpc.parsed(request.parameter)
             if service == rpc.MOTION_SWITCHER:
                 answer = self._switch(request.api, parameter)
             elif not self.mode:
-                return None  # the service belongs to the mode that was released
+                return None  # The onboard mode was released, and this service has ended with it.
             else:
                 answer = self._sport(request.api, parameter)
         except (MalformedFrame, KeyError, TypeError, ValueError):

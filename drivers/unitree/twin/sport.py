@@ -1,4 +1,4 @@
-"""The sport service of the twin of a Go2 or a B2."""
+"""Simulate the sport service of a Go2 or a B2."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _WAYS: dict[int, tuple[frozenset[int], int]] = {
     rpc.SIT: (STANDING, SIT),
     rpc.RISE_SIT: (frozenset((SIT,)), BALANCE),
 }
-"""Request to the modes in which it is carried out, and the mode in which it ends."""
+"""Request -> the modes in which it is carried out, and the mode in which the robot is afterwards."""
 
 
 class SportGait(Gait):
-    """Notes ``gait``, its mode, by name."""
+    """The simulated service. It reports each new mode to ``note``, as ``gait`` with the name."""
 
     def __init__(self, note: Callable[[str, str], None], keeps_s: float, sits: bool) -> None:
         self._sits = sits
@@ -77,7 +77,7 @@ class SportGait(Gait):
         return rpc.OK, None
 
     def _begin(self, mode: int) -> None:
-        """Change to a mode. Unlocking the joints takes no time; getting up and down does."""
+        """Begin to change to a mode. Getting up or down takes ``POSTURE_S``. Other changes take no time."""
         floor = frozenset((LIE, DAMPING, SIT))
         if (mode in floor) == (self.mode in floor):
             self.become(mode)

@@ -1,12 +1,14 @@
 """The common interface of the two services by which Unitree's robots walk. Pure.
 
-``sport`` of a Go2 and a B2 has a request for each posture, and reports its mode in SportModeState
-(``sport.py``). ``loco`` of an H1, which is called ``sport`` on a G1, is a state machine: one request sets its
-number, the FSM id, and another one asks for it (``loco.py``). Here the modes of both are numbers:
+The service of a Go2 and a B2, ``sport``, has a request for each posture, and reports its mode in SportModeState
+(see ``sport.py``). The service of an H1 (``loco``) and of a G1 (also called ``sport``) is a state machine. One
+request sets the number of its state (FSM id), and another request reads this number (see ``loco.py``).
 
-    walks    the robot carries out a velocity
-    rests    it ignores a velocity, and nothing moves it
-    others   a motion is under way, such as getting up or a jump
+A ``Dialect`` describes one such service. The modes of both are numbers, in three groups:
+
+    walks    the robot walks if it receives a velocity
+    rests    the robot ignores a velocity, and stands or lies still
+    others   the robot is moving, for example getting up or jumping
 """
 
 from __future__ import annotations
@@ -19,56 +21,61 @@ import msgspec
 from .states import STATE_TOPIC
 
 MOVE_S = 0.3
-"""Lifetime of one velocity. G1 and H1 receive it with the velocity. We stop a Go2 and a B2 after it."""
+"""Lifetime of one velocity. A G1 and an H1 receive this time with the velocity, and stop by themselves. A Go2 and a
+B2 are stopped by this driver."""
 
 
 class Order(NamedTuple):
-    """One request."""
+    """One request to the service: its number, and its parameter as JSON."""
 
     api: int
     parameter: str = "{}"
 
 
 class Posture(NamedTuple):
-    """How one service of the robot's handle is carried out: the requests are sent one after the other. Each
-    is done when the robot reports one of its modes."""
+    """A change of posture, such as ``stand_up()``: the requests that it needs, in order.
+
+    Each request comes with modes. The request is done when the robot reports one of them.
+    """
 
     about: str
     steps: tuple[tuple[Order, frozenset[int]], ...]
     after: frozenset[int]
-    """Modes from which it may be requested."""
+    """Modes in which this posture may be requested."""
     done: frozenset[int]
-    """Modes in which nothing has to be done."""
+    """Modes in which the robot already has this posture."""
 
 
 class Dialect(msgspec.Struct, frozen=True):
-    """One service: its requests and its modes."""
+    """The requests and the modes of one service for walking."""
 
     stop: Order
-    """Ends a velocity. The service always answers it, which it need not do for a velocity. The robot stays on
-    its feet."""
+    """Request that stops walking. The robot stays on its feet. The service always answers this request, but may not
+    answer a velocity."""
     balance: Order
-    """Ends stepping on the spot, once the robot stands."""
+    """Request after which a standing robot no longer steps on the spot."""
     damp: Order
-    """Brakes every joint, so the robot sinks to the floor. The vendor's own emergency stop."""
+    """Request that brakes every joint, so that the robot sinks to the floor. The vendor's own emergency stop."""
     names: Mapping[int, str]
     walks: frozenset[int]
     rests: frozenset[int]
     damped: int
     postures: Mapping[str, Posture]
     settles: frozenset[int] = frozenset()
-    """Modes that are reported when the motion into them begins. They are reached once the joints rest."""
+    """Modes that the robot already reports while it still moves into them. They are reached once the joints
+    rest."""
     posture_s: float = 10.0
     """Longest time for a posture [assumed: standing up takes a Go2 some two seconds]."""
     mode_source: str = "SportModeState"
-    """Source of the mode, for messages."""
+    """Name of the source of the mode, for error messages."""
     state_topic: str = STATE_TOPIC
-    """Topic of the odometry, and of the mode unless that is asked for. Empty if there is no topic."""
+    """Topic on which the robot publishes its odometry and, without ``ask_mode``, its mode. Empty without a
+    topic."""
     ask_mode: int = 0
-    """The request for the mode. 0: SportModeState has it."""
+    """Number of the request that reads the mode. 0 if the mode is in SportModeState."""
     ask_odometry: int = 0
-    """The request for the pose. 0: SportModeState has it."""
-    at_open: tuple[Order, ...] = ()
+    """Number of the request that reads the pose. 0 if the pose is in SportModeState."""
+    opening_orders: tuple[Order, ...] = ()
     """Requests that make the service report its pose."""
 
     def move(self, vx_m_s: float, vy_m_s: float, wz_rad_s: float) -> Order:

@@ -1,12 +1,14 @@
 """Walk Unitree's legged robots by their onboard controller: ``level="sport"``.
 
-Connecting and ``resume()`` move nothing. ``stand_up()`` stands up. ``move(vx, vy, wz)`` walks for 0.3 s, and so
-does ``send_action({"vx": 0.3})``; send it again to go on.
+Connecting and ``resume()`` move nothing. ``stand_up()`` makes the robot stand up. ``move(vx, vy, wz)`` and
+``send_action({"vx": 0.3})`` make it walk for 0.3 s. Repeat them to walk on.
 
-``zero``  velocity zero: the robot goes on balancing (an expired setpoint, a lost lease)
-``stop``  the robot ends its motion and stands by its own controller: ``stop()``, and after the end of one of our
-          processes. It then needs no program to stand. Without its controller it would fall
-``damp``  an e-stop: every joint brakes, and the robot sinks to the floor. The vendor's emergency stop
+The safe states, and when they are used:
+
+``zero``  velocity zero, and the robot keeps its balance. After a setpoint that expired, or a writer that has ended
+``stop``  the robot ends its motion, and its own controller keeps it on its feet. At ``stop()``, and after the end
+          of one of our processes
+``damp``  every joint brakes, and the robot sinks to the floor (the vendor's emergency stop). At an e-stop
 """
 
 from __future__ import annotations
@@ -89,10 +91,13 @@ class _Walking(Driver):
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         chosen = read_options(robot, LegsOptions, options)
         if chosen.simulator:
-            raise ValueError(f"{robot}: simulator=True has no service that walks. Leave out level='sport'")
+            raise ValueError(
+                f"{robot}: Unitree's simulator (simulator=True) cannot walk by itself. Leave out level='sport'"
+            )
         if chosen.on_exit != "zero_torque":
             raise ValueError(
-                f"{robot}: on_exit is of level='low'. Leave it out: walking, a stop leaves it standing"
+                f"{robot}: on_exit has a meaning only with level='low'. Leave on_exit out: with level='sport' the "
+                "robot stays on its feet after a stop"
             )
         return plain(chosen)
 
@@ -100,9 +105,7 @@ class _Walking(Driver):
         chosen = read_options(robot, LegsOptions, self.resolve(robot, options))
         self._model = model = model_of(robot)
         if model.walks is None or model.name not in self.SUPPORTED_ROBOTS:
-            raise ValueError(
-                f"{robot} does not walk at level='sport'. Use one of {', '.join(self.SUPPORTED_ROBOTS)}"
-            )
+            raise ValueError(f"{robot} cannot walk by level='sport'. Use one of {', '.join(self.SUPPORTED_ROBOTS)}")
         self.robot = model.name
         dialect = dialect_of(model.walks)
         self.config = UnitreeConfig(model, port, chosen.network_interface, chosen.domain or 0)
@@ -117,8 +120,8 @@ class _Walking(Driver):
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         if service in self.JOINTS_SERVICES:
-            why = "this robot walks by its sport mode (level='sport'), which keeps the joints"
-            return Refused(Code.LEVEL, why, JOINTS_ELSEWHERE, "sport", "low")
+            reason = "this robot walks by its sport mode (level='sport'), which keeps the joints"
+            return Refused(Code.LEVEL, reason, JOINTS_ELSEWHERE, "sport", "low")
         return super().check_service(service, arguments)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

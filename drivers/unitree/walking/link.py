@@ -1,7 +1,7 @@
-"""One participant on the network of a robot that walks by its onboard controller. It sends requests and
-receives states. The wire and the stop channel both use it.
+"""One DDS participant for a robot that walks by its onboard controller. It sends requests and receives states.
 
-``send`` sends at once. ``until`` handles what arrives until a condition is true.
+The wire process and the stop channel each have one. ``send`` does not wait. ``until`` handles received data until a
+condition is true.
 """
 
 from __future__ import annotations
@@ -26,39 +26,39 @@ from .robots import dialect_of
 from .states import STATE_TYPE, SportState, decode_state
 
 LOOK_S = 0.002
-"""Period of ``until``."""
+"""Period in which ``until`` handles received data, in seconds."""
 ASK_EVERY_NS = 50_000_000
-"""Period of asking for the mode, of a robot that does not publish it."""
+"""Period of requests for the mode, if the robot does not publish it."""
 SPEED_NS = 600_000_000
-"""A robot that has reported no speed within this time never will [assumed]."""
+"""If a robot has reported no speed within this time, it has no odometry [assumed]."""
 
 
 class WalkingLink(Network):
-    """The link of a walking robot. Making it raises ``WireDown`` if the sockets cannot be opened."""
+    """The connection to a walking robot. Its constructor raises ``WireDown`` if the sockets cannot be opened."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         super().__init__(config, clock)
         assert config.model.walks is not None
-        self.where = config.port
+        self.address = config.port
         self.dialect: Dialect = dialect_of(config.model.walks)
         self.sport = Service(self.participant, config.model.service, clock)
         self.gait: SportState | None = None
         """The newest state of the onboard controller."""
         self.gait_ns = 0
-        """When the newest state with a new stamp arrived; 0 if there is no such state."""
+        """Time at which the newest state with a new time stamp arrived. 0 if there was no such state."""
         self.answered: dict[Order, int] = {}
-        """Requests that were answered, with success or failure, and the time of the newest such request."""
+        """Answered requests, with success or failure -> the time at which the newest such request was sent."""
         self.refused: dict[Order, str] = {}
-        """Requests with a failure as the last answer, and its reason."""
+        """Requests that the robot has refused in its last answer -> the reason."""
         self._stamps = Stamps()
-        self._odometry = Odometry()  # for a robot that is asked for its mode
-        self._asked_ns = 0
+        self._odometry = Odometry()  # Used only for a robot that reports its mode and its pose separately.
+        self._requested_ns = 0
         self._followed_ns = 0
         self._newest: tuple[bytes, bytes, int] | None = None
         """The newest LowState, undecoded, with its writer and its time."""
 
     def follow(self) -> None:
-        """Subscribe to the state of the onboard controller, from now on."""
+        """Subscribe to the states of the onboard controller. Further calls do nothing."""
         if not self._followed_ns:
             self._followed_ns = max(1, self.clock.now_ns())
             if self.dialect.state_topic:
@@ -66,22 +66,22 @@ class WalkingLink(Network):
 
     @property
     def reports_no_speed(self) -> bool:
-        """Return True if the robot had time to report its speed, and has never done so."""
+        """True if the robot has never reported its speed, although ``SPEED_NS`` have passed since ``follow``."""
         waited_ns = self.clock.now_ns() - self._followed_ns
         return not self._odometry.reports_speed and bool(self._followed_ns) and waited_ns >= SPEED_NS
 
     def send(self, order: Order) -> bool:
-        """Send a request. Return True if it left for a service that has matched us."""
+        """Send a request. Return True if the robot's service is connected and can receive it."""
         self.sport.ask(order.api, partial(self._hear, order), order.parameter)
         return self.sport.matched
 
     def send_stop(self, order: Order) -> bool:
-        """As ``send``, also to a service that has announced its end."""
+        """Send a request as ``send`` does, but also to a service that has announced its end."""
         self.sport.ask(order.api, partial(self._hear, order), order.parameter, stop=True)
         return self.sport.takes_stops
 
     def is_in(self, modes: Collection[int]) -> bool:
-        """Return True if the robot has reported one of these modes."""
+        """Return True if the robot's last reported mode is one of ``modes``."""
         return self.gait is not None and self.gait.mode in modes
 
     def poll(self) -> None:
@@ -94,7 +94,7 @@ class WalkingLink(Network):
             super()._on_state(memoryview(payload), writer, t_ns)
 
     async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Return True if the condition becomes true in time."""
+        """Handle received data until the condition is true. Return False if it is not true within ``within_s``."""
         with trio.move_on_after(within_s):
             while True:
                 self.poll()
@@ -103,19 +103,19 @@ class WalkingLink(Network):
                 await trio.sleep(LOOK_S)
         return False
 
-    async def find(self, where: str) -> None:
-        """Return when the robot's service has matched us.
+    async def find(self, address: str) -> None:
+        """Wait until DDS has connected us to the robot's service.
 
         Raises:
-            WireDown: It has not, within ``FIND_S``.
+            WireDown: The service was not found within ``FIND_S``.
         """
         if not await self.until(lambda: self.sport.matched, FIND_S):
-            raise WireDown(f"{where}: there is no service {self.sport.name}. Check port= and domain=")
+            raise WireDown(f"{address}: the robot has no service {self.sport.name}. Check port= and domain=")
 
     def _ask_state(self, now_ns: int) -> None:
-        if now_ns - self._asked_ns < ASK_EVERY_NS:
+        if now_ns - self._requested_ns < ASK_EVERY_NS:
             return
-        self._asked_ns = now_ns
+        self._requested_ns = now_ns
         self.sport.ask(self.dialect.ask_mode, self._on_mode)
         if self.dialect.ask_odometry:
             self.sport.ask(self.dialect.ask_odometry, self._on_pose)
@@ -126,17 +126,18 @@ class WalkingLink(Network):
         if response.id < self.answered.get(order, 0):
             return
         self.answered[order] = response.id
-        if response.why:
-            self.refused[order] = response.why
+        if response.error:
+            self.refused[order] = response.error
         else:
             self.refused.pop(order, None)
 
     def _on_state(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        """Keep only the newest state: 500 arrive a second, and about one in ten is decoded."""
+        """Keep only the newest LowState, undecoded. 500 arrive per second, and ``poll`` decodes about one in
+        ten."""
         self._newest = bytes(payload), bytes(writer), t_ns
 
     def _on_gait(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
-        with suppress(MalformedFrame):  # skip an unreadable state, so that the last state grows old
+        with suppress(MalformedFrame):  # Ignore an unreadable state. The gates notice if the last one gets too old.
             gait = decode_state(payload[4:])
             if not self._stamps.take(gait.stamp_ns, t_ns):
                 return
@@ -150,12 +151,12 @@ class WalkingLink(Network):
                 self.gait_ns = t_ns
 
     def _on_mode(self, response: rpc.Response) -> None:
-        if not response.why:
+        if not response.error:
             self._odometry.take_mode(rpc.fsm_id(response), response.id)
             self._show()
 
     def _on_pose(self, response: rpc.Response) -> None:
-        if not response.why:
+        if not response.error:
             self._odometry.take_pose(rpc.odometry(response), response.id)
             self._show()
 

@@ -1,10 +1,10 @@
-"""The locomotion service of a G1 (called ``sport`` there) and an H1 (``loco``): its requests, and the
-meaning of its states. Pure.
+"""The locomotion service of a G1 (where it is called ``sport``) and of an H1 (``loco``): requests and states. Pure.
 
-It is a state machine. SetFsmId sets its number and GetFsmId asks for it. It answers success even to a
-number that it does not change to, and to a velocity that it ignores, so only the reported number counts.
-It reports the number when the motion begins [assumed], so the joints must rest, too. Every velocity is
-sent with its duration, after which the robot ends it by itself.
+The service is a state machine. The request SetFsmId sets the number of its state, and GetFsmId reads it. The
+service answers success even if it ignores a number or a velocity. So this driver relies only on the number that
+GetFsmId reports. The number already changes when the robot begins to move into the new posture [assumed], so the
+driver also waits until the joints rest. Every velocity is sent with a duration, after which the robot stops by
+itself.
 
 Numbers of requests and states, and their names, come from the vendor's SDK, ``unitree_sdk2`` (BSD-3).
 """
@@ -56,17 +56,17 @@ def _number(api: int, number: int) -> Order:
 def _postures(
     set_mode: int, stand: int, start: int, walks: frozenset[int], down: dict[str, tuple[str, int]]
 ) -> dict[str, Posture]:
-    """Return the postures.
+    """Return the changes of posture that this service offers, by name.
 
-    The toggle between squatting and standing (706) is never sent, since a repeated request would undo
-    itself.
+    The state 706, which toggles between squatting and standing, is never requested: a repeated request would undo
+    the first one.
 
     Args:
-        set_mode: The request that sets a state.
-        stand: The state with locked joints.
-        start: The state that walks.
-        walks: All states in which the robot walks.
-        down: Service to its description and the state that it requests.
+        set_mode: The number of the request that sets a state.
+        stand: The state in which the robot stands with locked joints.
+        start: The state that is requested for walking.
+        walks: All states in which the robot can walk.
+        down: Name of each posture that lowers the robot -> its description, and the state to request.
     """
 
     def to(number: int) -> tuple[Order, frozenset[int]]:
@@ -139,7 +139,7 @@ H1 = LocoDialect(
     state_topic="",
     ask_mode=rpc.LOCO_GET_FSM_ID,
     ask_odometry=rpc.LOCO_GET_ODOM,
-    at_open=(Order(rpc.LOCO_ENABLE_ODOM),),
+    opening_orders=(Order(rpc.LOCO_ENABLE_ODOM),),
     set_mode=rpc.LOCO_SET_FSM_ID,
     set_velocity=rpc.LOCO_SET_VELOCITY,
     set_balance=rpc.LOCO_SET_BALANCE_MODE,

@@ -1,7 +1,7 @@
-"""Combine mode and pose of a robot that reports them separately: a G1 and an H1. No I/O, no clock.
+"""Combine the mode and the pose of a robot that reports them separately (G1 and H1). No I/O, no clock.
 
-The combined state is as old as the older of the two. If a robot has never reported its pose, the numbers of
-the pose are not finite.
+The time of the combined state is that of the older of the two reports. If the robot has never reported its pose,
+the pose in the combined state is NaN.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ AT_MOST_NS = NS
 
 
 class Odometry:
-    """Takes reports with their times. A report that is older than the newest is dropped."""
+    """Collects reports of the mode and of the pose. A report that is older than the last one is ignored."""
 
     def __init__(self) -> None:
         self._mode = 0
@@ -34,11 +34,11 @@ class Odometry:
 
     @property
     def stamp_ns(self) -> int:
-        """Return the time of the state that ``state`` returns; 0 if the mode is unknown."""
+        """The time of the combined state. 0 if the mode is unknown."""
         return min(self._mode_ns, self._pose_ns) if self.reports_speed else self._mode_ns
 
     def state(self) -> SportState | None:
-        """Return the combined state; None if the mode is unknown."""
+        """Return the combined state. None if the mode is unknown."""
         if not self._mode_ns:
             return None
         if self._pose is None:
@@ -50,12 +50,12 @@ class Odometry:
             self._mode, self._mode_ns = mode, t_ns
 
     def take_state(self, state: SportState, t_ns: int) -> None:
-        """Take a SportModeState. Its mode is ignored, since it is not valid."""
+        """Store the pose and the speed in a SportModeState. Its mode is not valid on these robots."""
         if t_ns > self._pose_ns:
             self._pose, self._pose_ns = state, t_ns
 
     def take_pose(self, pose: tuple[float, float, float], t_ns: int) -> None:
-        """Take position and heading. The speed is computed from two of these."""
+        """Store a pose: x and y in m, and the heading in rad. The speed is computed from two successive poses."""
         before, self._before = self._before, (t_ns, pose)
         if before is None or not AT_LEAST_NS <= t_ns - before[0] <= AT_MOST_NS:
             return

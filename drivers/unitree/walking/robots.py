@@ -1,4 +1,4 @@
-"""How a robot walks, from its table: its axes, and the service that walks."""
+"""Derive the velocity axes and the walking service of a robot from its table in ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ BASE = ("vx", "vy", "wz")
 
 
 def base_of(walks: Walks) -> Part:
-    """Return the axes of velocity: forward, to the left, turning to the left."""
+    """Return the axes vx (forward), vy (to the left) and wz (turning to the left), with their limits."""
     ranges = zip(BASE, ("m/s", "m/s", "rad/s"), (walks.vx_m_s, walks.vy_m_s, walks.wz_rad_s), strict=True)
     return Part(
         PartKind.BASE,
@@ -25,7 +25,7 @@ def base_of(walks: Walks) -> Part:
 
 
 def dialect_of(walks: Walks) -> Dialect:
-    """Return the dialect of the service by which a robot walks."""
+    """Return the requests and modes of the service by which a robot walks."""
     if walks.by == "sport":
         return GO2 if walks.sits else B2
     return G1 if walks.sits else H1

@@ -1,4 +1,4 @@
-"""The services and tool verbs of a walking robot beyond the common ones."""
+"""The services of a walking robot, such as ``stand_up()``, and its tools for an AI agent."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from .dialect import MOVE_S, Dialect
 from .robots import BASE
 
 LATE_S = 1.0
-"""Latest time at which a request of a killed participant may be carried out [assumed: the vendor's client
-gives up after 1 s]. The root is another participant, so its requests may overtake that one."""
+"""A request of a killed process may still be carried out for this time [assumed: the vendor's client gives up after
+1 s]. It may even be carried out after a later request of the root process, because that is another participant."""
 SELECT_S = 15.0
 
 _SPEEDS = {"vx": "m/s forward", "vy": "m/s to the left", "wz": "rad/s to the left"}
 
 
 def services_of(dialect: Dialect) -> dict[str, Service]:
-    """Return the services of a robot with this dialect."""
+    """Return the services of a robot: its changes of posture, and ``select_sport_mode``."""
     postures = {
         name: Service(posture.about, within_s=dialect.posture_s, powers=True, needs_armed=True, late_s=LATE_S)
         for name, posture in dialect.postures.items()
@@ -33,7 +33,7 @@ def services_of(dialect: Dialect) -> dict[str, Service]:
 
 
 def verbs_of(dialect: Dialect) -> tuple[ToolVerb, ...]:
-    """Return the tool verbs for an agent."""
+    """Return the tools with which an AI agent can control the robot."""
     walks = f"Walk for {DURATION}, or for {MOVE_S:g} s, then stand. A zero stops at once."
     move = held_move(walks, _SPEEDS, dict.fromkeys(BASE, 0.0))
     postures = (

@@ -1,7 +1,7 @@
 """The service ``sport`` of a Go2 and a B2: its requests, and the meaning of its modes. Pure.
 
-The numbers of requests come from the vendor's SDK, ``unitree_sdk2`` (BSD-3). The modes come from its
-documentation of SportModeState and the examples of its SDK.
+The numbers of the requests are from the vendor's SDK, ``unitree_sdk2`` (BSD-3). The modes are from the vendor's
+documentation of SportModeState and from the examples of the SDK.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""SportModeState: the mode and the estimated pose of the onboard controller of a Go2 or a B2; for a G1 the
-pose only. No I/O, no clock.
+"""Encode and decode SportModeState, the state that an onboard controller publishes. No I/O, no clock.
 
-XCDR1, little endian, without its four-byte encapsulation. Layout: the IDL of ``unitree_sdk2``.
+A Go2 and a B2 report their mode and their estimated pose in it. A G1 reports only its pose. A frame is XCDR1,
+little endian, without its four-byte encapsulation. The layout is from the IDL of ``unitree_sdk2``.
 """
 
 from __future__ import annotations
@@ -16,25 +16,26 @@ from strands_actors.kernel.clock import NS
 STATE_TOPIC = "rt/sportmodestate"
 STATE_TYPE = "unitree_go::msg::dds_::SportModeState_"
 
-# Stamp, error code, imu (13 floats, temperature), mode, progress, gait, height of a lifted foot, position, height
-# of the body, velocity, speed of the turn. Skipped after them: obstacles, feet and ten points of a path.
+# The fields are: time stamp, error code, IMU (13 floats, temperature), mode, progress, gait, height of a lifted
+# foot, position, height of the body, velocity, turning speed. The following fields are not decoded: obstacles,
+# feet, and ten points of a path.
 _STATE = struct.Struct("<iII13fBB2xfB3xf3ff3ff")
 STATE_BYTES = _STATE.size + 400
 
 
 class SportState(NamedTuple):
-    """A state, in metres and radians in the frame of the odometry. Velocities are in the frame of the body."""
+    """A state of the onboard controller: its mode, and pose (in the odometry frame) and velocity of the robot."""
 
-    stamp_ns: int  # by the robot's clock
+    stamp_ns: int  # Time of the state by the robot's clock.
     mode: int
     position: tuple[float, float, float]
-    velocity: tuple[float, float, float]  # vx, vy in m/s, and the turn about z in rad/s
+    velocity: tuple[float, float, float]  # vx and vy in m/s and the turning speed in rad/s, in the body frame.
     orientation_wxyz: tuple[float, ...]
     height_m: float
 
     @property
     def has_pose(self) -> bool:
-        """Return True if the pose and the velocity are known."""
+        """True if the robot has reported its pose and velocity. Otherwise they are NaN."""
         return math.isfinite(self.velocity[0])
 
     @property
@@ -44,7 +45,7 @@ class SportState(NamedTuple):
 
 
 def decode_state(body: bytes | memoryview) -> SportState:
-    """Return the state of a frame. Raise ``MalformedFrame`` if it is too short or a number is not finite."""
+    """Decode a SportModeState. Raise ``MalformedFrame`` if it is too short or a number is not finite."""
     if len(body) < _STATE.size:
         raise MalformedFrame(f"a SportModeState has {STATE_BYTES} bytes, not {len(body)}")
     flat = _STATE.unpack_from(body)
@@ -55,7 +56,7 @@ def decode_state(body: bytes | memoryview) -> SportState:
 
 
 def encode_state(state: SportState) -> bytes:
-    """Return the frame of a state, for twins."""
+    """Encode a SportModeState. Only the simulated robot needs this."""
     vx, vy, turn = state.velocity
     stamp, nothing = divmod(state.stamp_ns, NS), (0.0,) * 9
     body = _STATE.pack(

@@ -1,9 +1,11 @@
-"""Stop a robot that walks, by the wire or by the root's stop channel: repeat the order until the onboard
-controller has answered it and reports that the robot obeys.
+"""Stop a robot that walks by its onboard controller.
 
-``stop``  StopMove: the robot ends its motion and stays on its feet by its own controller. A G1 and an H1
-          end walking; a change of posture that has begun is finished, and no motion follows it
-``zero``  the same, then BalanceStand: the robot can take the next velocity from there
+The wire process and the supervising process (root) both use this code. A request is repeated until the onboard
+controller has answered it and the robot's reports show that it obeys. The request depends on the safe state:
+
+``stop``  StopMove: the robot ends its motion and its own controller keeps it on its feet. A G1 and an H1 stop
+          walking. They first complete a change of posture that has already begun
+``zero``  StopMove, then BalanceStand: afterwards the robot stands ready for the next velocity
 ``damp``  Damp, the vendor's own emergency stop: every joint brakes, and the robot sinks to the floor
 """
 
@@ -27,60 +29,61 @@ from .robots import BASE
 from .states import SportState
 
 STOP_S = 1.7
-"""How long an order is repeated. It is less than ``Timing.safe_s``, and less than the rest of it after a
-link was opened."""
+"""How long a stop request is repeated. Together with the time to connect, this is below the time limit of a stop
+(``Timing.safe_s``)."""
 REST_S = 0.3
-"""Time in which a robot that refuses an order may report that it rests anyway."""
+"""If the robot refuses a stop request, how long to wait for a report that it rests anyway."""
 STILL_M_S, STILL_RAD_S = 0.1, 0.15
-"""A robot that balances on the spot counts as standing below these speeds [assumed]."""
+"""Below these speeds the robot counts as standing [assumed], because a robot that balances also moves a little."""
 
 
 class Stopping:
-    """One link as a base that can be stopped (``ReportingBase``)."""
+    """Stop the robot over one connection. It implements ``ReportingBase``, for ``stop_until_it_stands``."""
 
     def __init__(self, link: WalkingLink, safe_state: SafeState) -> None:
         self._link = link
         self._damps = safe_state == SafeState.DAMP
         dialect = link.dialect
         self._order: Order = dialect.damp if self._damps else dialect.stop
-        self._told_ns = 0
+        self._last_report_ns = 0
 
     @property
     def is_open(self) -> bool:
         return self._link.sport.takes_stops
 
     async def connect(self) -> None:
-        await self._link.find(self._link.where)
+        await self._link.find(self._link.address)
 
     def zero(self) -> None:
         if not self._link.send_stop(self._order):
-            raise WireDown("the service that walks does not hear us")
+            raise WireDown("the robot's walking service is not connected")
 
-    async def taken(self, within_s: float) -> None:
-        """Return when an order that was sent after this call is answered. The service answers in order, so it
-        has then handled all earlier requests.
+    async def acknowledged(self, within_s: float) -> None:
+        """Wait until the service has answered a stop request that was sent after this call.
+
+        The service handles requests in order, so it has then handled all earlier requests, too.
 
         Raises:
-            WireDown: No answer came, or the robot refused the order and does not rest.
+            WireDown: No answer has arrived, or the robot has refused the request and does not rest.
         """
         link, since_ns = self._link, self._link.clock.now_ns()
         if not await link.until(lambda: link.answered.get(self._order, 0) >= since_ns, within_s):
-            raise WireDown("the robot says nothing")
+            raise WireDown("the robot does not answer")
         link.follow()
-        why = link.refused.get(self._order)
-        if why and not await link.until(lambda: self._rests_since(since_ns), min(within_s, REST_S)):
-            raise WireDown(f"the robot says {why}")
-        self._told_ns = link.gait_ns
+        reason = link.refused.get(self._order)
+        if reason and not await link.until(lambda: self._rests_since(since_ns), min(within_s, REST_S)):
+            raise WireDown(f"the robot refuses the stop: {reason}")
+        self._last_report_ns = link.gait_ns
 
     def _rests_since(self, since_ns: int) -> bool:
-        """Return True if it reports a mode in which there is nothing to stop."""
+        """Return True if the robot has reported, after ``since_ns``, a mode in which it does not move."""
         return self._link.gait_ns >= since_ns and self._link.is_in(self._link.dialect.rests)
 
     async def next_report(self, within_s: float) -> Report:
         link = self._link
-        if not await link.until(lambda: link.gait_ns > self._told_ns, within_s) or link.gait is None:
-            raise WireDown(f"no {link.dialect.mode_source} comes")
-        self._told_ns = link.gait_ns
+        if not await link.until(lambda: link.gait_ns > self._last_report_ns, within_s) or link.gait is None:
+            raise WireDown(f"the robot sends no {link.dialect.mode_source}")
+        self._last_report_ns = link.gait_ns
         return Report(link.gait.stamp_ns, self._obeys(link.gait), self._shown(link.gait))
 
     def _obeys(self, gait: SportState) -> bool:
@@ -100,17 +103,16 @@ class Stopping:
 
 
 def stands(gait: SportState) -> bool:
-    """Return True if the robot does not walk."""
+    """Return True if the reported speeds show that the robot stands."""
     vx, vy, wz = gait.velocity
     return abs(vx) <= STILL_M_S and abs(vy) <= STILL_M_S and abs(wz) <= STILL_RAD_S
 
 
 async def bring_down(link: WalkingLink, safe_state: SafeState) -> tuple[MotorReport, ...]:
-    """Bring the robot to a safe state. Never raises. If the service has matched us, the first order leaves
-    before the first wait."""
+    """Bring the robot to a safe state. Never raises. If the service is connected, the stop is sent at once."""
     outcome = await stop_until_it_stands(Stopping(link, safe_state), STOP_S)
     if safe_state == SafeState.ZERO and not outcome.detail and link.gait and link.gait.mode in link.dialect.walks:
-        link.send(link.dialect.balance)  # so that it does not step on the spot until the next velocity
+        link.send(link.dialect.balance)  # Otherwise the robot steps on the spot until the next velocity.
     return reports(outcome)
 
 
@@ -119,8 +121,11 @@ def reports(outcome: Outcome) -> tuple[MotorReport, ...]:
 
 
 class WalkingStopChannel(KeptSession[UnitreeConfig, WalkingLink]):
-    """A separate participant of the root. The robot discovers it before it is needed. It receives no states
-    until it stops the robot, since the root cannot afford 500 a second."""
+    """The stop channel: a separate DDS participant in the supervising process (root).
+
+    It connects to the robot early, so that a stop needs no time. It receives states only during a stop, because
+    500 states a second would cost the root process too much CPU time.
+    """
 
     SERVED_FIRST: ClassVar[bool] = False
 
@@ -130,7 +135,10 @@ class WalkingStopChannel(KeptSession[UnitreeConfig, WalkingLink]):
             with trio.move_on_after(FIND_S):
                 await link.find(self.config.port)
             if not link.sport.matched:
-                raise WireDown(f"{self.config.port}: the robot does not hear the root")
+                raise WireDown(
+                    f"{self.config.port}: the robot does not connect to the root process, which must be able to "
+                    "stop it. Check the robot and the network"
+                )
         except BaseException:
             link.close()
             raise

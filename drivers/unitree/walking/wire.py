@@ -1,7 +1,8 @@
-"""The wire of a robot that walks by its onboard controller.
+"""Connect the wire process (the only writer to the robot) to a robot that walks by its onboard controller.
 
-``read`` only handles received data. The robot continues a velocity for a second (a Go2 of software 1.1.6
-and later), or for ever (before). So the tree sends zero when the lifetime of a velocity ends.
+``read`` only handles received data and never waits. A Go2 with software 1.1.6 or later keeps a velocity for a
+second, and with older software it never stops by itself. So the driver sends zero when the lifetime of a velocity
+ends.
 """
 
 from __future__ import annotations
@@ -33,39 +34,39 @@ from .states import SportState
 from .stop import bring_down, reports
 
 SILENT_S = 1.0
-"""Longest time without a LowState. After it the link counts as lost."""
+"""If no LowState arrives for this time, the connection counts as lost."""
 EXTRAS_S = 1.0
-"""Longest wait at ``open`` for the mode and the battery, which may come slowly."""
+"""Longest wait in ``open`` for the mode and the battery's charge, which the robot may publish at a low rate."""
 AGAIN_S = 0.5
 """Period of repeating a request for a posture that the robot has not begun."""
 SETTLE_S = 0.5
 STILL_RAD_S = 0.3
-"""Joints that stay slower than this for ``SETTLE_S`` rest [assumed]."""
+"""Joints that have been slower than this for ``SETTLE_S`` count as resting [assumed]."""
 LOOK_S = 0.05
 """Period of checking the joints."""
 
 
 class WalkingSession(RobotSession):
-    """The state of the wire between ``open`` and ``close``."""
+    """One connection to the robot, from ``open`` to ``close``, for walking."""
 
     def __init__(self, config: UnitreeConfig, clock: Clock) -> None:
         self.link = link = WalkingLink(config, clock)
         link.listen()
         link.follow()
         super().__init__(link, clock)
-        self.told = trio.Event()  # set by the next reading
-        self.moves: list[Order] = []  # the newest velocity; only its refusal counts
-        self._asked_ns = 0
+        self.next_reading = trio.Event()  # Set by the next ``read``.
+        self.moves: list[Order] = []  # The request of the newest velocity, or empty. Only its refusal is reported.
+        self._requested_ns = 0
 
     def poll(self, now_ns: int) -> None:
-        """Handle received data, and send the requests that are due."""
+        """Handle received data, and request the onboard mode if it is time."""
         self.link.poll()
-        if now_ns - self._asked_ns >= ASK_EVERY_NS:
-            self._asked_ns = now_ns
+        if now_ns - self._requested_ns >= ASK_EVERY_NS:
+            self._requested_ns = now_ns
             self.ask_mode()
 
     def sent(self, order: Order) -> None:
-        """Note a velocity that has left. Refusals of earlier velocities no longer count."""
+        """Remember a velocity that was sent, and forget refusals of earlier velocities."""
         if self.moves != [order]:
             for earlier in self.moves:
                 self.link.refused.pop(earlier, None)
@@ -110,25 +111,27 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
     # -- the link
 
     async def open(self) -> dict[str, Any]:
-        """Find the robot, receive its state, and ask what controls it. If an answer is missing, the gates
-        later refuse to move the robot."""
+        """Find the robot, receive its state, and request its onboard mode.
+
+        The battery's charge may be missing. Connecting then succeeds, but the gates refuse every command.
+        """
         self.close()
         self.session_or_none = session = WalkingSession(self._config, self._clock)
-        link, where = session.link, self._config.port
+        link, address = session.link, self._config.port
         if not await link.until(lambda: link.participant.peers > 0, FIND_S):
-            raise WireDown(f"{where}: nobody answers. Check port=")
-        await link.find(where)
-        for order in link.dialect.at_open:
+            raise WireDown(f"{address}: no robot answers. Check port=")
+        await link.find(address)
+        for order in link.dialect.opening_orders:
             link.send(order)
         if not await link.until(lambda: link.state_ns > 0, FIND_S):
-            raise WireDown(f"{where}: {link.unusable}")
+            raise WireDown(f"{address}: {link.unusable}")
         await link.until(lambda: session.modes.matched, FIND_S)
         session.ask_mode()
         if not await link.until(lambda: session.mode is not None, FIND_S):
-            raise WireDown(f"{where}: its mode cannot be read")
+            raise WireDown(f"{address}: the robot does not report its mode. Check the robot and the network")
         await link.until(lambda: link.gait_ns > 0 and "battery_pct" in session.observation().sensors, EXTRAS_S)
         assert session.mode is not None
-        facts = {"address": where, "network_interface": self._config.interface or None}
+        facts = {"address": address, "network_interface": self._config.interface or None}
         return {**facts, "level": "sport", "onboard_mode": session.mode[0] or "released"}
 
     async def read(self) -> Observation:
@@ -136,8 +139,10 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         session.poll(now_ns)
         silent_s = (now_ns - session.link.state_ns) / NS
         if silent_s > SILENT_S:
-            raise WireDown(f"read: no LowState for {silent_s:.1f} s. Check the robot and the network")
-        session.told.set()
+            raise WireDown(
+                f"read: the robot has sent no LowState for {silent_s:.1f} s. Check the robot and the network"
+            )
+        session.next_reading.set()
         return session.observation()
 
     def close(self) -> None:
@@ -148,7 +153,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise nothing: the robot stands, or lies, by its own controller."""
+        """Energise nothing, because the robot's own controller already controls its joints."""
         await trio.lowlevel.checkpoint()
         permit.check()
         return await self.read()
@@ -158,7 +163,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         order = session.link.dialect.move(*values)
         permit.check()
         if not session.link.send(order):
-            raise WireDown("write: the sport service no longer hears us. Check the robot and the network")
+            raise WireDown("write: the robot's sport service is not connected. Check the robot and the network")
         session.sent(order)
 
     # -- safe
@@ -171,7 +176,10 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         return await bring_down(session.link, safe_state)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Use the open participant, which the robot rediscovers by itself, or else a new one."""
+        """Bring the robot to a safe state although the connection may be lost.
+
+        If a participant is open, use it: the robot finds it again by itself. Otherwise open a new participant.
+        """
         session = self.session_or_none
         if session is not None:
             return await bring_down(session.link, safe_state)
@@ -192,42 +200,47 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
             answer = await self._select(permit)
         else:
             answer = await self._take_posture(service, session.link.dialect.postures[service], permit)
-        # Wait for the next reading, so that the gate knows the new state before the caller gets the answer.
-        session.told = next_reading = trio.Event()
+        # Wait for the next ``read``. So the gates know the robot's new state before the caller gets the answer.
+        session.next_reading = next_reading = trio.Event()
         await next_reading.wait()
         return answer
 
     async def _take_posture(self, service: str, posture: Posture, permit: Permit) -> dict[str, Any] | Refused:
-        """Request one step after the other. A step is done when the robot reports its mode. An answer only
-        shows that the service received the request."""
+        """Send the requests of a change of posture, one after the other.
+
+        A request is repeated until the robot reports one of its modes. The service's answer is not enough: it only
+        shows that the request was received.
+        """
         link = self.session.link
         if link.gait is None:
-            why = f"no {link.dialect.mode_source} yet"
-            return Refused(Code.MODE_UNKNOWN, why, "check that its sport service runs")
+            reason = f"no {link.dialect.mode_source} yet"
+            return Refused(Code.MODE_UNKNOWN, reason, "check that the robot's sport service runs")
         mode = link.gait.mode
         name = link.dialect.name(mode)
         if mode in posture.done:
             return {"mode": name, "already": True}
         if mode not in posture.after:
             allowed = ", ".join(map(link.dialect.name, sorted(posture.after)))
-            why = f"the robot is {name}"
-            return Refused(UnitreeCode.POSTURE, why, f"it can when it is {allowed}", name, allowed)
+            reason = f"{service}() is not possible in the mode {name}"
+            return Refused(
+                UnitreeCode.POSTURE, reason, f"bring the robot to one of these modes: {allowed}", name, allowed
+            )
         for order, modes in posture.steps:
             while not link.is_in(modes):
                 permit.check()
                 link.refused.pop(order, None)
                 if not link.send(order):
-                    raise WireDown("the sport service no longer hears us")
+                    raise WireDown("the robot's sport service is not connected. Check the robot and the network")
                 await link.until(lambda: order in link.refused or link.is_in(modes), AGAIN_S)  # noqa: B023
                 if order in link.refused:
-                    why = f"the robot refuses: {link.refused[order]}"
-                    return Refused(Code.REFUSED_BY_ROBOT, why, "look at the robot, then try again")
+                    reason = f"the robot refuses: {link.refused[order]}"
+                    return Refused(Code.REFUSED_BY_ROBOT, reason, "check the robot, then try again")
             if modes & link.dialect.settles:
                 await self._until_joints_rest(permit)
         return {"mode": link.dialect.name(link.gait.mode), "already": False}
 
     async def _until_joints_rest(self, permit: Permit) -> None:
-        """Return when no joint has moved for ``SETTLE_S``."""
+        """Wait until no joint has moved for ``SETTLE_S``."""
         moved_ns = self._clock.now_ns()
         while self._clock.now_ns() - moved_ns < SETTLE_S * NS:
             await trio.sleep(LOOK_S)
@@ -242,7 +255,8 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         return state is None or any(abs(speed) > STILL_RAD_S for speed in state.dq)
 
     async def _select(self, permit: Permit) -> dict[str, Any] | Refused:
-        """Give the joints back to the onboard controller."""
+        """Run ``select_sport_mode``: switch the onboard controller on again, after joints were commanded one by
+        one."""
         session = self.session
         if session.mode is not None and session.mode[0]:
             return {"onboard_mode": session.mode[0], "already": True}
@@ -256,6 +270,6 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
             await session.link.until(lambda: session.mode is not None and bool(session.mode[0]), AGAIN_S)
             if session.mode is not None and session.mode[0]:
                 return {"onboard_mode": session.mode[0], "already": False}
-            if answers and answers[0].why and answers[0].code != rpc.SELECTED_TOO_SOON:
-                why = f"the robot refuses: {answers[0].why}"
-                return Refused(Code.REFUSED_BY_ROBOT, why, "look at the robot, then try again")
+            if answers and answers[0].error and answers[0].code != rpc.SELECTED_TOO_SOON:
+                reason = f"the robot refuses: {answers[0].error}"
+                return Refused(Code.REFUSED_BY_ROBOT, reason, "check the robot, then try again")

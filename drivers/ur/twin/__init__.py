@@ -1,7 +1,8 @@
-"""The robot's end of a UR's wires: RTDE, script ports, dashboard; MuJoCo behind them.
+"""Simulate a UR controller with its arm (a "twin"): RTDE, script ports and dashboard. MuJoCo simulates the arm.
 
-Besides the control lines of every twin it takes ``safety MODE``, ``mode MODE`` and ``remote
-yes|no``, with the names of ``protocol.SafetyMode`` and ``protocol.RobotMode``.
+A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``safety
+MODE``, ``mode MODE`` and ``remote yes|no``. The names of the modes are in ``protocol.SafetyMode`` and
+``protocol.RobotMode``.
 """
 
 from __future__ import annotations
@@ -35,11 +36,12 @@ from .rtde import RtdeServer
 from .text_ports import Dashboard, ScriptPort
 
 STATE_HZ = 10.0
-"""Rate of the state on 30001 and 30002. The real-time port sends it every tick."""
+"""Rate in Hz at which the ports 30001 and 30002 send the state. The real-time port (30003) sends it in every
+tick."""
 
 
 class URTwinOptions(HostOption, frozen=True):
-    """The options of a twin. Its ports are fixed."""
+    """The options of a simulated UR controller. Its TCP ports are those of a real controller."""
 
     program_start_s: Annotated[float, option("seconds from a program's text to its first line", ge=0)] = 0.05
     program_load_s: Annotated[
@@ -48,14 +50,19 @@ class URTwinOptions(HostOption, frozen=True):
 
 
 class Machine:
-    """The events that may happen to the robot."""
+    """Faults and power cycles of the simulated robot."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller
         self.faults = faults
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
-        """``unit`` 1 to 6: a joint, which can only get stuck. None: the samples of the controller."""
+        """Inject a fault.
+
+        Args:
+            fault: The fault.
+            unit: 1 to 6 for a joint, which can only get stuck. None for a fault of the samples.
+        """
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= len(JOINTS):
@@ -68,26 +75,26 @@ class Machine:
 
 
 class URServer(TcpServer):
-    """Serves one controller at its ports, and makes its time pass."""
+    """Serve the ports of one simulated controller, and call its tick 500 times a second."""
 
-    def __init__(self, robot: str, log: WireLog, given: URTwinOptions) -> None:
+    def __init__(self, robot: str, log: WireLog, chosen: URTwinOptions) -> None:
         def on_event(kind: str, text: str) -> None:
             log.write(time.monotonic_ns(), "robot", [(kind, text.encode())])
-            if text and self._told:
+            if text and self._is_ready:
                 self._state.tell(state_packets.error_message(self.controller.uptime_s, text))
 
-        self._told = False  # the controller exists before its ports
+        self._is_ready = False  # True once the ports exist. The controller may report events before.
 
-        self.controller = Controller(arm_of(robot), program_start_s=given.program_start_s, on_event=on_event)
+        self.controller = Controller(arm_of(robot), program_start_s=chosen.program_start_s, on_event=on_event)
         faults = Faults()
         self._rtde = RtdeServer(self.controller, faults)
         self._machine = Machine(self.controller, faults)
         self._body = URBody(self.controller)
-        load_s = given.program_load_s
+        load_s = chosen.program_load_s
         greeting = state_packets.version_message()
         self._state = ScriptPort(self.controller, STATE_HZ, state_packets.state_message, greeting, load_s)
         self._realtime = ScriptPort(self.controller, TICK_HZ, state_packets.realtime_message, load_s=load_s)
-        self._told = True
+        self._is_ready = True
         self._ticks = 0
         handlers = {
             p.RTDE_PORT: self._rtde.handle,
@@ -96,7 +103,7 @@ class URServer(TcpServer):
             p.SECONDARY_PORT: self._state.handle,
             p.REALTIME_PORT: self._realtime.handle,
         }
-        super().__init__(self._machine, handlers, log, given.host)
+        super().__init__(self._machine, handlers, log, chosen.host)
 
     @property
     def body(self) -> URBody:
@@ -108,7 +115,7 @@ class URServer(TcpServer):
             self.unplug()
 
     def power_cycle(self) -> None:
-        """Close every connection. The controller comes back with the arm's power off."""
+        """Restart the controller. This closes every connection, and the arm's power is off afterwards."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -135,7 +142,7 @@ class URServer(TcpServer):
         self._tell()
 
     def _tell(self) -> None:
-        """Send all clients the data that is due. Data for several clients is computed once."""
+        """Send all clients the data of this tick. Data that several clients receive is computed only once."""
         self._ticks += 1
         sample = cache(lambda: Sample(self.controller))
         self._rtde.push(self._ticks, time.monotonic(), sample)
@@ -144,11 +151,11 @@ class URServer(TcpServer):
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, URTwinOptions, options)
+    """Run the simulated controller of an arm of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    chosen = read_twin_options(robot, URTwinOptions, options)
     arm_of(robot)
 
     def build(wire_log: WireLog) -> URServer:
-        return URServer(robot, wire_log, given)
+        return URServer(robot, wire_log, chosen)
 
     run_server(build, **start)

@@ -1,10 +1,13 @@
-"""Simulate the arm: while no program runs on its controller, targets come through the simulation control."""
+"""Let a simulation (another program on this computer) set the joint targets of the simulated arm.
+
+It may do so while no program runs on the arm's controller.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander
 from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 
 from .controller import Controller
@@ -13,7 +16,8 @@ from .motion import Hold, Servo
 
 class URBody(ControlledBody):
     def __init__(self, controller: Controller) -> None:
-        super().__init__(controller.plant, lambda: None)  # the controller's own ticks advance the physics
+        # Nothing to do between steps: each tick of the controller also advances the physics.
+        super().__init__(controller.plant, lambda: None)
         self._controller = controller
 
     @property
@@ -21,18 +25,18 @@ class URBody(ControlledBody):
         return self._controller.busy
 
     @property
-    def led(self) -> bool:
-        return self._controller.led
+    def simulation_moves(self) -> bool:
+        return self._controller.simulation_moves
 
-    def lead(self, on: bool) -> None:
+    def let_simulation_move(self, on: bool) -> None:
         self._controller.move(Hold())
-        self._controller.led = on
+        self._controller.simulation_moves = on
 
-    def aim_controller(self, values: Sequence[float]) -> None:
+    def set_controller_targets(self, values: Sequence[float]) -> None:
         self._controller.move(Servo(values))
 
     def hold(self) -> None:
-        if self.hand is Hand.SIM:
+        if self.commander is Commander.SIM:
             self._controller.move(Hold())
 
     def step(self, steps: int) -> None:

@@ -1,5 +1,7 @@
-"""Requests of a UR controller's clients, and their kinds in the wire log: the registers that command
-ur-rtde's control script, lines of the dashboard, programs. No I/O, no clock."""
+"""Classify the requests of a UR controller's clients for the log (wire log). No I/O, no clock.
+
+A request is a command to ur-rtde's control script in RTDE registers, a line for the dashboard, or a program.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +12,11 @@ from strands_actors.drivers.ur.protocol import SafetyMode
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
 REGISTERS = 48
-"""Number of registers of each sort. 0 to 23 belong to fieldbus and PLC, 24 to 47 to RTDE clients."""
+"""Number of registers of each type. 0 to 23 are for a fieldbus or a PLC, 24 to 47 for RTDE clients."""
 UPPER_RANGE = 24
 
 SINGLE_BITS = range(64, 128)
-"""Bit registers with a name each. The first 64 are read and written 32 at once."""
+"""Bit registers that have a name each. The first 64 bits are read and written in groups of 32."""
 
 STATUS_POWER_ON, STATUS_PROGRAM_RUNNING, STATUS_TEACH = 1, 2, 4
 """Bits of ``robot_status_bits``."""
@@ -37,7 +39,7 @@ SAFETY_BITS = {
 
 
 class Command(enum.IntEnum):
-    """Numbers in its first integer register. Its first output register answers."""
+    """Commands to ur-rtde's control script: the numbers that clients write into its first integer register."""
 
     NONE = 0
     MOVE_J = 1
@@ -107,13 +109,13 @@ REFUSED = {
     70: "get_jacobian",
     71: "get_jacobian_time_derivative",
 }
-"""Commands of the control script that this controller lacks, with the names of their functions."""
+"""Commands that the simulated controller does not support, with the names of their URScript functions."""
 
 READY, DONE = 1, 2
-"""Answers of the script."""
+"""Answers of the control script in its first output register."""
 
 AT_ONCE = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58})
-"""Real-time commands. The script answers READY without DONE."""
+"""Real-time commands, which the script answers with READY at once, without DONE."""
 
 MOTION = frozenset({1, 2, 3, 4, 6, 9, 10, 11, 12, 18, 24, 41, 45, 51, 52, 66})
 """Commands that move the arm, or let it be moved by hand."""
@@ -132,7 +134,7 @@ STOPS = frozenset(
 
 
 def classify_command(number: int) -> str:
-    """Return the kind, in the wire log, of a data packet with a command register."""
+    """Return the kind of a command to the control script for the wire log: ``setpoint``, ``safe``, and so on."""
     if number in MOTION:
         return "setpoint"
     if number in STOPS:
@@ -149,7 +151,7 @@ _ENABLE_LINES = frozenset(
 
 
 def classify_dashboard(line: str) -> str:
-    """Return the kind of a dashboard line in the wire log."""
+    """Return the kind of a dashboard line for the wire log: ``safe``, ``enable`` or ``read``."""
     words = line.strip().lower()
     if words in _STOP_LINES:
         return "safe"
@@ -157,7 +159,9 @@ def classify_dashboard(line: str) -> str:
 
 
 def classify_script(text: bytes) -> str:
-    """Return the kind of a program in the wire log. A program that only stops is a safe frame. Any other can
-    move the arm."""
+    """Return the kind of a program for the wire log.
+
+    It is ``safe`` for a program that only stops the arm. Any other program may move the arm and is ``enable``.
+    """
     words = text.strip()
     return "safe" if words.startswith((b"stopj(", b"stopl(")) and b"\n" not in words else "enable"

@@ -1,4 +1,4 @@
-"""Recognise the control script that ur-rtde uploads, and play its handshake instead of running its text."""
+"""Imitate the control script that ur-rtde uploads. Its text is not run: commands are carried out in Python."""
 
 from __future__ import annotations
 
@@ -12,30 +12,31 @@ from .pose import Frame, frame_of
 from .urscript import Script, Statement
 
 RUNNING_BIT, COUNT_BITS, OPERATION_BITS = 1 << 15, 16, 24
-"""Layout of the register that reports the progress of an asynchronous move. The lowest 15 bits are the
-progress."""
+"""Bits of the register that reports the progress of an asynchronous move. The lowest 15 bits are the progress."""
 
 PROTECTIVE_STOP_S = 0.01
-"""Time from the call until the stop. Meanwhile the script has reported that the call is done [assumed]."""
+"""Time from a client's request for a protective stop until the stop. In this time the script still answers that the
+request is done [assumed]."""
 
 
 class ControlScript:
-    """Reads its command from the first integer register of its range, and answers in the first output register:
-    READY, then DONE for a command that takes time, until that command is removed.
+    """The imitated control script.
 
-    A command that it cannot carry out ends it, with an error in the controller's log, as on a controller.
+    It reads a command from the first integer register of its range, and answers READY in the first output register.
+    For a command that takes time it later answers DONE, until the client removes the command. As on a real
+    controller, a command that it cannot carry out ends it, with an error in the controller's log.
     """
 
     def __init__(self, controller: Controller, offset: int, path: Sequence[Statement] = ()) -> None:
-        """``path``: the moves that the upload contains."""
+        """Start the script. ``offset`` is its first register. ``path`` is the moves in the uploaded text."""
         self._controller = controller
         self._offset = offset
         self._path = path
         self._busy_with = c.Command.NONE.value
-        self._over: Callable[[], bool] | None = None  # returns True if the present command is done
-        self._aside: Callable[[], bool] | None = None  # the same for an asynchronous move
+        self._over: Callable[[], bool] | None = None  # Returns True once the present command is done.
+        self._aside: Callable[[], bool] | None = None  # Returns True once the present asynchronous move is done.
         self._operation = self._written = 0
-        self._stops_s: float | None = None  # time of a protective stop that the program has requested
+        self._stops_s: float | None = None  # Time at which a requested protective stop takes effect.
         controller.int_in[offset] = c.Command.NONE
         self._answer(c.READY)
 
@@ -55,7 +56,7 @@ class ControlScript:
         except ScriptError as error:
             self._controller.fail(str(error))
 
-    def heard(self) -> None:
+    def react_to_inputs(self) -> None:
         number = self._controller.int_in[self._offset]
         if number in c.AT_ONCE:
             self._do(number)
@@ -77,7 +78,7 @@ class ControlScript:
             return
         act = _ACTS.get(number)
         if act is None:
-            return  # like the script: an unknown number is done at once
+            return  # Ignore an unknown number. The real script also answers it as done.
         try:
             act(self)
         except Unreachable as unreachable:
@@ -134,7 +135,7 @@ class ControlScript:
     def _jog(self) -> None:
         controller, feature = self._controller, round(self._double(6))
         velocity: Sequence[float] = self._six()
-        if feature == 2:  # a frame of the caller
+        if feature == 2:  # The velocity is in a frame that the client has given.
             axes = self._frame(8)
             vx, vy, vz, wx, wy, wz = velocity
             velocity = (*axes.turned((vx, vy, vz)), *axes.turned((wx, wy, wz)))
@@ -179,7 +180,7 @@ class ControlScript:
 
     def _payload(self) -> None:
         self._controller.payload_kg = self._double(0)
-        if any(self._six(1)[:3]):  # for the origin the script keeps the centre of gravity it has
+        if any(self._six(1)[:3]):  # If the given centre of gravity is zero, the script keeps the present one.
             self._controller.payload_cog_m = tuple(self._six(1)[:3])
 
     def _target_payload(self) -> None:
@@ -210,17 +211,17 @@ class ControlScript:
     def _out(self, values: Sequence[float]) -> None:
         self._controller.double_out[self._offset : self._offset + len(values)] = values
 
-    def _int(self, at: int) -> int:
-        return self._controller.int_in[self._offset + at]
+    def _int(self, index: int) -> int:
+        return self._controller.int_in[self._offset + index]
 
-    def _double(self, at: int) -> float:
-        return self._controller.double_in[self._offset + at]
+    def _double(self, index: int) -> float:
+        return self._controller.double_in[self._offset + index]
 
-    def _six(self, at: int = 0) -> list[float]:
-        return self._controller.double_in[self._offset + at : self._offset + at + 6]
+    def _six(self, index: int = 0) -> list[float]:
+        return self._controller.double_in[self._offset + index : self._offset + index + 6]
 
-    def _frame(self, at: int = 0) -> Frame:
-        return frame_of(self._six(at))
+    def _frame(self, index: int = 0) -> Frame:
+        return frame_of(self._six(index))
 
 
 _ACTS: dict[int, Callable[[ControlScript], None]] = {
@@ -238,7 +239,7 @@ _ACTS: dict[int, Callable[[ControlScript], None]] = {
     c.Command.FREEDRIVE: ControlScript._free,
     c.Command.END_TEACH_MODE: ControlScript._end_free,
     c.Command.END_FREEDRIVE: ControlScript._end_free,
-    c.Command.GET_FREEDRIVE_STATUS: lambda script: script._say(False),  # not near a singularity
+    c.Command.GET_FREEDRIVE_STATUS: lambda script: script._say(False),  # 0 means that no singularity is near.
     **dict.fromkeys(
         (c.Command.SERVO_STOP, c.Command.SPEED_STOP, c.Command.STOP_J, c.Command.STOP_L, c.Command.JOG_STOP),
         ControlScript._halt,

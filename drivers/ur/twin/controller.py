@@ -1,6 +1,6 @@
-"""The controller of the twin: modes, registers, the running program, the arm. It knows no sockets.
+"""Simulate a UR controller: modes, registers, the running program, and the arm. No sockets.
 
-Time passes in ticks, by the given clock. Between ticks only requests change its state.
+Time advances only in ``tick``. Between two ticks only requests of clients change the controller's state.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from .motion import Motion, Unreachable
 from .pose import ORIGIN, Frame, between, scaled
 
 TICK_HZ = 500.0
-"""Tick rate of these controllers."""
+"""Control rate of the simulated controllers, in Hz."""
 
 MOMENT_S = 1e-4
-"""Time step for the speed of the tool, in seconds."""
+"""Time step from which the speed of the tool is computed, in seconds."""
 
 LOG_LINES = 200
-"""Most lines of the controller's own log; the oldest are dropped."""
+"""Most lines in the controller's own log. A newer line replaces the oldest."""
 
 SIX = range(len(JOINTS))
 
 
 class Program(Protocol):
-    """A program on the controller."""
+    """A program that runs on the simulated controller."""
 
-    def heard(self) -> None:
-        """Handle inputs that were written."""
+    def react_to_inputs(self) -> None:
+        """React to input registers that a client has just written."""
         ...
 
     def step(self) -> None:
-        """Handle a tick."""
+        """Run for one tick."""
         ...
 
 
@@ -51,18 +51,18 @@ class Controller:
         self,
         arm: Arm,
         *,
-        program_start_s: float = 0.05,  # from a program's text to its first line [assumed]
+        program_start_s: float = 0.05,  # Time from the receipt of a program until its first line runs [assumed].
         now_s: Callable[[], float] = time.monotonic,
         on_event: Callable[[str, str], None] = lambda kind, text: None,
     ) -> None:
-        """Make a controller and its arm.
+        """Build a controller and its arm.
 
         Args:
             arm: The arm.
-            program_start_s: Seconds from a program's text to its first line.
-            now_s: The clock.
-            on_event: Called with each event of the controller and its line in the log: ``watchdog``,
-                ``error``, and ``stopj`` of a running program.
+            program_start_s: Seconds from the receipt of a program until its first line runs.
+            now_s: Returns the present time in seconds.
+            on_event: Called with the kind and the log line of each event. The kinds are ``watchdog``, ``error``,
+                and ``stopj`` of a running program.
         """
         self.plant = Plant.from_table(model_table(arm))
         self.arm = arm
@@ -75,13 +75,13 @@ class Controller:
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Power on, with the arm where it is."""
+        """Restart the controller and power on the arm. The arm stays where it is."""
         self.reset()
         self.set_mode(p.RobotMode.RUNNING)
         self.plant.catch_up(self.now_s())
 
     def reset(self) -> None:
-        """Return to the state after a boot, except that the arm stays where it is."""
+        """Reset to the state after a boot, with the arm's power off. The arm stays where it is."""
         self.mode = p.RobotMode.POWER_OFF
         self.safety = p.SafetyMode.NORMAL
         self.remote = True
@@ -94,7 +94,7 @@ class Controller:
         self.tcp = ORIGIN
         self.digital_out = 0
         self.analog_out = [0.0, 0.0]
-        self.analog_types = 0b11  # bits: 1 for an output of voltage, 0 for current
+        self.analog_types = 0b11  # One bit for each analog output: 1 for voltage, 0 for current.
         self.tool_voltage = 0
         self.bits_in = self.bits_out = 0
         self.program_line = 0
@@ -103,10 +103,11 @@ class Controller:
         self.double_in, self.double_out = [0.0] * c.REGISTERS, [0.0] * c.REGISTERS
         self.program: Program | None = None
         self.motion: Motion = motion.Hold()
-        self.led = False  # True while a simulation moves the arm, until a program is started
+        self.simulation_moves = False  # True while a simulation, not a program on the controller, moves the arm.
         self.fault = Fault.OK
         self._starting: tuple[float, Callable[[], Program]] | None = None
-        self._watched: dict[int, tuple[float, float]] = {}  # integer register -> period, time of the last write
+        # Integer registers with a watchdog -> longest time between two writes, and time of the last write.
+        self._watched: dict[int, tuple[float, float]] = {}
         self._booted_s = self.now_s()
         self._ticked_s = self._booted_s
         self._brake(True)
@@ -124,8 +125,11 @@ class Controller:
         self._brake(mode is not p.RobotMode.RUNNING)
 
     def set_safety(self, mode: p.SafetyMode) -> None:
-        """Set the safety mode. Every stop ends the program. An emergency stop or a fault also takes the power
-        off the arm."""
+        """Set the safety mode.
+
+        A mode that stops the arm also ends the program. An emergency stop or a fault also switches off the arm's
+        power.
+        """
         self.safety = mode
         if mode in p.MOVABLE_SAFETY:
             return
@@ -143,14 +147,16 @@ class Controller:
 
     @property
     def busy(self) -> bool:
-        """True if a program runs or is about to. The arm then belongs to it."""
+        """True if a program runs or is starting, so that only this program may move the arm."""
         return self.program is not None or self._starting is not None
 
     def start_program(self, make: Callable[[], Program]) -> None:
-        """Start a program in place of any running one. It does not start if the arm may not move, or in local
-        control."""
+        """Start a program, and end the running one.
+
+        The program does not start if the arm may not move, or if the controller is in local control.
+        """
         self.stop_program()
-        self.led = False
+        self.simulation_moves = False
         self.halt()
         if not self.movable:
             self.note(f"a program is not started: {self.mode.name}, {self.safety.name}")
@@ -160,14 +166,15 @@ class Controller:
             self._starting = self.now_s() + self.program_start_s, make
 
     def run_secondary(self, make: Callable[[], Program]) -> None:
-        """Run a secondary program, at once and beside the running one. It can neither wait nor move."""
+        """Run a secondary program to its end, without ending the running program. It may not wait or move the
+        arm."""
         if self.mode is p.RobotMode.RUNNING and self.remote:
             make().step()
         else:
             self.note(f"a secondary program is not run: {self.mode.name}, remote control {self.remote}")
 
     def stop_program(self) -> None:
-        """End the program, and a pause with it."""
+        """End the running program, even if it is paused or still starting."""
         self._starting = None
         self.paused = False
         if self.program is not None:
@@ -177,18 +184,18 @@ class Controller:
             self.halt()
 
     def note(self, text: str) -> None:
-        """Write a line into the controller's log."""
+        """Write a line into the controller's own log."""
         self.log.append(text)
         self._on_event("error", text)
 
-    def fail(self, why: str) -> None:
-        """End the program with a runtime error in the log."""
+    def fail(self, reason: str) -> None:
+        """End the running program, with a runtime error in the controller's log."""
         self.stop_program()
-        self.note(f"runtime error: {why}")
+        self.note(f"runtime error: {reason}")
 
-    def protect(self, why: str) -> None:
-        """Make a protective stop, which a person has to unlock."""
-        self.note(f"protective stop: {why}")
+    def protect(self, reason: str) -> None:
+        """Make a protective stop. On a real robot a person must then unlock it."""
+        self.note(f"protective stop: {reason}")
         self.set_safety(p.SafetyMode.PROTECTIVE_STOP)
 
     @property
@@ -198,15 +205,15 @@ class Controller:
         return p.RuntimeState.PAUSED if self.paused else p.RuntimeState.PLAYING
 
     def halt(self) -> float:
-        """Stop any motion. Return the seconds that this takes."""
+        """Stop any motion of the arm. Return the time in seconds until the arm stands still."""
         target, limp = self.motion.target(self.plant), self.motion.limp
-        off_rad = max(abs(rad - at) for rad, at in zip(target, self.plant.position_rad, strict=True))
-        stands_there = self.is_steady() and not limp and off_rad < motion.ARRIVED_RAD
-        self.move(motion.Hold(target if stands_there else None))
+        off_rad = max(abs(goal - rad) for goal, rad in zip(target, self.plant.position_rad, strict=True))
+        is_at_target = self.is_steady() and not limp and off_rad < motion.ARRIVED_RAD
+        self.move(motion.Hold(target if is_at_target else None))
         return max(abs(rad_s) for rad_s in self.plant.velocity_rad_s) / motion.BRAKING_RAD_S2
 
     def halt_by_program(self) -> None:
-        """As ``halt``, as an order of the running program."""
+        """Stop any motion, as the running program has ordered, and report this as the event ``stopj``."""
         self._on_event("stopj", "")
         self.halt()
 
@@ -220,14 +227,14 @@ class Controller:
     def move_joints(
         self, goal: Sequence[float], speed: float, acceleration: float, time_s: float = 0.0
     ) -> motion.Trip:
-        """Move to a goal of the joints. Raise ``Unreachable`` if it is beyond a joint's range."""
+        """Begin a motion to joint positions (rad). Raise ``Unreachable`` if one is beyond the joint's range."""
         self.check_joints(goal)
         trip = motion.MoveTo(self.plant.position_rad, goal, speed, acceleration, time_s)
         self.move(trip)
         return trip
 
     def move_tool(self, goal: Frame, speed: float, acceleration: float, time_s: float = 0.0) -> motion.Trip:
-        """Move the tool on a line. Raise ``Unreachable`` if no joints bring the tool to the goal."""
+        """Begin a motion of the tool on a straight line. Raise ``Unreachable`` if the arm cannot reach the goal."""
         if self.joints_for(goal, self.plant.position_rad) is None:
             raise Unreachable("no joints bring the tool there")
         trip = motion.MoveLine(self.tool(), goal, self.follow, speed, acceleration, time_s)
@@ -235,19 +242,22 @@ class Controller:
         return trip
 
     def check_joints(self, joints: Sequence[float]) -> None:
-        """Raise ``Unreachable`` for joints beyond their ranges."""
+        """Raise ``Unreachable`` if a joint position is beyond the joint's range."""
         if not self.kinematics.within(joints):
             raise Unreachable("a joint is to go beyond its range")
 
     def solved(self, goal: Frame, near: Sequence[float]) -> Sequence[float]:
-        """As ``joints_for``. Raise ``Unreachable`` if there is no solution."""
+        """Return the joint positions as ``joints_for`` does, but raise ``Unreachable`` if there is no solution."""
         joints = self.joints_for(goal, near)
         if joints is None:
             raise Unreachable("no joints bring the tool there")
         return joints
 
     def watch(self, register: int, min_hz: float) -> None:
-        """``rtde_set_watchdog``: stop the program if the register is written at a lower rate."""
+        """Set the watchdog of an integer register (``rtde_set_watchdog``), or remove it if ``min_hz`` is 0.
+
+        The program is stopped if clients write the register at a lower rate than ``min_hz``.
+        """
         if min_hz > 0:
             self._watched[register] = 1.0 / min_hz, self.now_s()
         else:
@@ -256,7 +266,7 @@ class Controller:
     # -- inputs
 
     def write(self, values: Mapping[str, p.Value]) -> None:
-        """Take the values that an RTDE client has written."""
+        """Store the input values that an RTDE client has written, by name."""
         for name, value in values.items():
             sort, number = INPUTS.get(name, ("", 0))
             if sort == "int":
@@ -272,10 +282,11 @@ class Controller:
         if not values.keys() <= INPUTS.keys():
             self._write_panel(values)
         if self.program is not None and not self.paused:
-            self.program.heard()
+            self.program.react_to_inputs()
 
     def _write_panel(self, values: Mapping[str, p.Value]) -> None:
-        """Set speed slider and outputs. A mask selects the values that count."""
+        """Set the speed slider and the digital and analog outputs, as far as the masks in ``values`` select
+        them."""
         if values.get("speed_slider_mask"):
             self.speed_slider = max(0.0, min(1.0, _scalar(values.get("speed_slider_fraction", 1.0))))
         for bank, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
@@ -285,23 +296,23 @@ class Controller:
         mask = int(_scalar(values.get("standard_analog_output_mask", 0))) & 0b11
         types = int(_scalar(values.get("standard_analog_output_type", 0)))
         self.analog_types = self.analog_types & ~mask | types & mask
-        for at in (0, 1):
-            if mask >> at & 1:
-                self.analog_out[at] = _scalar(values.get(f"standard_analog_output_{at}", 0.0))
+        for index in (0, 1):
+            if mask >> index & 1:
+                self.analog_out[index] = _scalar(values.get(f"standard_analog_output_{index}", 0.0))
 
     # -- time
 
     def tick(self) -> None:
-        # Judge by the time of the last tick: data that had arrived by then has been read, even if this
-        # twin got no processor since.
-        seen_s, now_s = self._ticked_s, self.now_s()
-        elapsed_s, self._ticked_s = min(now_s - seen_s, 0.1), now_s
+        # Check the watchdogs for the time of the last tick, not for the present time. If this process did not run
+        # since the last tick, newer data may have arrived that was not read yet.
+        last_tick_s, now_s = self._ticked_s, self.now_s()
+        elapsed_s, self._ticked_s = min(now_s - last_tick_s, 0.1), now_s
         if self._starting is not None and now_s >= self._starting[0]:
             make = self._starting[1]
             self._starting = None
             self.program = make()
         for period_s, written_s in list(self._watched.values()):
-            if seen_s - written_s > period_s:
+            if last_tick_s - written_s > period_s:
                 self.stop_program()
                 self.log.append("a program was stopped: its watchdog was not fed")
                 self._on_event("watchdog", "")
@@ -322,25 +333,28 @@ class Controller:
         return self._ticked_s - self._booted_s
 
     def tool(self) -> Frame:
-        """Return the frame of the tool's centre point."""
+        """Return the present frame of the tool centre point, in the base's frame."""
         return self.kinematics.flange(self.plant.position_rad).then(self.tcp)
 
     def target_tool(self) -> Frame:
         return self.kinematics.flange(self.motion.target(self.plant)).then(self.tcp)
 
     def tool_speed(self) -> tuple[float, ...]:
-        """Return the speed of the tool, from the joints' positions a moment later."""
+        """Return the velocity of the tool: m/s along, and rad/s about, the axes of the base."""
         position, velocity = self.plant.position_rad, self.plant.velocity_rad_s
         later = [rad + rad_s * MOMENT_S for rad, rad_s in zip(position, velocity, strict=True)]
-        way, turn = between(self.tool(), self.kinematics.flange(later).then(self.tcp))
-        return (*scaled(way, 1 / MOMENT_S), *scaled(turn, 1 / MOMENT_S))
+        shift, turn = between(self.tool(), self.kinematics.flange(later).then(self.tcp))
+        return (*scaled(shift, 1 / MOMENT_S), *scaled(turn, 1 / MOMENT_S))
 
     def joints_for(self, tool: Frame, near: Sequence[float]) -> Sequence[float] | None:
-        """Return the joints, nearest to ``near``, that bring the tool there; None if there is no solution."""
+        """Return joint positions (rad) for a frame of the tool, or None if the arm cannot reach it.
+
+        If several solutions exist, the one nearest to ``near`` is returned.
+        """
         return self.kinematics.joints(tool.then(self.tcp.inverse()), near)
 
     def follow(self, tool: Frame, near: Sequence[float]) -> Sequence[float] | None:
-        """As ``joints_for``, without a change of posture."""
+        """Return joint positions as ``joints_for`` does, but only in the same posture of the arm as ``near``."""
         return self.kinematics.joints(tool.then(self.tcp.inverse()), near, follow=True)
 
     def is_steady(self) -> bool:

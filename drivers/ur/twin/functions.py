@@ -1,4 +1,4 @@
-"""The functions that a program on the controller may call, with URScript's names and arguments."""
+"""The URScript functions that a program on the simulated controller may call, with their URScript names."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .pose import Frame, frame_of
 
 
 class ScriptError(Exception):
-    """A controller cannot run this. The text says why."""
+    """Raised if a program cannot be compiled or run. The text is the reason."""
 
 
 class Pose(tuple[float, ...]):
-    """A pose of URScript: ``p[...]``."""
+    """A pose in URScript, ``p[...]``: x, y, z in m, then a rotation vector in rad."""
 
     def __new__(cls, values: Any) -> Pose:
         pose = super().__new__(cls, (_number(value) for value in values))
@@ -27,7 +27,8 @@ class Pose(tuple[float, ...]):
 
 
 class Waits:
-    """The condition for which a line waits."""
+    """The result of a function that takes time. It is called until it returns True, and then the program goes
+    on."""
 
     def __init__(self, over: Callable[[], bool]) -> None:
         self._over = over
@@ -37,7 +38,7 @@ class Waits:
 
 
 class Functions:
-    """Each method is a function of URScript, except those that begin with an underscore."""
+    """The URScript functions. Each method without a leading underscore is one of them."""
 
     def __init__(self, controller: Controller, on_progress: Callable[[int], None]) -> None:
         self._robot = controller
@@ -93,7 +94,7 @@ class Functions:
     # -- time
 
     def sleep(self, t: float) -> Waits:
-        # The controller counts in whole ticks.
+        # The controller waits for a whole number of ticks, so end half a tick early.
         until_s = self._robot.now_s() + _number(t) - 0.5 / TICK_HZ
         return Waits(lambda: self._robot.now_s() >= until_s)
 
@@ -123,7 +124,7 @@ class Functions:
     def set_gravity(self, d: Any) -> None:
         self._robot.gravity_m_s2 = _vector(d)
 
-    # -- plugs and registers
+    # -- digital and analog inputs and outputs, and registers
 
     def set_standard_digital_out(self, n: int, b: bool) -> None:
         self._set_bit(n, 8, 0, b)
@@ -144,7 +145,7 @@ class Functions:
         return bool(self._robot.digital_out >> _index(n, 18) & 1)
 
     def get_standard_digital_in(self, n: int) -> bool:
-        return _index(n, 8) < 0  # always False: the inputs are not connected
+        return _index(n, 8) < 0  # Always False, because nothing is connected to the inputs.
 
     def set_standard_analog_out(self, n: int, f: float) -> None:
         self._robot.analog_out[_index(n, 2)] = _number(f)
@@ -243,9 +244,9 @@ class Functions:
         return Pose(frame_of(_six(p_from)).inverse().pose())
 
     def pose_add(self, p_1: Any, p_2: Any) -> Pose:
-        one, two = frame_of(_six(p_1)), frame_of(_six(p_2))
-        turned = one.then(two)
-        place = tuple(a + b for a, b in zip(one.place, two.place, strict=True))
+        first, second = frame_of(_six(p_1)), frame_of(_six(p_2))
+        turned = first.then(second)
+        place = tuple(a + b for a, b in zip(first.place, second.place, strict=True))
         return Pose((*place, *turned.pose()[3:]))
 
     def d2r(self, d: float) -> float:

@@ -1,4 +1,4 @@
-"""Build the model of an arm from its table."""
+"""Build the simulation model of a UR arm from its table in ``robots.toml``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Any
 from strands_actors.drivers.ur.arms import JOINTS, Arm
 
 HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
-"""The joints of a twin at its start: upright, with a bent elbow."""
+"""Joint positions of the simulated arm at its start in rad: upright, with a bent elbow."""
 
 
 def model_table(arm: Arm) -> dict[str, Any]:
-    """Return the arm as a table for ``drivers/common/model_rows``. The wrist_3 body is the flange of the DH
-    chain. The centres of mass come from the vendor's description, rounded."""
+    """Return the arm as a table from which ``drivers/common/physics/model_rows`` builds the model.
+
+    The frame of the body wrist_3 is the flange of the DH chain. The centres of mass are the vendor's, rounded.
+    """
     d1, a2, a3, d4, d5, d6 = arm.dh_m
     bodies = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     places = ((0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0))
@@ -39,27 +41,27 @@ def model_table(arm: Arm) -> dict[str, Any]:
         " ".join(
             (
                 body,
-                bodies[at - 1] if at else "base",
-                JOINTS[at],
+                bodies[joint - 1] if joint else "base",
+                JOINTS[joint],
                 "z",
-                _triple(places[at]),
-                turns[at],
-                f"{axes[at].low},{axes[at].high}",
-                str(arm.effort_nm[at]),
-                str(axes[at].speed),
-                str(arm.link_kg[at]),
-                _triple(centres[at]),
-                shapes[at],
+                _triple(places[joint]),
+                turns[joint],
+                f"{axes[joint].low},{axes[joint].high}",
+                str(arm.effort_nm[joint]),
+                str(axes[joint].speed),
+                str(arm.link_kg[joint]),
+                _triple(centres[joint]),
+                shapes[joint],
             )
         )
-        for at, body in enumerate(bodies)
+        for joint, body in enumerate(bodies)
     ]
     return {
         "joints": [{"key": joint} for joint in JOINTS],
         "model_rows": "\n".join(rows),
         "home_rad": HOME_RAD,
-        "gravity_compensated": True,  # the controller compensates it, and brakes hold the arm without power
-        "armature": 0.1 * arm.effort_nm[0] / 150,  # [assumed]
+        "gravity_compensated": True,  # The controller compensates gravity, or the brakes hold the arm.
+        "armature": 0.1 * arm.effort_nm[0] / 150,  # The real value is not published: [assumed].
         "bandwidth": 40.0,
     }
 

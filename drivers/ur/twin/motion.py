@@ -1,4 +1,5 @@
-"""The motions of a program. Each sets the joints' targets in every tick."""
+"""The motions that a program on the simulated controller can make. A motion sets the joint targets in every
+tick."""
 
 from __future__ import annotations
 
@@ -13,34 +14,35 @@ STANDING_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
 
 BRAKING_RAD_S2 = 10.0
-"""Deceleration of the joints in a stop [assumed]. The one that the control script requests is the tool's."""
+"""Deceleration of the joints in a stop [assumed]. The deceleration in the control script's request is for the
+tool."""
 
 BRAKING_S = 0.05
-"""Lag of a servo of the twin behind its target. So a target this far ahead stops the joint from any speed
-without turning back."""
+"""Time by which a simulated servo lags its target. A joint that moves this long at its present speed reaches the
+point where it can stop without turning back."""
 
-TURN_PER_WAY_RAD_M = 4.0
-"""For a tool that turns more than it moves: a turn of this angle takes as long as a metre [assumed]."""
+TURN_PER_DISTANCE_RAD_M = 4.0
+"""If a tool mainly turns, a turn by this angle takes as long as a straight motion of one metre [assumed]."""
 
 LEAP_RAD = 0.1
-"""A joint that would have to turn further than this in one tick cannot follow the tool."""
+"""If a joint would have to turn further than this in one tick, it cannot follow the tool."""
 
 Solve = Callable[[Frame, Sequence[float]], Sequence[float] | None]
-"""Returns the joints that bring the tool to a frame, near given joints; None if there is no solution."""
+"""Takes a frame of the tool and the present joint positions. Returns joint positions for this frame, or None."""
 
 
 class Unreachable(Exception):
-    """The tool cannot reach its goal."""
+    """Raised if the tool or a joint cannot reach its goal."""
 
 
 class Motion:
-    """Stands where it begins. Subclasses move."""
+    """The base of all motions. By itself it holds the arm at its position at the start."""
 
     limp = False
-    """True if the joints have no torque, so that a hand can move the arm."""
+    """True if the joints have no torque, so that a person can move the arm by hand."""
 
     slowed = False
-    """True if the speed slider slows it down."""
+    """True if the speed slider slows this motion down."""
 
     def __init__(self) -> None:
         self._target: list[float] = []
@@ -49,7 +51,7 @@ class Motion:
         self._target = list(plant.position_rad)
 
     def advance(self, plant: Plant, seconds: float) -> None:
-        """Set the targets of the joints after a time. Raise ``Unreachable`` if there are none."""
+        """Advance the motion by ``seconds`` and set the joint targets. Raise ``Unreachable`` if it cannot go on."""
         for joint, rad in enumerate(self._target):
             plant.set_target(joint, rad)
 
@@ -58,10 +60,10 @@ class Motion:
 
 
 class Hold(Motion):
-    """Stop and stay."""
+    """Stop the arm and hold it."""
 
     def __init__(self, stand: Sequence[float] | None = None) -> None:
-        """``stand``: where to stay; None for the nearest point at which the joints can stop."""
+        """Hold the arm at ``stand`` (rad). None: at the nearest positions at which the joints can stop."""
         super().__init__()
         self._stand = stand
 
@@ -74,7 +76,7 @@ class Hold(Motion):
 
 
 class Free(Motion):
-    """Let a hand move the arm."""
+    """Let the joints go without torque, so that a person can move the arm by hand."""
 
     limp = True
 
@@ -83,8 +85,10 @@ class Free(Motion):
 
 
 class Servo(Motion):
-    """Follow a goal that changes continually, at the joints' top speed at most. The last goal stays for
-    ever."""
+    """Follow goals that a client sends in a stream, at most at the top speed of the joints.
+
+    If no new goal arrives, the arm moves to the last goal and stays there.
+    """
 
     def __init__(self, goal: Sequence[float]) -> None:
         super().__init__()
@@ -95,7 +99,7 @@ class Servo(Motion):
 
 
 class Speed(Motion):
-    """Turn at constant rates for ever. A silent client does not stop it."""
+    """Turn the joints at constant speeds, until another motion begins. A silent client does not stop them."""
 
     def __init__(self, rates_rad_s: Sequence[float]) -> None:
         super().__init__()
@@ -106,8 +110,11 @@ class Speed(Motion):
         super().advance(plant, seconds)
 
 
-def _led(solve: Solve, frame: Frame, joints: Sequence[float]) -> list[float]:
-    """Return the joints that bring the tool to a frame in one tick. Raise ``Unreachable`` if they cannot."""
+def _next_joints(solve: Solve, frame: Frame, joints: Sequence[float]) -> list[float]:
+    """Return the joint positions for the next frame of the tool.
+
+    Raise ``Unreachable`` if there are no such positions, or if a joint cannot reach them in one tick.
+    """
     solution = solve(frame, joints)
     if solution is None:
         raise Unreachable("the tool is led to where the arm does not reach")
@@ -117,8 +124,10 @@ def _led(solve: Solve, frame: Frame, joints: Sequence[float]) -> list[float]:
 
 
 class ToolSpeed(Motion):
-    """Move the tool at a constant velocity for ever. ``own_axes``: the velocity is in the tool's axes instead of
-    the base's."""
+    """Move the tool at a constant velocity, until another motion begins.
+
+    With ``own_axes`` the velocity is along the axes of the tool, otherwise along the axes of the base.
+    """
 
     def __init__(self, start: Frame, solve: Solve, velocity: Sequence[float], own_axes: bool = False) -> None:
         super().__init__()
@@ -128,47 +137,48 @@ class ToolSpeed(Motion):
 
     def advance(self, plant: Plant, seconds: float) -> None:
         vx, vy, vz, wx, wy, wz = self._velocity
-        way, turn = scaled((vx, vy, vz), seconds), scaled((wx, wy, wz), seconds)
+        shift, turn = scaled((vx, vy, vz), seconds), scaled((wx, wy, wz), seconds)
         if self._own_axes:
-            way, turn = self._frame.turned(way), self._frame.turned(turn)
-        if any(way) or any(turn):
-            frame = moved(self._frame, way, turn)
-            self._target = _led(self._solve, frame, self._target)
+            shift, turn = self._frame.turned(shift), self._frame.turned(turn)
+        if any(shift) or any(turn):
+            frame = moved(self._frame, shift, turn)
+            self._target = _next_joints(self._solve, frame, self._target)
             self._frame = frame
         super().advance(plant, seconds)
 
 
 class Trip(Motion):
-    """Move to a goal and stay there: accelerate, cruise, brake."""
+    """The base of motions to a goal: accelerate, move at a constant speed, brake, and stay."""
 
     slowed = True
 
-    def __init__(self, way: float, speed: float, acceleration: float, duration_s: float) -> None:
-        """``duration_s``, unless it is 0, replaces the speed."""
+    def __init__(self, distance: float, speed: float, acceleration: float, duration_s: float) -> None:
+        """Plan a motion along ``distance``. If ``duration_s`` is not 0, the speed follows from it, not from
+        ``speed``."""
         super().__init__()
-        self._way = way
+        self._distance = distance
         self._acceleration = max(acceleration, 1e-3)
-        self._speed = _peak(way, duration_s, self._acceleration) if duration_s > 0 else max(speed, 1e-6)
-        self._peak = min(self._speed, math.sqrt(way * self._acceleration))
+        self._speed = _peak(distance, duration_s, self._acceleration) if duration_s > 0 else max(speed, 1e-6)
+        self._peak = min(self._speed, math.sqrt(distance * self._acceleration))
         self._ramp_s = self._peak / self._acceleration
-        self._cruise_s = (way - self._peak * self._ramp_s) / self._peak if way > 0 else 0.0
-        self._gone_s = 0.0
+        self._cruise_s = (distance - self._peak * self._ramp_s) / self._peak if distance > 0 else 0.0
+        self._elapsed_s = 0.0
 
     @property
     def _share(self) -> float:
-        """The share of the way that is done, 0 to 1."""
-        ramp_s, gone_s = self._ramp_s, self._gone_s
-        left_s = 2 * ramp_s + self._cruise_s - gone_s
-        if left_s <= 0:
+        """Progress of the motion: the share of its way that is done, 0 to 1."""
+        ramp_s, elapsed_s = self._ramp_s, self._elapsed_s
+        remaining_s = 2 * ramp_s + self._cruise_s - elapsed_s
+        if remaining_s <= 0:
             return 1.0
-        if gone_s < ramp_s:
-            return self._acceleration * gone_s**2 / 2 / self._way
-        if left_s < ramp_s:
-            return 1.0 - self._acceleration * left_s**2 / 2 / self._way
-        return self._peak * (gone_s - ramp_s / 2) / self._way
+        if elapsed_s < ramp_s:
+            return self._acceleration * elapsed_s**2 / 2 / self._distance
+        if remaining_s < ramp_s:
+            return 1.0 - self._acceleration * remaining_s**2 / 2 / self._distance
+        return self._peak * (elapsed_s - ramp_s / 2) / self._distance
 
     def advance(self, plant: Plant, seconds: float) -> None:
-        self._gone_s += seconds
+        self._elapsed_s += seconds
         self._go(plant, self._share)
         super().advance(plant, seconds)
 
@@ -176,17 +186,19 @@ class Trip(Motion):
         raise NotImplementedError
 
     def arrived(self, plant: Plant) -> bool:
-        if self._gone_s < 2 * self._ramp_s + self._cruise_s:
+        if self._elapsed_s < 2 * self._ramp_s + self._cruise_s:
             return False
-        there = zip(plant.position_rad, self._target, strict=True)
-        return all(abs(rad - goal) < ARRIVED_RAD for rad, goal in there) and (
+        pairs = zip(plant.position_rad, self._target, strict=True)
+        return all(abs(rad - goal) < ARRIVED_RAD for rad, goal in pairs) and (
             max(abs(rad_s) for rad_s in plant.velocity_rad_s) < STANDING_RAD_S
         )
 
 
 class MoveTo(Trip):
-    """Move the joints to a goal. All start and end together. The speed is that of the joint with the longest
-    way."""
+    """Move the joints to a goal. All joints start and stop together.
+
+    The given speed is that of the joint with the longest way.
+    """
 
     def __init__(
         self,
@@ -196,35 +208,41 @@ class MoveTo(Trip):
         acceleration: float,
         duration_s: float = 0.0,
     ) -> None:
-        ways = [rad - was for rad, was in zip(goal, start, strict=True)]
-        super().__init__(max(map(abs, ways)), speed, acceleration, duration_s)
-        self._start, self._ways = list(start), ways
+        distances = [rad - was for rad, was in zip(goal, start, strict=True)]
+        super().__init__(max(map(abs, distances)), speed, acceleration, duration_s)
+        self._start, self._distances = list(start), distances
 
     def _go(self, plant: Plant, share: float) -> None:
-        self._target = [was + way * share for was, way in zip(self._start, self._ways, strict=True)]
+        self._target = [was + distance * share for was, distance in zip(self._start, self._distances, strict=True)]
 
 
 class MoveLine(Trip):
-    """Move the tool on a straight line."""
+    """Move the tool on a straight line to a goal."""
 
     def __init__(
         self, start: Frame, goal: Frame, solve: Solve, speed: float, acceleration: float, duration_s: float = 0.0
     ) -> None:
-        way, turn = between(start, goal)
-        super().__init__(max(_length(way), _length(turn) / TURN_PER_WAY_RAD_M), speed, acceleration, duration_s)
+        shift, turn = between(start, goal)
+        super().__init__(
+            max(_length(shift), _length(turn) / TURN_PER_DISTANCE_RAD_M), speed, acceleration, duration_s
+        )
         self._start, self._solve = start, solve
-        self._line = way, turn
+        self._line = shift, turn
 
     def _go(self, plant: Plant, share: float) -> None:
-        way, turn = self._line
-        self._target = _led(self._solve, moved(self._start, scaled(way, share), scaled(turn, share)), self._target)
+        shift, turn = self._line
+        frame = moved(self._start, scaled(shift, share), scaled(turn, share))
+        self._target = _next_joints(self._solve, frame, self._target)
 
 
 def _length(v: Vector) -> float:
     return math.sqrt(dot(v, v))
 
 
-def _peak(way: float, duration_s: float, acceleration: float) -> float:
-    """Return the speed that makes a trip last this long, or the highest possible one."""
+def _peak(distance: float, duration_s: float, acceleration: float) -> float:
+    """Return the top speed with which a motion along ``distance`` takes ``duration_s``.
+
+    If this time is too short for the acceleration, return the highest speed that is possible.
+    """
     half = acceleration * duration_s / 2
-    return max(1e-6, half - math.sqrt(max(0.0, half**2 - acceleration * way)))
+    return max(1e-6, half - math.sqrt(max(0.0, half**2 - acceleration * distance)))

@@ -1,7 +1,7 @@
-"""The outputs of a controller, by name: each with its type and a function that computes it.
+"""The RTDE outputs of a simulated controller: the type of each output, and a function that computes it.
 
-A ``Sample`` belongs to one tick. An output that no client reads is not computed, and one that several clients
-read is computed once.
+A ``Sample`` has the outputs of one tick. An output is computed only if a client reads it, and only once for all
+clients.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .controller import Controller
 Getter = Callable[[Controller], p.Value]
 
 ROOM_C, AMPERE_PER_NM = 30.0, 0.1
-"""[assumed]"""
+"""Room temperature, and current per torque of a motor, for the simulated measurements [assumed]."""
 
 ROBOT_V, MAIN_V, TOOL_MODE_IDLE = 48.0, 48.0, 255
 
@@ -26,7 +26,7 @@ _ZERO6, _ZERO3 = (0.0,) * 6, (0.0,) * 3
 
 
 class Sample(dict[str, p.Value]):
-    """All present outputs. Each is computed at the first access."""
+    """The outputs of one tick, by name. An output is computed when it is first accessed."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__()
@@ -101,42 +101,43 @@ OUTPUTS: dict[str, tuple[str, Getter]] = {
     "input_bit_registers0_to_31": ("UINT32", lambda robot: robot.bits_in & 0xFFFFFFFF),
     "input_bit_registers32_to_63": ("UINT32", lambda robot: robot.bits_in >> 32 & 0xFFFFFFFF),
 }
-"""Outputs that this controller computes."""
+"""All outputs: name -> RTDE type, and the function that computes the value."""
 
 
-def _add(kind: str, zero: p.Value, names: str) -> None:
+def _add(rtde_type: str, zero: p.Value, names: str) -> None:
     for name in names.split():
-        OUTPUTS[name] = kind, lambda robot: zero
+        OUTPUTS[name] = rtde_type, lambda robot: zero
 
 
-def _element(attribute: str, at: int) -> Getter:
+def _element(attribute: str, index: int) -> Getter:
     def get(robot: Controller) -> p.Value:
         values: list[float] = getattr(robot, attribute)
-        return values[at]
+        return values[index]
 
     return get
 
 
-def _bit(attribute: str, at: int) -> Getter:
+def _bit(attribute: str, index: int) -> Getter:
     def get(robot: Controller) -> p.Value:
         bits: int = getattr(robot, attribute)
-        return bits >> at & 1
+        return bits >> index & 1
 
     return get
 
 
 def _add_registers() -> None:
-    """Add the registers of each sort, both inputs and outputs."""
-    for way in ("in", "out"):
-        for at in range(c.REGISTERS):
-            OUTPUTS[f"{way}put_int_register_{at}"] = "INT32", _element(f"int_{way}", at)
-            OUTPUTS[f"{way}put_double_register_{at}"] = "DOUBLE", _element(f"double_{way}", at)
-        for at in c.SINGLE_BITS:
-            OUTPUTS[f"{way}put_bit_register_{at}"] = "BOOL", _bit(f"bits_{way}", at)
+    """Add all integer, double and bit registers to ``OUTPUTS``, because clients may also read them."""
+    for direction in ("in", "out"):
+        for number in range(c.REGISTERS):
+            OUTPUTS[f"{direction}put_int_register_{number}"] = "INT32", _element(f"int_{direction}", number)
+            OUTPUTS[f"{direction}put_double_register_{number}"] = "DOUBLE", _element(f"double_{direction}", number)
+        for number in c.SINGLE_BITS:
+            OUTPUTS[f"{direction}put_bit_register_{number}"] = "BOOL", _bit(f"bits_{direction}", number)
 
 
 _add_registers()
-# A twin reports zero for the rest: it has no connected inputs, and no force acts on it.
+# The following outputs are always zero: the simulated controller has no connected inputs, and no force acts on the
+# arm.
 _add("VECTOR6D", _ZERO6, "target_qdd actual_TCP_force ft_raw_wrench actual_current_window")
 _add("VECTOR3D", _ZERO3, "actual_tool_accelerometer elbow_velocity")
 _add("UINT64", 0, "actual_digital_input_bits")

@@ -1,7 +1,7 @@
-"""Poses of a UR controller: metres, then a rotation vector in radians.
+"""Compute with poses in the form of UR controllers: a position in m, then a rotation vector in rad.
 
-They are plain floats: a controller computes 500 poses a second, and numpy takes twenty times as long for
-vectors of three numbers.
+This module uses tuples of floats. The simulated controller computes 500 poses a second, and for vectors of three
+numbers numpy would take twenty times as long.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def plus(a: Vector, b: Vector) -> Vector:
 
 
 class Frame(NamedTuple):
-    """A position and its axes, both in the base's frame."""
+    """A coordinate frame: its origin and its three axes, all given in the base's frame."""
 
     place: Vector
     x: Vector
@@ -40,7 +40,7 @@ class Frame(NamedTuple):
     z: Vector
 
     def turned(self, v: Vector) -> Vector:
-        """Return a direction of this frame in the base's frame."""
+        """Convert a direction from this frame to the base's frame."""
         x, y, z = self.x, self.y, self.z
         return (
             x[0] * v[0] + y[0] * v[1] + z[0] * v[2],
@@ -48,13 +48,13 @@ class Frame(NamedTuple):
             x[2] * v[0] + y[2] * v[1] + z[2] * v[2],
         )
 
-    def then(self, other: Frame) -> Frame:
-        """Return ``other``, which is given in this frame, in the base's frame."""
+    def then(self, frame: Frame) -> Frame:
+        """Convert ``frame`` from this frame to the base's frame."""
         return Frame(
-            plus(self.place, self.turned(other.place)),
-            self.turned(other.x),
-            self.turned(other.y),
-            self.turned(other.z),
+            plus(self.place, self.turned(frame.place)),
+            self.turned(frame.x),
+            self.turned(frame.y),
+            self.turned(frame.z),
         )
 
     def inverse(self) -> Frame:
@@ -67,7 +67,7 @@ class Frame(NamedTuple):
         )
 
     def pose(self) -> tuple[float, ...]:
-        """Return position and rotation vector."""
+        """Return this frame as a pose: position in m, then rotation vector in rad."""
         return (*self.place, *rotation_vector(self.x, self.y, self.z))
 
 
@@ -75,7 +75,7 @@ ORIGIN = Frame((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0
 
 
 def frame_of(pose: Sequence[float]) -> Frame:
-    """Return the frame of a pose of six numbers."""
+    """Convert a pose (position in m, rotation vector in rad) to a frame."""
     px, py, pz, rx, ry, rz = pose
     angle = math.sqrt(rx * rx + ry * ry + rz * rz)
     if angle < ALMOST_ZERO:
@@ -92,31 +92,33 @@ def frame_of(pose: Sequence[float]) -> Frame:
 
 
 def rotation_vector(x: Vector, y: Vector, z: Vector) -> Vector:
-    """Return the rotation vector of a rotation with these axes."""
-    skew = (y[2] - z[1], z[0] - x[2], x[1] - y[0])  # twice the sine of the angle, along its axis
+    """Return the rotation vector (rad) of a frame with these axes."""
+    skew = (y[2] - z[1], z[0] - x[2], x[1] - y[0])  # A vector along the axis of rotation, 2 * sin(angle) long.
     sine2 = math.sqrt(dot(skew, skew))
     angle = math.atan2(sine2, x[0] + y[1] + z[2] - 1.0)
     if sine2 > 1e-6:
         return scaled(skew, angle / sine2)
     if angle < 1.0:
         return scaled(skew, 0.5)
-    # Half a turn. The axis is the direction that does not move: the longest column of R + 1.
+    # The rotation is half a turn, so ``skew`` is zero. Its axis is then the longest column of R + 1.
     columns = ((x[0] + 1.0, x[1], x[2]), (y[0], y[1] + 1.0, y[2]), (z[0], z[1], z[2] + 1.0))
     longest = max(columns, key=lambda column: dot(column, column))
     return scaled(longest, angle / math.sqrt(dot(longest, longest)))
 
 
 def between(start: Frame, goal: Frame) -> tuple[Vector, Vector]:
-    """Return the difference of two frames: a way in metres and a turn as a rotation vector, both in the base's
-    axes."""
-    way = plus(goal.place, scaled(start.place, -1.0))
+    """Return the motion from one frame to another: a translation (m) and a rotation vector (rad).
+
+    Both are given along the axes of the base.
+    """
+    shift = plus(goal.place, scaled(start.place, -1.0))
     rotation = goal._replace(place=ORIGIN.place).then(start._replace(place=ORIGIN.place).inverse())
-    return way, rotation_vector(rotation.x, rotation.y, rotation.z)
+    return shift, rotation_vector(rotation.x, rotation.y, rotation.z)
 
 
-def moved(start: Frame, way: Vector, turn: Vector) -> Frame:
-    """Return ``start``, moved by ``way`` and turned on the spot by ``turn``."""
+def moved(start: Frame, shift: Vector, turn: Vector) -> Frame:
+    """Return the frame ``start``, moved by ``shift`` (m) and turned about its origin by ``turn`` (rad)."""
     rotation = frame_of((0.0, 0.0, 0.0, *turn))
     return Frame(
-        plus(start.place, way), rotation.turned(start.x), rotation.turned(start.y), rotation.turned(start.z)
+        plus(start.place, shift), rotation.turned(start.x), rotation.turned(start.y), rotation.turned(start.z)
     )

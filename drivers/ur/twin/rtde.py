@@ -1,4 +1,8 @@
-"""The twin's RTDE server: recipes, the owner of each input, and the stream of samples."""
+"""The RTDE server of a simulated controller.
+
+It agrees with each client on the variables of its packets (a recipe), sends samples, and lets only one client write
+each input.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +24,13 @@ TEXT_ERROR = 1
 
 
 def _text_message(text: str) -> bytes:
-    """Return the payload of a text message: the text, its source and its severity."""
+    """Return the payload of an RTDE text message: the text, then its source and its severity."""
     message = text.encode()[:255]
     return bytes((len(message),)) + message + b"\x04RTDE" + bytes((TEXT_ERROR,))
 
 
 class RtdeServer:
-    """The clients of one controller."""
+    """Serve all RTDE clients of one simulated controller."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller
@@ -45,7 +49,7 @@ class RtdeServer:
                 del self.owners[name]
 
     def push(self, tick: int, now_s: float, sample: Callable[[], Sample]) -> None:
-        """Send the sample of a tick to the clients that are due."""
+        """Send the sample of a tick to each client that receives one in this tick, by its rate."""
         for client in self._clients:
             if client.wants(tick):
                 client.queue(sample(), now_s)
@@ -70,7 +74,7 @@ class Client:
             try:
                 for packet in self._decoder.feed(data):
                     self._try(t_ns, packet)
-            except MalformedFrame as malformed:  # the begin of the next packet is unknown now
+            except MalformedFrame as malformed:  # The next packet cannot be located any more, so hang up.
                 self._refuse(t_ns, data, str(malformed))
                 self._connection.hang_up()
                 return
@@ -81,25 +85,26 @@ class Client:
         except MalformedFrame as malformed:
             self._refuse(t_ns, p.frame(*packet), str(malformed))
 
-    def _refuse(self, t_ns: int, raw: bytes, why: str) -> None:
-        """Log bytes that are not understood, also in the controller's log, and tell the client."""
-        self._connection.heard(t_ns, "malformed", raw)
-        self._server.controller.note(f"RTDE: {why}")
-        self._connection.say("read", p.frame(p.Kind.TEXT, _text_message(f"RTDE: {why}")))
+    def _refuse(self, t_ns: int, raw: bytes, reason: str) -> None:
+        """Log bytes that cannot be decoded, also in the controller's own log, and send the client the reason."""
+        self._connection.log_received(t_ns, "malformed", raw)
+        self._server.controller.note(f"RTDE: {reason}")
+        self._connection.send_logged("read", p.frame(p.Kind.TEXT, _text_message(f"RTDE: {reason}")))
 
     def wants(self, tick: int) -> bool:
         return self._started and self._outputs is not None and tick % self._every == 0
 
     def queue(self, sample: Sample, now_s: float) -> None:
-        """Queue a sample. Samples are not logged: a hundred a second, each as long as a page, would hide all
-        other lines."""
+        """Queue a sample for the client. Samples are not logged, because they would hide all other lines."""
         assert self._outputs is not None
         faults = self._server.faults
         fault = faults.of(None)
-        values = {name: sample[name] for name in self._outputs.names}  # the access computes the value
+        values = {name: sample[name] for name in self._outputs.names}  # Reading an output computes it.
         if fault is Fault.STUCK:
             values = self._stale or values
-        elif fault is Fault.WRONG and "actual_q" in values:  # without it the client reads no position
+        elif (
+            fault is Fault.WRONG and "actual_q" in values
+        ):  # Falsify the joint positions, if the client reads them.
             wrong = values["actual_q"]
             assert isinstance(wrong, tuple)
             values["actual_q"] = tuple(rad + WRONG_BY_RAD for rad in wrong)
@@ -117,10 +122,10 @@ class Client:
         if packet.kind == p.Kind.DATA:
             self._take(t_ns, raw, packet.payload)
             return
-        self._connection.heard(t_ns, "config" if packet.kind == p.Kind.INPUTS else "read", raw)
+        self._connection.log_received(t_ns, "config" if packet.kind == p.Kind.INPUTS else "read", raw)
         answer = self._answer(packet)
         if answer is not None:
-            self._connection.say("read", p.frame(packet.kind, answer))
+            self._connection.send_logged("read", p.frame(packet.kind, answer))
 
     def _take(self, t_ns: int, raw: bytes, payload: bytes) -> None:
         recipe = self._inputs.get(payload[0]) if payload else None
@@ -129,7 +134,7 @@ class Client:
         values = recipe.unpack(payload)
         number = next((values[name] for name in COMMAND_REGISTERS if name in values), None)
         kind = c.classify_command(number) if isinstance(number, int) else "config"
-        self._connection.heard(t_ns, kind, raw)
+        self._connection.log_received(t_ns, kind, raw)
         self._server.controller.write(values)
 
     def _answer(self, packet: p.Packet) -> bytes | None:
@@ -150,7 +155,7 @@ class Client:
                 self._started = False
                 return b"\x01"
             case p.Kind.TEXT:
-                return None  # the controller does not answer a text
+                return None  # A controller does not answer a text message.
         raise MalformedFrame(f"a packet of kind {packet.kind}, which no client sends")
 
     def _agree_outputs(self, payload: bytes) -> bytes:
@@ -161,7 +166,7 @@ class Client:
         types = [OUTPUTS[name][0] if name in OUTPUTS else c.NOT_FOUND for name in names]
         if c.NOT_FOUND not in types:
             self._outputs = p.Recipe(1, names, types)
-            self._stale = {}  # a sample of the last recipe
+            self._stale = {}  # The last sample has other variables, so it cannot be repeated.
             self._every = max(1, round(TICK_HZ / hz)) if hz > 0 else 1
         return b"\x01" + ",".join(types).encode()
 
@@ -179,7 +184,7 @@ class Client:
 
 
 COMMAND_REGISTERS = ("input_int_register_0", f"input_int_register_{c.UPPER_RANGE}")
-"""Registers from which the control script reads its command: one for each range that it may use."""
+"""The registers from which a control script may read its command: the first of the lower and of the upper range."""
 
 
 def _names(text: bytes) -> list[str]:

@@ -1,5 +1,7 @@
-"""Make a program of a text: ``stopj``, ur-rtde's control script, whose handshake is played, or any text that
-``urscript`` can run."""
+"""Make a program from the text that a client has sent to a script port.
+
+The text is a ``stopj``, the control script of ur-rtde (which is imitated), or any text that ``urscript`` can run.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,10 @@ _PATH = re.compile(rb"# inject move path\n(.*?)^\s*end", re.MULTILINE | re.DOTAL
 
 
 def run_text(text: bytes, controller: Controller) -> None:
-    """Run a text that was sent to a script port. A text that does not compile is not started, and the
-    controller's log has the reason."""
+    """Run a text that was sent to a script port.
+
+    If the text does not compile, nothing is started, and the reason is written into the controller's log.
+    """
     try:
         make = program_of(text, controller)
     except ScriptError as error:
@@ -32,7 +36,8 @@ def run_text(text: bytes, controller: Controller) -> None:
 
 
 def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
-    """Return a function that makes the program of a text. Raise ``ScriptError`` if it does not compile."""
+    """Compile a text. Return a function that starts it as a program. Raise ``ScriptError`` if it does not
+    compile."""
     if c.classify_script(text) == "safe":
         return lambda: Halting(controller)
     if _CONTROL in text:
@@ -47,7 +52,7 @@ def program_of(text: bytes, controller: Controller) -> Callable[[], Program]:
 class Standing:
     """A program that does nothing until it is stopped."""
 
-    def heard(self) -> None:
+    def react_to_inputs(self) -> None:
         pass
 
     def step(self) -> None:
@@ -55,7 +60,7 @@ class Standing:
 
 
 class Halting(Standing):
-    """The program ``stopj``. It ends when the arm stands."""
+    """The program ``stopj``. It stops the arm, and ends when the arm stands still."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller

@@ -1,8 +1,8 @@
-"""The state that the text ports send by themselves, in the layout of controllers from software 5.10 on,
-big-endian.
+"""Encode the state that a controller sends on its script ports without a request. Pure: no I/O, no clock.
 
-Primary and secondary (30001, 30002): ``i32 size | u8 kind | parts``, each part ``i32 size | u8 kind
-| data``. Real-time (30003): ``i32 size`` and 152 doubles. Pure: no I/O, no clock.
+The layout is that of controllers with software 5.10 or later, big-endian. The primary and secondary port (30001 and
+30002) send ``i32 size | u8 kind | parts``, and each part is ``i32 size | u8 kind | data``. The real-time port
+(30003) sends ``i32 size`` and 152 doubles.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SOURCE_CONTROLLER = -2
 PROJECT, VERSION, BUILT = b"URControl", (5, 13, 1, 0), b"21-11-2023, 00:00:00"
 
 JOINT_ACCELERATION_RAD_S2, EQUIVALENT_RADIUS_M = 40.0, 0.3
-"""[assumed]"""
+"""Values of the configuration and kinematics that the simulated controller reports [assumed]."""
 
 _MODE = struct.Struct(">Q7?BBdddB")
 _JOINT = struct.Struct(">dddffffB")
@@ -36,21 +36,21 @@ _ALPHA_RAD = (1.570796327, 0.0, 0.0, 1.570796327, -1.570796327, 0.0)
 
 
 def version_message() -> bytes:
-    """Return the first message for a client of 30001 or 30002."""
+    """Return the message with the controller's version, which ports 30001 and 30002 send first."""
     major, minor, bugfix, build = VERSION
     head = struct.pack(">QbbB", 0, SOURCE_CONTROLLER, MESSAGE_VERSION, len(PROJECT))
     return _part(ROBOT_MESSAGE, head + PROJECT + struct.pack(">BBii", major, minor, bugfix, build) + BUILT)
 
 
 def error_message(uptime_s: float, text: str) -> bytes:
-    """Return a line of the controller's log as a message for clients."""
+    """Encode a line of the controller's own log as a message for the clients of ports 30001 and 30002."""
     title = b"Error"
     head = struct.pack(">QbbiiB", round(uptime_s * 1e6), SOURCE_CONTROLLER, MESSAGE_KEY, 0, 0, len(title))
     return _part(ROBOT_MESSAGE, head + title + text.encode("ascii", "replace"))
 
 
 def state_message(controller: Controller, sample: Sample) -> bytes:
-    """Return the present state for 30001 and 30002."""
+    """Encode the present state for ports 30001 and 30002."""
     return _part(
         ROBOT_STATE,
         _part(0, _mode(controller))
@@ -68,7 +68,7 @@ def state_message(controller: Controller, sample: Sample) -> bytes:
 
 
 def realtime_message(controller: Controller, sample: Sample) -> bytes:
-    """Return the present state for 30003."""
+    """Encode the present state for the real-time port, 30003."""
     six = [0.0] * 6
     target, velocity = _six(sample["target_q"]), _six(sample["actual_qd"])
     current, torque = _six(sample["actual_current"]), _six(sample["target_moment"])
@@ -91,8 +91,8 @@ def _mode(controller: Controller) -> bytes:
     state = controller.runtime_state
     return _MODE.pack(
         round(controller.uptime_s * 1e6),
-        True,  # connected, and a real robot
-        True,
+        True,  # A robot is connected.
+        True,  # It is a real robot.
         powered,
         stopped,
         safety is p.SafetyMode.PROTECTIVE_STOP,
@@ -123,17 +123,17 @@ def _joints(sample: Sample) -> bytes:
 
 
 def _masterboard(controller: Controller) -> bytes:
-    one, two = controller.analog_out
+    first, second = controller.analog_out
     types = controller.analog_types
     return _MASTERBOARD.pack(
-        *(0, controller.digital_out, 0, 0, 0.0, 0.0, types & 1, types >> 1 & 1, one, two),
+        *(0, controller.digital_out, 0, 0, 0.0, 0.0, types & 1, types >> 1 & 1, first, second),
         *(ROOM_C, ROBOT_V, 0.0, 0.0, int(controller.safety), controller.safety is p.SafetyMode.REDUCED, 0, 0),
         *(0, 0, 0),
     )
 
 
 def _dh(controller: Controller) -> tuple[float, ...]:
-    """Return a, d and alpha of the joints."""
+    """Return the DH parameters a, d and alpha, each for all joints."""
     d1, a2, a3, d4, d5, d6 = controller.arm.dh_m
     return (0.0, a2, a3, 0.0, 0.0, 0.0, d1, 0.0, 0.0, d4, d5, d6, *_ALPHA_RAD)
 
@@ -150,8 +150,8 @@ def _configuration(controller: Controller) -> bytes:
     return _CONFIGURATION.pack(*ranges, *speeds, *defaults, *_dh(controller), *([0.0] * 6), 0, 1, 0, 0)
 
 
-def _part(kind: int, data: bytes) -> bytes:
-    return struct.pack(">iB", 5 + len(data), kind) + data
+def _part(part_type: int, data: bytes) -> bytes:
+    return struct.pack(">iB", 5 + len(data), part_type) + data
 
 
 def _six(value: p.Value) -> tuple[float, ...]:

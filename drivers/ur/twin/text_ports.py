@@ -1,4 +1,4 @@
-"""The twin's text ports: the dashboard, and the ports that take programs."""
+"""The text ports of a simulated controller: the dashboard, and the script ports, which accept programs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .script import Standing, run_text
 
 VERSION = "5.13.1.1253"
 PROGRAMS = frozenset({"rtde_control.urp", "hold.urp"})
-"""Programs that are stored on the controller. Played, one of these runs and moves nothing."""
+"""Names of programs that are stored on the simulated controller. Such a program runs, but moves nothing."""
 INSTALLATIONS = frozenset({"default.installation"})
 MODES = ("manual", "automatic")
 SUPPORT_FOLDER_ID = "1"
@@ -39,27 +39,27 @@ LAST_LINES = ("quit", "shutdown")
 class Dashboard:
     def __init__(self, controller: Controller, robot: str) -> None:
         self._controller = controller
-        # The dashboard names the arm's model without the letter of its series [assumed].
+        # The dashboard reports the model without the letter of the series, such as UR5 for a UR5e [assumed].
         self._model = robot.upper().removesuffix("E")
         self._program = ""
         self._mode = ""
 
     async def handle(self, connection: Connection) -> None:
-        connection.say("read", _line(BANNER))
+        connection.send_logged("read", _line(BANNER))
         pending = b""
         while True:
             t_ns, data = await connection.receive()
             *lines, pending = (pending + data).split(b"\n")
             for line in lines:
                 text = line.decode("utf-8", "replace").strip()
-                connection.heard(t_ns, c.classify_dashboard(text), line + b"\n")
-                connection.say("read", _line(self.answer(text)))
+                connection.log_received(t_ns, c.classify_dashboard(text), line + b"\n")
+                connection.send_logged("read", _line(self.answer(text)))
                 if text.lower() in LAST_LINES:
                     connection.hang_up()
                     return
 
     def answer(self, line: str) -> str:
-        """Carry out a line and return the answer."""
+        """Carry out a line of a dashboard client, and return the answer."""
         controller = self._controller
         match line.lower():
             case "polyscopeversion":
@@ -129,7 +129,7 @@ class Dashboard:
         return self._with_words(word.lower(), rest.strip(), line)
 
     def _with_words(self, word: str, rest: str, line: str) -> str:
-        """Carry out a line that ends with a name or a text."""
+        """Carry out a dashboard line that has an argument, such as a file name. Return the answer."""
         controller = self._controller
         match word, *rest.split(maxsplit=2):
             case "load", "installation", name:
@@ -170,7 +170,7 @@ class Dashboard:
         return "Starting program" if controller.busy else "Failed to execute: play"
 
     def _restart_safety(self) -> str:
-        """Restart after a fault or a violation. The robot is then off, and without faults."""
+        """Clear a safety fault or violation. Afterwards the arm's power is off. Return the answer."""
         if self._controller.safety in (p.SafetyMode.FAULT, p.SafetyMode.VIOLATION):
             self._controller.set_safety(p.SafetyMode.NORMAL)
         self._controller.set_mode(p.RobotMode.POWER_OFF)
@@ -178,12 +178,17 @@ class Dashboard:
 
 
 class ScriptPort:
-    """Takes programs, and sends the state by itself. A program is complete at an unindented ``end``. A line
-    outside a program is one itself.
+    """A port that accepts programs, and sends the controller's state without a request.
+
+    A program with ``def`` or ``sec`` ends with an unindented ``end``. Any other line is a program by itself.
 
     Args:
-        load_s: Seconds from a program's text until the controller has loaded it. The dashboard's stop does not
-            end a program that is being loaded [assumed: the worst case].
+        controller: The controller that runs the programs.
+        hz: Rate of the state.
+        message: Encodes the state.
+        greeting: The first message to each client.
+        load_s: Seconds from the receipt of a program until the controller has loaded it. The dashboard's stop does
+            not end a program that is being loaded [assumed: the worst case].
     """
 
     def __init__(
@@ -204,7 +209,7 @@ class ScriptPort:
             self._clients.discard(connection)
 
     def push(self, tick: int, sample: Callable[[], Sample]) -> None:
-        """Send the state to the clients that read it, in the ticks in which it is due."""
+        """Send the state of a tick to all clients, at the rate of this port. Skip it if no client reads."""
         if tick % self._every or not self._clients:
             return
         reading = [client for client in self._clients if client.takes]
@@ -227,14 +232,14 @@ class ScriptPort:
                 text, pending = pending[:size], pending[size:]
                 if text.strip():
                     kind = c.classify_script(text)
-                    connection.heard(t_ns, kind, text)
+                    connection.log_received(t_ns, kind, text)
                     if self._load_s and kind == "enable":
                         await trio.sleep(self._load_s)
                     run_text(text, self._controller)
 
 
 def _complete(text: bytes) -> int:
-    """Return the size of the first program in ``text``; 0 if it is incomplete."""
+    """Return the size in bytes of the first program in ``text``, or 0 if its end has not arrived yet."""
     if text.lstrip().startswith((b"def ", b"sec ")):
         match = _END_OF_PROGRAM.search(text)
         return match.end() if match else 0

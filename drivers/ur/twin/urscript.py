@@ -1,8 +1,8 @@
-"""Run the part of URScript that clients send line by line: calls, assignments, ``while``, ``if`` and
-functions, without threads. Everything else is a compile error.
+"""Run programs in a part of URScript: calls, assignments, ``while``, ``if`` and functions, without threads.
 
-Its expressions are Python's, except poses, ``p[...]``. So Python's parser reads them, and this module
-evaluates the resulting tree node by node. Nothing is ever executed as Python.
+Any other statement is a compile error. Except for poses (``p[...]``), expressions of URScript are also valid
+Python. So Python's parser reads them, and this module evaluates the syntax tree node by node. No text is ever
+executed as Python.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .functions import Functions, Pose, ScriptError, Waits
 from .motion import Unreachable
 
 STEPS_A_TICK = 200
-"""Most statements in one tick. A loop that does not wait continues in the next tick."""
+"""Most statements that a program runs in one tick. After that it continues in the next tick."""
 
 LONGEST_LINE = 10_000
 
@@ -43,9 +43,9 @@ class Statement(NamedTuple):
 
 
 def parse(text: str) -> tuple[Statement, ...]:
-    """Return the statements of a program. Raise ``ScriptError`` if it does not compile."""
+    """Compile the text of a program to statements. Raise ``ScriptError`` if it does not compile."""
     lines = [_COMMENT.sub(lambda match: match.group(1) or "", line).strip() for line in text.split("\n")]
-    parser = _Parser([(at, line) for at, line in enumerate(lines, 1) if line])
+    parser = _Parser([(number, line) for number, line in enumerate(lines, 1) if line])
     try:
         return parser.whole()
     except RecursionError:
@@ -55,10 +55,10 @@ def parse(text: str) -> tuple[Statement, ...]:
 class _Parser:
     def __init__(self, lines: Sequence[tuple[int, str]]) -> None:
         self._lines = lines
-        self._at = 0
+        self._index = 0
 
     def whole(self) -> tuple[Statement, ...]:
-        """Return the statements of a text: the body of its only function, or its bare lines."""
+        """Parse the whole text. If it is only one function, return the statements in this function."""
         statements = self._block(top=True)
         if len(statements) == 1 and statements[0].kind == "def":
             return statements[0].blocks[0][1]
@@ -66,12 +66,12 @@ class _Parser:
 
     def _block(self, top: bool = False) -> tuple[Statement, ...]:
         statements: list[Statement] = []
-        while self._at < len(self._lines):
-            number, line = self._lines[self._at]
+        while self._index < len(self._lines):
+            number, line = self._lines[self._index]
             word = line.split(maxsplit=1)[0].rstrip(":")
             if word in ("end", "elif", "else") and not top:
                 return tuple(statements)
-            self._at += 1
+            self._index += 1
             statements.append(self._statement(number, line))
         if not top:
             raise ScriptError(f"line {self._lines[-1][0]}: an end is missing")
@@ -109,8 +109,11 @@ class _Parser:
         if word == "if":
             blocks: list[tuple[ast.expr | None, tuple[Statement, ...]]] = []
             blocks.append((_expression(number, rest), self._block()))
-            while self._at < len(self._lines) and (head := _HEAD.fullmatch(self._lines[self._at][1])) is not None:
-                self._at += 1
+            while (
+                self._index < len(self._lines)
+                and (head := _HEAD.fullmatch(self._lines[self._index][1])) is not None
+            ):
+                self._index += 1
                 condition = _expression(number, head.group(2).strip()) if head.group(1) == "elif" else None
                 blocks.append((condition, self._block()))
             self._take_end(number)
@@ -123,9 +126,9 @@ class _Parser:
         return block
 
     def _take_end(self, number: int) -> None:
-        if self._at >= len(self._lines) or self._lines[self._at][1] != "end":
+        if self._index >= len(self._lines) or self._lines[self._index][1] != "end":
             raise ScriptError(f"line {number}: an end is missing")
-        self._at += 1
+        self._index += 1
 
 
 def _expression(number: int, text: str) -> ast.expr:
@@ -169,7 +172,7 @@ _NUMBERS = (int, float, bool)
 
 
 class Script:
-    """A program that runs line by line. It ends after the last line, or with an error in the controller's
+    """A running program. It ends after its last line, or at an error, which is written into the controller's
     log."""
 
     def __init__(
@@ -181,15 +184,15 @@ class Script:
         self._controller = controller
         self._functions = Functions(controller, on_progress)
         self._signatures: dict[str, inspect.Signature] = {}
-        """Signatures of functions that were called. A loop calls them again in each tick."""
+        """Signatures of functions that were already called, to save time if a loop calls them in each tick."""
         self._defined: dict[str, Statement] = {}
         self._globals: dict[str, Any] = {}
         self._run = self._block(statements, self._globals)
         self._waits: Waits | None = None
-        self._left = STEPS_A_TICK
+        self._remaining_steps = STEPS_A_TICK
 
-    def heard(self) -> None:
-        """Do nothing: a line reads the registers when it runs."""
+    def react_to_inputs(self) -> None:
+        """Do nothing, because the program reads a register only when it runs such a line."""
 
     def step(self) -> None:
         try:
@@ -203,15 +206,15 @@ class Script:
                 self._controller.stop_program()
 
     def advance(self) -> bool:
-        """Go on until a line waits. Return True if the program is over.
+        """Run the program until a line has to wait, or until its end. Return True if it has ended.
 
         Raises:
             ScriptError: A line cannot be run.
-            Unreachable: A motion has no solution.
+            Unreachable: The arm cannot make a requested motion.
         """
         if self._waits is not None and not self._waits():
             return False
-        self._left = STEPS_A_TICK
+        self._remaining_steps = STEPS_A_TICK
         try:
             self._waits = next(self._run)
         except StopIteration:
@@ -224,17 +227,17 @@ class Script:
 
     def _block(self, statements: Sequence[Statement], names: dict[str, Any]) -> Generator[Waits, None, None]:
         for statement in statements:
-            self._left -= 1
-            if self._left < 0:
+            self._remaining_steps -= 1
+            if self._remaining_steps < 0:
                 yield AT_ONCE
             if statement.kind != "pass":
                 self._controller.program_line = statement.line
             try:
-                yield from self._one(statement, names)
+                yield from self._run_statement(statement, names)
             except (TypeError, ValueError, ArithmeticError, LookupError, RecursionError) as error:
                 raise ScriptError(f"line {statement.line}: {error or type(error).__name__}") from None
 
-    def _one(self, statement: Statement, names: dict[str, Any]) -> Generator[Waits, None, None]:
+    def _run_statement(self, statement: Statement, names: dict[str, Any]) -> Generator[Waits, None, None]:
         match statement.kind:
             case "def":
                 self._defined[statement.name] = statement
@@ -260,8 +263,8 @@ class Script:
         ((condition, block),) = statement.blocks
         assert condition is not None
         while self._value(condition, names):
-            self._left -= 1
-            if self._left < 0:
+            self._remaining_steps -= 1
+            if self._remaining_steps < 0:
                 yield AT_ONCE
             try:
                 yield from self._block(block, names)
@@ -275,7 +278,10 @@ class Script:
         value, index = self._value(statement.value, names), statement.blocks[0][0]
         if index is None:
             (names if statement.name not in self._globals else self._globals)[statement.name] = value
-        elif statement.name in ("digital_out", "analog_out"):  # the syntax of old scripts
+        elif statement.name in (
+            "digital_out",
+            "analog_out",
+        ):  # Old scripts set an output like ``digital_out[1]=True``.
             getattr(self._functions, f"set_{statement.name}")(self._value(index, names), value)
         else:
             self._name(statement.name, names)[self._value(index, names)] = value
@@ -322,10 +328,10 @@ class Script:
             case ast.BoolOp(op=op, values=parts):
                 return (all if isinstance(op, ast.And) else any)(self._value(part, names) for part in parts)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
-                one, other = self._value(left, names), self._value(right, names)
-                if not (isinstance(one, _NUMBERS) and isinstance(other, _NUMBERS)):
-                    raise TypeError("arithmetic is for numbers")
-                result = _ARITHMETIC[type(op)](one, other)
+                first, second = self._value(left, names), self._value(right, names)
+                if not (isinstance(first, _NUMBERS) and isinstance(second, _NUMBERS)):
+                    raise TypeError("both sides of an arithmetic operator must be numbers")
+                result = _ARITHMETIC[type(op)](first, second)
                 if not -LARGEST <= result <= LARGEST:
                     raise ArithmeticError("a number too large")
                 return result

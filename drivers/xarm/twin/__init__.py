@@ -1,7 +1,7 @@
-"""Simulate the robot's end of an xArm's wire: the control port and three report ports, with MuJoCo behind.
+"""Simulate an xArm's controller: the control port and three report ports, with MuJoCo for the arm.
 
-Besides the control lines of every twin it takes ``error CODE`` (0 removes the cause), ``state N`` and
-``mode N``, as another client of the controller would set them.
+Besides the commands of every simulated robot, the control socket accepts ``error CODE`` (0 removes the error),
+``state N`` and ``mode N``. They act as if another client of the controller had set these values.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import trio
 
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.controlled_body import LedBody
+from strands_actors.drivers.common.physics.controlled_body import SharedBody
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import (
     ClientGone,
@@ -46,18 +46,20 @@ class XArmTwinOptions(HostOption, frozen=True):
     port: Annotated[
         int | None,
         option(
-            f"TCP port of its control; None: {p.CONTROL_PORT}, which the vendor's software expects, and where this "
-            "user may not have it, any free one. The ports of the reports are fixed"
+            f"TCP port for control; None: {p.CONTROL_PORT}, which the vendor's software expects, or any free port "
+            "if this user may not use that one. The ports for reports are fixed"
         ),
     ] = None
     arm_type: Annotated[int, option("type in its version string: 3, 7 or 13")] = 7
     serial: Annotated[str, option("serial number of the arm")] = "XF1300012345"
     firmware: Annotated[str, option("version of its firmware")] = "1.12.10"
-    speed_limit_rad_s: Annotated[float, option("joint speed limit that it tells", gt=0)] = 3.14159
+    speed_limit_rad_s: Annotated[float, option("joint speed limit that the controller reports, in rad/s", gt=0)] = (
+        3.14159
+    )
 
 
 class Machine:
-    """The faults and events of the simulated robot."""
+    """Set faults and power cycles of the simulated robot."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller
@@ -68,27 +70,29 @@ class Machine:
 
         Args:
             fault: The fault.
-            unit: 1 to 7 for a joint, which can only get stuck. None for all that the controller sends.
+            unit: 1 to 7 for one joint, which can only be stuck or ok. None for everything that the controller
+                sends.
         """
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
             self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
         else:
-            raise ValueError(f"a joint, 1 to {p.JOINTS}, can be ok or stuck, not {fault}")
+            raise ValueError(f"a joint (1 to {p.JOINTS}) can be ok or stuck, not {fault}")
 
     def power_cycle(self) -> None:
         self.controller.wake_up()
 
 
 class ControlSession:
-    """The controller's side of one client on the control port."""
+    """The controller's end of one client's connection to the control port."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self._controller = controller
         self._faults = faults
         self._decoder = p.Decoder()
-        self._felt: dict[int, bytes] = {}  # last reply data by register; a stuck controller repeats it
+        # For each register, the data of the last reply, which a stuck controller repeats.
+        self._last_data: dict[int, bytes] = {}
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         try:
@@ -97,42 +101,44 @@ class ControlSession:
                 if frame.protocol == p.HEARTBEAT_PROTOCOL:
                     yield Exchange("keepalive", raw, ())
                 else:
-                    kind, brings_to = p.classify(frame.body)
-                    yield Exchange(kind, raw, self._replies(frame, kind), brings_to)
+                    message_type, brings_to = p.classify(frame.body)
+                    yield Exchange(message_type, raw, self._replies(frame, message_type), brings_to)
         except MalformedFrame:
-            raise ClientGone from None  # A server closes the connection when it cannot decode it.
+            # A real controller closes the connection when it receives an invalid frame.
+            raise ClientGone from None
 
-    def _replies(self, frame: p.Frame, kind: str) -> Sequence[Reply]:
+    def _replies(self, frame: p.Frame, message_type: str) -> Sequence[Reply]:
         register = frame.body[0]
         stuck = self._faults.of(None) is Fault.STUCK
-        if stuck and kind != "read":
-            flags, data = self._controller.flags, b""  # Stuck: it replies and does not move.
+        if stuck and message_type != "read":
+            # A stuck controller replies and does not carry out the request.
+            flags, data = self._controller.flags, b""
         else:
             flags, data = self._controller.obey(register, frame.body[1:])
             if stuck:
-                data = self._felt.get(register, data)
-            self._felt[register] = data
+                data = self._last_data.get(register, data)
+            self._last_data[register] = data
         answer = p.frame(frame.number, bytes((register, flags)) + data, frame.protocol)
-        reply = self._faults.apply(Reply(0.0, answer, None, kind))
+        reply = self._faults.apply(Reply(0.0, answer, None, message_type))
         return () if reply is None else (reply,)
 
 
 class XArmServer(TcpServer):
-    """Serve one controller on its ports and advance its time."""
+    """Serve the ports of one simulated controller, and simulate the passing time."""
 
     def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
         self.controller = controller
         faults = Faults()
         self._machine = Machine(controller, faults)
         self._publisher = Publisher(controller, faults)
-        self._body = LedBody(controller, lambda: controller.runs)
+        self._body = SharedBody(controller, lambda: controller.runs)
         handlers: dict[int, Handler] = {port: answering(functools.partial(ControlSession, controller, faults))}
         for number in HZ:
             handlers[number] = functools.partial(self._publisher.serve, number)
         super().__init__(self._machine, handlers, log, host)
 
     @property
-    def body(self) -> LedBody:
+    def body(self) -> SharedBody:
         return self._body
 
     def set_fault(self, text: str) -> None:
@@ -146,7 +152,7 @@ class XArmServer(TcpServer):
             self.plug()
 
     def power_cycle(self) -> None:
-        """End every connection. The controller comes back with the motors off."""
+        """Close every connection and restart the controller, with the motors off."""
         super().power_cycle()
         self.unplug()
         self.plug()
@@ -174,7 +180,7 @@ class XArmServer(TcpServer):
 
 
 def may_bind(port: int) -> bool:
-    """Return whether this user has the right to bind the port, even if it is in use now."""
+    """Return True if this user has the right to use the port, even if another program uses it now."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -194,29 +200,29 @@ def controller_of(
     now_s: Callable[[], float] = time.monotonic,
     plant: Plant | None = None,
 ) -> Controller:
-    """Return the controller of a twin. Raise ``ValueError`` for an unknown ``arm_type``."""
+    """Return a simulated controller. Raise ``ValueError`` for an unknown ``arm_type``."""
     arm = arm_of(robot)
     text = f"{p.JOINTS},{arm_type},{serial},AC1300012345,v{firmware}"
-    index = arm.type_at(p.parse_version(text.encode()))
+    index = arm.type_index(p.parse_version(text.encode()))
     if index is None:
-        numbers = ", ".join(map(str, sorted({kind.number for kind in arm.types})))
-        raise ValueError(f"arm_type is {arm_type}. Use {numbers}")
+        numbers = ", ".join(map(str, sorted({each.number for each in arm.types})))
+        raise ValueError(f"arm_type is {arm_type}. Use one of {numbers}")
     return Controller(robot, arm.types[index], text, speed_limit_rad_s=speed_limit_rad_s, now_s=now_s, plant=plant)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, XArmTwinOptions, options)
-    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if given.port is None else given.port
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, XArmTwinOptions, options)
+    port = (p.CONTROL_PORT if may_bind(p.CONTROL_PORT) else 0) if twin_options.port is None else twin_options.port
     controller = controller_of(
         robot,
-        arm_type=given.arm_type,
-        serial=given.serial,
-        firmware=given.firmware,
-        speed_limit_rad_s=given.speed_limit_rad_s,
+        arm_type=twin_options.arm_type,
+        serial=twin_options.serial,
+        firmware=twin_options.firmware,
+        speed_limit_rad_s=twin_options.speed_limit_rad_s,
     )
 
     def build(wire_log: WireLog) -> XArmServer:
-        return XArmServer(controller, wire_log, given.host, port)
+        return XArmServer(controller, wire_log, twin_options.host, port)
 
     run_server(build, **start)

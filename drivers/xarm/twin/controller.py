@@ -1,7 +1,7 @@
-"""Simulate the controller of the twin: its registers, its state and its arm. No sockets.
+"""Simulate an xArm's controller: its registers, its state and its arm. No sockets.
 
-Time passes in ticks, on the given clock. Between ticks only requests change the state. Behaviour that was
-never seen on a real controller is marked [assumed].
+The given clock is read in ticks. Between ticks only requests change the state. Behaviour that was never seen on a
+real controller is marked [assumed].
 """
 
 from __future__ import annotations
@@ -25,58 +25,59 @@ TICK_HZ = 250.0
 STEP_RAD = 0.5
 """A servo target that differs from the last one by more than this causes error 24 [assumed]."""
 
-STANDING_RAD_S = 0.01
+AT_REST_RAD_S = 0.01
 ARRIVED_RAD = 2e-3
 
 BRAKING_S = 0.05
-"""A servo of the twin lags its target by this time, so this is where it halts from any speed without
-turning back."""
+"""A simulated servo lags behind its target by this time, in seconds. So a joint that halts gets the target that it
+reaches in this time, and does not turn back."""
 
 SLOWEST_RAD_S = 0.01
 SPEED_EXCEEDED, JOINT_PAST_LIMIT = 24, 23
 
 _RUNNING = (State.MOVING, State.READY)
 _ACKNOWLEDGED = frozenset({18, *range(31, 39), 70, 253, 254})
-"""Registers of settings that the twin accepts without effect."""
+"""Registers of settings that the simulated controller accepts without effect."""
 
 
 class Controller:
     def __init__(
         self,
         robot: str,
-        kind: ArmType,
+        arm_type: ArmType,
         version: str,
         *,
         speed_limit_rad_s: float,
         now_s: Callable[[], float] = time.monotonic,
         plant: Plant | None = None,
     ) -> None:
+        """Args:
+        version: The controller's version text.
+        speed_limit_rad_s: The joint speed limit that the controller reports. The simulated arm itself moves at
+            the speed in the robot's table.
+        plant: The physics of the arm; None for the arm in the robot's table.
         """
-        Args:
-            version: The controller's version string.
-            speed_limit_rad_s: The limit that the controller reports. The simulated arm turns at the speed
-                of the table.
-            plant: The arm; None for the arm of the robot's table.
-        """
-        self.plant = plant or Plant.from_table(model_table(robot, kind))
+        self.plant = plant or Plant.from_table(model_table(robot, arm_type))
         self.version_text = version
         self.version = p.parse_version(version.encode())
         self.speed_limit_rad_s = speed_limit_rad_s
-        self._kind = kind
+        self._arm_type = arm_type
         self._top_rad_s = arm_of(robot).speed_rad_s
         self._now_s = now_s
         self.wake_up()
 
     def wake_up(self) -> None:
-        """Reset to the state after switch-on. The arm stays where it is, with its brakes on."""
+        """Reset to the state after switching on. The arm stays where it is, with its brakes on."""
         self.state: int = State.STOPPED
         self.mode: int = Mode.POSITION
         self.error = self.warning = 0
-        self.enabled = 0  # one bit per joint
-        self.led = False  # whether a simulation moves the arm; ends when the wire energises it
+        self.enabled = 0  # enabled motors, one bit per joint
+        # True while the simulation moves the arm, until a client of the real protocol enables a motor.
+        self.simulation_moves = False
         self._queue: deque[tuple[Sequence[float], float]] = deque()
-        self._goal: Sequence[float] | None = None  # of servo mode
-        self._rates: tuple[Sequence[float], float] | None = None  # of velocity mode, and their end time
+        self._goal: Sequence[float] | None = None  # target of servo mode
+        # Joint speeds of velocity mode, and the time at which they end.
+        self._rates: tuple[Sequence[float], float] | None = None
         self._ticked_s = self._now_s()
         self._set_brakes()
         self._halt()
@@ -86,12 +87,12 @@ class Controller:
 
     @property
     def runs(self) -> bool:
-        """Whether a client on the wire controls the arm."""
+        """Return True while a client of the real protocol can move the arm, and not the simulation."""
         return bool(self.enabled) and self.state in (*_RUNNING, State.PAUSED)
 
     @property
     def flags(self) -> int:
-        """The state byte of every reply."""
+        """Return the state byte of every reply."""
         ready = self.enabled and self.state in _RUNNING and not self.error
         return ERROR * bool(self.error) | WARNING * bool(self.warning) | NOT_READY * (not ready)
 
@@ -108,8 +109,8 @@ class Controller:
     # -- events
 
     def fail(self, error: int) -> None:
-        """Set an error. The arm stops, and its motors are off until they are enabled again [assumed]. 0
-        removes the cause."""
+        """Set an error. The arm stops, and its motors are off until a client enables them again [assumed]. The code
+        0 removes the error."""
         self.error = error
         if error:
             self.enabled = 0
@@ -133,7 +134,7 @@ class Controller:
     # -- registers
 
     def obey(self, register: int, data: bytes) -> tuple[int, bytes]:
-        """Carry out a request. Return state byte and data of the reply."""
+        """Carry out a request. Return the state byte and the data of the reply."""
         try:
             invalid, answer = self._obey(register, data)
         except (MalformedFrame, IndexError):
@@ -141,7 +142,7 @@ class Controller:
         return self.flags | INVALID * invalid, answer
 
     def _obey(self, register: int, data: bytes) -> tuple[bool, bytes]:
-        """Return whether the request is invalid, and the data of the reply."""
+        """Carry out a request. Return True if it is invalid, and the data of the reply."""
         plant = self.plant
         match register:
             case Register.VERSION:
@@ -176,7 +177,7 @@ class Controller:
             case Register.JOINT_TORQUE:
                 return False, p.floats(plant.effort_nm)
             case 45 | 46:
-                return False, b"\0"  # no value outside a limit
+                return False, b"\0"  # the reply 0: no value is outside a limit
             case 233:
                 return False, bytes(8)
             case _:
@@ -187,13 +188,13 @@ class Controller:
         bits = (1 << p.JOINTS) - 1 if joint == p.ALL_JOINTS else 1 << joint - 1
         self.enabled = self.enabled | bits if on else self.enabled & ~bits
         if on:
-            self.led = False
+            self.simulation_moves = False
         else:
             self._stop()
         self._set_brakes()
 
     def _move(self, register: int, data: bytes) -> None:
-        """Take a target if the mode matches its register. A paused arm keeps the target for later."""
+        """Accept a target if its register fits the mode. A paused arm stores the target and moves there later."""
         if not self.runs or self.error:
             return
         numbers = p.unpack_floats(data, p.JOINTS)
@@ -212,7 +213,7 @@ class Controller:
 
     def _servo(self, goal: Sequence[float]) -> None:
         before = self._goal or self._target
-        ranges = self._kind.range_rad
+        ranges = self._arm_type.range_rad
         if any(not low - 1e-3 <= rad <= high + 1e-3 for rad, (low, high) in zip(goal, ranges, strict=True)):
             self.fail(JOINT_PAST_LIMIT)
         elif max(abs(rad - was) for rad, was in zip(goal, before, strict=True)) > STEP_RAD:
@@ -232,22 +233,22 @@ class Controller:
         columns = zip(self.plant.position_rad, self.plant.velocity_rad_s, strict=True)
         self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
 
-    def aim(self, goal: Sequence[float]) -> None:
-        """Take the target of a simulation."""
+    def set_targets(self, goal: Sequence[float]) -> None:
+        """Set the target that the simulation commands."""
         self._target = list(goal)
 
     def hold(self) -> None:
         self._halt()
 
-    def lead(self, on: bool) -> None:
-        """Let a simulation move the arm, or end that."""
-        self.led = on
+    def let_simulation_move(self, on: bool) -> None:
+        """Let the simulation move the arm (``on``), or give the arm back to clients of the real protocol."""
+        self.simulation_moves = on
         self._halt()
         self._set_brakes()
 
     def _set_brakes(self) -> None:
         for joint in range(p.JOINTS):
-            released = self.led or bool(self.enabled >> joint & 1)
+            released = self.simulation_moves or bool(self.enabled >> joint & 1)
             self.plant.set_stuck(joint, not released)
             self.plant.set_torque(joint, released)
 
@@ -259,14 +260,15 @@ class Controller:
         self.advance(elapsed_s)
         self.plant.catch_up(now_s)
         if self.state in _RUNNING:
-            moves = max(map(abs, self.plant.velocity_rad_s)) > STANDING_RAD_S
+            moves = max(map(abs, self.plant.velocity_rad_s)) > AT_REST_RAD_S
             self.state = State.MOVING if self._queue or moves else State.READY
 
     def advance(self, elapsed_s: float) -> None:
-        """Set the joints' targets for the elapsed time."""
-        if self.state in _RUNNING and not self.led:
+        """Set the targets of the joints after this time has passed."""
+        if self.state in _RUNNING and not self.simulation_moves:
             if self.mode == Mode.SERVO and self._goal is not None:
-                self._target = list(self._goal)  # at full speed, however long ago the last one came
+                # The arm moves there at full speed, even if targets come rarely.
+                self._target = list(self._goal)
             elif self.mode == Mode.POSITION and self._queue:
                 self._follow_queue(elapsed_s)
             elif self.mode == Mode.VELOCITY and self._rates is not None:
@@ -277,8 +279,14 @@ class Controller:
     def _follow_queue(self, elapsed_s: float) -> None:
         goal, speed = self._queue[0]
         step = speed * elapsed_s
-        self._target = [at + max(-step, min(step, rad - at)) for at, rad in zip(self._target, goal, strict=True)]
-        if max(abs(at - rad) for at, rad in zip(self.plant.position_rad, goal, strict=True)) < ARRIVED_RAD:
+        self._target = [
+            position + max(-step, min(step, rad - position))
+            for position, rad in zip(self._target, goal, strict=True)
+        ]
+        if (
+            max(abs(position - rad) for position, rad in zip(self.plant.position_rad, goal, strict=True))
+            < ARRIVED_RAD
+        ):
             self._queue.popleft()
 
     def _follow_rates(self, elapsed_s: float) -> None:
@@ -288,10 +296,11 @@ class Controller:
             self._rates = None
             self._halt()
         else:
-            self._target = [at + rate * elapsed_s for at, rate in zip(self._target, rates, strict=True)]
+            self._target = [position + rate * elapsed_s for position, rate in zip(self._target, rates, strict=True)]
 
     def _pose(self) -> tuple[float, ...]:
-        """Return the pose of the flange in the base: millimetres, then roll, pitch and yaw."""
+        """Return the pose of the flange in the frame of the base: x, y, z in millimetres, then roll, pitch and yaw
+        in rad."""
         flange = self.plant.data.body("link7")
         m = flange.xmat
         roll, pitch = math.atan2(m[7], m[8]), math.asin(max(-1.0, min(1.0, -m[6])))

@@ -1,4 +1,4 @@
-"""Send the reports of the twin's controller on three ports, each with its own length and rate."""
+"""Send the reports of the simulated controller on three ports. Each port has its own length and rate of reports."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ ROOM_C = 30
 
 
 class Sender(Protocol):
-    """The method of a connection that sends reports."""
+    """The method of a connection by which reports are sent."""
 
     def send(self, data: bytes) -> None: ...
 
 
 class Publisher:
-    """All subscribers of one controller. Reports are not logged: at a hundred per second they would hide
+    """Send reports to all clients of one controller. They are not logged, since at 100 per second they would hide
     the rest of the log."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
@@ -32,7 +32,7 @@ class Publisher:
         self._stale: r.Report | None = None
 
     def push(self, now_s: float) -> None:
-        """Send the reports that are due after a tick."""
+        """Send the reports that are due. Called after each tick."""
         for listener in self._listeners:
             if now_s >= listener.due_s:
                 listener.due_s = max(listener.due_s + 1 / HZ[listener.port], now_s - 1 / TICK_HZ)
@@ -46,7 +46,7 @@ class Publisher:
         try:
             while True:
                 t_ns, data = await connection.receive()
-                connection.heard(t_ns, "other", data)
+                connection.log_received(t_ns, "other", data)
         finally:
             self.remove(listener)
 

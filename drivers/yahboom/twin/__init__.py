@@ -1,4 +1,5 @@
-"""Run an M3 Pro as a twin: rosbridge with its topics, a base with a watchdog in its firmware, and an arm."""
+"""Simulate an M3 Pro: rosbridge with its topics, a base with a watchdog in its firmware, and an
+arm."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from functools import cached_property
 from typing import Annotated, Any, Unpack
 
 from strands_actors.contract.options import option
-from strands_actors.drivers.common.physics.body import TIMESTEP_S, Felt, Hand
+from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 from strands_actors.drivers.common.twin import (
     Fault,
     Faults,
@@ -36,7 +37,7 @@ class M3ProTwinOptions(NetworkOptions, frozen=True):
 
 
 class M3ProTwin:
-    """One robot for all clients of its rosbridge."""
+    """One simulated robot, which all clients of its rosbridge share."""
 
     def __init__(
         self,
@@ -54,7 +55,8 @@ class M3ProTwin:
         self.body = M3ProBody(self.mechanism, robot)
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault. ``unit`` has no meaning here: the robot is the only sender."""
+        """Inject a fault. ``unit`` is ignored, because this robot has no units that can fail
+        separately."""
         self.mechanism.pass_time()
         self.graph.freeze_readings(fault is Fault.STUCK)
         self.mechanism.stuck = fault is Fault.STUCK
@@ -67,7 +69,8 @@ class M3ProTwin:
 
 
 class M3ProBody:
-    """The robot in a simulation. Parts that the wire drives follow the wire."""
+    """Let a local simulation move the simulated robot, in the place of a client. Parts that a
+    client commands follow the client."""
 
     def __init__(self, mechanism: Mechanism, robot: str) -> None:
         table = table_of(robot)
@@ -79,45 +82,46 @@ class M3ProBody:
 
     @cached_property
     def spec(self) -> Any:
-        from strands_actors.drivers.common.physics.model_rows import build  # MuJoCo, for its looks only
+        # Import MuJoCo only here. It only draws the robot.
+        from strands_actors.drivers.common.physics.model_rows import build
 
         return build(TABLES.table(self._robot))
 
     @property
-    def hands(self) -> Sequence[Hand]:
+    def commanders(self) -> Sequence[Commander]:
         mechanism = self._mechanism
-        return (mechanism.base_hand,) * len(BASE) + (mechanism.arm_hand,) * len(self._servos)
+        return (mechanism.base_commander,) * len(BASE) + (mechanism.arm_commander,) * len(self._servos)
 
     def felt(self) -> Felt:
         mechanism = self._mechanism
         still = (0.0,) * len(self.axes)
-        return Felt(mechanism.time_s, (*mechanism.runs, *self._arm_rad()), still, still, self.hands)
+        return Felt(mechanism.time_s, (*mechanism.runs, *self._arm_rad()), still, still, self.commanders)
 
     def pose(self) -> Sequence[float]:
         mechanism = self._mechanism
         return [mechanism.x_m, mechanism.y_m, mechanism.yaw_rad, *self._arm_rad()]
 
-    def take(self, on: bool) -> None:
-        mechanism, free, taken = self._mechanism, Hand.NONE, Hand.SIM
-        if mechanism.base_hand is (free if on else taken):
-            mechanism.drive(REST, taken if on else free)
-        if mechanism.arm_hand is (free if on else taken):
+    def energise(self, on: bool) -> None:
+        mechanism, free, driven = self._mechanism, Commander.NONE, Commander.SIM
+        if mechanism.base_commander is (free if on else driven):
+            mechanism.drive(REST, driven if on else free)
+        if mechanism.arm_commander is (free if on else driven):
             mechanism.hold_arm()
-            mechanism.arm_hand = taken if on else free
+            mechanism.arm_commander = driven if on else free
 
-    def aim(self, values: Sequence[float]) -> None:
+    def set_targets(self, values: Sequence[float]) -> None:
         mechanism = self._mechanism
-        if mechanism.base_hand is Hand.SIM:
-            mechanism.drive(Twist(*values[: len(BASE)]), Hand.SIM)
-        if mechanism.arm_hand is Hand.SIM:
+        if mechanism.base_commander is Commander.SIM:
+            mechanism.drive(Twist(*values[: len(BASE)]), Commander.SIM)
+        if mechanism.arm_commander is Commander.SIM:
             degrees = [servo.degrees(value) for servo, value in zip(self._servos, values[len(BASE) :], strict=True)]
-            mechanism.aim_arm(degrees, 0.0, Hand.SIM)
+            mechanism.aim_arm(degrees, 0.0, Commander.SIM)
 
     def hold(self) -> None:
         mechanism = self._mechanism
-        if mechanism.base_hand is Hand.SIM:
-            mechanism.drive(REST, Hand.SIM)
-        if mechanism.arm_hand is Hand.SIM:
+        if mechanism.base_commander is Commander.SIM:
+            mechanism.drive(REST, Commander.SIM)
+        if mechanism.arm_commander is Commander.SIM:
             mechanism.hold_arm()
 
     def step(self, steps: int) -> None:
@@ -132,13 +136,15 @@ class M3ProBody:
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
-    """Serve a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
-    given = read_twin_options(robot, M3ProTwinOptions, options)
-    twin = M3ProTwin(robot, watchdog_s=given.watchdog_s, joints=given.joints)
+    """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
+    twin_options = read_twin_options(robot, M3ProTwinOptions, options)
+    twin = M3ProTwin(robot, watchdog_s=twin_options.watchdog_s, joints=twin_options.joints)
 
     def build(wire_log: WireLog) -> TcpServer:
         serve = serving(twin.graph)
-        return TcpServer(twin, {given.port: serving_websocket(lambda path: serve)}, wire_log, given.host)
+        return TcpServer(
+            twin, {twin_options.port: serving_websocket(lambda path: serve)}, wire_log, twin_options.host
+        )
 
     run_server(build, **start)
 

@@ -1,4 +1,5 @@
-"""Serve rosbridge as the robot does: one session for each client, with the topics to which it subscribed."""
+"""Serve rosbridge as the robot does: one session for each client, with the topics that the client
+has subscribed to."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ import msgspec
 import trio
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import Fault, Faults, Reply
 from strands_actors.drivers.common.twin.websocket import WebSocketClient
 from strands_actors.drivers.yahboom import messages as m
@@ -32,7 +33,7 @@ _json = msgspec.json.Encoder()
 
 
 class Graph:
-    """The part that all clients share: topics with their types, services, and the robot."""
+    """The state that all clients share: topics with their types, services, and the robot."""
 
     def __init__(
         self, table: M3Pro, mechanism: Mechanism, faults: Faults, servos: tuple[Servo, ...], *, joints: bool
@@ -42,7 +43,9 @@ class Graph:
         self.table = table
         self._servos = servos
         self._stuck: m.Odometry | None = None
-        optional = {topic: kind for topic, kind in m.OPTIONAL.items() if joints or topic != m.JOINT_STATES}
+        optional = {
+            topic: type_name for topic, type_name in m.OPTIONAL.items() if joints or topic != m.JOINT_STATES
+        }
         self.types: Mapping[str, str] = {**m.COMMANDED, **m.REPORTED, **optional}
         hz = table.odometry_hz
         self.hz: Mapping[str, float] = {m.ODOMETRY: hz, m.IMU: hz, m.JOINT_STATES: hz} | dict.fromkeys(
@@ -50,11 +53,11 @@ class Graph:
         )
 
     def freeze_readings(self, on: bool) -> None:
-        """Repeat the present odometry in all reports, until it is switched off."""
+        """Repeat the present odometry in all later reports; with ``on=False`` end that."""
         self._stuck = self.mechanism.odometry() if on else None
 
     def message(self, topic: str) -> dict[str, Any]:
-        """Return the present message of a topic."""
+        """Return the present content of a topic's message."""
         self.mechanism.pass_time()
         odometry = self._stuck or self.mechanism.odometry()
         if self.faults.of(None) is Fault.WRONG:
@@ -72,7 +75,8 @@ class Graph:
                     "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.81},
                 }
             case m.JOINT_STATES:
-                # As on a robot, positions count with the servos' degrees, for any joint_signs of the driver.
+                # As on a real robot, the positions increase with the servos' degrees. The driver's option
+                # ``joint_signs`` has no effect here.
                 degrees = zip(self._servos, self.mechanism.degrees, strict=True)
                 return {
                     "header": head,
@@ -88,26 +92,27 @@ class Graph:
             "angle_increment": math.pi / 18,
             "range_min": 0.1,
             "range_max": 12.0,
-            "ranges": [None, *[SCAN_M] * 35],  # null means infinite, which JSON cannot express
+            # ``None`` becomes null in JSON, which cannot express infinity.
+            "ranges": [None, *[SCAN_M] * 35],
             "intensities": [],
         }
 
-    def call(self, asked: p.CallService) -> str:
-        """Return the answer to a call."""
-        arguments = asked.args if isinstance(asked.args, dict) else {}
-        # npm's roslib omits the slash, and ROS resolves that.
-        match "/" + asked.service.removeprefix("/"):
+    def call(self, request: p.CallService) -> str:
+        """Return the answer to a service call."""
+        arguments = request.args if isinstance(request.args, dict) else {}
+        # The npm package roslib omits the leading slash. ROS accepts that.
+        match "/" + request.service.removeprefix("/"):
             case p.TOPICS_SERVICE:
-                types = [kind.replace("/", "/msg/") for kind in self.types.values()]
-                return p.response(asked, {"topics": list(self.types), "types": types})
+                types = [type_name.replace("/", "/msg/") for type_name in self.types.values()]
+                return p.response(request, {"topics": list(self.types), "types": types})
             case p.TYPE_SERVICE:
                 return p.response(
-                    asked, {"type": self.types.get(str(arguments.get("topic")), "").replace("/", "/msg/")}
+                    request, {"type": self.types.get(str(arguments.get("topic")), "").replace("/", "/msg/")}
                 )
             case p.TIME_SERVICE:
                 sec, nanosec = divmod(time.time_ns(), 10**9)
-                return p.response(asked, {"time": {"sec": sec, "nanosec": nanosec}})
-        return p.response(asked, f"Service {asked.service} does not exist", result=False)
+                return p.response(request, {"time": {"sec": sec, "nanosec": nanosec}})
+        return p.response(request, f"Service {request.service} does not exist", result=False)
 
 
 def _odometry(head: Mapping[str, Any], odometry: m.Odometry) -> dict[str, Any]:
@@ -128,48 +133,50 @@ def _odometry(head: Mapping[str, Any], odometry: m.Odometry) -> dict[str, Any]:
 
 
 class BridgeSession:
-    """The session of one client. Its operations are processed in order."""
+    """The connection of one client. Its messages are processed in order."""
 
-    def __init__(self, graph: Graph, say: Callable[[str], None]) -> None:
-        """Start a session. ``say`` sends an operation to the client."""
+    def __init__(self, graph: Graph, send: Callable[[str], None]) -> None:
+        """Start a session. ``send`` is called with each message for the client."""
         self._graph = graph
-        self._say = say
-        self._period_s: dict[str, float] = {}  # by subscribed topic
+        self._send_text = send
+        # How often each subscribed topic is sent to this client.
+        self._period_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
 
     def take(self, text: str | bytes) -> tuple[str, str | None]:
-        """Process an operation. Return its kind and safe state for the log of the wire."""
+        """Process a client's message. Return its kind and the safe state that it causes, for the
+        log of messages."""
         try:
-            return self._do(p.decode_asked(text))
+            return self._do(p.decode_client_operation(text))
         except MalformedFrame as malformed:
             self._object(str(malformed), None)
             return "other", None
 
     def publish(self, now_s: float) -> None:
-        """Publish the topics that are due."""
+        """Send the messages of the subscribed topics that are due."""
         for topic, period_s in self._period_s.items():
             if now_s >= self._due_s[topic]:
                 self._due_s[topic] = max(self._due_s[topic] + period_s, now_s - period_s)
-                self._say(p.publish(topic, self._graph.message(topic)))
+                self._send_text(p.publish(topic, self._graph.message(topic)))
 
-    def _do(self, asked: p.Asked) -> tuple[str, str | None]:
-        match asked:
+    def _do(self, operation: p.ClientOperation) -> tuple[str, str | None]:
+        match operation:
             case p.Publish(topic, message):
-                return self._command(topic, p.decode_message(message), asked.id)
+                return self._command(topic, p.decode_message(message), operation.id)
             case p.CallService():
-                self._say(self._graph.call(asked))
+                self._send_text(self._graph.call(operation))
                 return "read", None
             case p.Subscribe(topic):
-                if self._agrees(topic, asked.type, asked.id) and topic in self._graph.hz:
-                    self._period_s[topic] = max(1 / self._graph.hz[topic], asked.throttle_rate / 1e3)
+                if self._agrees(topic, operation.type, operation.id) and topic in self._graph.hz:
+                    self._period_s[topic] = max(1 / self._graph.hz[topic], operation.throttle_rate / 1e3)
                     self._due_s.setdefault(topic, 0.0)
                 return "read", None
             case p.Unsubscribe(topic):
                 self._period_s.pop(topic, None)
                 self._due_s.pop(topic, None)
                 return "read", None
-            case p.Advertise(topic, kind):
-                self._agrees(topic, kind, asked.id)
+            case p.Advertise(topic, type_name):
+                self._agrees(topic, type_name, operation.id)
         return "other", None
 
     def _command(self, topic: str, message: dict[str, Any], number: str | None) -> tuple[str, str | None]:
@@ -177,10 +184,10 @@ class BridgeSession:
         try:
             if topic == m.CMD_VEL:
                 twist, is_stop = m.read_twist(message)
-                mechanism.drive(twist, Hand.WIRE if any(twist) else Hand.NONE)
+                mechanism.drive(twist, Commander.WIRE if any(twist) else Commander.NONE)
                 return ("safe", "zero") if is_stop else ("setpoint", None)
             if topic == m.ARM:
-                mechanism.move_arm(m.read_arm(message), Hand.WIRE)
+                mechanism.move_arm(m.read_arm(message), Commander.WIRE)
                 return "setpoint", None
         except MalformedFrame as malformed:
             self._object(f"publish: {malformed}", number)
@@ -189,31 +196,34 @@ class BridgeSession:
             self._object(f"publish: Cannot infer topic type for topic {topic} as it is not yet advertised", number)
         return "other", None
 
-    def _agrees(self, topic: str, kind: str | None, number: str | None) -> bool:
-        """Return True if the topic has this type, or has no type yet."""
-        known = self._graph.types.get(topic)
-        if known is None or kind is None or m.plain_type(kind) == known:
+    def _agrees(self, topic: str, type_name: str | None, number: str | None) -> bool:
+        """Return True if the topic has this type, or no type yet."""
+        registered = self._graph.types.get(topic)
+        if registered is None or type_name is None or m.plain_type(type_name) == registered:
             return True
-        text = f"Tried to register topic {topic} with type {kind} but it is already established with type {known}"
+        text = (
+            f"Tried to register topic {topic} with type {type_name} "
+            f"but it is already established with type {registered}"
+        )
         self._object(text, number)
         return False
 
     def _object(self, text: str, number: str | None) -> None:
-        self._say(p.encode(p.Status(p.ERROR_LEVEL, text, number)))
+        self._send_text(p.encode(p.Status(p.ERROR_LEVEL, text, number)))
 
 
 _TICK_S = 0.005
 
 
 class _Outbox:
-    """The messages to a client, with the robot's faults: late, damaged, or lost."""
+    """Sends messages to a client. A fault of the simulated robot can delay, damage or drop them."""
 
     def __init__(self, client: WebSocketClient, faults: Faults) -> None:
         self._client = client
         self._faults = faults
         self._late: list[tuple[float, bytes]] = []
 
-    def say(self, text: str) -> None:
+    def send(self, text: str) -> None:
         if self._faults.of(None) is Fault.OFF:
             return
         reply = self._faults.apply(Reply(0.0, text.encode()))
@@ -225,32 +235,33 @@ class _Outbox:
             self._send(reply.data)
 
     def flush(self) -> None:
-        """Send the late messages that are due."""
+        """Send the messages that a fault has delayed and that are due now."""
         while self._late and self._late[0][0] <= trio.current_time():
             self._send(self._late.pop(0)[1])
 
     def _send(self, data: bytes) -> None:
         try:
             self._client.send(data.decode())
-        except UnicodeDecodeError:  # The fault has damaged the text.
+        # A fault has damaged the text, so it is no UTF-8.
+        except UnicodeDecodeError:
             self._client.send(data)
 
 
 def serving(graph: Graph) -> Callable[[WebSocketClient], Any]:
-    """Return a handler that serves one client."""
+    """Return the function that serves one client."""
 
     async def serve(client: WebSocketClient) -> None:
         outbox = _Outbox(client, graph.faults)
-        session = BridgeSession(graph, outbox.say)
+        session = BridgeSession(graph, outbox.send)
         async with trio.open_nursery() as nursery:
             nursery.start_soon(_publish, client, session, outbox)
             while True:
                 t_ns, message = await client.receive()
                 if graph.faults.of(None) is Fault.OFF:
-                    client.heard(t_ns, "other", message)
+                    client.log_received(t_ns, "other", message)
                     continue
                 kind, safe_state = session.take(message)
-                client.heard(t_ns, kind, message, safe_state)
+                client.log_received(t_ns, kind, message, safe_state)
 
     return serve
 

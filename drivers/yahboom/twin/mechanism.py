@@ -1,4 +1,4 @@
-"""Simulate the robot behind its twin's rosbridge: a base in the plane with the firmware's watchdog, and six
+"""Simulate the robot: a base that moves in the plane and has the firmware's watchdog, and six
 servos that follow their goals."""
 
 from __future__ import annotations
@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.yahboom.messages import REST, ArmGoal, Odometry, Twist
 from strands_actors.drivers.yahboom.robots import M3Pro
 
@@ -16,64 +16,65 @@ _LONGEST_S = 0.25
 
 
 class Mechanism:
-    """The robot. Its firmware zeroes the base after ``watchdog_s`` without a command; 0 for never."""
+    """The simulated robot. Its firmware stops the base after ``watchdog_s`` seconds without a
+    command; with 0 it never does."""
 
     def __init__(self, table: M3Pro, watchdog_s: float, now_s: Callable[[], float]) -> None:
         self._table = table
         self._watchdog_s = watchdog_s
         self._now_s = now_s
-        self._seen_s = now_s()
+        self._updated_s = now_s()
         self.time_s = 0.0
         self.reset()
 
     def reset(self) -> None:
-        """Put the robot where it began, at rest, with the arm in its home pose."""
-        self.base_hand = self.arm_hand = Hand.NONE
-        self.told = REST
-        self.runs = REST  # present speed
+        """Put the robot back at its start, at rest, with the arm in its home pose."""
+        self.base_commander = self.arm_commander = Commander.NONE
+        self.commanded = REST
+        self.runs = REST  # present speed of the base
         self.x_m = self.y_m = self.yaw_rad = 0.0
         self.degrees = [float(value) for value in self._table.home_deg]
         self._goal = list(self.degrees)
         self._speed_deg_s = [0.0] * len(self.degrees)
         self.stuck = False
-        self._told_s = self._now_s()
+        self._commanded_s = self._now_s()
 
-    def drive(self, twist: Twist, hand: Hand) -> None:
-        """Take a command of the base, from the wire or from the simulation."""
+    def drive(self, twist: Twist, commander: Commander) -> None:
+        """Set the speed of the base, for a client or for a local simulation."""
         self.pass_time()
         table = self._table
         fastest = (table.max_m_s, table.max_m_s, table.max_rad_s)
-        self.told = Twist(*(min(max(value, -most), most) for value, most in zip(twist, fastest, strict=True)))
-        self.base_hand = hand
-        self._told_s = self._now_s()
+        self.commanded = Twist(*(min(max(value, -most), most) for value, most in zip(twist, fastest, strict=True)))
+        self.base_commander = commander
+        self._commanded_s = self._now_s()
 
-    def move_arm(self, goal: ArmGoal, hand: Hand) -> None:
-        """Take a goal of the arm. A goal past a servo's range is limited to the range."""
-        self.aim_arm(goal.degrees, goal.time_ms / 1e3, hand)
+    def move_arm(self, goal: ArmGoal, commander: Commander) -> None:
+        """Set the goal of the arm. A goal outside a servo's range becomes the nearest limit."""
+        self.aim_arm(goal.degrees, goal.time_ms / 1e3, commander)
 
-    def aim_arm(self, degrees: Sequence[float], within_s: float, hand: Hand) -> None:
+    def aim_arm(self, degrees: Sequence[float], within_s: float, commander: Commander) -> None:
         self.pass_time()
-        self.arm_hand = hand
+        self.arm_commander = commander
         fastest = self._table.servo_deg_s
         for index, (servo, goal) in enumerate(zip(self._table.servos, degrees, strict=True)):
             self._goal[index] = min(max(goal, servo.low_deg), servo.high_deg)
-            way = abs(self._goal[index] - self.degrees[index])
-            self._speed_deg_s[index] = min(fastest, way / within_s if within_s > 0 else fastest)
+            distance = abs(self._goal[index] - self.degrees[index])
+            self._speed_deg_s[index] = min(fastest, distance / within_s if within_s > 0 else fastest)
 
     def hold_arm(self) -> None:
         self._goal = list(self.degrees)
 
     def pass_time(self) -> None:
-        """Advance to the present time."""
+        """Advance the simulation to the present time."""
         now_s = self._now_s()
-        passed_s, self._seen_s = now_s - self._seen_s, now_s
-        overdue = self._watchdog_s and now_s - self._told_s > self._watchdog_s
-        if overdue and self.base_hand is Hand.WIRE:
-            self.told, self.base_hand = REST, Hand.NONE
+        passed_s, self._updated_s = now_s - self._updated_s, now_s
+        overdue = self._watchdog_s and now_s - self._commanded_s > self._watchdog_s
+        if overdue and self.base_commander is Commander.WIRE:
+            self.commanded, self.base_commander = REST, Commander.NONE
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
-        """Advance by so many seconds."""
+        """Advance the simulation by ``seconds``."""
         while seconds > 0:
             step_s = min(seconds, _STEP_S)
             seconds -= step_s
@@ -85,7 +86,7 @@ class Mechanism:
 
     def _step(self, step_s: float) -> None:
         self.time_s += step_s
-        goals = REST if self.stuck else self.told
+        goals = REST if self.stuck else self.commanded
         table = self._table
         ramps = (table.ramp_m_s2, table.ramp_m_s2, table.ramp_rad_s2)
         changes = zip(self.runs, goals, ramps, strict=True)

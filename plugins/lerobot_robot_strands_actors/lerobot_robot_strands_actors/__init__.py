@@ -9,4 +9,4 @@ from .made import all_made, robots
 robots_of_lerobot = all_made(__name__)
 globals().update(robots_of_lerobot)
 
-__all__ = [*robots_of_lerobot, "robots"]  # names of the generated classes
+__all__ = [*robots_of_lerobot, "robots"]  # The names of the generated classes, and ``robots``.

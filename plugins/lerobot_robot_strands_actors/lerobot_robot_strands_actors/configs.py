@@ -14,33 +14,35 @@ REFUSALS = 30
 class StrandsConfig(RobotConfig):
     """Options of every robot.
 
-    Without ``name``, LeRobot's own ``id`` is the robot's name, so that LeRobot's calibration of that id
-    is used.
+    Without ``name``, LeRobot's ``id`` is also the robot's name. LeRobot's calibration file for that id is then
+    used.
     """
 
     # The robot's name on the mesh, in logs and in locks, and the name of its calibration file.
     name: str | None = None
-    # LeRobot opens and reads these cameras, as those of its own robots.
+    # Cameras that LeRobot opens and reads by itself, without strands-actors.
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
-    # True: angles in degrees. False: -100 to 100 over each joint's calibrated range.
+    # True: angles are in degrees. False: a position is -100 to 100 over the joint's calibrated range.
     use_degrees: bool = True
-    # Path of a TOML file, as for `strands-actors --mesh`: at which endpoints other hosts reach the robot.
+    # Path of a TOML file with the network endpoints by which other hosts reach the robot. The format is that
+    # of `strands-actors --mesh`.
     mesh: str | None = None
     # On connect, run the service that this robot needs before it moves (stand up, enable its arms).
     prepare: bool = False
-    # When so many actions in a row have been refused, send_action raises.
+    # After this number of refused actions in a row, send_action raises ConnectionError.
     refusals: int = REFUSALS
 
 
 @dataclass(kw_only=True)
 class LocalConfig(StrandsConfig):
-    """Options of a robot on this host. One subclass per robot is generated, with its name in ``ROBOT``."""
+    """Options of a robot on this host. A subclass is generated for each type of robot, and its ``ROBOT`` is
+    the type."""
 
     ROBOT: ClassVar[str] = ""
 
     # The robot's serial device, or its address.
     port: str | None = None
-    # Use the robot's twin instead: a process with its firmware and physics.
+    # Use a simulated robot instead: a process that imitates the robot's firmware and physics.
     twin: bool = False
 
 
@@ -50,5 +52,5 @@ class RemoteConfig(StrandsConfig):
 
     # The type of the robot: so101, ur5e, ...
     robot: str
-    # The endpoint at which that host listens: tls/arm.example:7447
+    # The network endpoint at which the robot's host listens, for example tls/arm.example:7447.
     at: str

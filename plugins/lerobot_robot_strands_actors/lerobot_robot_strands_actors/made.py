@@ -26,7 +26,7 @@ def all_made(module: str) -> dict[str, Any]:
     """Return all generated classes by name.
 
     Args:
-        module: The module in which LeRobot looks for them.
+        module: The module in which LeRobot looks for the classes.
     """
     pairs = [_made(module, f"strands_{robot}", LocalConfig, {"ROBOT": robot}) for robot in robots()]
     pairs.append(_made(module, "strands_remote", RemoteConfig, {}))
@@ -43,5 +43,5 @@ def _made(module: str, name: str, base: type[Any], members: dict[str, Any]) -> t
 
 
 def _kinds(name: str) -> set[PartKind]:
-    driver = Robot(name, mode="real", transport="twin").driver  # starts no process
+    driver = Robot(name, mode="real", transport="twin").driver  # The constructor starts no process.
     return {part.kind for part in driver.parts}

@@ -1,7 +1,7 @@
 """A robot of strands-actors with the interface of a LeRobot robot.
 
-LeRobot's process is only the caller of the robot's tree. If it is killed or frozen, the tree reacts as to
-a killed or frozen script.
+Separate processes control the robot, and LeRobot's process only sends commands to them. If LeRobot's process
+is killed or frozen, they stop or hold the robot, as for any script.
 """
 
 import logging
@@ -26,7 +26,7 @@ _log = logging.getLogger("strands_actors")
 
 
 class StrandsRobot(Robot):
-    """A LeRobot robot of any type; ``config`` selects which.
+    """A LeRobot robot. ``config`` selects its type.
 
     The constructor starts no process. The features are known before ``connect``.
     """
@@ -39,7 +39,10 @@ class StrandsRobot(Robot):
     def __init__(self, config: StrandsConfig) -> None:
         super().__init__(config)
         if config.refusals < 1:
-            raise ValueError(f"refusals is {config.refusals}. give 1 or more: so many in a row end the loop")
+            raise ValueError(
+                f"refusals is {config.refusals}. Give the number of refused "
+                "actions in a row after which send_action raises, at least 1"
+            )
         self.config = config
         self.cameras = make_cameras_from_configs(config.cameras)
         driver = self._handle().driver
@@ -57,26 +60,26 @@ class StrandsRobot(Robot):
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        sizes = {name: (one.height, one.width, 3) for name, one in self.config.cameras.items()}
+        sizes = {name: (camera.height, camera.width, 3) for name, camera in self.config.cameras.items()}
         return {**{feature.key: float for feature in self._observed}, **sizes}
 
     @property
     def is_connected(self) -> bool:
-        """True if there is something to disconnect. If the robot stops answering, this stays True and
+        """True from ``connect`` to ``disconnect``, even if the robot no longer answers. In that case
         ``get_observation`` raises."""
         return self._arm is not None
 
     @property
     def is_calibrated(self) -> bool:
-        # A calibration file, if there is one, was read by the constructor. LeRobot must not start its own.
+        # True keeps LeRobot from starting its own calibration. The constructor has read the file, if it exists.
         return True
 
     def calibrate(self) -> None:
-        """Do nothing. LeRobot's own ``lerobot-calibrate``, with its own robot of this type, writes the
-        file that is read here."""
+        """Do nothing. Calibrate with ``lerobot-calibrate`` and LeRobot's robot of the same type. This class
+        reads the resulting file."""
 
     def configure(self) -> None:
-        """Do nothing. The driver configures the motors when it arms them."""
+        """Do nothing. The driver configures the motors when it energises them."""
 
     # -- connect and disconnect
 
@@ -87,7 +90,7 @@ class StrandsRobot(Robot):
             calibrate: Ignored.
 
         Raises:
-            ConnectionError: It is already connected, or it cannot be connected, prepared or read.
+            ConnectionError: The robot is already connected, or it cannot be connected, prepared or read.
         """
         if self._arm is not None:
             raise ConnectionError(f"{self.name} is already connected")
@@ -108,10 +111,10 @@ class StrandsRobot(Robot):
         self._refused = 0
 
     def disconnect(self) -> None:
-        """Stop the robot, read every motor back, and end the processes that were started for it.
+        """Stop the robot, read every motor to confirm the stop, and end the robot's processes.
 
         Raises:
-            ConnectionError: It is not connected, or a motor did not confirm the stop.
+            ConnectionError: The robot is not connected, or a motor did not confirm the stop.
         """
         if self._arm is None:
             raise ConnectionError(f"{self.name} is not connected")
@@ -143,7 +146,7 @@ class StrandsRobot(Robot):
         """Return the newest reading of each joint, and the newest picture of each camera.
 
         Raises:
-            ConnectionError: It is not connected, the newest reading is older than ``OLDEST_S``, or a
+            ConnectionError: The robot is not connected, the newest reading is older than ``OLDEST_S``, or a
                 joint was never read.
         """
         self._require("get_observation")
@@ -155,10 +158,10 @@ class StrandsRobot(Robot):
     def send_action(self, action: Mapping[str, Any]) -> dict[str, float]:
         """Send an action, and return the newest action that was accepted.
 
-        A refused action is not sent. Then the previous accepted action is returned.
+        If the action is refused, the robot does not move to it, and the previous accepted action is returned.
 
         Raises:
-            ConnectionError: It is not connected, or ``config.refusals`` actions in a row were refused.
+            ConnectionError: The robot is not connected, or ``config.refusals`` actions in a row were refused.
         """
         self._require("send_action")
         own = self._own(action)
@@ -180,8 +183,8 @@ class StrandsRobot(Robot):
         return dict(self._accepted)
 
     def _own(self, action: Mapping[str, Any]) -> dict[str, Any]:
-        """Return an action of LeRobot with our axes and units. An unknown key stays unchanged, so that
-        the gate's refusal names it."""
+        """Convert an action of LeRobot to the driver's axes and units. An unknown key stays unchanged, so
+        that the refusal of the action names this key."""
         own: dict[str, Any] = {}
         for key, value in action.items():
             feature = self._by_key.get(key)
@@ -190,7 +193,7 @@ class StrandsRobot(Robot):
 
     def _measured(self) -> dict[str, float]:
         until_s = time.monotonic() + OLDEST_S
-        # A busy computer may be the only reason for a missing reading, so try again until then.
+        # A busy computer may cause a missing reading. So try again for ``OLDEST_S``.
         while (result := self._arm.state())["status"] != "success":
             if time.monotonic() > until_s:
                 raise ConnectionError(_text(result))
@@ -198,21 +201,21 @@ class StrandsRobot(Robot):
         state = result["content"][0]["json"]
         if not state["age_s"] <= OLDEST_S:
             raise ConnectionError(
-                f"{self.name}: the newest reading is {state['age_s']:.1f} s old. check its cable and power"
+                f"{self.name}: the newest reading is {state['age_s']:.1f} s old. Check its cable and power"
             )
         values = {feature: state["positions"].get(feature.axis) for feature in self._observed}
         if missing := [feature.key for feature, value in values.items() if value is None]:
-            raise ConnectionError(f"{self.name}: {', '.join(missing)} was never read. check its cable and power")
+            raise ConnectionError(f"{self.name}: {', '.join(missing)} was never read. Check its cable and power")
         return {feature.key: feature.to_lerobot(value) for feature, value in values.items()}
 
     def _require(self, method: str) -> None:
         if self._arm is None:
-            raise ConnectionError(f"{method}: {self.name} is not connected. call connect() first")
+            raise ConnectionError(f"{method}: {self.name} is not connected. Call connect() first")
 
     # -- the handle
 
     def _handle(self) -> Any:
-        """Return a new handle. One that was cleaned up cannot connect again."""
+        """Return a new robot handle. A handle cannot connect again after ``cleanup``."""
         config = self.config
         keywords: dict[str, Any] = {"mode": "real"}
         if name := config.name or config.id:
@@ -230,10 +233,10 @@ class StrandsRobot(Robot):
 
 
 def _last_word(stopped: Any, ended: Any) -> Any:
-    """Return the result that reports the motors.
+    """Return the result of ``stop`` or ``cleanup`` that reports the motors.
 
-    ``cleanup`` stops a robot of this host once more and reports its motors. A robot of another host keeps
-    running there, and ``cleanup`` reports no motors. Then the result of ``stop`` counts.
+    For a robot on this host, ``cleanup`` stops the robot again and reports its motors. For a robot on another
+    host, ``cleanup`` only disconnects, so the result of ``stop`` is returned.
     """
     reports = ended["status"] != "success" or "motors" in ended["content"][0]["json"]
     return ended if reports else stopped

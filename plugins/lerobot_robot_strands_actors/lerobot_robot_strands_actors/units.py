@@ -1,4 +1,4 @@
-"""Convert between a robot's axes and LeRobot's features. Pure.
+"""Convert between a robot's axes and LeRobot's features, without I/O.
 
 A feature is ``shoulder_pan.pos`` in degrees, or from -100 to 100 over the joint's calibrated range.
 """
@@ -45,8 +45,8 @@ def features(
     """
     if not use_degrees and not travel:
         raise ValueError(
-            f"use_degrees=false counts in shares of each joint's calibrated range, and {robot} has no calibration. "
-            "leave it out, or give the id that the robot was calibrated under (--robot.id)"
+            f"use_degrees=false needs a calibration of {robot}, and there is none. "
+            "Leave out use_degrees, or give the id of the robot's calibration (--robot.id)"
         )
     return tuple(_feature(axis, None if use_degrees else travel.get(axis.key)) for axis in axes)
 

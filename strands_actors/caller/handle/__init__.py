@@ -1,1 +1,1 @@
-"""What a user holds: ``Robot`` and its kinds, with verbs that return envelopes."""
+"""The objects that a user commands a robot with (``Robot`` and its variants), and their methods."""

@@ -1,4 +1,4 @@
-"""``open_robot(...)``: one robot in a trio program, with the methods and envelopes of ``Robot``."""
+"""``open_robot(...)``: use one robot in a trio program, with the methods and results of ``Robot``."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 class Observations(AsyncIterator[dict[str, float]]):
     """Yield the positions by joint, in the driver's units, once per period.
 
-    It skips periods without a reading, and periods that the loop has missed. It owns no resource, so a
-    loop may be left at any time.
+    It skips periods without a reading, and periods that the loop has missed. It holds no open resource, so a
+    program may leave the ``async for`` loop at any time.
     """
 
     def __init__(self, tree: RobotTree, hz: float) -> None:
         if not 0 < hz <= 1000:
-            raise ValueError(f"observations: hz is {hz!r}. give hertz, above 0 and at most 1000")
+            raise ValueError(f"observations: hz is {hz!r}. Give a rate in hertz, above 0 and at most 1000")
         self._tree = tree
         self._period_s = 1.0 / hz
         self._last_s = trio.current_time()
@@ -57,8 +57,9 @@ class Observations(AsyncIterator[dict[str, float]]):
 class AsyncRobot:
     """A connected robot in a trio program. ``open_robot(...)`` makes it.
 
-    Its methods are those of ``RealRobot``, as coroutines of the loop that opened it. All return an
-    envelope except ``get_observation``, ``observations`` and ``read_camera``.
+    It has the methods of ``RealRobot``, as coroutines for the trio loop in which the robot was opened. All
+    return an envelope (a dict of ``status`` and ``content``) except ``get_observation``, ``observations`` and
+    ``read_camera``.
     """
 
     def __init__(self, tree: RobotTree, approval: Approval) -> None:
@@ -83,12 +84,12 @@ class AsyncRobot:
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """The process of the robot's twin; None if it has no twin."""
+        """The process that simulates the robot; None for hardware."""
         return self._plan.twin_process
 
     @property
     def transport(self) -> str | None:
-        """The transport that replaces a port, such as ``twin`` or ``sim``; None for a port."""
+        """The transport that replaces a port, such as ``twin`` or ``sim``; None if the robot is at a port."""
         return self._plan.transport
 
     @property
@@ -140,10 +141,10 @@ class AsyncRobot:
         Args:
             images: True adds the newest picture of each camera, as in ``RealRobot.get_observation``.
         """
-        seen: dict[str, Any] = self._observing.positions(
+        observation: dict[str, Any] = self._observing.positions(
             await answered("observe", verbs.get_observation, self._tree)
         )
-        return seen | self._tree.cameras.looks() if images else seen
+        return observation | self._tree.cameras.looks() if images else observation
 
     async def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
         """Return the newest picture of a camera, without waiting. It raises as ``RealRobot.read_camera``.
@@ -195,7 +196,9 @@ class AsyncRobot:
             return answers.refused(call)
         return await answered(name, perform, self._tree, call, wait)
 
-    if not TYPE_CHECKING:  # robot.pyi lists the services of each robot, so that a type checker finds a typing error
+    # robot.pyi lists the services of each robot. If a type checker saw this method, it would accept misspelled
+    # names.
+    if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
             """Return a service or a verb of the driver as a method."""
@@ -210,9 +213,10 @@ class AsyncRobot:
         return await answered("state", verbs.get_state, self._tree)
 
     async def stop(self) -> Answer:
-        """De-energise every motor, or bring it to the driver's safe state for a stop, and report each.
+        """Stop the robot, and report the result of each motor.
 
-        It is a success only if every motor confirmed it. The keys are those of ``RealRobot.stop``.
+        A stop de-energises every motor, or brings it to the state that the driver declares for a stop. The
+        result is a success only if every motor confirmed its state. The keys are those of ``RealRobot.stop``.
         """
         return await answered("stop", verbs.stop, self._tree)
 
@@ -284,21 +288,21 @@ class AsyncRobot:
         return await answered("task", verbs.get_task_status, self._tree)
 
     async def stop_task(self) -> Answer:
-        """End the policy or motion, and return when the robot holds.
+        """End the policy or motion, and return when the robot holds its position.
 
-        A policy that does not answer cannot delay this. The keys are those of ``RealRobot.stop_task``.
+        A policy that does not answer cannot delay the hold. The keys are those of ``RealRobot.stop_task``.
         """
         return await answered("stop_task", verbs.stop_task, self._tree)
 
-    async def use_tool(self, given: object, by: str, motion: str = "") -> Answer:
+    async def use_tool(self, tool_input: object, by: str, motion: str = "") -> Answer:
         """Run the verb that a tool's input requests.
 
         Args:
-            given: The input of the tool.
+            tool_input: The input of the tool.
             by: The name of the caller, for approval and audit.
-            motion: How an operator can allow motion, for a refusal where it is not allowed.
+            motion: Empty if motion is allowed. Otherwise the remedy in the refusal of a motion.
         """
-        call = read(self.driver, given, self.tool_name)
+        call = read(self.driver, tool_input, self.tool_name)
         if isinstance(call, Refused):
             return answers.refused(call)
         return await answered(call.verb.name, use, self._tree, call, self._approval, by, motion)
@@ -337,18 +341,21 @@ async def open_robot(
         async with open_robot("so101", mode="real", port="/dev/ttyACM0") as arm:
             await arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
-    wanted = plan(name, mode, **keywords)
-    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
-    async with open_tree(wanted, arm) as tree:
+    robot_plan = plan(name, mode, **keywords)
+    approval = approval_of(robot_plan.driver_class, guarded, approve, approve_within_s)
+    async with open_tree(robot_plan, arm) as tree:
         yield AsyncRobot(tree, approval)
 
 
 @contextlib.asynccontextmanager
-async def open_tree(wanted: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
-    """As ``open_robot``, but give the tree itself. Its methods return typed answers, not envelopes."""
+async def open_tree(robot_plan: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
+    """Open a robot as ``open_robot`` does, and yield its ``RobotTree``.
+
+    The methods of ``RobotTree`` return typed messages, not the dicts of ``AsyncRobot``.
+    """
     async with open_caller() as (node, nursery, entrance):
         try:
-            whole = await completed(wanted)
+            whole = await completed(robot_plan)
         except WireDown as down:
             raise ConnectionError(f"connect: {down}") from None
         tree = RobotTree(node, nursery, entrance, whole)

@@ -1,6 +1,6 @@
 """``arm.bus``: the last readings of a servo robot, under the names of lerobot's buses.
 
-It sends nothing to the servos. The tree reads them all the time, and is their only reader.
+It sends nothing to the servos. The robot's own process reads them all the time, and no other process does.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ class Bus:
 
     Args:
         driver: The robot's driver.
-        look: Returns the newest observation. Raises ``ConnectionError`` without one.
+        look: Function that returns the newest observation. It raises ``ConnectionError`` if there is no
+            observation.
     """
 
     def __init__(self, driver: Driver, look: Callable[[], Observation]) -> None:
@@ -49,21 +50,23 @@ class Bus:
                 ``Present_Load``, ``Present_Current``, ``Present_Voltage`` or ``Present_Temperature``
                 (counts of the servo).
             motors: One joint or several; None for all joints.
-            num_retry: No effect, since the tree repeats each reading.
+            num_retry: No effect, since all servos are read again all the time.
 
         Returns:
             Value by joint, without servos that do not answer.
 
         Raises:
-            ValueError: The register is not read, or there is no such joint.
+            ValueError: The register is not one of these, or the robot has no such joint.
             ConnectionError: The robot is not connected.
         """
         if data_name not in READABLE:
-            raise ValueError(f"bus: {str(data_name)[:40]!r} is not read. Use one of {', '.join(READABLE)}")
+            raise ValueError(
+                f"bus: the register {str(data_name)[:40]!r} is not available. Use one of {', '.join(READABLE)}"
+            )
         names = self._names(motors)
         observation = self._look()
         row = self._row(data_name, observation)
-        silent = {axis for axis, said in observation.faults.items() if "silent" in said.split(", ")}
+        silent = {axis for axis, fault in observation.faults.items() if "silent" in fault.split(", ")}
         values = zip(self._driver.axes, row, strict=False)
         return {
             axis: value for axis, value in values if axis in names and axis not in silent and math.isfinite(value)
@@ -86,5 +89,5 @@ class Bus:
             return frozenset(axes)
         names = (motors,) if isinstance(motors, str) else tuple(motors)
         if unknown := [name for name in names if name not in axes]:
-            raise ValueError(f"bus: {str(unknown[0])[:40]!r} is no joint of it. Use {', '.join(axes)}")
+            raise ValueError(f"bus: the robot has no joint {str(unknown[0])[:40]!r}. Use {', '.join(axes)}")
         return frozenset(names)

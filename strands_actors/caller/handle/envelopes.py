@@ -45,7 +45,7 @@ class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
         raise StopIteration(self)
 
     def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
-        """Raise the exception. There is no running code that could handle it."""
+        """Raise the exception. This coroutine has no code that could handle it."""
         raise typ
 
     def close(self) -> None:
@@ -65,7 +65,8 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
         self._driven: Coroutine[Any, Any, Answer] | None = None
 
     def __hash__(self) -> int:
-        return id(self)  # ``gather`` keeps coroutines in a dict.
+        # ``gather`` keeps coroutines as keys of a dict, so they need a hash.
+        return id(self)
 
     def __await__(self) -> Generator[Any, Any, Answer]:
         return _when_done(self._future).__await__()
@@ -109,7 +110,8 @@ class PendingAnswer(Mapping[str, Any], Coroutine[Any, Any, Answer]):
 
 
 async def _when_done(future: Future[Answer]) -> Answer:
-    import asyncio  # Already imported: an asyncio loop awaits this.
+    # asyncio is imported already, since an asyncio loop awaits this coroutine.
+    import asyncio
 
     return await asyncio.shield(asyncio.wrap_future(future))
 
@@ -117,7 +119,7 @@ async def _when_done(future: Future[Answer]) -> Answer:
 def in_asyncio() -> bool:
     """Return True if an asyncio loop runs in this thread.
 
-    It does not import asyncio, which costs 8 ms: a program with such a loop has imported it.
+    It does not import asyncio, since that takes 8 ms. A program with an asyncio loop has imported it already.
     """
     asyncio = sys.modules.get("asyncio")
     return asyncio is not None and asyncio._get_running_loop() is not None
@@ -159,23 +161,26 @@ _LATE = frozenset(
     }
 )
 """Codes of refusals after a missed deadline."""
-_TOLD = ("verb", "code", "reason", "remedy", "offered", "limit", "because")
+_REFUSAL_KEYS = ("verb", "code", "reason", "remedy", "offered", "limit", "because")
 
 
 def refused(refusal: Refused) -> Answer:
-    """Return the error envelope of a refusal. After a missed deadline, its text names a busy computer."""
+    """Return the error envelope of a refusal.
+
+    If a deadline was missed while this computer is busy, the text includes the computer's load.
+    """
     if refusal.code in _LATE or refusal.because == Reason.EXPIRED:
         refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
-    details = {key: str(value) for key in _TOLD if (value := getattr(refusal, key))}
+    details = {key: str(value) for key in _REFUSAL_KEYS if (value := getattr(refusal, key))}
     return error(refusal.text, {"refused": details})
 
 
 def with_remedy(answer: Answer, remedies: Mapping[str, str]) -> Answer:
-    """Return a refusal with another remedy, for an interface that has other verbs.
+    """Return a refusal with another remedy. Interfaces that have other verbs use it.
 
     Args:
         answer: Any envelope. An envelope that is not a refusal is returned unchanged.
-        remedies: Remedy by code of the refusal.
+        remedies: The new remedy by code of the refusal. Refusals with other codes are unchanged.
     """
     fields = answer["content"][-1].get("json", {}).get("refused", {})
     remedy = remedies.get(fields.get("code", ""))
@@ -190,14 +195,14 @@ def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = Non
     Args:
         verb: The verb, for the text of an error.
         result: The result of the stop.
-        done: Further keys of the verb.
+        done: Keys that the verb adds to the JSON.
     """
     more = done or {}
     match result:
         case Confirmed(proof):
             match proof:
-                case NothingRan(why):
-                    return success({"stopped": True, "reason": why, **more})
+                case NothingRan(reason):
+                    return success({"stopped": True, "reason": reason, **more})
                 case StopReport():
                     return success({**_report(proof), **more})
                 case _:
@@ -215,7 +220,7 @@ def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = Non
 
 
 def warn_unless_safe(robot: str, answer: Answer) -> None:
-    """Log the error of a cleanup, if the program does not see the cleanup's answer."""
+    """Log a cleanup that failed, since the program does not see the result of the cleanup."""
     if answer["status"] != "success":
         _log.warning("%s: %s", robot, answer["content"][0]["text"])
 
@@ -262,39 +267,39 @@ def status(
     robot: str,
     driver: Driver,
     problem: str,
-    told: Status | None,
+    gate_status: Status | None,
     facts: Mapping[str, Any],
     standby_report: str | None = None,
 ) -> dict[str, Any]:
-    """Return the keys of ``get_status``. They are the same if the robot does not answer.
+    """Return the keys of ``get_status``. The same keys exist if the robot does not answer.
 
     Args:
         tool_name: Name of the handle.
         robot: Name of the robot.
-        driver: Its driver.
-        problem: Why it does not answer.
-        told: The answer of the gate; None if it did not come.
-        facts: The wire's facts from its last answer (``Wire.open``). They replace equal keys.
-        standby_report: The report of the standby of an earlier tree.
+        driver: Driver of the robot.
+        problem: Why the robot does not answer.
+        gate_status: The status from the gate, which checks every command; None if the gate did not answer.
+        facts: Facts that the robot reported when it was opened (``Wire.open``). They replace equal keys.
+        standby_report: Report of the standby process (the last one that can stop the robot) of an earlier run.
     """
-    observation = None if told is None else told.observation
+    observation = None if gate_status is None else gate_status.observation
     return {
         "tool_name": tool_name,
         "robot": robot,
-        "connected": told is not None and told.connected,
-        "connect_error": problem if told is None else told.connect_error or None,
-        "state": UNREACHABLE if told is None else told.mode,
-        "epoch": None if told is None else told.epoch,
-        "locked_by": None if told is None else told.locked_by or None,
-        "locked_since": None if told is None else told.locked_since or None,
-        "cause": None if told is None else told.cause or None,
-        "lease": None if told is None else told.holder or None,
-        "observation_age_s": None if told is None or told.age_s < 0 else round(told.age_s, 4),
-        "writes": 0 if told is None else told.writes,
-        "reads": 0 if told is None else told.reads,
-        "refusals": 0 if told is None else told.refusals,
-        "last_refusal": None if told is None else told.last_refusal or None,
-        "standby": None if told is None else told.no_standby or "ready",
+        "connected": gate_status is not None and gate_status.connected,
+        "connect_error": problem if gate_status is None else gate_status.connect_error or None,
+        "state": UNREACHABLE if gate_status is None else gate_status.mode,
+        "epoch": None if gate_status is None else gate_status.epoch,
+        "locked_by": None if gate_status is None else gate_status.locked_by or None,
+        "locked_since": None if gate_status is None else gate_status.locked_since or None,
+        "cause": None if gate_status is None else gate_status.cause or None,
+        "lease": None if gate_status is None else gate_status.holder or None,
+        "observation_age_s": None if gate_status is None or gate_status.age_s < 0 else round(gate_status.age_s, 4),
+        "writes": 0 if gate_status is None else gate_status.writes,
+        "reads": 0 if gate_status is None else gate_status.reads,
+        "refusals": 0 if gate_status is None else gate_status.refusals,
+        "last_refusal": None if gate_status is None else gate_status.last_refusal or None,
+        "standby": None if gate_status is None else gate_status.no_standby or "ready",
         "standby_report": standby_report,
         "motors": dict(zip(driver.axes, driver.ids, strict=True)),
         "faults": {} if observation is None else dict(observation.faults),
@@ -308,26 +313,26 @@ def status(
 
 
 def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
-    """Return the positions by public key; null for an axis that was never read."""
-    return {key: _known(value) for key, value in driver.observed(observation).items()}
+    """Return the positions by the keys of ``get_observation``; null for an axis that was never read."""
+    return {key: _none_if_nan(value) for key, value in driver.observed(observation).items()}
 
 
 def velocities(driver: Driver, observation: Observation) -> dict[str, float | None]:
     """Return the velocities by axis; empty if the robot does not report them."""
-    return {axis: _known(value) for axis, value in zip(driver.axes, observation.velocity, strict=False)}
+    return {axis: _none_if_nan(value) for axis, value in zip(driver.axes, observation.velocity, strict=False)}
 
 
 def sensors(observation: Observation) -> dict[str, list[float | None]]:
     """Return the sensors by name; null for an unknown value."""
-    return {name: [_known(value) for value in row] for name, row in observation.sensors.items()}
+    return {name: [_none_if_nan(value) for value in row] for name, row in observation.sensors.items()}
 
 
-def _known(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
 def tree(report: TreeReport) -> dict[str, Any]:
-    """Return one robot as ``strands-actors tree --json`` prints it."""
+    """Return the processes and actors of one robot, in the form of ``strands-actors tree --json``."""
     return {
         "robot": report.robot,
         "state": report.state,

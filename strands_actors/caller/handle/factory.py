@@ -1,6 +1,6 @@
 """The function ``Robot(...)``, which makes the handle of one robot, real or simulated.
 
-The methods of the handle and their envelopes are those of strands-robots' drivers page.
+The handle has the methods and results that the drivers page of strands-robots describes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from strands_actors.surfaces.mesh.config import MeshConfig
 
 
-def Robot(  # a function; its name is that of strands-robots
+# This is a function. It has the name of a class because strands-robots names it so.
+def Robot(
     name: str,
     mode: str = "sim",
     *,
@@ -56,19 +57,20 @@ def Robot(  # a function; its name is that of strands-robots
 
     Args:
         name: Name of the robot. ``list_robots()`` has all names.
-        mode: ``"sim"``: a simulation. ``"real"``: a robot on its wire. ``"auto"``: real if a port or a
-            transport is given; otherwise the value of ``STRANDS_ROBOT_MODE``; otherwise real if exactly
-            one serial adapter of the robot's kind is plugged in, else a simulation.
+        mode: ``"sim"``: a simulation. ``"real"``: hardware, or a simulated robot that speaks the protocol of
+            the hardware. ``"auto"``: real if a port or a transport is given; otherwise the value of
+            ``STRANDS_ROBOT_MODE``; otherwise real if exactly one serial adapter of the robot's kind is plugged
+            in, else a simulation.
         driver: ``"auto"``, ``"strands"`` or ``"lerobot"``.
-        port: Where the real robot is: a serial device, or an address.
-        transport: ``"twin"``: start the robot's twin behind its real wire, in place of a port. A driver
-            may offer others.
-        sim: A simulation of the same robot that serves as the twin (with ``transport="twin"``).
+        port: Serial device or address of the real robot.
+        transport: ``"twin"``: in place of a port, start a simulated robot (twin) that speaks the real protocol.
+            A driver may offer other transports.
+        sim: A simulation of the same robot that the real driver connects to (with ``transport="twin"``).
         tool_name: Name of the handle on this computer and on the mesh, 1 to 64 of A-Z a-z 0-9 _ -.
             None: the name of the robot.
-        peer_id: Another word for ``tool_name``.
-        cameras: Camera settings by camera name, in LeRobot's words. With a twin or a simulation
-            ``{"wrist": {}, "front": {}}`` gives drawn pictures.
+        peer_id: The same as ``tool_name``, under its name in strands-robots.
+        cameras: Camera settings by camera name, with LeRobot's keys. For a simulated robot ``{"wrist": {},
+            "front": {}}`` gives drawn pictures.
         data_config: Kept unchanged for code that builds a policy.
         mesh: The address at which other hosts reach the robot (``MeshConfig``). False: other hosts
             cannot reach it. None: ``MeshConfig`` from the environment.
@@ -97,7 +99,7 @@ def Robot(  # a function; its name is that of strands-robots
         A ``SimRobot`` for a simulation, otherwise a ``RealRobot``.
 
     Raises:
-        ValueError: A name, a value or a keyword is wrong. The text has the accepted ones.
+        ValueError: A name, a value or a keyword is wrong. The text lists the accepted ones.
         TypeError: A value has the wrong type, or the mode would ignore the keyword.
         ImportError: The package of the ``backend`` is not installed.
 
@@ -105,7 +107,7 @@ def Robot(  # a function; its name is that of strands-robots
         with Robot("so101", mode="real", port="/dev/ttyACM0") as arm:
             arm.move_to({"shoulder_pan": 10.0}, seconds=2.0)
     """
-    wanted = plan(
+    robot_plan = plan(
         name,
         mode,
         driver=driver,
@@ -129,5 +131,5 @@ def Robot(  # a function; its name is that of strands-robots
         gated=gated,
         **options,
     )
-    approval = approval_of(wanted.driver_class, guarded, approve, approve_within_s)
-    return (SimRobot if wanted.transport == SIM else RealRobot)(wanted, approval, arm)
+    approval = approval_of(robot_plan.driver_class, guarded, approve, approve_within_s)
+    return (SimRobot if robot_plan.transport == SIM else RealRobot)(robot_plan, approval, arm)

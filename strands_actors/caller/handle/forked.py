@@ -1,8 +1,8 @@
-"""The verbs of a handle in a process that was forked from the robot's program.
+"""The verbs of a robot's handle in a child that was forked from the robot's program.
 
-The tree and its sessions belong to the parent, since threads are not forked. So the child has no
-readings of the robot. It can only stop the robot by the command line, which finds the robot in the run
-directory, as any other program of this user does.
+A fork does not copy threads, so the connections to the robot stay with the parent. The child has no readings of
+the robot. It can only stop the robot, by running the command line. The command line finds the robot in the run
+directory, as for any other program of this user.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ _COMMAND = "import sys; from strands_actors.surfaces.cli import run; sys.exit(ru
 
 def reason_unavailable(parent: int, robot: str) -> str:
     """Return why the child cannot run a verb, and where to run it."""
-    there = f"process {parent}, from which this one was forked, has the robot"
-    return f"{there}. call it there, or run `strands-actors stop {robot}` to stop it"
+    reason = f"process {parent}, from which this one was forked, has the robot"
+    return f"{reason}. Call it there, or run `strands-actors stop {robot}` to stop it"
 
 
 def unknown(verb: str, parent: int, robot: str, driver: Driver) -> stop_result.Unreachable:
-    """Return the result of a verb that ends motion, which the child cannot run."""
-    what, _, remedy = reason_unavailable(parent, robot).partition(". ")
-    return stop_result.silent(verb, what, driver, remedy, Code.FORKED)
+    """Return an unknown result for a verb that ends motion, since the child cannot run it."""
+    reason, _, remedy = reason_unavailable(parent, robot).partition(". ")
+    return stop_result.silent(verb, reason, driver, remedy, Code.FORKED)
 
 
 def command_line(*words: str, within_s: float) -> dict[str, Any]:
-    """Return the JSON that the command line prints; ``{"error": ...}`` if it does not answer."""
+    """Run the command line with ``--json``, and return its JSON; ``{"error": ...}`` if it does not answer."""
     try:
         done = subprocess.run(
             [*PYTHON, "-c", _COMMAND, *words, "--json"],
@@ -56,7 +56,7 @@ def command_line(*words: str, within_s: float) -> dict[str, Any]:
 
 
 def stop(robot: str, driver: Driver) -> StopResult:
-    """Stop the robot by the command line."""
+    """Stop the robot by running ``strands-actors stop``."""
     deadlines = StopDeadlines.of(driver.timing.safe_s)
     answer = command_line("stop", robot, within_s=deadlines.gate_s + deadlines.root_s)
     rows = answer.get("robots", [])

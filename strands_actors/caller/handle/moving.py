@@ -1,8 +1,8 @@
 """Motions with a duration: ``move_to``, ``move_along`` a path, and ``hold`` speeds for some seconds.
 
-Each is a rollout of this process: a stream of setpoints at the control rate, each with its lifetime,
-under the caller's lease. A stop, a hold, or a dead or frozen caller ends it, as any stream. If the
-robot plans such a motion by itself (``Driver.timed``), one command is sent instead.
+Each motion is a stream of setpoints from this process at the control rate. A setpoint expires after its
+lifetime. The stream needs the lease (the right to command the robot). A stop, a hold, or a dead or frozen
+program ends it. If the robot plans such a motion by itself (``Driver.timed``), one command is sent instead.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..session.motions import (
     LONGEST_HELD_S,
     LONGEST_S,
     Motion,
-    Seen,
+    RobotReading,
     plan_hold,
     plan_move,
     refuse_seconds,
@@ -46,23 +46,25 @@ async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, w
     if refusal is not None:
         return answers.refused(refusal)
     status = await tree.status()
-    seen = None if status is None else status.observation
-    timed = None if seen is None else driver.timed(targets, seconds, seen)
+    observation = None if status is None else status.observation
+    timed = None if observation is None else driver.timed(targets, seconds, observation)
     if isinstance(timed, Refused):
         return answers.refused(timed.about("move_to"))
     if timed is not None:
         return await _command_once(tree, targets, timed, seconds, wait)
     period_s = 1.0 / driver.timing.control_hz
-    motion = await tree.rollouts.move("move_to", lambda seen: plan_move(driver, targets, seconds, seen, period_s))
+    motion = await tree.rollouts.move(
+        "move_to", lambda reading: plan_move(driver, targets, seconds, reading, period_s)
+    )
     return await _to_its_end(tree, motion, wait)
 
 
 async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
-    """Send a command repeatedly for some seconds, then a zero of its speeds.
+    """Send a command repeatedly for some seconds, then set its speeds to zero.
 
     Args:
         tree: The robot.
-        verb: The verb that asks for it, for refusals.
+        verb: Name of the user's verb, for refusals.
         action: The command.
         seconds: How long to send it, at most ``LONGEST_HELD_S``.
         wait: True returns at the end, False at once.
@@ -72,7 +74,9 @@ async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: f
     if refusal is not None:
         return answers.refused(refusal)
     period_s = 1.0 / driver.timing.control_hz
-    motion = await tree.rollouts.move(verb, lambda seen: plan_hold(driver, verb, action, seconds, seen, period_s))
+    motion = await tree.rollouts.move(
+        verb, lambda reading: plan_hold(driver, verb, action, seconds, reading, period_s)
+    )
     if isinstance(motion, Refused):
         return answers.refused(motion)
     reply = {"robot": tree.robot, "commanded": motion.action(1), "unit": driver.unit, "duration_s": seconds}
@@ -88,23 +92,24 @@ async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: flo
     refusal = await _refuse_along(tree, path, period_s)
     if refusal is not None:
         return answers.refused(refusal)
-    motion = await tree.rollouts.move(MOVE_ALONG, lambda seen: plan_along(driver, path, seen, period_s))
+    motion = await tree.rollouts.move(MOVE_ALONG, lambda reading: plan_along(driver, path, reading, period_s))
     return await _to_its_end(tree, motion, wait, rows=len(path.rows))
 
 
 async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused | None:
-    """Return the first refusal of the robot's gates for a step of the path; None if there is no refusal.
+    """Check each step of a path with the driver's gates (its checks of range and speed).
 
-    Without a reading of the robot it returns None as well: the motion itself is refused later.
+    Return the first refusal, or None. Without a reading of the robot it returns None as well, and the motion
+    itself is refused later.
     """
     status = await tree.status()
     if status is None or status.observation is None:
         return None
-    seen = Seen(status.observation, status.target, status.observation.t_ns)
-    motion = plan_along(tree.driver, path, seen, period_s)
+    reading = RobotReading(status.observation, status.target, status.observation.t_ns)
+    motion = plan_along(tree.driver, path, reading, period_s)
     if isinstance(motion, Refused):
         return motion
-    for number, refusal in enumerate(check_along(tree.driver, motion, path, seen)):
+    for number, refusal in enumerate(check_along(tree.driver, motion, path, reading)):
         if refusal is not None:
             return refusal
         if number % CHECKED == 0:
@@ -113,7 +118,7 @@ async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused
 
 
 async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **more: Any) -> Answer:
-    """Return the answer for a motion to a target, which has begun or was refused."""
+    """Return the answer for a motion to a target. ``motion`` may be a refusal."""
     if isinstance(motion, Refused):
         return answers.refused(motion)
     last = motion.action(motion.n_steps)
@@ -123,7 +128,10 @@ async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **m
 
 
 async def _ended(tree: RobotTree, verb: str, reply: dict[str, Any], joints: tuple[str, ...], wait: bool) -> Answer:
-    """Wait for the end of a motion, if ``wait`` is true. A cancelled wait ends the motion."""
+    """Wait for the end of a motion if ``wait`` is true, and return the answer.
+
+    If the wait is cancelled, the motion ends.
+    """
     if not wait:
         return answers.success({**reply, "running": True})
     try:
@@ -134,15 +142,15 @@ async def _ended(tree: RobotTree, verb: str, reply: dict[str, Any], joints: tupl
         raise
     reply |= {"took_s": round(ended.elapsed_s, 3)}
     if ended.exit_reason != "n_steps":
-        why = f"{verb}: it did not come to its end: {ended.exit_reason}"
-        return answers.error(f"{why}: {ended.exit_detail}" if ended.exit_detail else why, reply)
+        problem = f"{verb}: it did not come to its end: {ended.exit_reason}"
+        return answers.error(f"{problem}: {ended.exit_detail}" if ended.exit_detail else problem, reply)
     return answers.success({**reply, **await _position(tree, joints)})
 
 
 async def _command_once(
     tree: RobotTree, targets: Mapping[str, Any], action: Mapping[str, Any], seconds: float, wait: bool
 ) -> Answer:
-    """Send one command to a robot that plans motions by itself, and watch the robot until it is over."""
+    """Send one command to a robot that plans motions by itself, and watch the robot for ``seconds``."""
     accepted = await tree.send_action(action)
     if isinstance(accepted, Refused):
         return answers.refused(accepted.about("move_to"))
@@ -152,11 +160,14 @@ async def _command_once(
         return answers.success({**reply, "running": True})
     try:
         until_s = trio.current_time() + seconds
-        while (left_s := until_s - trio.current_time()) > 0:
-            await trio.sleep(min(LOOK_S, left_s))
+        while (remaining_s := until_s - trio.current_time()) > 0:
+            await trio.sleep(min(LOOK_S, remaining_s))
             status = await tree.status()
             if status is None:
-                return answers.error("move_to: the wire does not answer, so how it ends is not known", reply)
+                return answers.error(
+                    "move_to: the process that talks to the robot does not answer, so the result is not known",
+                    reply,
+                )
             if status.mode not in (Mode.ARMED, Mode.HOLDING):
                 return answers.error(f"move_to: the robot is {status.mode} ({status.cause})", reply)
     except trio.Cancelled:
@@ -169,15 +180,15 @@ async def _command_once(
 
 async def _position(tree: RobotTree, joints: tuple[str, ...]) -> dict[str, Any]:
     """Return the measured positions of the joints, if the robot can be read."""
-    seen = await tree.observe()
-    if isinstance(seen, Refused) or not joints:
+    observation = await tree.observe()
+    if isinstance(observation, Refused) or not joints:
         return {}
-    row = answers.positions(tree.driver, seen)
+    row = answers.positions(tree.driver, observation)
     return {"position": {key: row[key] for key in joints if key in row}}
 
 
 async def end_motion(tree: RobotTree) -> Answer:
-    """End a motion of this module, for a caller that no longer waits."""
+    """End a motion of this module after its caller has stopped waiting for it."""
     status, result = await tree.rollouts.stop_task()
     if status.exit_reason == "stopped":
         return answers.stop_result("stop_task", result)

@@ -56,7 +56,7 @@ T = TypeVar("T")
 
 
 class RealRobot(RobotTool):
-    """A robot on its wire: hardware, or the robot's twin. ``Robot(...)`` makes it.
+    """Hardware, or a simulated robot (twin) that speaks the protocol of the hardware. ``Robot(...)`` makes it.
 
     The object is also a tool for strands-agents (``stream``, ``tool_spec``). Any thread may call its
     methods.
@@ -82,9 +82,9 @@ class RealRobot(RobotTool):
     """
 
     LAZY: ClassVar[frozenset[str]] = frozenset({"move", "move_to"})
-    """Methods that connect the robot if the program has not done so. The driver's services and commands
-    do it, too. None of them connects to a robot of another host, since that would resume a robot that
-    holds."""
+    """Methods that connect the robot if the program has not done so. The driver's services and commands connect
+    it, too. None of them connects to a robot of another host, since that would resume a robot that holds.
+    """
     OTHERS_CONNECT: ClassVar[bool] = False
     """True if a call by an agent connects as well. False for hardware: the program decides what
     energises a robot."""
@@ -98,10 +98,10 @@ class RealRobot(RobotTool):
         self._pid = os.getpid()
         self._driver = build_driver(plan.driver_class, plan.robot, plan.port, plan.options)
         self._closed = False
-        self._asked_to_connect = False
+        self._connect_requested = False
         self._connecting_first = threading.Lock()
         self._observing = verbs.Observing()
-        # Two threads may connect at once.
+        # Two threads may connect at once. Only one of them may complete the plan.
         self._completing = trio.Lock()
 
     @property
@@ -111,7 +111,7 @@ class RealRobot(RobotTool):
 
     @property
     def driver(self) -> Driver:
-        """The driver, which has axes, units, limits and services of the robot."""
+        """The driver of the robot. It declares axes, units, limits and services."""
         return self._driver
 
     @property
@@ -124,20 +124,20 @@ class RealRobot(RobotTool):
 
     @property
     def robot_name(self) -> str:
-        """The name for ``send_action(robot_name=...)``.
+        """The robot's name, for ``send_action(robot_name=...)``.
 
-        This is the word of strands-robots for ``name``.
+        It equals ``name``, which strands-robots calls ``robot_name``.
         """
         return self.name
 
     @property
     def twin_process(self) -> TwinProcess | None:
-        """The process of the robot's twin; None if it has no twin."""
+        """The process that simulates the robot; None for hardware."""
         return self._plan.twin_process
 
     @property
     def transport(self) -> str | None:
-        """The transport that replaces a port, such as ``twin`` or ``sim``; None for a port."""
+        """The transport that replaces a port, such as ``twin`` or ``sim``; None if the robot is at a port."""
         return self._plan.transport
 
     @property
@@ -146,20 +146,20 @@ class RealRobot(RobotTool):
         return self._plan.data_config
 
     def __repr__(self) -> str:
-        where = self._plan.at or self._plan.transport or self._plan.port
-        return f"<Robot {self.tool_name} ({self._plan.robot}, {where})>"
+        address = self._plan.host_address or self._plan.transport or self._plan.port
+        return f"<Robot {self.tool_name} ({self._plan.robot}, {address})>"
 
     @property
     def _tree(self) -> RobotTree | None:
-        """The tree; None before the first connect, and in a forked child.
+        """The program's side of the robot's processes; None before the first connect, and in a forked child.
 
-        There the tree belongs to the parent.
+        A forked child cannot use these processes, since they belong to its parent.
         """
         return self._opened if self._pid == os.getpid() else None
 
     @property
     def _forked(self) -> RobotTree | None:
-        """The tree of the parent, in a child that was forked from it."""
+        """The parent's ``_tree``, if this process was forked after the connect; otherwise None."""
         return self._opened if self._pid != os.getpid() else None
 
     # -- the loop
@@ -169,28 +169,31 @@ class RealRobot(RobotTool):
             return portal().call(verb, *args)
 
     def _verb(self, verb: Verb, name: str, *args: Any) -> Answer:
-        """Run a verb on the tree. If it cannot run, return an error envelope."""
+        """Run a verb in the background loop. Return an error envelope if the robot is not connected."""
         tree = self._ready(name)
         if isinstance(tree, str):
             return answers.error(f"{name}: {tree}")
         return self._call(answered, name, verb, tree, *args)
 
-    def _verb_here(self, here: VerbHere, verb: Verb, name: str, *args: Any) -> Answer:
-        """As ``_verb``, but run in the calling thread if possible, otherwise in the loop."""
+    def _verb_here(self, blocking: VerbHere, verb: Verb, name: str, *args: Any) -> Answer:
+        """Run a verb as ``_verb`` does, but in the calling thread if possible."""
         tree = self._ready(name)
         if isinstance(tree, str):
             return answers.error(f"{name}: {tree}")
         with self._liveness:
-            answer = answered_here(name, here, tree, *args)
+            answer = answered_here(name, blocking, tree, *args)
         return self._call(answered, name, verb, tree, *args) if answer is None else answer
 
     def _ready(self, name: str) -> RobotTree | str:
-        """Return the tree for a verb, or why no tree can run it. Connect if the verb does that."""
+        """Return the tree for a verb, or the reason as text why there is no tree.
+
+        Connect first, if this verb may connect a robot.
+        """
         if self._forked is not None:
             return forked.reason_unavailable(self._pid, self._forked.robot)
-        if not (self._asked_to_connect or self._closed or self._plan.at) and self._connects(name):
+        if not (self._connect_requested or self._closed or self._plan.host_address) and self._connects(name):
             problem = self._connect_first()
-            # The robot may be connected but not armed. A service may then be the remedy, so it runs.
+            # The robot may be connected but not armed. The called service may repair the cause, so it runs.
             if problem is not None and (name in self.LAZY or self._tree is None):
                 return f"not connected: {problem}"
         return self._tree or (CLEANED_UP if self._closed else _NOT_CONNECTED)
@@ -205,14 +208,14 @@ class RealRobot(RobotTool):
     def _connect_first(self) -> str | None:
         """Connect once. If several threads call this, one connects and the others wait.
 
-        Once there is a tree, it does not try again: a stop that came during the connect must stay in
-        force.
+        A later call does not connect again. Otherwise it would energise a robot that was stopped during the
+        first connect.
         """
         with self._connecting_first:
-            if self._asked_to_connect:
+            if self._connect_requested:
                 return None
             problem = self._connect_now()
-            self._asked_to_connect = self._opened is not None
+            self._connect_requested = self._opened is not None
             return problem
 
     # -- lifecycle
@@ -225,8 +228,8 @@ class RealRobot(RobotTool):
         Returns:
             None if the robot is connected (and armed), otherwise the reason as text.
         """
-        self._asked_to_connect = True
-        return _told(self._connect_now())
+        self._connect_requested = True
+        return _with_verb(self._connect_now())
 
     def ensure_connected(self) -> str | None:
         """Connect if no call has connected yet, as the first command does.
@@ -236,7 +239,7 @@ class RealRobot(RobotTool):
         Returns:
             None if it is connected, otherwise the reason as text.
         """
-        return _told(CLEANED_UP if self._closed else self._connect_first())
+        return _with_verb(CLEANED_UP if self._closed else self._connect_first())
 
     def _connect_now(self) -> str | None:
         """Connect. Return None, or why it failed, without the name of the verb."""
@@ -256,15 +259,18 @@ class RealRobot(RobotTool):
             tree = RobotTree(shared.node, shared.nursery, shared.entrance, self._plan, self._liveness.look)
             self._pid = os.getpid()
             self._opened = tree
-        # ``cleanup()`` sets ``_closed`` before it reads ``_opened``, and this method sets ``_opened``
-        # before it reads ``_closed``. So at least one of the two notices the other.
+        # ``cleanup()`` sets ``_closed`` before it reads ``_opened``. This method sets ``_opened`` before it
+        # reads ``_closed``. So if both run at once, at least one of the methods notices the other.
         if self._closed:
             self._opened = None
             return CLEANED_UP
         return await tree.connect(self._arm)
 
     async def _complete(self) -> str | None:
-        """Ask the robot for the facts that only the robot knows, and rebuild plan and driver."""
+        """Read the options that only the robot knows (``Driver.complete``), and rebuild plan and driver.
+
+        Return None, or why the robot could not be read.
+        """
         try:
             async with self._completing:
                 self._plan = plan = await completed(self._plan)
@@ -285,8 +291,8 @@ class RealRobot(RobotTool):
     def cleanup(self) -> Answer:
         """Make the robot safe, and end all processes that were started for it.
 
-        A connect that runs at the same time is refused, and energises nothing any more. A second call
-        changes nothing. The object cannot be used again: make a new one.
+        A connect that runs at the same time fails, and energises nothing. A second call changes nothing. The
+        object cannot be used again: make a new one.
 
         Returns:
             A success only if every motor confirmed the safe state. The keys are those of ``stop``.
@@ -295,7 +301,8 @@ class RealRobot(RobotTool):
         if parents is not None:
             unknown = forked.unknown("cleanup", self._pid, parents.robot, self._driver)
             return answers.stop_result("cleanup", unknown)
-        self._closed = True  # The order matters: see ``_connect``.
+        # ``_connect`` relies on this order of ``_closed`` and ``_opened``.
+        self._closed = True
         tree, self._opened = self._tree, None
         if tree is None:
             return answers.stop_result("cleanup", stop_result.Confirmed(stop_result.NothingRan()))
@@ -304,7 +311,8 @@ class RealRobot(RobotTool):
     def __enter__(self) -> Self:
         try:
             problem = self.connect_eagerly()
-        except BaseException:  # After Ctrl-C here Python does not call ``__exit__``.
+        except BaseException:
+            # Python does not call ``__exit__`` if Ctrl-C interrupts ``__enter__``.
             self.cleanup()
             raise
         if problem is not None:
@@ -318,18 +326,18 @@ class RealRobot(RobotTool):
     # -- verbs
 
     def send_action(self, action: Mapping[str, Any], robot_name: str | None = None) -> Answer:
-        """Send one setpoint to the robot. The gate checks it, and the wire writes it.
+        """Send one setpoint to the robot. The setpoint is checked against the robot's limits, then written.
 
         It connects first if the program has not done so.
 
         Args:
-            action: Target by joint, in the driver's units. ``get_status()`` has the unit. An axis that
-                is not named keeps its target; a velocity goes to zero.
+            action: Target by joint, in the driver's units. ``get_status()`` has the unit. A position that is
+                not named keeps its target. A speed that is not named goes to zero.
             robot_name: The robot that the command is meant for, in a program with several robots. The
                 name of another robot is refused.
 
         Returns:
-            A success if the gate accepted it. Keys: those of the driver, usually ``commanded`` (the
+            A success if the setpoint was accepted. Keys: those of the driver, usually ``commanded`` (the
             accepted target by joint) and ``unit``.
 
         Example:
@@ -344,8 +352,8 @@ class RealRobot(RobotTool):
     def move_to(self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True) -> Answer:
         """Move the named joints smoothly from their measured positions to their targets.
 
-        The motion is a stream of setpoints along a minimum-jerk path. ``stop_task()`` and Ctrl-C end
-        it, and the robot holds.
+        The motion is a stream of setpoints along a minimum-jerk path. ``stop_task()`` and Ctrl-C end the
+        motion, and the robot holds its position.
 
         Args:
             targets: Target by joint, in the driver's units. Other joints stay where they are.
@@ -364,11 +372,11 @@ class RealRobot(RobotTool):
     def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
         """Move to the first of ``rows`` as ``move_to`` does, then along all rows.
 
-        The robot's gates check every step before anything moves.
+        Every step is checked against the robot's limits before anything moves.
 
         Args:
-            rows: Targets by joint, in the driver's units. Every row names the same joints. A speed is
-                sent as its row has it, and zero after the last row.
+            rows: Targets by joint, in the driver's units. Every row names the same joints. The speeds of a row
+                are sent unchanged, and zero is sent after the last row.
             hz: Rows per second, above 0 and at most 1000. Between two rows a joint moves in a straight
                 line. The whole path takes at most 600 s.
             wait: As in ``move_to``.
@@ -389,8 +397,8 @@ class RealRobot(RobotTool):
     def release(self) -> Answer:
         """Release the lease, so that other programs (also on the mesh) may move the robot.
 
-        A target that is in force ends in a hold. The next command of this program acquires the lease
-        again, if it is free.
+        The lease is the right to command the robot. If a target is still in force, the robot holds its position
+        instead. The next command of this program acquires the lease again, if it is free.
 
         Returns:
             A success if the lease is released. Keys: ``released``, and those of ``stop``.
@@ -404,18 +412,18 @@ class RealRobot(RobotTool):
     def get_observation(self, images: bool = False) -> dict[str, Any]:
         """Return the newest measured position of each joint, in the driver's units.
 
-        It returns the last reading of the tree, and does not wait for a new one.
+        It returns the last reading, and does not wait for a new one.
 
         Args:
-            images: True adds the newest ``Frame`` of each camera under the camera's name; if that one
-                is too old, a ``Stale`` with the reason.
+            images: True adds the newest ``Frame`` of each camera under the camera's name; if the picture is too
+                old, a ``Stale`` object with the reason.
 
         Returns:
             Position by joint, and no envelope. It is {} if there is no reading; the log then has the
             reason, once.
         """
-        seen: dict[str, Any] = self._observing.positions(self._get_observation())
-        return seen | self._cameras.looks() if images else seen
+        observation: dict[str, Any] = self._observing.positions(self._get_observation())
+        return observation | self._cameras.looks() if images else observation
 
     def read_camera(self, name: str, max_age_ms: float | None = None) -> Frame:
         """Return the newest picture of a camera, without waiting.
@@ -440,10 +448,10 @@ class RealRobot(RobotTool):
         """Return the newest readings of the robot.
 
         Returns:
-            Keys: ``positions`` and ``velocities`` by joint (null if unknown), ``unit``, ``age_s``
-            (seconds since the reading), ``state`` (mode of the gate), ``robot``. ``joints`` and
-            ``joint_velocities`` are the same values under their names in strands-robots. A driver may
-            add more: a UR its TCP pose, wrench and modes, a G1 its IMU and FSM.
+            Keys: ``positions`` and ``velocities`` by joint (null if unknown), ``unit``, ``age_s`` (seconds
+            since the reading), ``state`` (such as ``armed`` or ``holding``), ``robot``. ``joints`` and
+            ``joint_velocities`` are the same values under their names in strands-robots. A driver may add more:
+            a UR its TCP pose, wrench and modes, a G1 its IMU and FSM.
         """
         return self._verb(verbs.get_state, "state")
 
@@ -451,13 +459,14 @@ class RealRobot(RobotTool):
     def bus(self) -> Bus:
         """The servos of a robot on a serial bus.
 
-        They are read as those of lerobot: ``arm.bus.sync_read("Present_Position")``.
+        Read them as in lerobot: ``arm.bus.sync_read("Present_Position")``.
 
         Raises:
             AttributeError: The robot has no serial bus.
         """
         if self._plan.driver_class.PORT_KIND != "serial":
-            raise AttributeError  # Python then calls ``__getattr__``, which raises it with a text.
+            # Python then calls ``__getattr__``, which raises an ``AttributeError`` with a text.
+            raise AttributeError
         return Bus(self._driver, self._newest)
 
     def service(self, name: str, *values: Any, action: Mapping[str, Any] | None = None, **arguments: Any) -> Answer:
@@ -506,7 +515,9 @@ class RealRobot(RobotTool):
             return self._verb_here(verbs.send_action_here, verbs.send_action, name, call.action)
         return self._in_time(name, perform, call, wait)
 
-    if not TYPE_CHECKING:  # robot.pyi lists the services of each robot, so that a type checker finds a typing error
+    # robot.pyi lists the services of each robot. If a type checker saw this method, it would accept misspelled
+    # names.
+    if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
             """Return a service or verb of the driver as a method, or a method by its name in strands-robots."""
@@ -532,17 +543,18 @@ class RealRobot(RobotTool):
         return sorted({*super().__dir__(), *services, *verb_names(self._driver)})
 
     def stop(self) -> Answer | PendingAnswer:
-        """De-energise every motor, or bring it to the driver's safe state for a stop, and report each.
+        """Stop the robot, and report the result of each motor.
 
-        Call it as ``stop()`` or as ``await stop()``. It needs no lease, and ends any motion or policy.
-        If the wire does not answer, the root fences it and stops the robot by its own stop channel. In
-        a forked child the command line stops the robot, which takes half a second.
+        A stop de-energises every motor, or brings it to the state that the driver declares for a stop. Call it
+        as ``stop()`` or as ``await stop()``. It needs no lease, and ends any motion or policy. If the process
+        that talks to the robot does not answer, another process kills it and stops the robot over a separate
+        path. In a forked child the command line stops the robot, which takes half a second.
 
         Returns:
-            A success only if every motor confirmed it. Keys: ``stopped``, ``reason``, ``safe_state``,
-            ``path`` (``wire`` or ``stop_channel``), ``took_ms``, ``unconfirmed`` (joints), ``note``, and
-            ``motors``: by joint ``id``, ``written``, ``acknowledged``, ``safe``, ``detail``. An error
-            has the same keys if a report came.
+            A success only if every motor confirmed its safe state. Keys: ``stopped``, ``reason``,
+            ``safe_state``, ``path`` (``wire`` or ``stop_channel``), ``took_ms``, ``unconfirmed`` (joints),
+            ``note``, and ``motors``: by joint ``id``, ``written``, ``acknowledged``, ``safe``, ``detail``. An
+            error has the same keys if a report came.
         """
         return self._now_or_soon(lambda: self._stop_now("stop"), verbs.stop, "stop")
 
@@ -552,10 +564,10 @@ class RealRobot(RobotTool):
         Call it as ``get_status()`` or as ``await get_status()``.
 
         Returns:
-            A success, also if the robot does not answer. Keys, among others: ``connected``,
-            ``connect_error``, ``state`` (mode of the gate, or ``unreachable``), ``cause`` (why it is in
-            this state), ``locked_by``, ``lease`` (its holder), ``observation_age_s``, ``last_refusal``,
-            ``faults`` by joint, ``sensors``, ``fallbacks`` (safe state by reason), ``unit``.
+            A success, also if the robot does not answer. Keys, among others: ``connected``, ``connect_error``,
+            ``state`` (such as ``armed``, or ``unreachable``), ``cause`` (why the robot is in this state),
+            ``locked_by``, ``lease`` (its holder), ``observation_age_s``, ``last_refusal``, ``faults`` by joint,
+            ``sensors``, ``fallbacks`` (safe state by reason), ``unit``.
         """
         return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
@@ -663,9 +675,9 @@ class RealRobot(RobotTool):
         return self._verb(verbs.get_task_status, "task")
 
     def stop_task(self) -> Answer:
-        """End the policy, motion or teleoperation, and return when the robot holds.
+        """End the policy, motion or teleoperation, and return when the robot holds its position.
 
-        A policy that does not answer cannot delay this.
+        A policy that does not answer cannot delay the hold.
 
         Returns:
             A success if the robot confirmed the hold. Keys: ``robot``, those of ``get_task_status``, and
@@ -685,19 +697,20 @@ class RealRobot(RobotTool):
         duration: float | None = None,
         **options: Any,
     ) -> Answer:
-        """Let a leader control the robot, in a separate process, until ``stop_task()``. Return at once.
+        """Let a leader control the robot until ``stop_task()``. Return at once.
 
-        ``get_task_status()`` shows the state of the teleoperation under ``teleop``.
+        A leader is a device that a person moves. It is read in a separate process. ``get_task_status()`` shows
+        the state of the teleoperation under ``teleop``.
 
         Args:
             leader: A ``Teleoperator``, or its name, such as ``"so101_leader"``.
             hz: Setpoints per second, above 0 and at most 500.
             map_fn: Converts the leader's positions (by joint) to the robot's. It must be a function of
                 a module, since another process imports it.
-            deadman: ``"gripper"``: the gripper of a leader arm, squeezed twice. ``"key"``: a key that
-                ``operate()`` reports. None: the gripper for a leader arm, otherwise the key.
-            max_speed: Degrees per second. A frame of the leader that is faster is refused. None: the
-                speed limits of the robot's axes.
+            deadman: The dead-man switch. ``"gripper"``: the gripper of a leader arm, squeezed twice. ``"key"``:
+                a key that ``operate()`` reports. None: the gripper for a leader arm, otherwise the key.
+            max_speed: Degrees per second. A faster motion of the leader is refused. None: the speed limits of
+                the robot's axes.
             duration: Longest time in seconds. None: no limit.
             options: If ``leader`` is a name, the keyword arguments of ``Teleoperator(...)``, such as
                 ``port`` and ``id``.
@@ -716,7 +729,7 @@ class RealRobot(RobotTool):
         elif options:
             unused = ", ".join(options)
             return answers.error(
-                f"teleoperate: {unused} of a leader that is made already. give it to Teleoperator(...)"
+                f"teleoperate: {unused} of a leader that is made already. Give it to Teleoperator(...)"
             )
         begin = attach(self._driver, leader, hz, map_fn, deadman, max_speed, duration)
         return begin if isinstance(begin, Answer) else self._verb(begin, "teleoperate")
@@ -732,7 +745,7 @@ class RealRobot(RobotTool):
         block: bool | None = None,
         **options: Any,
     ) -> Answer:
-        """Let a leader control the robot, and wait for the end. Ctrl-C ends it, and the robot holds.
+        """Let a leader control the robot, and wait for the end of that. Ctrl-C makes the robot hold.
 
         Args:
             leader: A ``Teleoperator``, or its name. None: the leader that was attached before continues
@@ -749,21 +762,21 @@ class RealRobot(RobotTool):
         Returns:
             As ``get_task_status``, or as ``stop_task`` if this call ended it.
         """
-        given: object = block
-        if not (given is None or isinstance(given, bool)):  # The text "no" would count as true.
-            return answers.error(f"teleoperate: block is {shown(given)}. give True or False")
+        block_value: object = block
+        if not (block_value is None or isinstance(block_value, bool)):  # The text "no" would count as true.
+            return answers.error(f"teleoperate: block is {shown(block_value)}. Give True or False")
         end_s = math.inf
         if leader is None:
             if options or hz != 100.0 or map_fn or deadman or max_speed is not None or (duration and not block):
                 return answers.error(
-                    "teleoperate: the leader that is attached keeps its settings. give them to attach_teleop()"
+                    "teleoperate: the leader that is attached keeps its settings. Give them to attach_teleop()"
                 )
             if duration is not None:
                 end_s = time.monotonic() + duration
             answer = self.get_task_status()
             if answer["status"] == "success" and not answer["content"][0]["json"]["running"]:
-                why = "no leader is attached"
-                answer = answers.error(f"teleoperate: {why}. give a Teleoperator, or call attach_teleop() first")
+                reason = "no leader is attached"
+                answer = answers.error(f"teleoperate: {reason}. Give a Teleoperator, or call attach_teleop() first")
         else:
             answer = self.attach_teleop(leader, hz, map_fn, deadman, max_speed, duration, **options)
         if not (leader is not None if block is None else block):
@@ -780,7 +793,7 @@ class RealRobot(RobotTool):
         """Send the operator's input to the teleoperation. It expires after 0.2 s, so send it repeatedly.
 
         Args:
-            held: True while the operator holds the dead-man.
+            held: True while the operator holds the dead-man switch.
             rates: For a ``keyboard``, the speed of each axis as a share of its full rate, -1 to 1.
 
         Returns:
@@ -792,19 +805,20 @@ class RealRobot(RobotTool):
         run = operate(self._driver, held, rates)
         return run if isinstance(run, Answer) else self._verb(run, "operate")
 
-    # -- as a tool
+    # -- the tool for agents
 
-    async def use_tool(self, given: object, by: str) -> Answer:
+    async def use_tool(self, tool_input: object, by: str) -> Answer:
         """Run the verb that a tool's input requests. Call it from an asyncio loop.
 
         Args:
-            given: The input of the tool.
+            tool_input: The input of the tool.
             by: The name of the caller, for approval and audit.
         """
-        # A caller in an asyncio loop has imported it. Scripts without one save 8 ms.
+        # Only a caller with an asyncio loop gets here. Scripts without such a loop do not import asyncio, which
+        # saves 8 ms.
         import asyncio
 
-        call = read(self._driver, given)
+        call = read(self._driver, tool_input)
         if isinstance(call, Refused):
             return answers.refused(call)
         if self._tree is None and call.verb.does == "status":
@@ -829,7 +843,7 @@ class RealRobot(RobotTool):
         """Return the robot's processes and actors, as ``strands-actors tree --json`` prints them.
 
         Returns:
-            Keys: ``robot``, ``state`` (``unreachable`` if the tree does not answer), ``epoch``,
+            Keys: ``robot``, ``state`` (``unreachable`` if the processes do not answer), ``epoch``,
             ``locked_by``, ``processes``, ``actors``. None if this program has not connected.
         """
         tree = self._tree
@@ -853,7 +867,7 @@ class RealRobot(RobotTool):
         return self._verb_here(verbs.get_observation_here, verbs.get_observation, "observe")
 
     def _newest(self) -> Observation:
-        """Return the newest observation. Raise ``ConnectionError`` if no observation can be had."""
+        """Return the newest observation. Raise ``ConnectionError`` if there is no observation."""
         status = self._status()
         if status is None or status.observation is None or not status.connected:
             raise ConnectionError(f"bus: {CLEANED_UP if self._closed else _NOT_CONNECTED}")
@@ -870,9 +884,10 @@ class RealRobot(RobotTool):
         return self._call(answered, "status", verbs.get_status, tree)
 
     def _now_or_soon(self, now: Callable[[], Answer], verb: Verb, name: str) -> Answer | PendingAnswer:
-        """Run a verb. Inside a running asyncio loop start it at once, and return a ``PendingAnswer``.
+        """Run a verb and return its result.
 
-        It can be awaited without blocking the loop.
+        Inside a running asyncio loop it only starts the verb, and returns a ``PendingAnswer``. The loop can
+        await it without being blocked.
         """
         if not answers.in_asyncio():
             return now()
@@ -892,5 +907,5 @@ _NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "
 _NOT_CONNECTED = "not connected; call connect_eagerly() first"
 
 
-def _told(problem: str | None) -> str | None:
+def _with_verb(problem: str | None) -> str | None:
     return None if problem is None else f"connect: {problem}"

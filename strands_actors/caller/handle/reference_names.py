@@ -1,8 +1,8 @@
 """Names of strands-robots 0.5 that a script may use on a handle, or import from the package.
 
-``ALIASES``  names of verbs that exist here under another name, with the same arguments
-``INSTEAD``  names without such a verb; the ``AttributeError`` has the replacement
-``PACKAGE``  names of the package itself; the ``ImportError`` has the replacement
+``ALIASES``  verbs that have another name in this package, with the same arguments
+``INSTEAD``  attributes that this package lacks; the ``AttributeError`` names the replacement
+``PACKAGE``  imports that this package lacks; the ``ImportError`` names the replacement
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ INSTEAD: Mapping[str, str] = {
     ),
     **dict.fromkeys(("foxglove_url", "foxglove_link"), "record to MCAP: `strands-actors record`"),
     "publish_ros_observation": "subscribe to strands/<robot>/state on the mesh",
-    # For hardware only. A simulation has the first three.
+    # These names are for hardware. A simulation has the first three as methods.
     **dict.fromkeys(("start_recording", "stop_recording", "get_recording_status", "save_episode"), _RECORD),
     **dict.fromkeys(("replay_episode", "replay"), "use replay_episode(robot, DATASET, episode) of strands_actors"),
     **dict.fromkeys(("stream_dataset", "verify_dataset_episodes"), "use `strands-actors dataset show`"),
@@ -145,9 +145,9 @@ def hint(name: str) -> str:
 
 
 def package_hint(name: str) -> str | None:
-    """Return why a name of the package strands_robots cannot be imported here.
+    """Return the text of an ``ImportError`` for a name of strands_robots that this package lacks.
 
-    It is None if ``PACKAGE`` has no such name.
+    Return None if ``PACKAGE`` has no such name.
     """
     if name not in PACKAGE:
         return None
@@ -155,14 +155,14 @@ def package_hint(name: str) -> str | None:
 
 
 class Mesh:
-    """``robot.mesh`` of strands-robots, by the functions of this package."""
+    """The attribute ``robot.mesh`` of strands-robots. It calls the functions of this package."""
 
     def __init__(self, own_name: Callable[[], str]) -> None:
         self._own_name = own_name
 
     @property
     def alive(self) -> bool:
-        """Always True. Each call joins the mesh by itself."""
+        """Always True, since each call connects to the mesh by itself."""
         return True
 
     @property
@@ -192,7 +192,7 @@ class Mesh:
         return tell(target, instruction, **{"policy_provider": "mock", **options})
 
     def broadcast(self, cmd: Mapping[str, Any] | str) -> list[dict[str, Any]]:
-        """Send a reading command or a stop to all robots of the mesh. The result is that of ``broadcast``.
+        """Send a stop, or a command that only reads, to all robots on the mesh. Return their answers.
 
         Args:
             cmd: ``status``, ``state``, ``ping`` or a stop.

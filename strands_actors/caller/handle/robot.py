@@ -1,4 +1,4 @@
-"""The functions and classes that a user makes a robot with.
+"""The functions and classes with which a user makes a robot.
 
 ``robot.pyi`` has their signatures for each robot and mode, for editors and type checkers.
 """

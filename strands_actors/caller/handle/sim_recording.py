@@ -1,6 +1,6 @@
-"""Record a simulation by ``start_recording`` and ``stop_recording``, the verbs of strands-robots.
+"""Record a simulation with ``start_recording`` and ``stop_recording``, which are verbs of strands-robots.
 
-They record one episode of a dataset by ``record_dataset``.
+They record one episode of a dataset, with ``record_dataset``.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ UNTITLED = "untitled"
 INFO = Path("meta/info.json")
 
 
-class Named(Protocol):
-    """A handle of a robot, as far as a recording needs it."""
+class HasName(Protocol):
+    """The part of a robot's handle that a recording needs."""
 
     @property
     def name(self) -> str:
@@ -38,7 +38,7 @@ class Named(Protocol):
 
 
 class SimRecording:
-    """The recording of one simulation. At most one runs at a time."""
+    """The recording of one simulation. It records one episode at a time."""
 
     def __init__(self) -> None:
         self._recording: DatasetRecording | None = None
@@ -46,7 +46,7 @@ class SimRecording:
 
     def start(
         self,
-        robot: Named,
+        robot: HasName,
         repo_id: str,
         task: str,
         fps: int,
@@ -57,7 +57,7 @@ class SimRecording:
     ) -> Answer:
         """Begin an episode of a running robot. The arguments are those of ``SimRobot.start_recording``."""
         if self._recording is not None:
-            return answers.error(f"start_recording: {self._about['root']} is being recorded. call stop_recording()")
+            return answers.error(f"start_recording: {self._about['root']} is being recorded. Call stop_recording()")
         try:
             from strands_actors.surfaces.dataset import DatasetError, record_dataset
             from strands_actors.surfaces.recording import RecordingError
@@ -106,17 +106,17 @@ def folder_of(repo_id: object) -> Path:
     """Return the folder of a dataset.
 
     Args:
-        repo_id: A path, or ``owner/name`` for a folder in LeRobot's.
+        repo_id: A path, or ``owner/name`` for a folder in LeRobot's folder.
 
     Raises:
-        ValueError: It is not text, or leads out of LeRobot's folder.
+        ValueError: ``repo_id`` is not text, or leads out of LeRobot's folder.
     """
     if not isinstance(repo_id, str) or not repo_id.strip() or "\0" in repo_id:
-        raise ValueError(f"repo_id is {shown(repo_id)}. give owner/name, or a path")
+        raise ValueError(f"repo_id is {shown(repo_id)}. Give owner/name, or a path")
     if repo_id.startswith(("/", ".", "~")):
         return Path(repo_id).expanduser()
     if ".." in Path(repo_id).parts:
-        raise ValueError(f"repo_id is {shown(repo_id)}. give owner/name, or a path")
+        raise ValueError(f"repo_id is {shown(repo_id)}. Give owner/name, or a path")
     cache = os.environ.get("HF_HOME") or Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache") / "huggingface"
     home = os.environ.get("HF_LEROBOT_HOME") or Path(cache) / "lerobot"
     return Path(home).expanduser() / repo_id
@@ -127,5 +127,5 @@ def remove_dataset(folder: Path) -> None:
     if not folder.exists():
         return
     if not (folder / INFO).is_file() and any(folder.iterdir()):
-        raise ValueError(f"{folder} is no dataset, and is not removed. give another root")
+        raise ValueError(f"{folder} has files but is no dataset, so it is not removed. Give another root")
     shutil.rmtree(folder)

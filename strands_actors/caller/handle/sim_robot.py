@@ -36,12 +36,12 @@ WHOLE = ("default", "free")
 class SimRobot(RealRobot):
     """A simulated robot. ``Robot(name)`` makes it.
 
-    It has the methods and envelopes of ``RealRobot``, and those that only a simulation can have. It
-    starts at its first use. Between calls the physics runs in real time.
+    It has the methods and results of ``RealRobot``, and methods that only a simulation can have. It starts at
+    its first use. Between calls the physics runs in real time.
 
-    ``Robot(name, mode="real", transport="twin", sim=this)`` connects the real driver to the same
-    simulation by its wire. Joints that are energised on the wire then follow the wire, and a command
-    to them here is refused.
+    ``Robot(name, mode="real", transport="twin", sim=this)`` connects the real driver to the same simulation,
+    over the robot's real protocol. Joints that this driver energises then follow only the driver. This object
+    refuses commands to these joints.
 
     Example:
         with Robot("so101") as sim:
@@ -71,7 +71,8 @@ class SimRobot(RealRobot):
         super().__init__(plan, approval, arm)
         assert plan.twin_process is not None
         self._world = World(plan.twin_process)
-        self._sizes: dict[str, tuple[int, int]] = {}  # width and height of each added camera, in pixels
+        # Width and height in pixels of each camera that was added.
+        self._sizes: dict[str, tuple[int, int]] = {}
         self._recording = SimRecording()
 
     @overload
@@ -94,8 +95,9 @@ class SimRobot(RealRobot):
             height: Height in pixels. None: that of the camera, or 480.
             camera: ``front``, ``side``, ``top``, or a camera of the scene. None: a view of the whole
                 robot.
-            camera_name: The keyword of strands-robots for ``camera``; a name as the first argument
-                means the same. The result is then an envelope. ``default`` is the whole robot.
+            camera_name: The same as ``camera``, under its name in strands-robots. A string as the first
+                argument is read as ``camera_name``. In both cases the result is an envelope. ``default`` is the
+                whole robot.
 
         Returns:
             The picture, RGB, of shape (height, width, 3). With ``camera_name`` an envelope with a PNG,
@@ -138,8 +140,8 @@ class SimRobot(RealRobot):
         """As ``RealRobot.get_observation``, also with the keywords of strands-robots.
 
         Args:
-            images: True adds the newest picture of each camera. A text here counts as ``robot_name``.
-            robot_name: The robot that is meant, as in ``send_action``. Keyword of strands-robots.
+            images: True adds the newest picture of each camera. A string is read as ``robot_name``.
+            robot_name: The name of this robot, as in ``send_action``. Keyword of strands-robots.
             skip_images: The opposite of ``images``. Keyword of strands-robots.
 
         Raises:
@@ -158,8 +160,8 @@ class SimRobot(RealRobot):
 
         Args:
             action: Target by joint, in the driver's units.
-            robot_name: The robot that is meant. The name of another robot is refused.
-            n_substeps: Number of steps of physics to compute with it, as ``step`` does. None: the physics
+            robot_name: The name of this robot. The name of another robot is refused.
+            n_substeps: Number of physics steps to compute with this action, as ``step`` does. None: the physics
                 runs in real time.
         """
         if n_substeps is None:
@@ -170,14 +172,14 @@ class SimRobot(RealRobot):
     def step(self, steps: int = 1, action: Mapping[str, Any] | None = None, n_steps: int | None = None) -> Answer:
         """Compute a number of steps of physics at once, as fast as the computer can.
 
-        A target that was sent before is in force from the first step on. Deadlines, leases and policies
-        still count real time, and between two calls the physics runs in real time.
+        A target that was sent before is in force from the first step on. Deadlines and policies still use real
+        time, and between two calls the physics runs in real time.
 
         Args:
             steps: Number of steps, of 2 ms each.
-            action: A setpoint that is in force from the first step on, as of ``send_action``. If it is
+            action: A setpoint, as for ``send_action``, that is in force from the first step on. If it is
                 refused, no step is computed.
-            n_steps: Word of strands-robots for ``steps``.
+            n_steps: Name of ``steps`` in strands-robots.
 
         Returns:
             Keys: ``position`` by joint after the last step, ``sim_time_s``. ``get_observation()``
@@ -191,7 +193,7 @@ class SimRobot(RealRobot):
         Returns:
             Key: ``position`` by joint.
         """
-        return self._verb(functools.partial(self._back, "reset", self._world.reset), "reset")
+        return self._verb(functools.partial(self._restore_scene, "reset", self._world.reset), "reset")
 
     def save_state(self, name: str = "default") -> Answer:
         """Save the state of robot and objects under a name.
@@ -208,7 +210,8 @@ class SimRobot(RealRobot):
             Key: ``position`` by joint.
         """
         return self._verb(
-            functools.partial(self._back, "load_state", self._world.change, "load_state", name), "load_state"
+            functools.partial(self._restore_scene, "load_state", self._world.change, "load_state", name),
+            "load_state",
         )
 
     def add_object(
@@ -241,8 +244,8 @@ class SimRobot(RealRobot):
         Returns:
             Key: ``added``, the name.
         """
-        given = (name, shape, position, orientation, size, color, mass, is_static, mesh_path)
-        return self._change("add_object", lambda: (scene.object_fields(*given),), {"added": name})
+        arguments = (name, shape, position, orientation, size, color, mass, is_static, mesh_path)
+        return self._change("add_object", lambda: (scene.object_fields(*arguments),), {"added": name})
 
     def remove_object(self, name: str) -> Answer:
         """Remove an object that ``add_object`` has added.
@@ -276,11 +279,11 @@ class SimRobot(RealRobot):
         Returns:
             Key: ``added``, the name.
         """
-        given = (name, position, target, fov, parent_body)
+        arguments = (name, position, target, fov, parent_body)
 
         def fields() -> tuple[dict[str, Any]]:
             scene.check_size(width, height)
-            return (scene.camera_fields(*given),)
+            return (scene.camera_fields(*arguments),)
 
         answer = self._change("add_camera", fields, {"added": name})
         if answer["status"] == "success":
@@ -307,7 +310,7 @@ class SimRobot(RealRobot):
         ended, as in strands-robots, unless ``wait`` is given. The keys are those of ``RealRobot.run_policy``.
 
         Args:
-            policy: The policy. A text here counts as ``robot_name``.
+            policy: The policy. A string is read as ``robot_name``.
             instruction: As in ``RealRobot.run_policy``.
             duration: As in ``RealRobot.run_policy``.
             n_steps: As in ``RealRobot.run_policy``.
@@ -315,7 +318,7 @@ class SimRobot(RealRobot):
             policy_object: Another name of ``policy``. Keyword of strands-robots.
             wait: True returns when the policy has ended, False at once. None: wait if a keyword of
                 strands-robots is given.
-            robot_name: The robot that is meant, as in ``send_action``.
+            robot_name: The name of this robot, as in ``send_action``.
             policy_provider: Name of a policy to create. None: ``mock``, if no policy is given.
             policy_config: Keyword arguments for ``create_policy``.
         """
@@ -330,7 +333,7 @@ class SimRobot(RealRobot):
             except (TypeError, ValueError) as failure:
                 return answers.error(f"run_policy: {failure}")
         elif policy_provider is not None or policy_config is not None:
-            return answers.error("run_policy: a policy and a policy_provider are both given. give one of them")
+            return answers.error("run_policy: a policy and a policy_provider are both given. Give one of them")
         waits = theirs if wait is None else wait
         return super().run_policy(
             policy, instruction, duration, n_steps, control_frequency, policy_object, waits, robot_name
@@ -356,7 +359,7 @@ class SimRobot(RealRobot):
             repo_id: ``owner/name``, in LeRobot's folder, or a path.
             task: A sentence that describes the episode.
             fps: Frames per second.
-            root: Folder of the dataset, in place of ``repo_id``. If there is a dataset, it grows.
+            root: Folder of the dataset, in place of ``repo_id``. An existing dataset gets one more episode.
             push_to_hub: True is refused, since this package uploads nothing.
             vcodec: ``av1`` or ``mpeg4``; ``h264`` is recorded as ``mpeg4``. None: that of the dataset.
             overwrite: Remove an existing dataset first.
@@ -413,12 +416,13 @@ class SimRobot(RealRobot):
             policy_object: The policy, in place of ``policy_provider``.
             control_frequency: Actions per second, above 0 and at most 500. None: the driver's control
                 rate.
-            seed: Seed of the first episode; each next one has one more. None: the policy gets no seed.
+            seed: Seed of the first episode; each further episode has a seed that is greater by 1. None: the
+                policy gets no seed.
             robot_name: As in ``send_action``.
 
         Returns:
-            Keys: ``n_episodes``, ``success_rate`` (0 to 1; null without ``success_fn``), ``episodes``: of
-            each ``episode``, ``seed``, ``steps``, ``success``.
+            Keys: ``n_episodes``, ``success_rate`` (0 to 1; null without ``success_fn``), ``episodes`` (for each
+            the keys ``episode``, ``seed``, ``steps``, ``success``).
         """
         if refused := verbs.refuse_name(robot_name, self._plan, self.name):
             return refused
@@ -449,14 +453,17 @@ class SimRobot(RealRobot):
             return answers.error(f"{verb}: {failure}")
         return answers.success(done)
 
-    async def _back(self, verb: str, put_back: Callable[..., Awaitable[None]], *where: Any) -> Answer:
-        """Stop, restore the scene with ``put_back``, and energise. The last argument is the tree."""
-        *told, tree = where
+    async def _restore_scene(self, verb: str, put_back: Callable[..., Awaitable[None]], *arguments: Any) -> Answer:
+        """Stop the robot, restore the scene with ``put_back``, and energise the robot again.
+
+        The last item of ``arguments`` is the tree. The items before it are the arguments of ``put_back``.
+        """
+        *restore_arguments, tree = arguments
         result = await tree.stop()
         if not isinstance(result, stop_result.Confirmed):
             return answers.stop_result("stop", result)
         try:
-            await put_back(*told)
+            await put_back(*restore_arguments)
         except SimulationError as failure:
             problem = str(failure)
         else:

@@ -31,7 +31,7 @@ async def stop_by_name(robot: str, by: str) -> str:
 
 
 def line_of(result: StopResult) -> str:
-    """Return in one line whether every motor was read back safe, and what to do if not."""
+    """Describe in one line whether every motor confirmed the safe state, and what to do if not."""
     match result:
         case Unreachable():
             return f"NOT CONFIRMED: {result.text}"

@@ -1,10 +1,10 @@
-"""The public verbs of a robot, as functions of its tree that return an envelope.
+"""The public verbs of a robot. Each is a function of a ``RobotTree`` and returns an envelope.
 
-``Robot``, ``open_robot``, agents and MCP share them. Run them by ``answered``: it turns a missing or
-silent tree into an error envelope.
+``Robot``, ``open_robot``, agents and MCP share these verbs. ``answered`` runs a verb. It returns an error
+envelope if the robot's processes are missing or do not answer.
 
-The functions ``..._here`` do the same in a thread of the program. They return None if they did nothing
-and the loop has to run the verb.
+The functions ``..._here`` do the same in a thread of the program. They return None if they did nothing, and the
+trio loop must then run the verb.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from .reference_names import hint
 _log = logging.getLogger("strands_actors")
 
 Verb = Callable[..., Coroutine[Any, Any, Answer]]
-"""A verb: a coroutine function of the tree's loop, of a tree and further arguments."""
+"""A verb: an async function of a ``RobotTree`` and further arguments. It runs in the trio loop."""
 VerbHere = Callable[..., Answer | None]
-"""A verb for a thread of the program. None: nothing was done, and the loop has to run it."""
+"""A verb that runs in a thread of the program. None means that nothing was done, and that the loop must run it."""
 
 
 async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer:
-    """Run a verb. Return an error envelope if the tree is missing or does not answer."""
+    """Run a verb. Return an error envelope if the robot's processes are missing or do not answer."""
     try:
         return await verb(tree, *args)
     except AskTimeout as failure:
@@ -55,10 +55,10 @@ async def answered(name: str, verb: Verb, tree: RobotTree, *args: Any) -> Answer
         return answers.error(f"{name}: {failure}")
 
 
-def answered_here(name: str, here: VerbHere, tree: RobotTree, *args: Any) -> Answer | None:
-    """As ``answered``, for a verb in the calling thread."""
+def answered_here(name: str, blocking: VerbHere, tree: RobotTree, *args: Any) -> Answer | None:
+    """Run a verb as ``answered`` does, but in the calling thread."""
     try:
-        return here(tree, *args)
+        return blocking(tree, *args)
     except NotConnected as failure:
         return answers.error(f"{name}: {failure}")
 
@@ -67,10 +67,10 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "mo
     """Return a refusal if a command is meant for another robot.
 
     Args:
-        robot_name: The robot that it is meant for; None for this one. Accepted are ``tool_name``, the
-            name by which the robot runs, and, without a ``tool_name``, every name of its kind.
+        robot_name: The name in the command; None means this robot. ``tool_name`` and ``running_as`` are
+            accepted. Without a ``tool_name``, every name of this type of robot is accepted, too.
         plan: The plan of this robot.
-        running_as: The name by which it runs.
+        running_as: The name by which this robot runs.
         verb: The verb that is refused.
     """
     if robot_name is None or robot_name in (plan.tool_name, running_as):
@@ -78,9 +78,11 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "mo
     is_text = isinstance(robot_name, str) and robot_name
     if is_text and plan.tool_name == plan.robot == canonical_name(str(robot_name)):
         return None
-    why = f"robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
+    reason = f"robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
     remedy = "send it to the robot that it is meant for, or leave robot_name out"
-    return answers.refused(Refused(Code.OTHER_ROBOT, why, remedy, str(robot_name)[:SHOWN], running_as, verb=verb))
+    return answers.refused(
+        Refused(Code.OTHER_ROBOT, reason, remedy, str(robot_name)[:SHOWN], running_as, verb=verb)
+    )
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
@@ -89,7 +91,7 @@ async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
 
 
 def send_action_here(tree: RobotTree, action: Mapping[str, Any]) -> Answer | None:
-    """As ``send_action``, in the calling thread."""
+    """Send one setpoint as ``send_action`` does, but in the calling thread."""
     answer = tree.send_action_here(action)
     return None if answer is None else _commanded(tree, action, answer)
 
@@ -106,7 +108,7 @@ async def get_observation(tree: RobotTree) -> Answer:
 
 
 def get_observation_here(tree: RobotTree) -> Answer:
-    """As ``get_observation``, in the calling thread."""
+    """Return an observation as ``get_observation`` does, but in the calling thread."""
     return _observed(tree, tree.observe_here())
 
 
@@ -123,66 +125,72 @@ class Observing:
     """
 
     def __init__(self) -> None:
-        self._told = ""
+        self._last_reason = ""
 
     def positions(self, answer: Answer) -> dict[str, float]:
         """Return the positions by joint; {} for an error."""
         if answer["status"] == "error":
-            why: str = answer["content"][0]["text"]
-            if why != self._told:
-                _log.warning("%s", why)
-            self._told = why
+            reason: str = answer["content"][0]["text"]
+            if reason != self._last_reason:
+                _log.warning("%s", reason)
+            self._last_reason = reason
             return {}
-        self._told = ""
+        self._last_reason = ""
         return Positions(answer["content"][0]["json"])
 
 
 async def get_state(tree: RobotTree) -> Answer:
     """Return positions and velocities, with their age."""
-    return await _measured(tree, "state", lambda seen: _state(tree.driver, seen))
+    return await _measured(tree, "state", lambda observation: _state(tree.driver, observation))
 
 
-def _state(driver: Driver, seen: Observation) -> dict[str, Any]:
+def _state(driver: Driver, observation: Observation) -> dict[str, Any]:
     """Return the keys of ``state``.
 
     ``joints`` and ``joint_velocities`` are the same values under their names in strands-robots.
     """
-    velocities = answers.velocities(driver, seen)
+    velocities = answers.velocities(driver, observation)
     return {
         "robot": driver.robot,
-        "joints": answers.positions(driver, seen),
+        "joints": answers.positions(driver, observation),
         "joint_velocities": velocities,
         "velocities": velocities,
-        **driver.readings(seen),
+        **driver.readings(observation),
     }
 
 
 async def get_sensors(tree: RobotTree) -> Answer:
     """Return positions, sensors and faults, with their age."""
     return await _measured(
-        tree, "sensors", lambda seen: {"sensors": answers.sensors(seen), "faults": dict(seen.faults)}
+        tree,
+        "sensors",
+        lambda observation: {"sensors": answers.sensors(observation), "faults": dict(observation.faults)},
     )
 
 
 async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], dict[str, Any]]) -> Answer:
     status = await tree.status()
     if status is None or status.observation is None:
-        why = busy.explained("the wire does not answer") if status is None else "nothing was read yet"
-        return answers.refused(Refused(Code.NO_OBSERVATION, why, "try again in a moment", verb=name))
-    seen = status.observation
+        reason = (
+            busy.explained("the process that talks to the robot does not answer")
+            if status is None
+            else "no reading of the robot has come yet"
+        )
+        return answers.refused(Refused(Code.NO_OBSERVATION, reason, "try again in a moment", verb=name))
+    observation = status.observation
     return answers.success(
         {
-            "positions": answers.positions(tree.driver, seen),
+            "positions": answers.positions(tree.driver, observation),
             "unit": tree.driver.unit,
             "age_s": round(status.age_s, 4),
             "state": status.mode,
-            **more(seen),
+            **more(observation),
         }
     )
 
 
 async def release(tree: RobotTree) -> Answer:
-    """Release the lease."""
+    """Release the lease (the right to command the robot)."""
     result = await tree.release()
     if isinstance(result, Refused):
         return answers.refused(result)
@@ -199,9 +207,9 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
     """Raise ``AttributeError`` if the driver has no service of this name.
 
     Args:
-        handle: The object of the attribute.
-        plan: Its plan; None while the handle is being made.
-        name: The attribute.
+        handle: The object that was searched for the attribute.
+        plan: The plan of the object; None while the object is being made.
+        name: Name of the attribute.
     """
     if not is_service(plan, name):
         raise AttributeError(
@@ -210,7 +218,10 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
 
 
 def _of_hardware(plan: Plan | None, name: str) -> str:
-    """Return a hint for a service that only the real robot has, not its simulation; else an empty text."""
+    """Return a hint if only the real robot has this service, and its simulation lacks it.
+
+    Return an empty text otherwise.
+    """
     if plan is None or not plan.driver_class.SIMULATED:
         return ""
     if name not in load(plan.options["class"]).services(plan.options["options"]):
@@ -226,7 +237,7 @@ def name_values(
 ) -> dict[str, Any] | Refused:
     """Return the arguments of a service by name, also those that were given by position.
 
-    The driver checks everything else about them.
+    Only their number and names are checked here. The driver checks the values.
     """
     if not values:
         return dict(arguments)
@@ -234,8 +245,8 @@ def name_values(
     names = () if service is None else tuple(service.arguments)
     takes = ", ".join(names) or "no arguments"
     if len(values) > len(names):
-        why = f"{len(values)} values were given"
-        return Refused(Code.BAD_INPUT, why, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
+        reason = f"{len(values)} values were given"
+        return Refused(Code.BAD_INPUT, reason, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
     placed = dict(zip(names, values, strict=False))
     if twice := sorted(placed.keys() & arguments.keys()):
         return Refused(
@@ -247,10 +258,13 @@ def name_values(
 async def service(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer:
-    """Run a service of the driver. Some services are a command or a stop."""
+    """Run a service of the driver.
+
+    A service may be declared as a command or as a stop. It is then sent as a command or a stop.
+    """
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else await send_action(tree, command)
-    if (reason := _order_to_stop(tree, name)) is not None:
+    if (reason := _stop_reason(tree, name)) is not None:
         return answers.stop_result(name, await tree.stop(reason, lock=True))
     return _performed(await tree.perform(name, arguments, action))
 
@@ -258,10 +272,13 @@ async def service(
 def service_here(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
 ) -> Answer | None:
-    """As ``service``, in the calling thread. None: nothing was done, and the loop has to run it."""
+    """Run a service as ``service`` does, but in the calling thread.
+
+    None means that nothing was done, and that the loop must run the service.
+    """
     if (command := _command(tree, name, arguments, action)) is not None:
         return answers.refused(command) if isinstance(command, Refused) else send_action_here(tree, command)
-    if (reason := _order_to_stop(tree, name)) is not None:
+    if (reason := _stop_reason(tree, name)) is not None:
         return answers.stop_result(name, tree.stop_here(reason, lock=True))
     answer = tree.perform_here(name, arguments, action)
     return None if answer is None else _performed(answer)
@@ -270,7 +287,10 @@ def service_here(
 def _command(
     tree: RobotTree, name: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
 ) -> dict[str, Any] | Refused | None:
-    """Return the action of a service that is a command, or a refusal; None if it is not a command."""
+    """Return the action to send if the service is a command (``Service.acts``).
+
+    Return a refusal if its arguments are wrong, and None if the service is not a command.
+    """
     declared = tree.driver.SERVICES.get(name)
     if declared is None or not declared.acts:
         return None
@@ -281,16 +301,16 @@ def _command(
 
 
 def action_of_service(service: Service, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the action of a service that is a command (``Service.acts``)."""
-    given = {**service.arguments, **arguments}
+    """Return the action that a service sends, for a service that is a command (``Service.acts``)."""
+    values = {**service.arguments, **arguments}
     optional = {name for name, default in service.arguments.items() if default is None}
-    return {name: value for name, value in given.items() if value is not None or name not in optional}
+    return {name: value for name, value in values.items() if value is not None or name not in optional}
 
 
-def _order_to_stop(tree: RobotTree, name: str) -> Reason | None:
-    """Return the reason of a service that is a stop (``Service.stops``); None for any other.
+def _stop_reason(tree: RobotTree, name: str) -> Reason | None:
+    """Return the reason of the stop for a service that is a stop (``Service.stops``); otherwise None.
 
-    Unknown names are refused later.
+    An unknown name also gives None. It is refused later.
     """
     declared = tree.driver.SERVICES.get(name)
     return None if declared is None else declared.stops
@@ -306,7 +326,7 @@ async def stop(tree: RobotTree) -> Answer:
 
 
 def stop_here(tree: RobotTree) -> Answer:
-    """As ``stop``, in the calling thread."""
+    """Stop the robot as ``stop`` does, but in the calling thread."""
     return answers.stop_result("stop", tree.stop_here())
 
 
@@ -320,9 +340,9 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
 
     Args:
         tree: The robot.
-        status: The answer of the gate; None if it did not come.
+        status: The status from the gate; None if the gate did not answer.
     """
-    problem = tree.problem or busy.explained("the wire does not answer")
+    problem = tree.problem or busy.explained("the process that talks to the robot does not answer")
     described = answers.status(
         tree.plan.tool_name, tree.plan.robot, tree.driver, problem, status, tree.facts, tree.standby_report
     )
@@ -330,11 +350,11 @@ def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
         described["cameras"] = tree.cameras.status()
     if tree.caveats:
         described["caveats"] = list(tree.caveats)
-    # A busy computer looks like a loose cable, so the status shows the load.
-    seen = busy.machine()
-    if seen.pressure is not None:
-        described["machine_busy_pct"] = round(100 * seen.pressure)
-    described["machine"] = seen.text
+    # A busy computer causes the same timeouts as a loose cable, so the status shows the computer's load.
+    load = busy.machine()
+    if load.pressure is not None:
+        described["machine_busy_pct"] = round(100 * load.pressure)
+    described["machine"] = load.text
     return described
 
 
@@ -357,16 +377,16 @@ async def resume(tree: RobotTree, lift: bool = True) -> Answer:
 
 
 async def get_task_status(tree: RobotTree) -> Answer:
-    """Return the status of the rollout or motion that runs, or of the last one."""
+    """Return the status of the policy or motion that runs, or of the last one that ran."""
     return answers.success(answers.task(await tree.rollouts.task()))
 
 
 DONE = ("duration", "n_steps", "stopped")
-"""Exit reasons of a rollout that are no error."""
+"""Exit reasons of a policy or motion that are no error."""
 
 
 async def stop_task(tree: RobotTree) -> Answer:
-    """End the rollout or motion, and return when the robot holds, with the result of that hold."""
+    """End the policy or motion. Return its status and the result of the hold."""
     status, result = await tree.rollouts.stop_task()
     done = {"robot": tree.robot, **answers.task(status)}
     return answers.stop_result("stop_task", result, done)
@@ -378,7 +398,7 @@ def _begun(status: TaskStatus | Refused) -> Answer:
     return answers.success(answers.task(status))
 
 
-# -- begin a rollout: wrong arguments are refused here, before the tree is needed
+# -- start a policy (wrong arguments are refused before the robot's processes are needed)
 
 
 def run_policy(
@@ -390,7 +410,10 @@ def run_policy(
     hz: float | None,
     wait: bool,
 ) -> Verb | Answer:
-    """Return the verb, or a refusal. The arguments are those of ``RealRobot.run_policy``."""
+    """Check the arguments, and return a verb that runs the policy, or an error envelope.
+
+    The arguments are those of ``RealRobot.run_policy``.
+    """
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
     try:
         _check_length(duration, n_steps, hz)
@@ -423,41 +446,44 @@ def start_task(
     duration: float,
     hz: float | None,
 ) -> Verb | Answer:
-    """Return the verb, or a refusal. The arguments are those of ``RealRobot.start_task``."""
+    """Check the arguments, and return a verb that starts the policy, or an error envelope.
+
+    The arguments are those of ``RealRobot.start_task``.
+    """
     duration, hz = map(as_python, (duration, hz))
     try:
-        if why := driver.ROLLOUTS or driver.TASKS:
-            raise ValueError(f"{driver.robot}: {why}")
+        if reason := driver.ROLLOUTS or driver.TASKS:
+            raise ValueError(f"{driver.robot}: {reason}")
         _check_length(duration, None, hz)
         policy, chosen = choose_provider(provider, host, port, options)
     except ValueError as failure:
         return answers.error(f"start_task: {failure}")
 
     async def run(tree: RobotTree) -> Answer:
-        given = {**robot_facts(policy, tree.driver, tree.robot, tree.cameras.names), **chosen}
-        return _begun(await tree.rollouts.start_task(policy.where, given, instruction, duration, hz))
+        policy_options = {**robot_facts(policy, tree.driver, tree.robot, tree.cameras.names), **chosen}
+        return _begun(await tree.rollouts.start_task(policy.where, policy_options, instruction, duration, hz))
 
     return run
 
 
 def _check_length(duration: object, n_steps: object, hz: object) -> None:
-    """Raise ``ValueError`` for a length or a rate that no rollout can have."""
+    """Raise ``ValueError`` for a duration, a number of steps or a rate that no policy can have."""
     if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
-        raise ValueError(f"duration is {duration!r}. give seconds, finite and above 0")
+        raise ValueError(f"duration is {duration!r}. Give a finite number of seconds above 0")
     if n_steps is not None and (isinstance(n_steps, bool) or not isinstance(n_steps, int) or n_steps < 1):
-        raise ValueError(f"n_steps is {n_steps!r}. give a whole number above 0")
+        raise ValueError(f"n_steps is {n_steps!r}. Give a whole number above 0")
     if hz is not None and (isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1000):
-        raise ValueError(f"control_frequency is {hz!r}. give hertz, above 0 and at most 1000")
+        raise ValueError(f"control_frequency is {hz!r}. Give a rate in hertz, above 0 and at most 1000")
 
 
 def _choose_policy(policy: Any, policy_object: Any) -> Any:
     """Return the policy from one of its two keywords. Raise ``TypeError`` if both or neither is given."""
     if policy is not None and policy_object is not None:
-        raise TypeError("policy and policy_object are both given. give one of them")
+        raise TypeError("policy and policy_object are both given. Give one of them")
     chosen = policy if policy is not None else policy_object
     if chosen is None:
-        raise TypeError("policy is None. give an object with get_actions_sync, get_actions or step, or a callable")
-    # It imports asyncio, which costs 10 ms, so only a program that runs a policy imports it.
+        raise TypeError("policy is None. Give an object with get_actions_sync, get_actions or step, or a callable")
+    # This module imports asyncio, which takes 10 ms. So only a program that runs a policy imports it.
     from strands_actors.supervisors.policy import as_infer
 
     as_infer(chosen)

@@ -1,4 +1,4 @@
-"""Make the verbs that a driver declares for agents methods of a robot's handle.
+"""Turn the verbs that a driver declares for agents into methods of a robot's handle.
 
 So scripts and agents use the same verbs.
 """
@@ -16,9 +16,9 @@ from strands_actors.surfaces.agents.calls import Call, read
 
 
 def find_verb(driver: Driver | None, name: str) -> ToolVerb | None:
-    """Return the verb of this name; None if there is no such verb, or it is a service.
+    """Return the verb of this name; None if the driver has no such verb, or if the verb is a service.
 
-    The handle has the services as methods already.
+    The handle already has each service as a method.
     """
     if driver is None:
         return None
@@ -37,7 +37,7 @@ def verb_names(driver: Driver) -> list[str]:
 
 
 def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping[str, Any]) -> Call | Refused:
-    """Return the call of a verb from a script, or a refusal.
+    """Turn a verb that a script calls into a ``Call``, or return a refusal.
 
     Args:
         driver: The robot's driver.
@@ -48,16 +48,20 @@ def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping
     verb = find_verb(driver, command)
     if verb is None:
         names_of_verbs = ", ".join(verb_names(driver)) or "none"
-        why = f"{driver.robot} has no such command"
-        return Refused(Code.UNKNOWN_COMMAND, why, f"it has {names_of_verbs}", command, names_of_verbs, verb=command)
+        reason = f"{driver.robot} has no such command"
+        return Refused(
+            Code.UNKNOWN_COMMAND, reason, f"it has {names_of_verbs}", command, names_of_verbs, verb=command
+        )
     names = {name.replace(".", "_"): name for name in verb.inputs}
     takes = ", ".join(names) or "no input"
     if len(values) > len(names):
-        what = f"{len(values)} values were given"
-        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", str(len(values)), str(len(names)), verb=verb.name)
+        problem = f"{len(values)} values were given"
+        return Refused(
+            Code.BAD_INPUT, problem, f"it takes {takes}", str(len(values)), str(len(names)), verb=verb.name
+        )
     placed = dict(zip(names.values(), values, strict=False))
     named = {names.get(name, name): value for name, value in inputs.items()}
     if twice := sorted(placed.keys() & named.keys()):
-        what = f"{twice[0]} is given twice"
-        return Refused(Code.BAD_INPUT, what, f"it takes {takes}", twice[0], takes, verb=verb.name)
+        problem = f"{twice[0]} is given twice"
+        return Refused(Code.BAD_INPUT, problem, f"it takes {takes}", twice[0], takes, verb=verb.name)
     return read(driver, {"action": verb.name, **placed, **named})

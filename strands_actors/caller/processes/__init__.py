@@ -1,1 +1,1 @@
-"""The processes of a robot: how they start, where they are found, what they leave behind."""
+"""The processes of a robot: start them, find them again, and remove the files that they leave behind."""

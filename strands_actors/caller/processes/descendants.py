@@ -1,5 +1,8 @@
-"""Find the processes of a tree that the root does not supervise: a stop process, a program that a driver
-has started. They are found in the system's list of processes, on Linux only."""
+"""Find the processes of a robot that its root (the supervising process) does not supervise.
+
+Examples are a stop process, or a program that a driver has started. They are found in the system's list of
+processes, on Linux only.
+"""
 
 from __future__ import annotations
 
@@ -14,27 +17,29 @@ import msgspec
 from strands_actors.supervisors.root.messages import ProcessInfo, TreeReport
 
 _NOT_OURS = ("caller", "twin")
-"""Roles that do not count: the caller's children belong to the user, and so do the twin's."""
+"""Roles of processes that are not searched for descendants. Children of the caller or the twin belong to the
+user.
+"""
 _PREFIX = "strands-"
 
 
 class Entry(NamedTuple):
-    """One process of the system's list."""
+    """The parent and the name of one process, from the system's list of processes."""
 
     parent: int
     name: str
 
 
 def complete(report: TreeReport, table: Mapping[int, Entry] | None = None) -> TreeReport:
-    """Add to a report every descendant of its processes that it does not list.
+    """Add to a report of a robot's processes each descendant that it does not list.
 
     Args:
-        report: The root's report of its tree.
+        report: The report of the root process.
         table: The system's list of processes, by id. None reads it now.
 
     Returns:
-        The longer report. The role of an added process is ``<role of its ancestor>/<its name>``: a stop
-        process of the standby is ``standby/stop``, a second one ``standby/stop/2``.
+        The report with these descendants. The role of an added process is ``<role of its ancestor>/<its
+        name>``: a stop process of the standby is ``standby/stop``, a second one ``standby/stop/2``.
     """
     table = dict(_read_table()) if table is None else table
     roles = {process.pid: process.role for process in report.processes}

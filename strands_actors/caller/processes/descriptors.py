@@ -12,7 +12,7 @@ import resource
 FOR_LOOP = 24
 """Descriptors for the loop of a program and its zenoh session (17 were counted)."""
 FOR_ROBOT = 20
-"""Descriptors for the links of a tree and its start (16 were counted for the first tree, 10 for others)."""
+"""Descriptors for one robot (16 were counted for the first robot of a program, 10 for each further one)."""
 
 
 def require(count: int) -> None:
@@ -21,13 +21,15 @@ def require(count: int) -> None:
     if limit == resource.RLIM_INFINITY:
         return
     try:
-        used = len(os.listdir("/dev/fd")) - 1  # without the descriptor of this listing
+        # Do not count the descriptor that ``listdir`` itself opens.
+        used = len(os.listdir("/dev/fd")) - 1
     except OSError as error:
         if error.errno not in (errno.EMFILE, errno.ENFILE):
-            return  # This system has no such list.
+            # This system has no list of open descriptors, so nothing can be checked.
+            return
         used = limit
     if limit - used < count:
         raise OSError(
             f"too few open files are allowed: {limit}, of which {used} are open, and {count} more are needed. "
-            "raise the limit: ulimit -n 1024"
+            "Raise the limit: ulimit -n 1024"
         )

@@ -1,10 +1,11 @@
-"""List the robots of this user that run now, and ask, stop or resume them from another process.
+"""List the robots of this user that run now. Ask, stop or resume them from another program.
 
     async with join() as directory:
         for note in directory.notes:
             print(await directory.tree(note))
 
-It acquires no lease and keeps no process alive.
+A note is a file on how to reach a robot. This module acquires no right to command a robot, and keeps no process
+alive.
 """
 
 from __future__ import annotations
@@ -44,16 +45,18 @@ RESUME_ROOM_S = 2.0
 
 
 class Directory:
-    """The robots that ran at the time of ``join``."""
+    """The robots that ran when ``join`` was called."""
 
-    def __init__(self, node: Node, found: Sequence[Note]) -> None:
-        self.notes = found
+    def __init__(self, node: Node, running: Sequence[Note]) -> None:
+        self.notes = running
         self._node = node
         self._joined_at = trio.current_time()
 
     async def tree(self, note: Note) -> TreeReport:
-        """Return the processes and actors of a robot. The state is ``unreachable`` if the root does not
-        answer."""
+        """Return the processes and actors of a robot.
+
+        The state is ``unreachable`` if the root process, which supervises the others, does not answer.
+        """
         try:
             answer = await self._ask(addresses.of(note.robot).root, Root, Describe(), ANSWER_S)
         except (AskTimeout, Unreachable):
@@ -63,7 +66,7 @@ class Directory:
         return TreeReport(note.robot, UNREACHABLE, 0, (ProcessInfo("root", note.pid, 0),), ())
 
     async def status(self, note: Note) -> Status | None:
-        """Return the gate's status; None if the gate does not answer."""
+        """Return the status from the robot's gate (it checks every command); None if the gate does not answer."""
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, GetStatus(), ANSWER_S)
         except (AskTimeout, Unreachable):
@@ -71,8 +74,8 @@ class Directory:
         return answer if isinstance(answer, Status) else None
 
     async def stop(self, note: Note, reason: Reason, by: str, lock: bool = False) -> StopResult:
-        """Make a robot safe. The gate is asked first. If it does not answer or refuses, the root fences the
-        wire and uses its own stop channel.
+        """Make a robot safe. The request goes to the wire process, which talks to the robot. If it does not
+        answer or refuses, the root process kills it and stops the robot over a separate path.
 
         Args:
             note: The robot.
@@ -80,30 +83,42 @@ class Directory:
             by: The name of the sender, for the audit.
             lock: Lock the robot as an e-stop does.
         """
-        at, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s, note.late_s)
+        actor_addresses, deadlines = addresses.of(note.robot), StopDeadlines.of(note.safe_s, note.late_s)
         try:
-            answer = await self._ask(at.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
+            answer = await self._ask(actor_addresses.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable):
             answer = None
-        if not isinstance(answer, StopReport):  # A refusal has stopped nothing either.
+        # A refusal has not stopped the robot either.
+        if not isinstance(answer, StopReport):
             try:
-                answer = await self._ask(at.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s)
+                answer = await self._ask(
+                    actor_addresses.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s
+                )
             except (AskTimeout, Unreachable) as failure:
-                answer = Refused(Code.UNCONFIRMED, busy.explained(f"neither wire nor root answers ({failure})"))
+                answer = Refused(
+                    Code.UNCONFIRMED,
+                    busy.explained(f"neither the wire process nor the root process answers ({failure})"),
+                )
         return stop_result.of_answer(str(reason), answer, note.motors)
 
     async def resume(self, note: Note, by: str) -> Resumed | Refused:
-        """Lift a lock, and energise at the measured position."""
+        """Lift the lock of an e-stop, and energise the robot at the measured position."""
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), note.arm_s + RESUME_ROOM_S)
         except (AskTimeout, Unreachable) as failure:
-            return Refused(Code.UNREACHABLE, f"the wire does not answer ({failure})", "is it being restarted?")
+            return Refused(
+                Code.UNREACHABLE,
+                f"the process that talks to the robot does not answer ({failure})",
+                "wait some seconds for its restart, then try again",
+            )
         return read_answer(answer, Resumed)
 
     async def _ask(
         self, address: str, protocol: type[Actor], message: Message, deadline_s: float
     ) -> Message | None:
-        """Ask as soon as the address exists. The links come up shortly after the session is open."""
+        """Send a request. Repeat it while the address is unknown, since connections come up shortly after
+        ``join``.
+        """
         ref = self._node.ref(address, protocol)
         while True:
             try:
@@ -116,9 +131,10 @@ class Directory:
 
 @contextlib.asynccontextmanager
 async def join() -> AsyncIterator[Directory]:
-    """Connect to every robot of this user, as long as the block runs."""
+    """Connect to every running robot of this user for the length of the block."""
     running = list(notes())
-    if not running:  # Without robots no session is opened.
+    # If no robot runs, there is nothing to connect to.
+    if not running:
         yield Directory(Node("nobody", MonotonicClock()), running)
         return
     endpoints = [endpoint for note in running for endpoint in note.endpoints]

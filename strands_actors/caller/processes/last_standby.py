@@ -1,6 +1,7 @@
-"""Wait for the standby of an earlier tree of a robot, and log its report.
+"""Wait until the standby process of a robot's earlier run has ended, and log its report.
 
-As long as that standby runs, it may write to the robot. So no other tree is started before its end.
+A standby is the last process that can stop a robot. While it runs, it may write to the robot. So no other
+process is started for the robot before the standby has ended.
 """
 
 from __future__ import annotations
@@ -30,35 +31,36 @@ LOOK_S = 0.01
 _log = logging.getLogger("strands_actors")
 
 
-async def until_over(robot: str, place: str) -> str | None:
-    """Wait for the standbys of earlier trees, and return their reports since the last start of a robot.
+async def until_over(robot: str, port_identity: str) -> str | None:
+    """Wait for the standby processes of earlier runs. Return their reports since the last start of a robot.
 
     Args:
-        robot: Name of the robot. Standbys of this name count.
-        place: Its place (``port_claim.place``), or empty for a twin. Standbys of this place count, too.
+        robot: Name of the robot. Standbys of this robot are waited for.
+        port_identity: Identifies the robot's port (``port_claim.port_identity``); empty for a simulated robot.
+            Standbys of this port are waited for, too.
 
     Returns:
-        The reports as text; None if there are no reports.
+        The reports as one text; None if there are no reports.
 
     Raises:
         NotConnected: A standby still runs after ``WAIT_S``.
     """
-    for path in _lives(robot, place):
+    for path in _lives(robot, port_identity):
         await _until_ended(path)
-    texts = [text for path in _reports(robot, place) if (text := _take(path))]
+    texts = [text for path in _reports(robot, port_identity) if (text := _take(path))]
     for text in texts:
         _log.warning("%s", text)
     return "; ".join(texts) or None
 
 
-def _lives(robot: str, place: str) -> Iterator[Path]:
+def _lives(robot: str, port_identity: str) -> Iterator[Path]:
     for path in run_dir().glob(f"*{LOCK}"):
-        found, name = holder(path), path.name.removesuffix(LOCK)
-        if found is None:
+        standby, name = holder(path), path.name.removesuffix(LOCK)
+        if standby is None:
             continue
-        # The caller holds the lock of the place (``port_claim.py``). So no root has it, and a standby of
-        # this place belongs to an earlier tree.
-        if name == robot or (place and found.place == place):
+        # The caller holds the lock of this port (``port_claim.py``), so no root process holds it. A standby of
+        # this port therefore belongs to an earlier run.
+        if name == robot or (port_identity and standby.place == port_identity):
             yield path
 
 
@@ -79,15 +81,17 @@ async def _until_ended(path: Path) -> None:
         await trio.sleep(LOOK_S)
 
 
-def _reports(robot: str, place: str) -> Iterator[Path]:
+def _reports(robot: str, port_identity: str) -> Iterator[Path]:
     for path in run_dir().glob(f"*{REPORT}"):
         report = read(path)
-        if report is not None and (path.name == f"{robot}{REPORT}" or (place and report.place == place)):
+        if report is not None and (
+            path.name == f"{robot}{REPORT}" or (port_identity and report.place == port_identity)
+        ):
             yield path
 
 
 def _take(path: Path) -> str:
-    """Return the text of a report, and remove the file, so that it is logged once."""
+    """Return the text of a report, and remove its file, so that the report is logged only once."""
     report = read(path)
     path.unlink(missing_ok=True)
     if report is None:

@@ -1,11 +1,11 @@
 """Remove the files that ended programs and robots left in the run directory.
 
-A killed process removes nothing: its sockets, their locks and the robot's files stay. The next process
-that reads the directory removes them.
+A killed process does not remove its sockets, their locks and the robot's files. The next process that reads the
+directory removes them.
 
-Each file is removed under the lock of its owner. A shared lock is enough. While it is held, no process
-can get the exclusive one. A process that waits for the exclusive lock checks afterwards that the path
-still leads to the file that it has locked (``Held.is_at``).
+Each file is removed under the lock of its owner. A shared lock is enough, since no process can get the
+exclusive lock meanwhile. A process that waits for the exclusive lock checks afterwards that the path still
+leads to the file that it has locked (``LockFile.matches``).
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ def _remove_robot(directory: Path, robot: str, names: list[str]) -> None:
             return
         _unlink(directory / f"{robot}.json")
         for name in names:
-            # The robot "so101" owns "so101.wire.sock", but not "so101.left.wire.sock".
+            # The robot "so101" owns "so101.wire.sock". The file "so101.left.wire.sock" belongs to another
+            # robot.
             is_its_socket = name.endswith(SOCKET_LOCK) and name.count(".") == robot.count(".") + 3
             if is_its_socket and name.startswith(f"{robot}."):
                 _remove_socket(directory / name)
@@ -87,6 +88,6 @@ def _unused(path: Path) -> Iterator[bool]:
 
 
 def _unlink(path: Path) -> None:
-    # Another process may have removed it already, or it belongs to another user.
+    # Another process may have removed the file already, or the file belongs to another user.
     with contextlib.suppress(OSError):
         path.unlink()

@@ -16,8 +16,10 @@ from .background import open_background
 
 
 class Entrance(NamedTuple):
-    """The address at which a node listens for the trees that it starts, and the secret that admits them. The
-    secret is sent to them over inherited links only."""
+    """The address at which a program listens for the robot processes that it starts, and a secret.
+
+    The secret admits these processes. It is sent to them only over inherited sockets.
+    """
 
     endpoint: str
     secret: str
@@ -33,8 +35,8 @@ async def open_node(
     secret: str = "",
     private: Sequence[str] = (),
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
-    """Open a node for a block. Yield it, and a nursery that ends with the block. Threads may use the node,
-    too.
+    """Open a zenoh node for a block. Yield the node, and a nursery that ends with the block. Threads may use
+    the node, too.
 
     Args:
         name: Name of the node.
@@ -42,7 +44,7 @@ async def open_node(
         connect: Addresses to connect to.
         settings: zenoh's settings.
         tokens: As in ``ZenohMesh.attach``.
-        secret: As in ``zenoh_session.secured_by``; empty for no secret.
+        secret: The secret that every peer must know (``zenoh_session.secured_by``); empty for no secret.
         private: Addresses of actors, for ``ZenohMesh.ask_privately``.
     """
     node = Node(name, MonotonicClock())
@@ -61,4 +63,5 @@ async def open_node(
             try:
                 await trio.to_thread.run_sync(mesh.close)
             except RuntimeError:
-                mesh.close()  # At the end of a script no thread can be started any more.
+                # While Python exits, no thread can be started any more. So close the session in this thread.
+                mesh.close()

@@ -1,4 +1,4 @@
-"""What to start for a robot."""
+"""The ``Plan`` of a robot: the processes to start, and their settings."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Plan:
         robot: Name of the robot.
         tool_name: Name of the handle.
         driver_class: The driver.
-        port: Port or address; empty for a twin, a simulation, or a robot of another host.
-        transport: ``twin``, ``sim``, or a transport of the driver; None for a port.
+        port: Port or address; empty for a simulated robot, or a robot of another host.
+        transport: ``twin``, ``sim``, or a transport of the driver; None if ``port`` is used.
         options: Options of the driver.
-        twin_process: The process of the twin; None for hardware.
-        owns_twin_process: True if ``cleanup`` ends the twin. False for a simulation of the user.
+        twin_process: The process that simulates the robot; None for hardware.
+        owns_twin_process: True if ``cleanup`` ends ``twin_process``. False if the user started that simulation.
         data_config: Kept unchanged for code that builds a policy.
         mesh: Addresses and certificates of the mesh.
     """
@@ -35,17 +35,18 @@ class Plan:
     driver_class: type[Driver]
     port: str
     transport: str | None
-    options: dict[str, Any] = field(repr=False)  # It may contain a password.
+    # The options may contain a password, so ``repr`` leaves them out.
+    options: dict[str, Any] = field(repr=False)
     twin_process: TwinProcess | None = None
     owns_twin_process: bool = True
     data_config: Any = None
     mesh: MeshConfig = MeshConfig()  # noqa: RUF009  # frozen
     drill_age_s: float | None = None
     """Greatest age of the last stop drill. Without a younger drill, motion is refused. None: no limit."""
-    at: str = ""
+    host_address: str = ""
     """The address of another host that runs the robot; empty if this host does. ``mesh`` has it, too."""
     lifetime_s: float | None = None
-    """Least lifetime of a setpoint of a rollout."""
+    """Least lifetime in seconds of a setpoint of a policy or a motion."""
     cameras: tuple[CameraSettings, ...] = ()
     policy_limits: PolicyLimits = PolicyLimits()  # noqa: RUF009  # frozen
     """Limits of each process of a named policy."""

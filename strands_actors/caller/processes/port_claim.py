@@ -1,8 +1,9 @@
-"""Lock a port or an address for one tree. Its root holds the lock of a file in the run directory as long as
-it runs.
+"""Lock a port or an address, so that only the processes of one robot use it.
 
-A serial port has a lock of the operating system, too, but an address has no lock. Without this one, a robot
-at an address obeyed two programs, and after a stop by one program the setpoints of the other continued.
+The robot's root process holds the lock of a file in the run directory as long as it runs.
+
+The operating system locks a serial port, but not an address. Without this lock, a robot at an address obeyed
+two programs. After a stop by one program, the setpoints of the other program continued.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from strands_actors.supervisors.root.locks import place_of_port
 
 from .plan import Plan
 from .robot_processes import NotConnected
-from .run_directory import Held, Note, notes, run_dir, try_lock
+from .run_directory import LockFile, Note, notes, run_dir, try_lock
 
 SUFFIX = ".port"
 LEAVING_S = 3.0
@@ -37,78 +38,85 @@ _HOLDER_BYTES = 4096
 
 
 class Holder(msgspec.Struct, frozen=True):
-    """The holder of a port."""
+    """The robot and the program that use a port."""
 
     robot: str
-    pid: int  # of the program
+    # Process id of the program that started the robot.
+    pid: int
 
 
-async def claim_port(plan: Plan, robot: str) -> Held:
-    """Lock the plan's port, for the root to inherit the lock. Raise ``NotConnected`` if another tree has
-    it."""
-    path = run_dir() / f"{hashlib.sha256(place(plan).encode()).hexdigest()[:16]}{SUFFIX}"
-    held = Held(path)
+async def claim_port(plan: Plan, robot: str) -> LockFile:
+    """Lock the port of a plan, and return the locked file. The root process inherits the lock.
+
+    Raise ``NotConnected`` if another robot uses the port.
+    """
+    path = run_dir() / f"{hashlib.sha256(port_identity(plan).encode()).hexdigest()[:16]}{SUFFIX}"
+    lock_file = LockFile(path)
     try:
         began_s = trio.current_time()
-        while not (try_lock(held.fd, fcntl.LOCK_EX) and held.is_at(path)):
-            if not held.is_at(path):
-                held.close()
-                held = Held(path)
+        while not (try_lock(lock_file.fd, fcntl.LOCK_EX) and lock_file.matches(path)):
+            if not lock_file.matches(path):
+                lock_file.close()
+                lock_file = LockFile(path)
                 continue
             holder = _holder(path)
             if trio.current_time() > began_s + (PATIENCE_S if _goes_on(holder, robot) else LEAVING_S):
                 raise NotConnected(_refusal(plan, holder))
             await trio.sleep(LOOK_S)
-        os.ftruncate(held.fd, 0)
-        os.pwrite(held.fd, msgspec.json.encode(Holder(robot, os.getpid())), 0)
+        os.ftruncate(lock_file.fd, 0)
+        os.pwrite(lock_file.fd, msgspec.json.encode(Holder(robot, os.getpid())), 0)
     except BaseException:
-        held.close()
+        lock_file.close()
         raise
-    return held
+    return lock_file
 
 
-def place(plan: Plan) -> str:
-    """Return the text that identifies a place. A place may have one tree at a time.
+def port_identity(plan: Plan) -> str:
+    """Return a text that identifies the port or address of a robot. Only one robot may use it at a time.
 
-    A serial device is a place for all drivers. An address is a place for each driver, since an arm and its
-    gripper may share an address. Without a port, the place is the robot with its options and its network
+    A serial device has one text for all drivers. The text of an address includes the driver, since an arm and
+    its gripper may share an address. Without a port, the text has the robot with its options and its network
     (``ROS_DOMAIN_ID``), since the driver finds the robot by them.
     """
-    port, kind = place_of_port(plan.port), place_of(plan.driver_class)
+    port, driver = place_of_port(plan.port), place_of(plan.driver_class)
     if os.path.isabs(port):
         return port
-    if kind == PLAIN:  # This driver serves many robot classes.
-        kind = f"{kind} {plan.robot}"
+    # Many robot classes share this driver, so the name of the robot is part of the text.
+    if driver == PLAIN:
+        driver = f"{driver} {plan.robot}"
     if port:
-        apart = [f" {plan.options.get(key)}" for key in plan.driver_class.TOLD_APART_BY]
-        return f"{kind} {port.lower()}{''.join(apart)}"
+        apart = [f" {plan.options.get(key)}" for key in plan.driver_class.DISTINGUISHED_BY]
+        return f"{driver} {port.lower()}{''.join(apart)}"
     chosen = {key: value for key, value in plan.options.items() if key != "tool_name"}
     network = os.environ.get("ROS_DOMAIN_ID", "")
-    return f"{kind} {plan.robot} {network} {sorted(chosen.items())!r}"
+    return f"{driver} {plan.robot} {network} {sorted(chosen.items())!r}"
 
 
 def _goes_on(holder: Holder | None, robot: str) -> bool:
-    """Return True if the holder's program runs. A holder of our own name in this process is our former
-    root, which is ending, so it does not count."""
+    """Return True if the program that uses the port still runs.
+
+    If the holder is this robot in this process, it is our former root process, which is ending. Then return
+    False.
+    """
     if holder is None or (holder.robot == robot and holder.pid == os.getpid()):
         return False
     return exists(holder.pid)
 
 
 def _refusal(plan: Plan, holder: Holder | None) -> str:
-    where = plan.port or f"{plan.robot} without a port"
+    port = plan.port or f"{plan.robot} without a port"
     if holder is None:
-        return f"{where}: in use by another robot. Try again when it has ended"
+        return f"{port}: in use by another robot. Try again when it has ended"
     robot, pid = harmless(holder.robot), holder.pid
     unconfirmed = next((note.unconfirmed for note in _notes() if note.robot == holder.robot), [])
     if unconfirmed or not _goes_on(holder, ""):
         waits = f", which have not confirmed: {', '.join(map(harmless, unconfirmed))}" if unconfirmed else ""
         return (
-            f"{where}: in use by robot {robot} (process {pid}), whose root still makes its motors safe{waits}. "
+            f"{port}: in use by robot {robot} (process {pid}), whose root still makes its motors safe{waits}. "
             "Try again when it has; it gives up after a minute"
         )
     return (
-        f"{where}: in use by robot {robot} (process {pid}: {_command(pid)}). Use that one, or end it first: "
+        f"{port}: in use by robot {robot} (process {pid}: {_command(pid)}). Use that one, or end it first: "
         f"cleanup(), or the end of its program. `strands-actors stop {robot}` stops it"
     )
 

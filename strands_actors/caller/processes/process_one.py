@@ -1,7 +1,7 @@
 """Warn a script that is process 1, as the command of a container is.
 
-When process 1 ends, the kernel kills every other process of the container at once. These are also root,
-wire and standby, which would otherwise make the robot safe. The tree cannot prevent that, so it warns.
+When process 1 ends, the kernel kills every other process of the container at once. Among them are the processes
+that would make the robot safe. Nothing can prevent that, so this module warns.
 """
 
 from __future__ import annotations
@@ -20,14 +20,17 @@ REMEDY = (
     """sh -c '"$@" & p=$!; trap "kill $p" TERM INT; wait $p; c=$?; wait $p; sleep 5; exit $c' sh python script.py"""
 )
 LEAVING_AT_ONCE = frozenset({"tini", "docker-init", "dumb-init", "catatonit"})
-"""Init programs that end as soon as their child has ended, as with ``docker run --init``. The tree has only
-the moment in between."""
+"""Init programs that end as soon as their child has ended, as with ``docker run --init``. The robot's processes
+have only the moment in between to make the robot safe.
+"""
 
 
 @cache
 def warn_once() -> None:
-    """Log a warning if this process is process 1. Call it when a tree of real hardware is started; a twin
-    ends with its script anyway."""
+    """Log a warning if this process is process 1.
+
+    Call it when a robot of real hardware is started. A simulated robot ends with its script anyway.
+    """
     if getpid() == 1:
         _log.warning(
             "this script is process 1: when it ends, the kernel kills the tree with it, and nobody makes the robot "
@@ -36,9 +39,12 @@ def warn_once() -> None:
         )
 
 
-def found() -> tuple[str, str] | None:
-    """Return the name of process 1, and why a tree may not outlive its script (empty if it does). None if the
-    system does not have this file."""
+def describe() -> tuple[str, str] | None:
+    """Return the name of process 1, and why the robot's processes may be killed at the end of their script.
+
+    The second text is empty if they outlive the script. The result is None if the system does not report
+    process 1.
+    """
     try:
         name = COMMAND.read_text().strip()
     except OSError:

@@ -1,5 +1,7 @@
-"""The interface to the processes of one robot, on this host or on another: start or reach them, ask them,
-end them. Commands and leases are not decided here.
+"""The interface to the processes of one robot, on this host or on another.
+
+It starts the processes or connects to them, sends them requests, and ends them. Commands and leases (the right
+to command) are not decided here.
 """
 
 from __future__ import annotations
@@ -27,34 +29,37 @@ from strands_actors.surfaces.cameras.handle import Cameras
 from .plan import Plan
 
 CONNECT_S = 30.0
-"""Longest time for a connect, on a busy computer. A tree that ends is noticed at once. It is longer if the
-driver declares that its SDK is silent for longer (``Timing.silent_s``)."""
+"""Longest time for a connect, on a busy computer. If the processes end, that is noticed at once. The time is
+longer if the driver declares that its SDK is silent for longer (``Timing.silent_s``).
+"""
 LOOK_S = 0.02
-"""Period of the check of a tree that starts. The start needs half a second of computing time, which the
-checks should not take."""
+"""Period of the check while a robot's processes start. Their start needs half a second of computing time, so
+the checks must be rare.
+"""
 
 
-CLEANED_UP = "this robot was cleaned up. make a new one"
+CLEANED_UP = "this robot was cleaned up. Make a new one"
 
 
 class NotConnected(Exception):
-    """There is no tree, or it does not answer. The text has the reason."""
+    """The robot's processes do not run or do not answer. The text has the reason."""
 
 
 def unreachable(verb: str, failure: Exception) -> Refused:
     """Return the refusal of a verb after a message was not delivered or not answered."""
-    why = busy.explained(str(failure)) if isinstance(failure, AskTimeout) else str(failure)
-    return Refused(Code.UNREACHABLE, why, "resume() when the robot is back", verb=verb)
+    reason = busy.explained(str(failure)) if isinstance(failure, AskTimeout) else str(failure)
+    return Refused(Code.UNREACHABLE, reason, "call resume() when the robot is back", verb=verb)
 
 
 class Patience(NamedTuple):
-    """Timeouts of answers, in seconds.
+    """Timeouts for the answers of a robot, in seconds.
 
     Attributes:
-        ask_s: Of a command or a question.
-        status_s: Of the status.
-        stop_s: Of a stop, from the gate. It is longer if the driver's safe state takes longer.
-        command_s: Lifetime of a latched command on its way. After it the command is not written.
+        ask_s: For the answer to a command or a question.
+        status_s: For the status.
+        stop_s: For the result of a stop. It is longer if the driver's safe state takes longer.
+        command_s: Longest time from making a command to writing it, if the command stays in force until the
+            next one. A later command is not written.
     """
 
     ask_s: float = 0.5
@@ -66,7 +71,7 @@ class Patience(NamedTuple):
 class Processes(ABC):
     """The processes of one robot. Only the trio loop of ``nursery`` may call it.
 
-    ``gate`` and ``tasks`` exist after ``start``.
+    ``gate`` (checks commands) and ``tasks`` (runs policies) exist after ``start``.
     """
 
     PATIENCE: ClassVar[Patience] = Patience()
@@ -89,68 +94,73 @@ class Processes(ABC):
         self.holder = f"{plan.tool_name} in process {os.getpid()}"
         """The name of this caller, as other programs see it in the lease."""
         self.facts: dict[str, Any] = {}
-        """The facts of the wire (``Wire.open``) from its last answer."""
+        """The facts that the robot reported when it was opened (``Wire.open``), from the last status."""
         self.closed = False
         self.cameras = Cameras(plan.cameras, plan.driver_class)
         self.standby_report: str | None = None
-        """The report of the standby of an earlier tree of this robot."""
+        """The report of the standby process (the last one that can stop a robot) of this robot's earlier run."""
 
     @property
     @abstractmethod
     def started(self) -> bool: ...
 
     @abstractmethod
-    async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """Start the processes, or reach them on another host.
+    async def start(self, background: Callable[[], Awaitable[None]]) -> None:
+        """Start the processes, or connect to them if another host runs them.
 
         Args:
-            beside: A task that runs until the processes end.
+            background: An async function that runs until the processes end.
 
         Raises:
-            NotConnected: They cannot be started or reached.
-            OSError: The system refuses.
+            NotConnected: The processes cannot be started, or cannot be reached.
+            OSError: The system refuses to start a process.
         """
 
     @abstractmethod
     async def end(self, lease: Lease | None) -> StopResult:
-        """Make the robot safe, and end the processes. ``lease`` is that of this caller; None if it has no
-        lease."""
+        """Make the robot safe, and end the processes.
+
+        ``lease`` is this caller's right to command the robot; None if it has no lease.
+        """
 
     @abstractmethod
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
         """Stop the robot after the gate did not answer a stop in time."""
 
     @abstractmethod
-    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """Prevent a request that was not answered in time from taking effect late. Return its refusal."""
+    async def cancel_late_request(self, verb: str, timeout: AskTimeout) -> Refused:
+        """Handle a request that was not answered in time, and return its refusal.
+
+        It makes sure that the request does not take effect later.
+        """
 
     @abstractmethod
-    async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
-        """Restart processes that have ended. Raise as ``start``.
+    async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
+        """Restart the processes that have ended. Raise as ``start`` does.
 
         Args:
-            lift: False for a caller that is not an operator.
-            beside: As in ``start``.
+            lift: False for a caller that is not an operator. It may get a refusal.
+            background: As in ``start``.
         """
 
     @abstractmethod
     async def describe(self) -> TreeReport | None:
-        """Return processes and actors of the tree; None if the root does not answer."""
+        """Return the processes and actors of the robot; None if the root process does not answer."""
 
     @abstractmethod
     async def require_mesh(self) -> None:
-        """Raise ``NotConnected`` if other hosts should reach the robot and cannot."""
+        """Raise ``NotConnected`` if the robot should be reachable from other hosts, and is not."""
 
     @property
     @abstractmethod
     def alive(self) -> bool:
-        """Return False if the processes certainly cannot answer any more."""
+        """Return False if it is certain that the processes cannot answer any more."""
 
     def require(self) -> None:
-        """Raise ``NotConnected`` if no processes were started, or they were cleaned up."""
+        """Raise ``NotConnected`` if no processes were started, or after ``close``."""
         self.require_open()
         if not self.started:
-            raise NotConnected("not connected. call connect_eagerly() first")
+            raise NotConnected("not connected. Call connect_eagerly() first")
 
     def require_open(self) -> None:
         """Raise ``NotConnected`` after ``close``."""
@@ -164,13 +174,13 @@ class Processes(ABC):
             self.node.mesh.forget(self.gate.address, "this robot was cleaned up")
 
     async def wait_linked(self, patience_s: float = 0.0) -> Status:
-        """Wait until the wire's link is up, and return the status.
+        """Wait until the link to the robot is up, and return the status.
 
         Args:
             patience_s: How long to wait for a link that was lost.
 
         Raises:
-            NotConnected: The root has ended, the link is lost, or the time is over.
+            NotConnected: The root process has ended, the link is lost, or the timeout has passed.
         """
         began = trio.current_time()
         within_s = max(CONNECT_S, self.driver.timing.silent_s)
@@ -199,22 +209,24 @@ class Processes(ABC):
         raise NotConnected(status.connect_error or busy.explained(f"the robot is {status.mode}"))
 
     async def ask_status(self, verb: str) -> Status | Refused:
-        """Return the status for a verb that depends on it, or a refusal.
+        """Return the gate's status for a verb, or a refusal.
 
-        It waits as long as for a command. A slow answer is refused as slow, since it does not show that
-        the robot is not connected.
+        It waits as long as for a command. If the answer is late, the refusal does not claim that the robot is
+        not connected, since a late answer does not show that.
         """
         try:
             answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
         except AskTimeout:
-            why = busy.explained(f"the wire has not answered for {self.patience.ask_s * 1e3:g} ms")
-            return Refused(Code.NO_ANSWER, why, "try again: the host may be busy", verb=verb)
+            reason = busy.explained(
+                f"the process that talks to the robot has not answered for {self.patience.ask_s * 1e3:g} ms"
+            )
+            return Refused(Code.NO_ANSWER, reason, "try again: the host may be busy", verb=verb)
         except Unreachable as failure:
             return unreachable(verb, failure)
         return read_answer(answer, Status, verb)
 
     async def status(self) -> Status | None:
-        """Return the gate's status; None if the wire process does not answer."""
+        """Return the status from the gate (it checks every command); None if the gate does not answer in time."""
         if not self.started:
             return None
         try:

@@ -1,8 +1,8 @@
 """The run directory: the sockets of this user's robots, and a note for each robot on how to reach it.
 
-It is ``$STRANDS_ACTORS_RUN``, or ``$XDG_RUNTIME_DIR/strands-actors``, or ``/tmp/strands-actors-<uid>``.
-Only the user may access it. A robot owns its name as long as a process holds the exclusive lock of the
-name's file. To see whether the robot has ended, try a shared lock: it succeeds if the robot has ended.
+It is ``$STRANDS_ACTORS_RUN``, or ``$XDG_RUNTIME_DIR/strands-actors``, or ``/tmp/strands-actors-<uid>``. Only
+the user may access it. A running robot holds the exclusive lock of the file of its name. Another process can
+get a shared lock of this file only if the robot has ended.
 """
 
 from __future__ import annotations
@@ -36,24 +36,32 @@ LOOK_S = 0.001
 
 
 class Note(msgspec.Struct):
-    """How to reach a robot's tree.
+    """How to reach the processes of a robot. A robot writes it to a file, its note.
 
-    If the note's file cannot be read, ``problem`` has the reason. The sockets are then those that follow
-    from the robot's name.
+    If the file cannot be read, ``problem`` has the reason. The sockets are then those that follow from the
+    robot's name.
     """
 
     robot: str
     kind: str
     pid: int
-    endpoints: list[str]  # sockets of its actors
-    mesh: list[str] = []  # sockets of its topics, for subscribers
+    # Addresses of the sockets of the robot's actors.
+    endpoints: list[str]
+    # Addresses of the sockets of the robot's topics, for subscribers.
+    mesh: list[str] = []
     problem: str = ""
-    unconfirmed: list[str] = []  # motors that have not confirmed the safe state; its root keeps trying
-    safe_s: float = 1.5  # ``Timing.safe_s``, longest time of a stop
-    late_s: float = 0.0  # ``Driver.late_s``, by which an earlier request may take effect later
-    arm_s: float = 10.0  # ``Timing.arm_s``, longest time for arming
-    motors: list[str] = []  # its axes, which may be energised
-    port: str = ""  # its port, as the script gave it; empty for a twin or without a port
+    # Motors that have not confirmed the safe state. The root process keeps trying.
+    unconfirmed: list[str] = []
+    # Longest time of a stop in seconds (``Timing.safe_s``).
+    safe_s: float = 1.5
+    # Longest time in seconds for which an earlier request may still take effect (``Driver.late_s``).
+    late_s: float = 0.0
+    # Longest time for arming in seconds (``Timing.arm_s``).
+    arm_s: float = 10.0
+    # Axes of the robot that may be energised.
+    motors: list[str] = []
+    # Port of the robot, as the script gave it; empty for a simulated robot or without a port.
+    port: str = ""
 
 
 def run_dir() -> Path:
@@ -70,10 +78,10 @@ def run_dir() -> Path:
 
 
 def _shared_place(path: Path) -> Path:
-    """As ``run_dir``, for a folder in which other users may have created something of that name before.
+    """Return the run directory in a folder that all users may write, such as /tmp.
 
-    A symbolic link of another user could lead sockets and notes to another directory of ours, and
-    elsewhere while a robot runs. So links are refused.
+    Raise ``PermissionError`` if another user may have made the directory. A symbolic link of another user could
+    lead our sockets and notes elsewhere, even while a robot runs. So links are refused.
     """
     with contextlib.suppress(FileExistsError):
         path.mkdir(mode=0o700)
@@ -83,8 +91,8 @@ def _shared_place(path: Path) -> Path:
     try:
         fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except OSError as error:
-        why = "is a link" if path.is_symlink() else f"cannot be opened ({error.strerror})"
-        raise PermissionError(f"{path} {why}: somebody else may have put it there. {_ELSEWHERE}") from None
+        reason = "is a link" if path.is_symlink() else f"cannot be opened ({error.strerror})"
+        raise PermissionError(f"{path} {reason}: somebody else may have put it there. {_ELSEWHERE}") from None
     try:
         _check(path, os.fstat(fd))
     finally:
@@ -123,21 +131,23 @@ def socket_path(directory: Path, robot: str, role: str) -> str:
     return str(directory / f"{robot}.{role}.sock")
 
 
-class Held:
-    """An open file with a lock that only a root inherits.
+class LockFile:
+    """An open file with a lock. Of all forked children only a root process inherits it.
 
-    Any other forked child (such as a worker of ``multiprocessing``) closes it. Otherwise the child would
-    keep the lock of a robot that has ended, as long as the child runs.
+    Any other child (such as a worker of ``multiprocessing``) closes the file. Otherwise the child would keep
+    the lock after the end of the robot.
     """
 
     def __init__(self, path: Path) -> None:
         with _forking:
             self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-            _held.add(self)
+            _lock_files.add(self)
 
-    def is_at(self, path: Path) -> bool:
-        """Return True if ``path`` still leads to this file. An unlocked file may be removed between its
-        opening and its lock (``leftovers``)."""
+    def matches(self, path: Path) -> bool:
+        """Return True if ``path`` still leads to this file.
+
+        Another process may remove the file after it was opened and before it is locked (``leftovers``).
+        """
         try:
             return os.path.samestat(os.fstat(self.fd), path.stat())
         except FileNotFoundError:
@@ -148,20 +158,20 @@ class Held:
         changes nothing."""
         with _forking:
             fd, self.fd = self.fd, -1
-            _held.discard(self)
+            _lock_files.discard(self)
             if fd >= 0:
                 os.close(fd)
 
 
-_held: weakref.WeakSet[Held] = weakref.WeakSet()
+_lock_files: weakref.WeakSet[LockFile] = weakref.WeakSet()
 _forking = threading.RLock()
-"""Held during a fork, and while a file is opened and added to ``_held``. So a child closes every such
+"""Held during a fork, and while a file is opened and added to ``_lock_files``. So a child closes every such
 file."""
 
 
 def _forget_in_child() -> None:
-    for held in list(_held):
-        held.close()
+    for lock_file in list(_lock_files):
+        lock_file.close()
     _forking.release()
 
 
@@ -169,29 +179,29 @@ os.register_at_fork(before=_forking.acquire, after_in_parent=_forking.release, a
 
 
 class Name:
-    """The name of a robot, with a lock that the tree's root inherits.
+    """The reserved name of a robot. The robot's root process inherits the lock of the name.
 
     Args:
-        wanted: The requested name. If another robot has it, a number is added.
+        requested: The requested name. If another robot has it, a number is added.
     """
 
-    def __init__(self, wanted: str) -> None:
+    def __init__(self, requested: str) -> None:
         directory = run_dir()
         for number in range(1, 1000):
-            self.name = wanted if number == 1 else f"{wanted}-{number}"
+            self.name = requested if number == 1 else f"{requested}-{number}"
             path = directory / f"{self.name}.lock"
             while True:
-                self._lock = Held(path)
-                taken = _take(self._lock.fd)
-                if not taken or self._lock.is_at(path):
+                self._lock = LockFile(path)
+                is_reserved = _take(self._lock.fd)
+                if not is_reserved or self._lock.matches(path):
                     break
                 self._lock.close()
-            if taken:
-                # Remove the note of an ended robot of this name.
+            if is_reserved:
+                # This note belongs to a robot of the same name that has ended.
                 (directory / f"{self.name}.json").unlink(missing_ok=True)
                 return
             self._lock.close()
-        raise RuntimeError(f"there are 999 robots called {wanted} already")
+        raise RuntimeError(f"999 robots named {requested} run already. End some of them, or give another tool_name")
 
     @property
     def lock_fd(self) -> int:
@@ -202,7 +212,9 @@ class Name:
         """Return the path of the socket of a process. Raise ``ValueError`` if it is too long."""
         path = socket_path(run_dir(), self.name, role)
         if len(path.encode()) > MAX_SOCKET_PATH:
-            raise ValueError(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
+            raise ValueError(
+                f"{path} is too long for the path of a socket. Set STRANDS_ACTORS_RUN to a shorter path"
+            )
         return path
 
     @property
@@ -210,8 +222,8 @@ class Name:
         """Return the path of the robot's note."""
         return run_dir() / f"{self.name}.json"
 
-    def beside(self, suffix: str) -> Path:
-        """Return the path of another file of this robot, by its suffix."""
+    def path_with_suffix(self, suffix: str) -> Path:
+        """Return the path of another file of this robot in the run directory, by its suffix."""
         return run_dir() / f"{self.name}{suffix}"
 
     def publish(self, note: Note) -> None:
@@ -226,8 +238,10 @@ class Name:
 
 
 def _take(lock_fd: int) -> bool:
-    """Lock a name. Return False if another robot has it. Wait for processes that only hold the shared lock,
-    since they let go in a moment."""
+    """Lock the file of a name. Return False if another robot has the name.
+
+    Other processes hold the shared lock only for a moment, to test the name. Wait for them.
+    """
     until_s = time.monotonic() + PATIENCE_S
     while not try_lock(lock_fd, fcntl.LOCK_EX):
         if not try_lock(lock_fd, fcntl.LOCK_SH) or time.monotonic() > until_s:
@@ -251,7 +265,7 @@ def try_lock(lock_fd: int, how: int) -> bool:
     return True
 
 
-def is_held(robot: str) -> bool:
+def is_running(robot: str) -> bool:
     """Return True if a robot of this name runs."""
     try:
         fd = os.open(run_dir() / f"{robot}.lock", os.O_RDONLY | os.O_CLOEXEC)
@@ -272,7 +286,7 @@ def notes() -> Iterator[Note]:
     directory = run_dir()
     remove_leftovers(directory)
     for name in sorted(path.stem for path in directory.glob("*.json")):
-        if is_held(name):
+        if is_running(name):
             note = _read(directory, name)
             if note is not None:
                 yield note
@@ -299,7 +313,9 @@ def _is_endpoint(endpoint: str) -> bool:
     return endpoint.startswith(unix_endpoint("/")) and endpoint.endswith(".sock") and "#" not in endpoint
 
 
-def _by_name(directory: Path, name: str, why: str) -> Note:
-    """Return a note for a running robot with an unreadable note. Its sockets follow from its name."""
+def _by_name(directory: Path, name: str, problem: str) -> Note:
+    """Return a note that is made from the name of a running robot, if the real note cannot be read."""
     root, wire, mesh = (unix_endpoint(socket_path(directory, name, role)) for role in ("root", "wire", "mesh"))
-    return Note(name, "unknown", 0, [root, wire], [mesh], f"its note {directory / name}.json cannot be read: {why}")
+    return Note(
+        name, "unknown", 0, [root, wire], [mesh], f"its note {directory / name}.json cannot be read: {problem}"
+    )

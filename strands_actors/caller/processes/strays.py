@@ -1,9 +1,8 @@
-"""Find and end trees that cannot be asked, since their note or their sockets are gone, for example after a
-user cleared the run directory.
+"""Find and end robots that cannot be asked, since their note or their sockets are gone.
 
-A root and the processes that it forks show their run directory and name in the list of processes, so they
-can be found. To stop such a robot, kill its root: the wire then makes the robot safe by itself. This works
-on Linux only.
+That happens, for example, after a user cleared the run directory. A root process and its forked children show
+their run directory and robot in the list of processes, so they can be found. To stop such a robot, kill its
+root process. The wire process, which talks to the robot, then makes the robot safe. This works on Linux only.
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from .run_directory import is_held, notes, run_dir
+from .run_directory import is_running, notes, run_dir
 
 _MARK = "strands-actors:"
 GONE_S = 2.0
-"""Longest time until the wire of a killed root has made the robot safe and has ended."""
+"""Longest time until the wire process of a killed root has made the robot safe and has ended."""
 _LOOK_S = 0.005
 
 
@@ -37,8 +36,10 @@ def label_of(robot: str) -> str:
 
 
 def strays() -> list[Stray]:
-    """Return the roots of this run directory that have no note and are not just starting. The list is empty
-    on systems that do not show them."""
+    """Return the root processes of this run directory that have no note and are not just starting.
+
+    The list is empty on systems that do not show the arguments of processes.
+    """
     try:
         noted = {note.robot: note.pid for note in notes()}
         labelled = dict(_labelled(label_of(""), standbys=False))
@@ -46,31 +47,35 @@ def strays() -> list[Stray]:
         return sorted(
             Stray(robot, pid)
             for pid, robot in roots
-            if noted.get(robot, 0) != pid and (robot in noted or not is_held(robot))
+            if noted.get(robot, 0) != pid and (robot in noted or not is_running(robot))
         )
     except OSError:  # There is no run directory, or no /proc. Other checks report that.
         return []
 
 
 def end(stray: Stray) -> bool:
-    """Kill a root. Return True if all processes that it forked have ended, too. Its wire makes the robot
-    safe before it ends."""
+    """Kill a root process. Return True if all processes that it forked have ended, too.
+
+    The wire process makes the robot safe before it ends.
+    """
     try:
         fd = os.pidfd_open(stray.root)
     except ProcessLookupError:
-        return _is_gone(stray)
+        return _wait_until_ended(stray)
     try:
         # The system may have given the process id to another process meanwhile, so check the label again.
         if stray.root in dict(_labelled(label_of(stray.robot))):
             signal.pidfd_send_signal(fd, signal.SIGKILL)
     finally:
         os.close(fd)
-    return _is_gone(stray)
+    return _wait_until_ended(stray)
 
 
-def _is_gone(stray: Stray) -> bool:
-    """Wait until no process of this name runs. Several trees of one name cannot be distinguished, so it
-    waits for all of them."""
+def _wait_until_ended(stray: Stray) -> bool:
+    """Wait until no process of a robot of this name runs.
+
+    Several robots of one name cannot be distinguished, so it waits for all of them.
+    """
     until_s = time.monotonic() + GONE_S
     while any(robot == stray.robot for _, robot in _labelled(label_of(stray.robot))):
         if time.monotonic() > until_s:
@@ -83,9 +88,9 @@ def _labelled(prefix: str, standbys: bool = True) -> Iterator[tuple[int, str]]:
     """Yield (pid, robot) of this user's processes with a label that begins with ``prefix``.
 
     Args:
-        prefix: Begin of the label.
-        standbys: Include standbys. They make the robot safe when their root is gone, so they must not be
-            killed.
+        prefix: Beginning of the label.
+        standbys: Include standby processes. A standby makes the robot safe after the end of its root, so it
+            must not be killed.
     """
     begin = prefix.encode()
     for entry in os.scandir("/proc"):

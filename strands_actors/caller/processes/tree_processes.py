@@ -1,5 +1,7 @@
-"""Start, ask and end the processes of one robot's tree on this host: the twin, if there is one, and the
-root."""
+"""Start, ask and end the processes of one robot on this host.
+
+These are the root process, which starts the others, and the process of a simulated robot, if there is one.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import RESUME, Lease, StopReport
 from strands_actors.supervisors.loading import describe_driver
-from strands_actors.supervisors.page import Owed
+from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.root.messages import Describe, Fence, GetMesh, OnMesh, Shutdown, TreeReport
 from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.supervisors.stop_result import StopResult
@@ -36,7 +38,7 @@ from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
 from .nodes import Entrance
 from .plan import Plan
-from .port_claim import claim_port, place
+from .port_claim import claim_port, port_identity
 from .robot_processes import CONNECT_S, NotConnected, Processes
 from .run_directory import Name, Note, audit_file, locks_dir
 from .strays import label_of
@@ -47,12 +49,12 @@ NOTE_S = 0.01
 
 
 class TreeProcesses(Processes):
-    """The processes of one robot on this host. After ``start`` it has references to the actors
-    ``guardian``, ``root`` and ``tasks`` of the tree.
+    """The processes of one robot on this host. After ``start`` it has references to the robot's actors
+    ``guardian`` (stops the robot if the gate does not), ``root`` and ``tasks``.
 
     Args:
         node: The caller's node.
-        nursery: Tasks run in it.
+        nursery: The nursery for the tasks of this object.
         entrance: The address at which ``node`` listens.
         plan: The processes to start.
         driver: The driver of the robot.
@@ -64,7 +66,7 @@ class TreeProcesses(Processes):
         self._name: Name | None = None
         self._root_process: ChildProcess | None = None
         self._scope: trio.CancelScope | None = None
-        self._owed = Owed()
+        self._safety_page = SafetyPage()
         """The shared page on which the processes of the tree note that motors may be energised."""
 
     @property
@@ -77,15 +79,15 @@ class TreeProcesses(Processes):
 
     # -- start and end
 
-    async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
-        """Start the twin, then the root.
+    async def start(self, background: Callable[[], Awaitable[None]]) -> None:
+        """Start the simulated robot, if there is one, then the root process.
 
         Args:
-            beside: A task that runs as long as the root.
+            background: An async function that runs as long as the root process.
 
         Raises:
-            NotConnected: The twin does not start, or another tree has the port.
-            OSError: The system allows too few open files, or no process.
+            NotConnected: The simulated robot does not start, or another robot uses the port.
+            OSError: The system allows too few open files, or no further process.
         """
         require(FOR_ROBOT)
         self.require_open()
@@ -106,28 +108,31 @@ class TreeProcesses(Processes):
                 plan.mesh.check_robot(self.robot)
             except (ValueError, OSError) as error:
                 raise NotConnected(str(error)) from None
-        where = "" if plan.twin_process is not None else place(plan)
+        identity = "" if plan.twin_process is not None else port_identity(plan)
         claim = None if plan.twin_process is not None else await claim_port(plan, self.robot)
         try:
             self.require_open()
-            report = await until_over(self.robot, where)
+            report = await until_over(self.robot, identity)
             if report is not None:
                 self.standby_report = report
             self.require_open()
-            self._begin(port, where, () if claim is None else (claim.fd,), beside)
+            self._begin(port, identity, () if claim is None else (claim.fd,), background)
         finally:
             if claim is not None:
                 claim.close()  # The root has inherited the lock, and keeps it as long as it lives.
 
-    def _begin(self, port: str, where: str, hold: tuple[int, ...], beside: Callable[[], Awaitable[None]]) -> None:
-        """Start the root. Nothing in here waits, so a cleanup comes either before it, or after it and then
-        finds the root.
+    def _begin(
+        self, port: str, identity: str, hold: tuple[int, ...], background: Callable[[], Awaitable[None]]
+    ) -> None:
+        """Start the root process.
+
+        Nothing in here waits. So a cleanup runs either before it, or after it and then finds the root process.
 
         Args:
-            port: The port of the robot or of its twin.
-            where: The place of the robot (``port_claim.place``); empty for a twin.
+            port: The port of the robot or of its simulation.
+            identity: Identifies the port (``port_claim.port_identity``); empty for a simulated robot.
             hold: Descriptors that the root inherits in addition to the lock of its name.
-            beside: As in ``start``.
+            background: As in ``start``.
         """
         plan, name = self.plan, self._name
         assert name is not None
@@ -149,9 +154,9 @@ class TreeProcesses(Processes):
             "listen": listen,
             "label": label_of(self.robot),
             "standby": {
-                "lock": str(name.beside(LOCK)),
-                "report": str(name.beside(REPORT)),
-                "place": where,
+                "lock": str(name.path_with_suffix(LOCK)),
+                "report": str(name.path_with_suffix(REPORT)),
+                "place": identity,
             },
             "wire_listen": wire_listen,
             "policy_listen": policy_listen,
@@ -169,7 +174,7 @@ class TreeProcesses(Processes):
         page = new_page()
         try:
             process = start(entry, args, [name.lock_fd, *hold], label_of(self.robot), [page])
-            self._owed = Owed(words_of(page))
+            self._safety_page = SafetyPage(words_of(page))
         finally:
             os.close(page)
         name.publish(
@@ -186,34 +191,37 @@ class TreeProcesses(Processes):
                 port=own,
             )
         )
-        # These imports run while the root imports the same modules. Before the start of the root they
-        # would add a third to the time that a script waits.
+        # Import these modules while the root process imports the same ones. Imported before its start, they
+        # would make a script wait a third longer.
         from strands_actors.supervisors.gate.gate import Gate
         from strands_actors.supervisors.root.guardian import Guardian
         from strands_actors.supervisors.root.process import Root
         from strands_actors.supervisors.root.tasks import Tasks
 
-        node, at = self.node, addresses.of(self.robot)
-        self.gate: Ref = node.ref(at.gate, Gate, sender=f"{node.address}/{self.robot}")
-        self.guardian: Ref = node.ref(at.guardian, Guardian)
-        self.root: Ref = node.ref(at.root, Root)
-        self.tasks: Ref = node.ref(at.tasks, Tasks)
+        node, actor_addresses = self.node, addresses.of(self.robot)
+        self.gate: Ref = node.ref(actor_addresses.gate, Gate, sender=f"{node.address}/{self.robot}")
+        self.guardian: Ref = node.ref(actor_addresses.guardian, Guardian)
+        self.root: Ref = node.ref(actor_addresses.root, Root)
+        self.tasks: Ref = node.ref(actor_addresses.tasks, Tasks)
         self._scope = trio.CancelScope()
-        # The link is made here and not in the task. If the root is fenced before the task begins, the task
-        # finds a closed link. A closed socket would end the loop of every robot of this program.
+        # Make the link here and not in the task. If the root process is killed before the task begins, the task
+        # must find a closed link. A closed socket would raise an error that ends the loop of every robot in
+        # this program.
         link = process.link(node, channels.of_root(self.robot))
-        # This comes last: with it other threads decide whether they can ask the tree.
+        # Set this last. Other threads read it to decide whether they can ask the robot.
         self._root_process = process
-        self.nursery.start_soon(self._attend, process, link, self._scope, beside)
+        self.nursery.start_soon(self._attend, process, link, self._scope, background)
 
     def _begin_cameras(self, port: str) -> list[dict[str, Any]]:
-        """Return the data with which the root starts the cameras' processes."""
+        """Return the data with which the root process starts the processes of the cameras."""
         plan, twin = self.plan, self.plan.twin_process
         control = "" if twin is None else twin.control
         return self.cameras.begin(self.robot, plan.robot, label_of(self.robot), port, control, plan.options)
 
     def _drill(self, port: str) -> dict[str, Any]:
-        """Return the gate's option for a required stop drill; {} if no drill is required."""
+        """Return the option by which the gate refuses motion without a recent stop drill; {} if it needs no
+        drill.
+        """
         plan = self.plan
         if plan.drill_age_s is None:
             return {}
@@ -225,12 +233,12 @@ class TreeProcesses(Processes):
         process: ChildProcess,
         link: Link,
         scope: trio.CancelScope,
-        beside: Callable[[], Awaitable[None]],
+        background: Callable[[], Awaitable[None]],
     ) -> None:
         with scope:
             async with trio.open_nursery() as nursery:
                 nursery.start_soon(link.run)
-                nursery.start_soon(beside)
+                nursery.start_soon(background)
                 await process.wait()
                 nursery.cancel_scope.cancel()
 
@@ -246,81 +254,94 @@ class TreeProcesses(Processes):
         return result
 
     async def _end_root(self, process: ChildProcess) -> StopResult:
-        """Ask the root to make the robot safe and end. A root that does not answer is fenced at once; the
-        wire then stops the robot."""
+        """Ask the root process to make the robot safe and to end.
+
+        If it does not answer, kill it at once. The wire process, which talks to the robot, then stops the
+        robot.
+        """
         answer: Message | None = None
-        why: object = "the root process does not answer, and was ended"
+        reason: object = "the root process does not answer, and was ended"
         if await self.describe() is not None:
             try:
                 answer = await self.root.ask(Shutdown(Reason.CLEANUP, self.holder), self.deadlines.end_s)
             except (AskTimeout, Unreachable) as failure:
-                why = f"the root process gave no report ({failure})"
+                reason = f"the root process gave no report ({failure})"
         match answer:
             case StopReport(confirmed=False):
-                self._part(process)
+                self._detach(process)
             case StopReport():
                 with trio.move_on_after(self.deadlines.end_s):
                     await process.wait()
         await self._discard()
         if isinstance(answer, StopReport):
             return stop_result.of_report(answer)
-        return await self._await_note("cleanup", why)
+        return await self._await_note("cleanup", reason)
 
-    async def _await_note(self, verb: str, why: object) -> StopResult:
-        """Return the result of a stop after the root has ended without a report. Wire and standby make the
-        robot safe, and note on the shared page that every motor has confirmed it."""
-        owed = self._owed
+    async def _await_note(self, verb: str, reason: object) -> StopResult:
+        """Return the result of a stop after the root process has ended without a report.
+
+        The wire or the standby process makes the robot safe. It then notes on the page of shared memory that
+        every motor has confirmed it.
+        """
+        page = self._safety_page
         with trio.move_on_after(self.deadlines.attempt_s):
-            if owed.wire_pid:
-                await wait_for_end_of(owed.wire_pid)
-            while owed.safe_state:  # noqa: ASYNC110  # another process writes it
+            if page.wire_pid:
+                await wait_for_end_of(page.wire_pid)
+            while page.may_be_energised:  # noqa: ASYNC110  # another process writes it
                 await trio.sleep(NOTE_S)
             safe_state = self.driver.fallbacks[Reason.ROOT]
             return stop_result.Confirmed(StopReport(Reason.ROOT, safe_state, 0, True, ()))
-        left = "what is left of it tries for a minute. look at the robot, and cut its power if it still moves"
-        return stop_result.silent(verb, busy.explained(str(why)), self.driver, left, Code.UNCONFIRMED)
+        remedy = "what is left of it tries for a minute. Look at the robot, and cut its power if it still moves"
+        return stop_result.silent(verb, busy.explained(str(reason)), self.driver, remedy, Code.UNCONFIRMED)
 
-    def _part(self, process: ChildProcess) -> None:
-        """Let the root continue without this caller. It goes on trying to make the robot safe."""
-        process.part()
+    def _detach(self, process: ChildProcess) -> None:
+        """Let the root process run on without this program. It keeps trying to make the robot safe."""
+        process.detach()
         self._root_process = None
 
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
-        """Ask the root to fence the wire and to stop the robot by its own stop channel. If the root does not
-        answer, fence the root."""
+        """Ask the root process to kill the wire process, and to stop the robot over its own stop channel.
+
+        If the root process does not answer, kill it.
+        """
         try:
             answer = await self.guardian.ask(Fence(reason, by, lock), self.deadlines.root_s)
         except (AskTimeout, Unreachable) as failure:
-            # Neither the wire nor the root answers. A wire without a root stops the robot by itself.
+            # Neither the wire process nor the root process answers. Kill the root, since a wire process without
+            # a root stops the robot by itself.
             await self._fence()
-            why = f"neither wire nor root answers ({failure}); the root was ended"
-            return await self._await_note("stop", why)
+            explanation = f"neither the wire process nor the root process answers ({failure})"
+            return await self._await_note("stop", explanation)
         return stop_result.of_answer("stop", answer, self.driver.axes)
 
-    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """Fence the wire, stop the robot, and return the refusal of the verb."""
-        why = busy.explained(str(timeout))
-        result = await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
-        return stop_result.timed_out(why, result, "the robot was stopped", "resume()").about(verb)
+    async def cancel_late_request(self, verb: str, timeout: AskTimeout) -> Refused:
+        """Stop the robot so that a late request has no effect, and return the refusal of the verb.
 
-    async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
+        The root process kills the wire process first.
+        """
+        reason = busy.explained(str(timeout))
+        result = await self.make_safe(Reason.WIRE, f"{verb} timed out", False)
+        return stop_result.timed_out(reason, result, "the robot was stopped", "resume()").about(verb)
+
+    async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
         if await self._answers():
             return None
-        if not lift:  # The robot may have been locked, and the tree can no longer tell.
+        # The robot may have been locked by an e-stop. The processes that knew it have ended.
+        if not lift:
             remedy = "an operator's resume() starts it again"
-            return Refused(Code.NOT_CONNECTED, "the tree does not answer", remedy, verb=RESUME)
+            return Refused(Code.NOT_CONNECTED, "the robot's processes do not answer", remedy, verb=RESUME)
         if self.started:
             await self._discard()
-        await self.start(beside)
+        await self.start(background)
         return None
 
     async def _fence(self) -> None:
-        """Kill the root and wait for its end. A wire without a root stops the robot by itself."""
+        """Kill the root process and wait for its end. A wire process without a root stops the robot by itself."""
         if self._root_process is not None:
             await self._root_process.drop()
 
     async def _discard(self) -> None:
-        """Fence the root and forget it, so that another one can be started."""
+        """Kill the root process and forget it, so that another one can be started."""
         await self._fence()
         if self._scope is not None:
             self._scope.cancel()
@@ -346,8 +367,10 @@ class TreeProcesses(Processes):
         return complete(answer) if isinstance(answer, TreeReport) else None
 
     async def _answers(self) -> bool:
-        """Return True if the root answers and still restarts its wire. If its restart budget is spent, a new
-        tree is needed."""
+        """Return True if the root process answers and still restarts its children.
+
+        If its restart budget is spent, a new root process is needed.
+        """
         process = self._root_process
         if process is None or not process.alive:
             return False

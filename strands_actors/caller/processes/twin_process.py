@@ -1,4 +1,7 @@
-"""Start and end the process of a twin. It serves a wire, a simulation control, or both."""
+"""Start and end the process of a simulated robot (a twin).
+
+The process serves the robot's real protocol, a control socket for simulations, or both.
+"""
 
 from __future__ import annotations
 
@@ -17,33 +20,33 @@ from strands_actors.kernel.processes.process import ChildProcess, start
 from .run_directory import MAX_SOCKET_PATH, run_dir
 
 SIM = "sim"
-"""The transport of a simulated robot: its twin's simulation control."""
+"""The transport of a simulated robot: the control socket of its process."""
 
 START_S = 60.0
 """Longest time for a start, on a busy computer. A twin that ends is noticed at once."""
 COMPILES_S = 600.0
-"""The same if Warp has to compile a solver first, or Isaac Sim to start."""
+"""Longest time for a start if Warp has to compile a solver first, or if Isaac Sim has to start."""
 END_S = 1.0
 
-_CLEANED_UP = "the simulation was cleaned up. make a new one"
+_CLEANED_UP = "the simulation was cleaned up. Make a new one"
 _numbers = itertools.count(1)
 
 
 class TwinProcessDown(Exception):
-    """The twin's process cannot be started. The text has the reason."""
+    """The process of a simulated robot cannot be started. The text has the reason."""
 
 
 class TwinProcess:
-    """The process of a twin. ``start`` starts it.
+    """The process of a simulated robot (a twin). ``start`` starts it.
 
     Args:
-        twin: ``module:function`` that serves the twin.
+        twin: ``module:function`` that runs in the process.
         robot: Name of the robot.
-        has_control: Serve a simulation control, too.
+        has_control: Serve a control socket for simulations, too.
         place: Position and orientation of the base in the simulation; None for that of the model.
-        options: Options of the twin.
-        pictures: Cameras draw its scene.
-        on_wire: Only the cameras use the simulation control; the robot is on the wire.
+        options: Options of the simulated robot.
+        pictures: True if cameras draw the scene.
+        on_wire: True if only the cameras use the control socket, and the driver uses the robot's real protocol.
         backend: The physics; empty for MuJoCo.
     """
 
@@ -70,17 +73,17 @@ class TwinProcess:
         self._starting = trio.Lock()
         self._closed = False
         self.port = ""
-        """Port or address of the robot's wire, after the start."""
+        """Port or address of the robot's real protocol, after the start."""
         self.control = ""
-        """Path of its simulation control after the start; empty without one."""
+        """Path of the control socket after the start; empty without a control socket."""
 
     @property
     def pid(self) -> int:
-        """Return the process id; 0 if it does not run."""
+        """Return the process id; 0 if the process does not run."""
         return 0 if self._process is None else self._process.pid
 
     async def start(self) -> None:
-        """Start the twin if it does not run, and return when it serves. Raise ``TwinProcessDown``."""
+        """Start the process if it does not run. Return when it accepts connections. Raise ``TwinProcessDown``."""
         async with self._starting:
             if self._closed:
                 raise TwinProcessDown(_CLEANED_UP)
@@ -110,10 +113,12 @@ class TwinProcess:
                         self.port = port_file.read_text().strip()
                         return
                     await trio.sleep(0.005)
-        if self._closed:  # ``close`` came meanwhile, and has ended the process.
+        # ``close`` was called during the start, and has ended the process.
+        if self._closed:
             raise TwinProcessDown(_CLEANED_UP)
         self._process = None
-        await process.drop()  # Otherwise the next start would treat it as ready.
+        # Without this the next start would treat the process as ready.
+        await process.drop()
         raise TwinProcessDown("the twin did not start")
 
     async def close(self) -> None:
@@ -134,5 +139,7 @@ def _socket_path() -> str:
     """Return a new path. Raise ``TwinProcessDown`` if it is too long for a socket."""
     path = f"{run_dir()}/sim-{os.getpid()}-{next(_numbers)}.sock"
     if len(path.encode()) > MAX_SOCKET_PATH:
-        raise TwinProcessDown(f"{path} is too long for a socket: set STRANDS_ACTORS_RUN to a shorter place")
+        raise TwinProcessDown(
+            f"{path} is too long for the path of a socket. Set STRANDS_ACTORS_RUN to a shorter path"
+        )
     return path

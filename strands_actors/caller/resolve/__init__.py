@@ -1,1 +1,1 @@
-"""From the arguments of ``Robot(...)`` to a plan of what to start. Starts nothing."""
+"""Turn the arguments of ``Robot(...)`` into a plan of the processes to start. No process is started here."""

@@ -16,277 +16,290 @@ from strands_actors.surfaces.cameras.config import SCENE, read_cameras
 from ..processes.plan import Plan
 from ..processes.twin_process import SIM, TwinProcess
 from .simulated import check_keyframe, read_own_model
-from .wanted import Wanted, adapters, is_serial, read
+from .wanted import RobotArguments, adapters, is_serial, read
 
 TWIN = "twin"
-"""The transport that starts the robot's twin. Other transports belong to a driver."""
+"""The transport that starts a simulated robot (a twin). Other transports belong to a driver."""
 
 
 def plan(name: str, mode: str = "sim", **keywords: Any) -> Plan:
     """Return the plan for the arguments of ``Robot(...)``.
 
     Raises:
-        ValueError: A name, a value or a keyword is wrong. The text has the accepted ones.
+        ValueError: A name, a value or a keyword is wrong. The text lists the accepted ones.
         TypeError: A value has the wrong type, or the chosen mode would ignore the keyword.
     """
-    wanted, driver_class = read(name, mode, **keywords)
-    if wanted.mode == "sim" and (issubclass(driver_class, Driver) or wanted.scene.model(wanted.robot) is not None):
-        return _simulated(wanted, driver_class)
+    arguments, driver_class = read(name, mode, **keywords)
+    if arguments.mode == "sim" and (
+        issubclass(driver_class, Driver) or arguments.scene.model(arguments.robot) is not None
+    ):
+        return _simulated(arguments, driver_class)
     if driver_class is load(MODEL):
         raise ValueError(
-            f"Robot: {wanted.name} is a model without a driver for hardware. leave out port= and mode="
+            f"Robot: {arguments.name} is a model without a driver for hardware. Leave out port= and mode="
         )
     if not issubclass(driver_class, Driver):
-        return _plain(wanted, driver_class)
-    _check_scene(wanted)
-    driver_class = driver_class.at_level(wanted.robot, wanted.options)
-    return _elsewhere(wanted, driver_class) if wanted.at else _real(wanted, driver_class)
+        return _plain(arguments, driver_class)
+    _check_scene(arguments)
+    driver_class = driver_class.for_level(arguments.robot, arguments.options)
+    return _elsewhere(arguments, driver_class) if arguments.host_address else _real(arguments, driver_class)
 
 
-def _check_scene(wanted: Wanted) -> None:
+def _check_scene(arguments: RobotArguments) -> None:
     """Raise ``TypeError`` if a keyword of simulations is given for another mode."""
-    if ignored := wanted.scene.given():
+    if ignored := arguments.scene.simulation_keywords():
         raise TypeError(
-            f"Robot: {', '.join(f'{key}=' for key in ignored)} are of a simulation, and mode is {wanted.mode!r}. "
-            "leave that out"
+            f"Robot: only a simulation takes {', '.join(f'{key}=' for key in ignored)}, "
+            f"and mode is {arguments.mode!r}. Leave that out"
         )
 
 
-async def completed(wanted: Plan) -> Plan:
-    """Return the plan with the options that only the robot knows. Raise ``WireDown``.
+async def completed(robot_plan: Plan) -> Plan:
+    """Add the options that only the robot knows to a plan. Raise ``WireDown`` if the robot cannot be asked.
 
-    A twin is new, and the host of a distant robot asks that robot itself. In both cases the plan is
-    returned unchanged.
+    Two plans are returned unchanged. A simulated robot is new, so it knows no options. The host of a distant
+    robot asks that robot itself.
     """
-    if wanted.twin_process is not None or wanted.at:
-        return wanted
-    options = await wanted.driver_class.complete(wanted.robot, wanted.port, wanted.options)
-    return wanted if options == wanted.options else replace(wanted, options=options)
+    if robot_plan.twin_process is not None or robot_plan.host_address:
+        return robot_plan
+    options = await robot_plan.driver_class.complete(robot_plan.robot, robot_plan.port, robot_plan.options)
+    return robot_plan if options == robot_plan.options else replace(robot_plan, options=options)
 
 
 # -- in simulation
 
 
-def _simulated(wanted: Wanted, driver_class: type[Driver]) -> Plan:
-    scene = wanted.scene
-    file = scene.model(wanted.robot)
+def _simulated(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
+    scene = arguments.scene
+    file = scene.model(arguments.robot)
     if file is not None:
-        driver_class, resolved, twin = read_own_model(wanted.robot, file, scene)
-        return _simulation(wanted, driver_class, resolved, twin)
-    check_keyframe(wanted.robot, scene)
-    if why := driver_class.SIMULATION:
-        raise ValueError(f"Robot: there is no simulation of {wanted.name}: {why}")
-    return _simulation(wanted, driver_class, driver_class.resolve(wanted.robot, {}), None)
+        driver_class, resolved, twin = read_own_model(arguments.robot, file, scene)
+        return _simulation(arguments, driver_class, resolved, twin)
+    check_keyframe(arguments.robot, scene)
+    if reason := driver_class.SIMULATION:
+        raise ValueError(f"Robot: there is no simulation of {arguments.name}: {reason}")
+    return _simulation(arguments, driver_class, driver_class.resolve(arguments.robot, {}), None)
 
 
 def _simulation(
-    wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any], twin: dict[str, Any] | None
+    arguments: RobotArguments, driver_class: type[Driver], resolved: dict[str, Any], twin: dict[str, Any] | None
 ) -> Plan:
-    if ignored := wanted.given():
+    if ignored := arguments.hardware_keywords():
         raise TypeError(
-            f"Robot: a simulation of {wanted.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
+            f"Robot: a simulation of {arguments.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
             "add mode='real', or leave it out"
         )
-    options = {"class": place_of(driver_class), "options": resolved, "gated": wanted.scene.gated}
+    options = {"class": place_of(driver_class), "options": resolved, "gated": arguments.scene.gated}
     simulation = load(SIMULATION)
-    cameras = _cameras(wanted, simulation, options)
+    cameras = _cameras(arguments, simulation, options)
     twin_process = TwinProcess(
         driver_class.TWIN,
-        wanted.robot,
+        arguments.robot,
         has_control=True,
-        place=wanted.scene.place,
+        place=arguments.scene.place,
         options=twin,
         pictures=_draws(cameras),
-        backend=wanted.scene.other_backend,
+        backend=arguments.scene.alternative_backend,
     )
     return Plan(
-        wanted.robot,
-        wanted.tool_name,
+        arguments.robot,
+        arguments.tool_name,
         simulation,
         "",
         SIM,
         options,
         twin_process,
-        data_config=wanted.data_config,
-        mesh=wanted.mesh,
+        data_config=arguments.data_config,
+        mesh=arguments.mesh,
         cameras=cameras,
     )
 
 
-def _cameras(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any]) -> tuple[CameraSettings, ...]:
-    """Raise ``TypeError`` or ``ValueError``."""
-    if wanted.cameras is None:
+def _cameras(
+    arguments: RobotArguments, driver_class: type[Driver], resolved: dict[str, Any]
+) -> tuple[CameraSettings, ...]:
+    """Return the camera settings of a plan. Raise ``TypeError`` or ``ValueError`` if ``cameras=`` is wrong."""
+    if arguments.cameras is None:
         return ()
-    axes = driver_class(wanted.robot, wanted.port or "", resolved).axes
-    simulated = wanted.mode == "sim" or (wanted.transport == TWIN and not driver_class.SIMULATION)
-    return read_cameras(wanted.cameras, driver_class=driver_class, axes=axes, simulated=simulated)
+    axes = driver_class(arguments.robot, arguments.port or "", resolved).axes
+    simulated = arguments.mode == "sim" or (arguments.transport == TWIN and not driver_class.SIMULATION)
+    return read_cameras(arguments.cameras, driver_class=driver_class, axes=axes, simulated=simulated)
 
 
 def _draws(cameras: Iterable[CameraSettings]) -> bool:
-    """Return True if one of the cameras shows the scene."""
+    """Return True if one of the cameras draws the simulated scene."""
     return any(camera.type == SCENE for camera in cameras)
 
 
 # -- on hardware, or on a twin
 
 
-def _real(wanted: Wanted, driver_class: type[Driver]) -> Plan:
-    _check_hardware(wanted, driver_class)
-    tool_name = wanted.tool_name
+def _real(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
+    _check_hardware(arguments, driver_class)
+    tool_name = arguments.tool_name
     twin_process = None
     owns_twin_process = True
-    if wanted.transport == TWIN:
-        owns_twin_process = wanted.sim is None
-        # Without ``tool_name`` no calibration is read, since a new twin has no calibration.
-        resolved = _resolve(wanted, driver_class, wanted.options)
-        cameras = _cameras(wanted, driver_class, resolved)
+    if arguments.transport == TWIN:
+        owns_twin_process = arguments.sim is None
+        # Leave ``tool_name`` out, so that no calibration is read. A new simulated robot has no calibration.
+        resolved = _resolve(arguments, driver_class, arguments.options)
+        cameras = _cameras(arguments, driver_class, resolved)
         draws = _draws(cameras)
         twin_process = (
-            TwinProcess(driver_class.TWIN, wanted.robot, has_control=draws, pictures=draws, on_wire=draws)
+            TwinProcess(driver_class.TWIN, arguments.robot, has_control=draws, pictures=draws, on_wire=draws)
             if owns_twin_process
-            else _twin_process_of(wanted)
+            else _twin_process_of(arguments)
         )
     else:
-        way = {} if wanted.transport is None else {"transport": wanted.transport}
-        resolved = _resolve(wanted, driver_class, {**wanted.options, **way, "tool_name": tool_name})
-        _check_port(wanted, driver_class, resolved)
-        cameras = _cameras(wanted, driver_class, resolved)
+        transport = {} if arguments.transport is None else {"transport": arguments.transport}
+        resolved = _resolve(arguments, driver_class, {**arguments.options, **transport, "tool_name": tool_name})
+        _check_port(arguments, driver_class, resolved)
+        cameras = _cameras(arguments, driver_class, resolved)
     return Plan(
-        wanted.robot,
+        arguments.robot,
         tool_name,
         driver_class,
-        wanted.port or "",
-        wanted.transport,
+        arguments.port or "",
+        arguments.transport,
         resolved,
         twin_process,
         owns_twin_process,
-        wanted.data_config,
-        wanted.mesh,
-        wanted.drill_age_s,
-        lifetime_s=wanted.lifetime_s,
+        arguments.data_config,
+        arguments.mesh,
+        arguments.drill_age_s,
+        lifetime_s=arguments.lifetime_s,
         cameras=cameras,
-        policy_limits=wanted.policy_limits,
+        policy_limits=arguments.policy_limits,
     )
 
 
-def _elsewhere(wanted: Wanted, driver_class: type[Driver]) -> Plan:
-    """Return the plan for a robot of another host, which has the arguments for the hardware."""
-    assert wanted.at is not None
-    _leave_to_host(wanted)
+def _elsewhere(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
+    """Return the plan for a robot of another host. That host has the arguments for the hardware."""
+    assert arguments.host_address is not None
+    _leave_to_host(arguments)
     return Plan(
-        wanted.robot,
-        wanted.tool_name,
+        arguments.robot,
+        arguments.tool_name,
         driver_class,
         "",
         None,
-        _resolve(wanted, driver_class, wanted.options),
-        data_config=wanted.data_config,
-        mesh=wanted.mesh,
-        at=wanted.at,
-        lifetime_s=wanted.lifetime_s,
-        policy_limits=wanted.policy_limits,
+        _resolve(arguments, driver_class, arguments.options),
+        data_config=arguments.data_config,
+        mesh=arguments.mesh,
+        host_address=arguments.host_address,
+        lifetime_s=arguments.lifetime_s,
+        policy_limits=arguments.policy_limits,
     )
 
 
-def _plain(wanted: Wanted, driver_class: type[Any]) -> Plan:
-    """Return the plan for a plain driver class (of strands-robots' drivers page or of LeRobot), which has
-    no tree."""
+def _plain(arguments: RobotArguments, driver_class: type[Any]) -> Plan:
+    """Return the plan for a plain driver class, which is not made for this package.
+
+    Such a class comes from the drivers page of strands-robots, or from LeRobot.
+    """
     name = driver_class.__name__
-    if wanted.mode == "sim":
-        raise ValueError(f"Robot: {name} has no simulation of {wanted.name}. use mode='real'")
-    if wanted.sim is not None or wanted.transport == "twin":
-        raise ValueError(f"Robot: {name} has no twin of ours. give its port")
-    if wanted.at is None:
-        _check_hardware(wanted, driver_class)
+    if arguments.mode == "sim":
+        raise ValueError(f"Robot: {name} has no simulation of {arguments.name}. Use mode='real'")
+    if arguments.sim is not None or arguments.transport == "twin":
+        raise ValueError(f"Robot: this package has no simulated robot for {name}. Give the port of the real robot")
+    if arguments.host_address is None:
+        _check_hardware(arguments, driver_class)
     else:
-        _leave_to_host(wanted)
-    own = {"port": wanted.port, "transport": wanted.transport, "cameras": wanted.cameras}
-    own |= {"tool_name": wanted.tool_name, "data_config": wanted.data_config}
-    given = {key: value for key, value in own.items() if value is not None} | wanted.options
+        _leave_to_host(arguments)
+    own = {"port": arguments.port, "transport": arguments.transport, "cameras": arguments.cameras}
+    own |= {"tool_name": arguments.tool_name, "data_config": arguments.data_config}
+    values = {key: value for key, value in own.items() if value is not None} | arguments.options
     plain = load(getattr(driver_class, "DRIVER", PLAIN))
-    options = plain.options_of(driver_class, wanted.robot, given)
-    if wanted.at is not None and not plain(wanted.robot, "", options).axes:
+    options = plain.options_of(driver_class, arguments.robot, values)
+    if arguments.host_address is not None and not plain(arguments.robot, "", options).axes:
         raise ValueError(
-            f"Robot: {name} does not say which axes it has before it is made. Give the class action_features, a "
-            f"mapping of keys, to reach it at {wanted.at}"
+            f"Robot: the axes of {name} are not known before an object of it is made. To reach it at "
+            f"{arguments.host_address}, give the class a mapping of its keys as action_features"
         )
     return Plan(
-        wanted.robot,
-        wanted.tool_name,
+        arguments.robot,
+        arguments.tool_name,
         plain,
-        wanted.port or "",
+        arguments.port or "",
         None,
         options,
-        data_config=wanted.data_config,
-        mesh=wanted.mesh,
-        drill_age_s=wanted.drill_age_s,
-        at=wanted.at or "",
-        lifetime_s=wanted.lifetime_s,
-        policy_limits=wanted.policy_limits,
+        data_config=arguments.data_config,
+        mesh=arguments.mesh,
+        drill_age_s=arguments.drill_age_s,
+        host_address=arguments.host_address or "",
+        lifetime_s=arguments.lifetime_s,
+        policy_limits=arguments.policy_limits,
     )
 
 
-def _leave_to_host(wanted: Wanted) -> None:
-    """Raise ``TypeError`` for a keyword that belongs to the host of the robot."""
+def _leave_to_host(arguments: RobotArguments) -> None:
+    """Raise ``TypeError`` for a keyword that only the host of the robot can use."""
     own = ("port", "transport", "sim", "cameras", "require_drill")
-    given = wanted.given() | ({} if wanted.cameras is None else {"cameras": wanted.cameras})
-    ignored = [key for key in given if key in own]
-    if wanted.policy_limits != PolicyLimits():
+    keywords = arguments.hardware_keywords() | ({} if arguments.cameras is None else {"cameras": arguments.cameras})
+    ignored = [key for key in keywords if key in own]
+    if arguments.policy_limits != PolicyLimits():
         ignored.append("policy_limits")
     if ignored:
         raise TypeError(
-            f"Robot: a robot at {wanted.at} has its own {', '.join(f'{key}=' for key in ignored)}. leave that out"
+            f"Robot: only the host at {arguments.host_address} can set "
+            f"{', '.join(f'{key}=' for key in ignored)}. Leave that out"
         )
 
 
-def _check_hardware(wanted: Wanted, driver_class: type[Any]) -> None:
-    name, transport = driver_name(driver_class), wanted.transport
+def _check_hardware(arguments: RobotArguments, driver_class: type[Any]) -> None:
+    name, transport = driver_name(driver_class), arguments.transport
     offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
     if transport is not None and transport not in offered:
         words = (*offered, "serial") if is_serial(driver_class) else offered
         raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(words) or 'none'}")
-    if wanted.sim is not None and transport != TWIN:
+    if arguments.sim is not None and transport != TWIN:
         raise ValueError(
-            "Robot: sim= is what a twin is made of: add transport='twin'. "
+            "Robot: sim= is used only with transport='twin'. Add it, or leave out sim=. "
             f"{name} offers {', '.join(offered) or 'none'}"
         )
     is_plain = not issubclass(driver_class, Driver)
-    if wanted.cameras and is_plain and not getattr(driver_class, "reads_cameras", False):
-        raise ValueError(f"Robot: {name} opens no cameras. leave out cameras=, and read them beside the robot")
-    if transport == TWIN and wanted.port is not None:
-        raise ValueError(f"Robot: port={wanted.port!r} and transport={transport!r} are both given. choose one")
+    if arguments.cameras and is_plain and not getattr(driver_class, "reads_cameras", False):
+        raise ValueError(f"Robot: {name} opens no cameras. Leave out cameras=, and read them in your program")
+    if transport == TWIN and arguments.port is not None:
+        raise ValueError(
+            f"Robot: port={arguments.port!r} and transport={transport!r} are both given. Give one of them"
+        )
     needs_port = hasattr(driver_class, "PORT_KIND") and not getattr(driver_class, "PORT_OPTIONAL", False)
-    if transport is None and wanted.port is None and needs_port:
-        raise ValueError(_missing_port(wanted.robot, driver_class))
+    if transport is None and arguments.port is None and needs_port:
+        raise ValueError(_missing_port(arguments.robot, driver_class))
 
 
-def _resolve(wanted: Wanted, driver_class: type[Driver], options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options as the driver reads them. If a keyword has two names, a refusal has the one that
-    the user gave, too."""
+def _resolve(arguments: RobotArguments, driver_class: type[Driver], options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options as the driver reads them.
+
+    If the user gave an option by another name, the text of an error has that name, too.
+    """
     try:
-        return driver_class.resolve(wanted.robot, options)
+        return driver_class.resolve(arguments.robot, options)
     except (TypeError, ValueError) as refusal:
-        if not wanted.spelled:
+        if not arguments.spelled:
             raise
-        names = ", ".join(f"{given} is another name of {own}" for own, given in wanted.spelled.items())
+        names = ", ".join(f"{spelling} is another name of {own}" for own, spelling in arguments.spelled.items())
         error_class = ValueError if isinstance(refusal, ValueError) else TypeError
         raise error_class(f"{refusal} ({names})") from None
 
 
-def _check_port(wanted: Wanted, driver_class: type[Driver], resolved: dict[str, Any]) -> None:
-    driver = driver_class(wanted.robot, wanted.port or "", resolved)
+def _check_port(arguments: RobotArguments, driver_class: type[Driver], resolved: dict[str, Any]) -> None:
+    driver = driver_class(arguments.robot, arguments.port or "", resolved)
     try:
         driver.check_port()
     except ValueError as refusal:
-        raise ValueError(f"Robot: {wanted.robot}: {refusal}") from None
+        raise ValueError(f"Robot: {arguments.robot}: {refusal}") from None
 
 
-def _twin_process_of(wanted: Wanted) -> TwinProcess:
-    twin_process = getattr(wanted.sim, "twin_process", None)
-    if getattr(wanted.sim, "transport", None) != SIM or not isinstance(twin_process, TwinProcess):
-        raise ValueError(f"Robot: sim is {wanted.sim!r}. give a simulation: Robot({wanted.robot!r}), mode 'sim'")
-    if twin_process.robot != wanted.robot:
-        raise ValueError(f"Robot: sim is a {twin_process.robot}. give a simulation of {wanted.robot}")
+def _twin_process_of(arguments: RobotArguments) -> TwinProcess:
+    twin_process = getattr(arguments.sim, "twin_process", None)
+    if getattr(arguments.sim, "transport", None) != SIM or not isinstance(twin_process, TwinProcess):
+        raise ValueError(f"Robot: sim is {arguments.sim!r}. Give a simulation, such as Robot({arguments.robot!r})")
+    if twin_process.robot != arguments.robot:
+        raise ValueError(
+            f"Robot: sim is a simulation of {twin_process.robot}. Give a simulation of {arguments.robot}"
+        )
     return twin_process
 
 

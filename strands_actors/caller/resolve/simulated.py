@@ -16,7 +16,7 @@ BACKENDS = ("mujoco", "newton", "isaac")
 EXPERIMENTAL = {
     "backend='isaac'": "nobody has seen it on Isaac Sim. It was tried with a stand-in for Isaac Sim's classes"
 }
-"""As ``Driver.EXPERIMENTAL``, for simulations."""
+"""Options of simulations that are experimental, with the reason. It is like ``Driver.EXPERIMENTAL``."""
 
 ISAAC = (
     "Isaac Sim is not here. It needs Python 3.11 and an RTX graphics card: "
@@ -32,7 +32,7 @@ HOME = "home"
 
 @dataclass(frozen=True)
 class Scene:
-    """The keywords for simulations, as the user gave them."""
+    """The keywords of ``Robot(...)`` for simulations, as the user gave them."""
 
     backend: str = "mujoco"
     urdf_path: str | os.PathLike[str] | None = None
@@ -41,25 +41,28 @@ class Scene:
     keyframe: str | int | None = None
     gated: bool = True
 
-    def given(self) -> dict[str, Any]:
+    def simulation_keywords(self) -> dict[str, Any]:
         """Return the given keywords that only a simulation uses."""
         own = {name: getattr(self, name) for name in ("urdf_path", "position", "orientation", "keyframe")}
-        own["backend"] = self.other_backend or None
+        own["backend"] = self.alternative_backend or None
         own["gated"] = None if self.gated else False
         return {name: value for name, value in own.items() if value is not None}
 
     def model(self, robot: str) -> str | None:
-        """Return the model file that is simulated in place of a built-in robot; None without such a file."""
+        """Return the user's model file for this robot; None if the built-in model is simulated."""
         return os.fspath(self.urdf_path) if self.urdf_path is not None else model_of(robot)
 
     @property
-    def other_backend(self) -> str:
-        """Return the backend; empty for MuJoCo."""
+    def alternative_backend(self) -> str:
+        """Return the backend (the physics engine); empty for MuJoCo."""
         return "" if self.backend == BACKENDS[0] else self.backend
 
     @property
     def place(self) -> dict[str, Any] | None:
-        """Return position and orientation of the base; None for those of the model. Raise ``ValueError``."""
+        """Return position and orientation of the base; None for those of the model.
+
+        Raise ``ValueError`` if they are wrong.
+        """
         try:
             return placement(self.position, self.orientation)
         except ValueError as wrong:
@@ -69,7 +72,7 @@ class Scene:
 def check_backend(backend: object) -> None:
     """Raise ``ValueError`` for an unknown backend, ``ImportError`` if its packages are missing."""
     if backend not in BACKENDS:
-        raise ValueError(f"Robot: backend is {backend!r}. use one of {', '.join(map(repr, BACKENDS))}")
+        raise ValueError(f"Robot: backend is {backend!r}. Use one of {', '.join(map(repr, BACKENDS))}")
     if backend == "isaac" and importlib.util.find_spec("isaacsim") is None:
         raise ImportError(f"Robot: backend 'isaac': {ISAAC}")
     if backend == "newton" and (lacking := [name for name in NEWTON if importlib.util.find_spec(name) is None]):
@@ -79,8 +82,9 @@ def check_backend(backend: object) -> None:
 
 
 def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict[str, Any], dict[str, Any]]:
-    """Return the driver class for a model file, its options, and the options of its twin. Raise
-    ``ValueError`` for an unknown keyframe or a file that cannot be read."""
+    """Return the driver class for a model file, its options, and the options of the simulated robot. Raise
+    ``ValueError`` for an unknown keyframe or a file that cannot be read.
+    """
     driver_class = load(MODEL)
     options = driver_class.resolve(robot, {"model": file})
     twin: dict[str, Any] = {"model": os.path.abspath(os.path.expanduser(file))}
@@ -92,7 +96,8 @@ def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict
             keyframe = names[keyframe]
         if not isinstance(keyframe, str) or keyframe not in keyframes:
             raise ValueError(
-                f"Robot: keyframe is {scene.keyframe!r}. {robot} has {', '.join(names) or 'none in its model'}"
+                f"Robot: keyframe is {scene.keyframe!r}. "
+                f"The model of {robot} has {', '.join(names) or 'no keyframes'}"
             )
         twin["home"] = keyframes[keyframe]
     return driver_class, options, twin
@@ -101,4 +106,4 @@ def read_own_model(robot: str, file: str, scene: Scene) -> tuple[type[Any], dict
 def check_keyframe(robot: str, scene: Scene) -> None:
     """Raise ``ValueError`` for a keyframe that a built-in robot does not have."""
     if scene.keyframe not in (None, HOME, 0) or isinstance(scene.keyframe, bool):
-        raise ValueError(f"Robot: keyframe is {scene.keyframe!r}. {robot} has {HOME!r}, where it begins")
+        raise ValueError(f"Robot: keyframe is {scene.keyframe!r}. {robot} has only {HOME!r}, in which it begins")

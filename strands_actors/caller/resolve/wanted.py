@@ -34,8 +34,9 @@ from .simulated import Scene, check_backend
 
 MODES = ("sim", "real", "auto")
 MODE_VARIABLE = "STRANDS_ROBOT_MODE"
-"""Environment variable with the meaning of ``mode="auto"`` on this computer: ``sim`` or ``real``. Other
-modes ignore it."""
+"""Environment variable with the mode (``sim`` or ``real``) that ``mode="auto"`` selects on this computer. Other
+modes ignore it.
+"""
 _log = logging.getLogger("strands_actors")
 _TOOL_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}\Z")
 TOOL_NAMES = "1 to 64 of A-Z a-z 0-9 _ -"
@@ -46,32 +47,35 @@ def is_tool_name(name: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RobotArguments:
     """The checked arguments of ``Robot(...)``, except ``approve``, ``guarded`` and ``arm``."""
 
     name: str
     robot: str
     mode: str
     tool_name: str
-    port: Any  # with mode "real" a text, or None
+    # If the mode is "real", the port is a text or None.
+    port: Any
     transport: str | None
     sim: Any
     cameras: Any
     data_config: Any
     mesh: MeshConfig
     drill_age_s: float | None
-    at: str | None
+    host_address: str | None
     lifetime_s: float | None
     policy_limits: PolicyLimits
     scene: Scene
     options: dict[str, Any] = field(repr=False)
     spelled: Mapping[str, str] = field(default_factory=dict)
-    """Options that were given by another name: the driver's name to that name."""
+    """Options that the user gave by another name. The keys are the driver's names, the values are the other
+    names.
+    """
 
-    def given(self) -> dict[str, Any]:
+    def hardware_keywords(self) -> dict[str, Any]:
         """Return the given arguments that only a real robot uses."""
         own = {"port": self.port, "transport": self.transport, "sim": self.sim}
-        own |= {"require_drill": self.drill_age_s, "at": self.at, "lifetime": self.lifetime_s}
+        own |= {"require_drill": self.drill_age_s, "at": self.host_address, "lifetime": self.lifetime_s}
         return {key: value for key, value in own.items() if value is not None} | self.options
 
 
@@ -99,7 +103,7 @@ def read(
     keyframe: str | int | None = None,
     gated: bool = True,
     **options: Any,
-) -> tuple[Wanted, type[Any]]:
+) -> tuple[RobotArguments, type[Any]]:
     """Return the checked arguments, and the driver's class.
 
     Raises:
@@ -109,53 +113,59 @@ def read(
     """
     chosen_mode = str(mode).strip().lower()
     if chosen_mode not in MODES:
-        raise ValueError(f"Robot: mode is {mode!r}. use {', '.join(map(repr, MODES))} (upper or lower case)")
+        raise ValueError(f"Robot: mode is {mode!r}. Use {', '.join(map(repr, MODES))} (upper or lower case)")
     robot = canonical_name(name)
     scene = Scene(backend, urdf_path, position, orientation, keyframe, gated)
     if not isinstance(gated, bool):
-        raise TypeError(f"Robot: gated is {shown(gated)}. give True, or False to lift the ranges of joints")
+        raise TypeError(
+            f"Robot: gated is {shown(gated)}. Give True, or False to let targets exceed the ranges of joints"
+        )
     check_backend(backend)
     driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
-    if peer_id is not None:  # the word of strands-robots for the name on the mesh
+    # strands-robots names this option ``peer_id``, since it is the name on the mesh.
+    if peer_id is not None:
         if tool_name not in (None, peer_id):
-            raise ValueError("Robot: tool_name and peer_id are both given. they are the same: give one of them")
+            raise ValueError("Robot: tool_name and peer_id are both given, and mean the same. Give one of them")
         tool_name = peer_id
     chosen = robot if tool_name is None else tool_name
     if not isinstance(chosen, str) or not is_tool_name(chosen):
-        raise ValueError(f"Robot: tool_name is {chosen!r}. use {TOOL_NAMES}")
+        raise ValueError(f"Robot: tool_name is {chosen!r}. Use {TOOL_NAMES}")
     _check_keywords(driver_class, options)
     options, spelled = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
-    if mesh is True:  # strands-robots takes True for the mesh that every robot here has
+    # In strands-robots True asks for a mesh. Every robot here is on one anyway.
+    if mesh is True:
         mesh = None
     if mesh is not None and not isinstance(mesh, MeshConfig):
         raise TypeError(
-            f"Robot: mesh is {mesh!r}. give MeshConfig(listen=...), or False for none; every robot is on the mesh "
-            "of its own user anyway"
+            f"Robot: mesh is {mesh!r}. Give MeshConfig(listen=...) to let other hosts reach the robot, or False"
         )
     if mesh is None:
         mesh = MeshConfig.from_environment()
     if at is not None:
         if not isinstance(at, str):
-            raise TypeError(f"Robot: at is {shown(at)}. give where its host listens: 'tls/arm.example:7447'")
+            raise TypeError(
+                f"Robot: at is {shown(at)}. Give the address of the robot's host: 'tls/arm.example:7447'"
+            )
         mesh = msgspec.structs.replace(mesh, connect=at, listen=())
     mesh.check()
     if lifetime is not None and not 0 < lifetime <= MAX_LIFETIME_S:
-        raise ValueError(f"Robot: lifetime is {lifetime!r}. give seconds, above 0 and at most {MAX_LIFETIME_S:g}")
+        raise ValueError(f"Robot: lifetime is {lifetime!r}. Give seconds, above 0 and at most {MAX_LIFETIME_S:g}")
     drill_age_s = None if require_drill is None else parse_age_s(require_drill)
     if chosen_mode == "auto":
         port, chosen_mode = _look_around(driver_class, port, transport) if at is None else (port, "real")
-    where = _port(driver_class, port) if chosen_mode == "real" else port
+    port_text = _port(driver_class, port) if chosen_mode == "real" else port
     if chosen_mode == "real" and transport == "serial" and is_serial(driver_class):
-        transport = None  # strands-robots writes transport="serial" for a port
+        # In strands-robots ``transport="serial"`` means that a port is used.
+        transport = None
     return (
-        Wanted(
+        RobotArguments(
             name,
             robot,
             chosen_mode,
             chosen,
-            where,
+            port_text,
             transport,
             sim,
             cameras,
@@ -174,34 +184,35 @@ def read(
 
 
 def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:
-    known = list_driver_coverage()
-    if has_model and ("strands" not in known.get(robot, ()) or get_native_driver_class(robot) is None):
+    coverage = list_driver_coverage()
+    if has_model and ("strands" not in coverage.get(robot, ()) or get_native_driver_class(robot) is None):
         if driver not in ("auto", "strands"):
-            resolve_driver(name, driver)  # raises for an unknown word
+            # This raises an error for an unknown ``driver``.
+            resolve_driver(name, driver)
         return load(MODEL)  # type: ignore[no-any-return]  # by its name
-    if robot not in known:
-        raise ValueError(_unknown(name, known))
+    if robot not in coverage:
+        raise ValueError(_unknown(name, coverage))
     if resolve_driver(name, driver) == "strands":
         driver_class = get_native_driver_class(robot)
         assert driver_class is not None
         return driver_class
-    if driver == "auto" and "lerobot" not in known[robot]:
+    if driver == "auto" and "lerobot" not in coverage[robot]:
         native = ", ".join(list_native_drivers())
         raise ValueError(
-            f"Robot: {name} has no native driver. a model of it simulates: register_robot({robot!r}, "
-            f"model_xml=...). these have a driver: {native}"
+            f"Robot: {name} has no native driver. To simulate it, register a model: register_robot({robot!r}, "
+            f"model_xml=...). These robots have a driver: {native}"
         )
     return get_lerobot_class(name)
 
 
-def _unknown(name: str, known: Iterable[str]) -> str:
+def _unknown(name: str, robot_names: Iterable[str]) -> str:
     if name.endswith("_leader"):
         follower = canonical_name(name.removesuffix("_leader"))
-        its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in known else ""
+        its = f" its follower is Robot({follower!r}, mode='real', port=...)" if follower in robot_names else ""
         return (
-            f"Robot: {name} is a teleoperator. use Teleoperator({name!r}, port=...) and arm.teleoperate(it).{its}"
+            f"Robot: {name} is a teleoperator. Use Teleoperator({name!r}, port=...) and arm.teleoperate(it).{its}"
         )
-    close = closest(name, known, 3)
+    close = closest(name, robot_names, 3)
     hint = f" Did you mean: {', '.join(close)}?" if close else ""
     return f"Robot: {shown(name)} is not known.{hint} strands_actors.list_robots() has them all"
 
@@ -220,14 +231,16 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
 
 
 def _spelled(driver_class: type[Any], options: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the options by the driver's names, and the other names that were given for some."""
+    """Return the options by the driver's names, and the other names by which the user gave some of them."""
     others: Mapping[str, str] = getattr(driver_class, "SPELLINGS", {})
     renamed: dict[str, Any] = {}
     for keyword, value in options.items():
         own = others.get(keyword, keyword)
         if own in renamed:
-            other = next(name for name in options if others.get(name, name) == own and name != keyword)
-            raise ValueError(f"Robot: {other} and {keyword} are both given. they are the same: give one of them")
+            duplicate = next(name for name in options if others.get(name, name) == own and name != keyword)
+            raise ValueError(
+                f"Robot: {duplicate} and {keyword} are both given, and mean the same. Give one of them"
+            )
         renamed[own] = value
     return renamed, {others[keyword]: keyword for keyword in options if keyword in others}
 
@@ -237,11 +250,11 @@ def _port(driver_class: type[Any], port: Any) -> str | None:
     if port is None:
         return None
     if not isinstance(port, str | os.PathLike) or not isinstance(text := os.fspath(port), str):
-        raise TypeError(f"Robot: port is {port!r}. give a path or an address, as text")
+        raise TypeError(f"Robot: port is {port!r}. Give a path or an address, as text")
     if not text.strip():
         return None
     if any(letter.isspace() for letter in text) and getattr(driver_class, "PORT_KIND", None) == "address":
-        raise ValueError(f"Robot: port is {text!r}. give an address, without spaces")
+        raise ValueError(f"Robot: port is {text!r}. Give an address, without spaces")
     return text
 
 
@@ -255,7 +268,8 @@ def _look_around(
 ) -> tuple[str | os.PathLike[str] | None, str]:
     """Return port and mode for ``mode="auto"``.
 
-    A given port or transport decides, then the environment, then the adapters that are plugged in.
+    A given port or transport decides. Without them the environment variable decides, then the adapters that are
+    plugged in.
     """
     if port is not None or transport is not None:
         return port, "real"
@@ -274,7 +288,7 @@ def _mode_of_environment() -> str:
     if word in ("", "auto"):
         return ""
     if word not in MODES:
-        _log.warning("%s is %r, and is ignored. use %s", MODE_VARIABLE, word, ", ".join(map(repr, MODES)))
+        _log.warning("%s is %r, and is ignored. Use %s", MODE_VARIABLE, word, ", ".join(map(repr, MODES)))
         return ""
     return word
 

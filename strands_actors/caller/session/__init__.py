@@ -1,1 +1,1 @@
-"""A caller's session with one robot: lease, orders, rollouts."""
+"""A program's session with one robot. It holds the right to command (lease), and sends commands and motions."""

@@ -1,8 +1,8 @@
-"""Send commands to a robot's gate, under the caller's lease.
+"""Send commands to a robot's gate, which checks them, under the program's lease (the right to command).
 
-``ask`` is for the trio loop of the tree. ``ask_here`` is for a thread of the program, which asks the
-gate directly and waits. If a decision is needed (no lease, a stale lease, a running rollout), the
-thread leaves the command to the loop, so that such decisions are made in one place.
+``ask`` is for the trio loop of this package. ``ask_here`` is for a thread of the program, which asks the gate
+directly and waits. If a decision is needed (no lease, a stale lease, a running policy), the thread leaves the
+command to the loop, so that such decisions are made in one place.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .writer import STALE, Writer
 
 
 class Order(NamedTuple):
-    """One command that has no lease yet.
+    """One command that has no lease (right to command) yet.
 
     Attributes:
-        verb: The verb, for refusals.
-        make: Makes the message for a lease.
-        within_s: Longest time for the answer.
+        verb: Name of the user's verb, for refusals.
+        make: Makes the message from a lease.
+        within_s: Longest time to wait for the answer.
     """
 
     verb: str
@@ -40,7 +40,7 @@ class Order(NamedTuple):
 
 
 class Orders:
-    """Make orders of commands and services. Any thread may use it."""
+    """Make the ``Order`` of a command or of a service. Any thread may use it."""
 
     def __init__(self, driver: Driver, clock: Clock, patience: Patience) -> None:
         self._driver = driver
@@ -59,8 +59,8 @@ class Orders:
         """Return the order for a service.
 
         Args:
-            service: Its name.
-            arguments: Its arguments.
+            service: Name of the service.
+            arguments: Arguments of the service.
             action: A command to write first. If it is refused, the service does not run.
         """
         arguments = {name: as_python(value) for name, value in arguments.items()}
@@ -91,8 +91,9 @@ class Commanding:
     async def ask(self, order: Order) -> Message | None:
         """Send a command, and return the gate's answer.
 
-        If the lease has become stale (the robot was held, the wire restarted, another program has it),
-        this new command of the user acquires it again. A disarmed or locked robot still refuses.
+        The lease (the right to command) may have become stale, because the robot was held, the wire process was
+        restarted, or another program commands the robot. This new command of the user then acquires the lease
+        again. A disarmed or locked robot still refuses.
         """
         writer = self._writer
         async with writer.turn:
@@ -112,21 +113,25 @@ class Commanding:
         try:
             return await self._processes.gate.ask(order.make(lease), order.within_s)
         except AskTimeout as timeout:
-            return await self._processes.late(order.verb, timeout)
+            return await self._processes.cancel_late_request(order.verb, timeout)
         except Unreachable as failure:
             return unreachable(order.verb, failure)
 
     def ask_here(self, order: Order) -> Message | None:
-        """As ``ask``, in the calling thread. None: nothing was done, and the loop has to ``ask``."""
+        """Send a command as ``ask`` does, but in the calling thread.
+
+        None means that nothing was done, and that the loop must call ``ask``.
+        """
         lease = self._writer.lease
         if lease is None or self._rollouts.running:
             return None
         try:
             answer = self._processes.gate.ask_here(order.make(lease), order.within_s)
         except AskTimeout as timeout:
-            return portal().call(self._processes.late, order.verb, timeout)
+            return portal().call(self._processes.cancel_late_request, order.verb, timeout)
         except Unreachable as failure:
-            self._processes.require()  # It raises if the robot was cleaned up meanwhile.
+            # This raises ``NotConnected`` if the robot was cleaned up meanwhile.
+            self._processes.require()
             return unreachable(order.verb, failure)
         return None if _is_stale(answer) else answer
 

@@ -7,9 +7,10 @@ thread, and runs on while the main thread spins. So a heartbeat carries two fact
     the program answers     the thread that last commanded the robot waits (sleep, read, prompt), or has
                             called a verb since the last heartbeat
 
-A latched target stays in force only while both are true. If the commanding thread only computes for the
-duration of the lease, without a call, the robot holds; the next command moves it again. A rollout needs
-only the first fact: its setpoints expire by themselves, and heavy work in the program must not end it.
+A latched target (in force until the next one) is kept only while both are true. If the commanding thread only
+computes for the duration of the lease, without a call, the robot holds; the next command moves it again. A
+rollout needs only the first fact: its setpoints expire by themselves, and heavy work in the program must not
+end it.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import threading
 import time
 
 from strands_actors.kernel.clock import NS
-from strands_actors.kernel.health.processor import standing
+from strands_actors.kernel.health.processor import processor_use
 
 BUSY_SHARE = 0.5
 """A thread that computes for this share of the time between two heartbeats counts as busy. A thread that
@@ -27,7 +28,7 @@ polls with short sleeps stays below it."""
 
 
 class Liveness:
-    """Whether the program is alive and answers.
+    """Measures whether the program is alive and answers.
 
     Call ``enter`` and ``leave`` around each verb (or use ``with``), and ``look`` at each heartbeat.
     """
@@ -35,7 +36,7 @@ class Liveness:
     def __init__(self) -> None:
         self._thread = threading.current_thread()
         self._calls = 0
-        self._seen_calls = 0
+        self._counted_calls = 0
         self._busy_ns = 0
         self._at_ns = time.monotonic_ns()
         self._inside = 0
@@ -61,8 +62,8 @@ class Liveness:
         """Return the two facts of a heartbeat.
 
         Returns:
-            True if the process is alive; and the seconds since the commanding thread last answered, -1.0
-            if it has not answered since the last call.
+            First, True if the process is alive. Second, the seconds since the commanding thread last answered.
+            It is -1.0 if the thread has not answered since the last call of ``look``.
         """
         if not threading.main_thread().is_alive():
             return False, -1.0
@@ -70,10 +71,11 @@ class Liveness:
         now_ns = time.monotonic_ns()
         busy_ns = _computed_ns(thread)
         computed_ns, passed_ns = busy_ns - self._busy_ns, now_ns - self._at_ns
-        called = self._calls != self._seen_calls
-        self._busy_ns, self._at_ns, self._seen_calls = busy_ns, now_ns, self._calls
+        called = self._calls != self._counted_calls
+        self._busy_ns, self._at_ns, self._counted_calls = busy_ns, now_ns, self._calls
         if computed_ns < BUSY_SHARE * passed_ns:
-            # It may have begun to spin since the last call, but not longer ago than its computing time.
+            # The thread may have begun to spin since the last call of ``look``. That is not longer ago than its
+            # computing time.
             return True, computed_ns / NS
         if self._inside > 0:
             return True, 0.0
@@ -81,16 +83,16 @@ class Liveness:
 
 
 def _computed_ns(thread: threading.Thread) -> int:
-    """Return the time in which a thread computed, or wanted to and could not.
+    """Return the time in which a thread computed, or waited for a processor.
 
-    It includes the time in which the thread waited for a processor, and in which the present thread did,
-    since that may have kept the interpreter's lock. Without these waits a spinning thread on a busy
-    computer would seem to sleep. It is 0 on systems that do not report this (macOS).
+    The waits of the present thread count, too, since it may have kept the interpreter's lock meanwhile. Without
+    these waits a spinning thread on a busy computer would seem to sleep. The result is 0 on systems that do not
+    report this (macOS).
     """
     # In a forked process, ``native_id`` of the main thread is still the id from before the fork (CPython
     # 3.11).
     number = None if thread is threading.main_thread() else thread.native_id
-    theirs, ours = standing(os.getpid(), number), standing(os.getpid(), threading.get_native_id())
+    theirs, ours = processor_use(os.getpid(), number), processor_use(os.getpid(), threading.get_native_id())
     if theirs is None or ours is None:
         return 0
     return theirs.computed_ns + theirs.waited_ns + ours.waited_ns

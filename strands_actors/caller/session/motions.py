@@ -1,8 +1,8 @@
 """Plan motions with a duration: joints that reach targets, or speeds that are held.
 
-Pure: no clock, no I/O. If the robot could not follow a plan, the plan is refused before anything moves.
-The robot's own gates decide that. They check the end of the motion, and its first, fastest and last
-step.
+Pure: no clock, no I/O. If the robot could not follow a plan, the plan is refused before anything moves. The
+driver's gates (its checks of range and speed) decide that. They check the end of the motion, and its first,
+fastest and last step.
 
 A joint moves from its measured position along a minimum-jerk path. The path is counted in control
 periods, not in seconds of a clock. So a busy computer lengthens a motion, and never makes a step
@@ -48,9 +48,9 @@ class Motion(NamedTuple):
     """A planned motion.
 
     Attributes:
-        verb: The verb that asked for it.
+        verb: Name of the user's verb.
         period_s: The control period.
-        n_steps: Number of its steps.
+        n_steps: Number of control periods of the motion.
         action: Returns the command of a step, 1 to ``n_steps``.
     """
 
@@ -81,8 +81,8 @@ class Steps:
         return [motion.action(min(step, motion.n_steps)) for step in range(first, self._step + 1)]
 
 
-class Seen(NamedTuple):
-    """The state of the robot when a motion is planned."""
+class RobotReading(NamedTuple):
+    """What is known of a robot when a motion is planned: its reading, its present target, and the time."""
 
     observation: Observation
     target: tuple[float, ...]
@@ -94,20 +94,20 @@ def refuse_seconds(verb: str, name: str, seconds: object, longest_s: float) -> R
     value = finite(seconds)
     if value is not None and 0 < value <= longest_s:
         return None
-    given, limit = shown(seconds), f"above 0, at most {longest_s:g}"
-    return Refused(Code.BAD_TIME, f"{name} is {given}", f"give seconds, {limit}", given, limit, verb=verb)
+    offered, limit = shown(seconds), f"above 0, at most {longest_s:g}"
+    return Refused(Code.BAD_TIME, f"{name} is {offered}", f"give seconds, {limit}", offered, limit, verb=verb)
 
 
 def refuse_targets(driver: Driver, targets: object) -> Refused | None:
     """Return a refusal of targets that ``move_to`` cannot accept, in any state of this robot."""
-    if driver.axes and not any(is_place(driver, at) for at in range(len(driver.axes))):
-        why = f"{driver.robot} has no joints that go to a target"
-        return Refused(Code.NO_POSITIONS, why, "use send_action(), or move(..., duration_s=)", verb=MOVE_TO)
+    if driver.axes and not any(is_place(driver, index) for index in range(len(driver.axes))):
+        reason = f"{driver.robot} has no joints that go to a target"
+        return Refused(Code.NO_POSITIONS, reason, "use send_action(), or move(..., duration_s=)", verb=MOVE_TO)
     late = driver.fallbacks[Reason.POLICY]
     if driver.timing.oneshot_ttl_s is not None and not driver.energised(late):
-        why = f"{driver.robot} keeps no pose by itself: when its commands end it goes to {late}"
+        reason = f"{driver.robot} keeps no pose by itself: when its commands end it goes to {late}"
         remedy = "use run_policy() with a policy that keeps its pose afterwards, too"
-        return Refused(Code.KEEPS_NO_POSE, why, remedy, verb=MOVE_TO)
+        return Refused(Code.KEEPS_NO_POSE, reason, remedy, verb=MOVE_TO)
     refusal = refuse_shape(targets)
     if refusal is not None:
         return refusal.about(MOVE_TO)
@@ -115,13 +115,13 @@ def refuse_targets(driver: Driver, targets: object) -> Refused | None:
     speeds = {axis.key for axis in driver.table if axis.mode is AxisMode.VELOCITY}
     for name, value in targets.items():
         if str(name).removesuffix(".pos") in speeds:
-            why = f"{shown(name)} is a speed, and has no target to reach"
+            reason = f"{shown(name)} is a speed, and has no target to reach"
             remedy = "give joints here, and speeds to move(..., duration_s=) or send_action()"
-            return Refused(Code.A_SPEED, why, remedy, shown(name), "joints", verb=MOVE_TO)
+            return Refused(Code.A_SPEED, reason, remedy, shown(name), "joints", verb=MOVE_TO)
         if isinstance(value, Mapping):
-            why = f"{shown(name)} is {shown(value)}"
+            reason = f"{shown(name)} is {shown(value)}"
             return Refused(
-                Code.NOT_FINITE, why, "give a number for each joint", shown(value), "a number", verb=MOVE_TO
+                Code.NOT_FINITE, reason, "give a number for each joint", shown(value), "a number", verb=MOVE_TO
             )
     return None
 
@@ -130,7 +130,7 @@ def plan_move(
     driver: Driver,
     targets: Mapping[str, Any],
     seconds: float,
-    seen: Seen,
+    reading: RobotReading,
     period_s: float,
     may_take_longer: bool = False,
 ) -> Motion | Refused:
@@ -140,7 +140,7 @@ def plan_move(
         driver: The driver of the robot.
         targets: Target by joint, in the driver's units.
         seconds: Duration of the motion.
-        seen: The robot's state.
+        reading: The robot's state.
         period_s: The control period.
         may_take_longer: If ``seconds`` is too short for a joint, True takes the time that this joint
             needs, and False refuses.
@@ -148,22 +148,22 @@ def plan_move(
     Returns:
         The motion, or a refusal that names the shortest accepted time or the accepted range.
     """
-    state = state_of(seen, period_s)
+    state = state_of(reading, period_s)
     parsed = driver.parse(plain(targets), state)
     if isinstance(parsed, Refused):
         return parsed.about(MOVE_TO)
-    ends = {at: parsed.values[at] for at in parsed.named}
-    measured = seen.observation.position
-    for at in ends:
-        key = driver.axes[at]
-        if not math.isfinite(measured[at]):
-            why = f"where {key} is, is not known"
+    ends = {index: parsed.values[index] for index in parsed.named}
+    measured = reading.observation.position
+    for index in ends:
+        key = driver.axes[index]
+        if not math.isfinite(measured[index]):
+            reason = f"where {key} is, is not known"
             remedy = "use send_action(), which says how the robot goes there"
-            return Refused(Code.UNKNOWN_POSE, why, remedy, key, verb=MOVE_TO)
+            return Refused(Code.UNKNOWN_POSE, reason, remedy, key, verb=MOVE_TO)
     refusal = _refuse_end(driver, parsed, state)
     if refusal is not None:
         return refusal.about(MOVE_TO)
-    starts = {at: measured[at] for at in ends}
+    starts = {index: measured[index] for index in ends}
     steps = max(1, math.ceil(seconds / period_s - 1e-9))
     slowest, least = _least_steps(driver, starts, ends, period_s)
     refusal = _refuse_steps(driver, starts, ends, state, max(steps, least))
@@ -179,32 +179,36 @@ def plan_move(
     if steps < least and not may_take_longer:
         return _refuse_time(driver, slowest, starts, ends, seconds, least * period_s).about(MOVE_TO)
     steps = max(steps, least)
-    apart = any(abs(seen.target[at] - start) > _speed(driver, at) * period_s for at, start in starts.items())
-    names = {at: driver.axes[at] for at in ends}
+    apart = any(
+        abs(reading.target[index] - start) > _speed(driver, index) * period_s for index, start in starts.items()
+    )
+    names = {index: driver.axes[index] for index in ends}
 
     def action(step: int) -> dict[str, float]:
-        return {names[at]: _between(starts[at], ends[at], step / steps) for at in names}
+        return {names[index]: _between(starts[index], ends[index], step / steps) for index in names}
 
     return Motion(MOVE_TO, period_s, steps, action, keeps=True, begins_apart=apart)
 
 
 def plan_hold(
-    driver: Driver, verb: str, action: Mapping[str, Any], seconds: float, seen: Seen, period_s: float
+    driver: Driver, verb: str, action: Mapping[str, Any], seconds: float, reading: RobotReading, period_s: float
 ) -> Motion | Refused:
     """Plan to send ``action`` repeatedly for ``seconds``, and then zero for each of its speeds."""
-    state = state_of(seen, period_s)
+    state = state_of(reading, period_s)
     refusal = refuse_action(driver, plain(action), state)
     if isinstance(refusal, Refused):
         return refusal.about(verb)
-    zero = {driver.axes[at]: driver.table[at].rest for at in refusal.named if not is_place(driver, at)}
+    zero = {driver.axes[index]: driver.table[index].rest for index in refusal.named if not is_place(driver, index)}
     steps = max(1, math.ceil(seconds / period_s - 1e-9)) + 1
-    held = plain(action)
-    return Motion(verb, period_s, steps, lambda step: held if step < steps or not zero else held | zero)
+    command = plain(action)
+    return Motion(verb, period_s, steps, lambda step: command if step < steps or not zero else command | zero)
 
 
 def minimum_jerk(share: float) -> float:
-    """Return the share of the way after a share of the time. At both ends speed and acceleration are
-    zero."""
+    """Return the share of the distance that a minimum-jerk motion has covered after a share of its time.
+
+    Speed and acceleration are zero at both ends.
+    """
     return share**3 * (10 - 15 * share + 6 * share**2)
 
 
@@ -212,29 +216,29 @@ def _between(start: float, end: float, share: float) -> float:
     return end if share >= 1 else start + (end - start) * minimum_jerk(share)
 
 
-def is_place(driver: Driver, at: int) -> bool:
-    """Return True if an axis is commanded by position. Without a table, all axes of a driver are."""
-    return not driver.table or driver.table[at].mode is AxisMode.POSITION
+def is_place(driver: Driver, index: int) -> bool:
+    """Return True if an axis is commanded by position. A driver without a table has only such axes."""
+    return not driver.table or driver.table[index].mode is AxisMode.POSITION
 
 
-def _speed(driver: Driver, at: int) -> float:
-    return driver.table[at].speed if driver.table else math.inf
+def _speed(driver: Driver, index: int) -> float:
+    return driver.table[index].speed if driver.table else math.inf
 
 
 def _least_steps(
     driver: Driver, starts: Mapping[int, float], ends: Mapping[int, float], period_s: float
 ) -> tuple[int, int]:
     """Return the axis that needs most time at its top speed, and the number of periods that it needs."""
-    needed = {at: PEAK * abs(end - starts[at]) / _speed(driver, at) for at, end in ends.items()}
-    slowest = max(needed, key=lambda at: needed[at])
+    needed = {index: PEAK * abs(end - starts[index]) / _speed(driver, index) for index, end in ends.items()}
+    slowest = max(needed, key=lambda index: needed[index])
     return slowest, max(1, math.ceil(needed[slowest] / period_s - 1e-9))
 
 
 def _refuse_end(driver: Driver, end: Candidate, state: GateState) -> Refused | None:
-    """Check the end of a path with the robot's gates, from the present state of the robot.
+    """Check the end of a path with the driver's gates, from the present state of the robot.
 
-    The state matters: a joint that is past the end of its range may stay there, but no other joint may
-    go there. Refusals for speed are ignored, since the end is not one step away.
+    A joint that is outside its range may stay there, but no other joint may be sent there. Refusals for speed
+    are ignored, since the robot does not reach the end in one step.
     """
     refusals = (gate(end, state) for gate in driver.gates)
     return next((refusal for refusal in refusals if refusal is not None and refusal.code not in TOO_FAST), None)
@@ -246,26 +250,26 @@ def _refuse_steps(
     """Check the first, the fastest and the last step of a path with the robot's gates."""
     for step in dict.fromkeys((1, steps // 2 + 1, steps)):
         before, then = (
-            {driver.axes[at]: _between(starts[at], end, at_step / steps) for at, end in ends.items()}
-            for at_step in (step - 1, step)
+            {driver.axes[index]: _between(starts[index], end, number / steps) for index, end in ends.items()}
+            for number in (step - 1, step)
         )
-        here = arrived(driver, before, state)
-        if isinstance(here, Refused):
-            return here
-        refused = refuse_action(driver, then, here)
+        reached = arrived(driver, before, state)
+        if isinstance(reached, Refused):
+            return reached
+        refused = refuse_action(driver, then, reached)
         if isinstance(refused, Refused):
             return refused
     return None
 
 
 def arrived(driver: Driver, action: Mapping[str, float], state: GateState) -> GateState | Refused:
-    """Return the state of a robot that has reached ``action``."""
+    """Return the state that a robot has when it has reached ``action``."""
     parsed = driver.parse(action, state)
     if isinstance(parsed, Refused):
         return parsed
     position = list(state.observation.position)
-    for at in parsed.named:
-        position[at] = parsed.values[at]
+    for index in parsed.named:
+        position[index] = parsed.values[index]
     observation = replace(state.observation, position=tuple(position))
     return replace(state, observation=observation, target=parsed.values)
 
@@ -291,15 +295,15 @@ def _refuse_time(
     least_s: float,
 ) -> Refused:
     key, unit = driver.axes[slowest], unit_of(driver.table[slowest]) if driver.table else ""
-    way, least = abs(ends[slowest] - starts[slowest]), f"{math.ceil(least_s * 100 - 1e-6) / 100:g}"
-    why = f"{key} has {way:.4g}{unit} to go, too far for {seconds:g} s"
-    return Refused(Code.TOO_FAST, why, f"give seconds={least} or more", f"{seconds:g}", least)
+    distance, least = abs(ends[slowest] - starts[slowest]), f"{math.ceil(least_s * 100 - 1e-6) / 100:g}"
+    reason = f"{key} has {distance:.4g}{unit} to go, too far for {seconds:g} s"
+    return Refused(Code.TOO_FAST, reason, f"give seconds={least} or more", f"{seconds:g}", least)
 
 
-def state_of(seen: Seen, period_s: float) -> GateState:
-    """Return the input of a gate, with every existing reading dated to now."""
-    stamps: Sequence[int] = seen.observation.stamp_ns
-    fresh = tuple(seen.now_ns if stamp else 0 for stamp in stamps)
-    observation = replace(seen.observation, t_ns=seen.now_ns, stamp_ns=fresh)
-    before_ns = seen.now_ns - round(period_s * NS)
-    return GateState(seen.now_ns, observation, seen.target, before_ns, True, period_s)
+def state_of(reading: RobotReading, period_s: float) -> GateState:
+    """Return the state that a gate checks, as if every existing reading had come just now."""
+    stamps: Sequence[int] = reading.observation.stamp_ns
+    fresh = tuple(reading.now_ns if stamp else 0 for stamp in stamps)
+    observation = replace(reading.observation, t_ns=reading.now_ns, stamp_ns=fresh)
+    before_ns = reading.now_ns - round(period_s * NS)
+    return GateState(reading.now_ns, observation, reading.target, before_ns, True, period_s)

@@ -1,8 +1,8 @@
-"""Plan a motion along a path, which is rows of targets at a rate, from a dataset or a planner.
+"""Plan a motion along a path. A path is rows of targets at a fixed rate, from a dataset or a planner.
 
-Pure: no clock, no I/O. The robot goes to the first row as ``move_to`` does. Then it goes along the rows
-at its control rate, in a straight line between two rows. The robot's gates check each step before
-anything moves. A speed is sent as its row has it, and zero after the last row.
+Pure: no clock, no I/O. The robot moves to the first row as ``move_to`` does. It then moves along the rows at
+its control rate, at constant speed between two rows. The driver's gates (its checks of range and speed) check
+each step before anything moves. The speeds of a row are sent unchanged, and zero is sent after the last row.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from strands_actors.kernel.refusals import Code
 from .motions import (
     LONGEST_S,
     Motion,
-    Seen,
+    RobotReading,
     arrived,
     is_place,
     plan_move,
@@ -34,7 +34,7 @@ from .motions import (
 MOVE_ALONG = "move_along"
 """The verb of a motion along a path."""
 APPROACH_S = 2.0
-"""Time for the way to the first row, unless a joint needs longer."""
+"""Time in seconds for the motion to the first row, unless a joint needs longer."""
 MOST_HZ = 1000.0
 ROUNDING = 1e-9
 
@@ -44,7 +44,7 @@ class Path(NamedTuple):
 
     Attributes:
         joints: Names of the joints of a row.
-        places: Those joints that go to a position. The others are speeds.
+        places: The joints that are commanded by position. The others are commanded by speed.
         rows: Targets in the driver's units, in the order of ``joints``.
         hz: Rows per second.
     """
@@ -64,12 +64,15 @@ class Path(NamedTuple):
         return len(self.places) < len(self.joints)
 
     def steps(self, period_s: float) -> int:
-        """Return how many control periods the rows take. A position is reached at the time of its row. A
-        speed is sent for the duration of its row, and one more step stops it."""
+        """Return how many control periods the rows take.
+
+        The positions of a row are reached at the row's time. Its speeds are sent until the next row. One more
+        step sets the speeds to zero.
+        """
         rows = self.last + self.has_speeds
         return max(1, math.ceil(rows / self.hz / period_s - ROUNDING)) + self.has_speeds
 
-    def at(self, row: int) -> dict[str, float]:
+    def row_targets(self, row: int) -> dict[str, float]:
         """Return the targets of one row by joint."""
         return dict(zip(self.joints, self.rows[row], strict=True))
 
@@ -97,31 +100,31 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
         limit = f"at most {LONGEST_S:g}"
         return _refused(f"it takes {(len(targets) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
     if unknown := [joint for joint in joints if joint not in driver.axes]:
-        why = f"{driver.robot} has no joint {shown(unknown[0])}"
+        reason = f"{driver.robot} has no joint {shown(unknown[0])}"
         remedy = f"use some of {', '.join(driver.axes)}"
-        return Refused(Code.UNKNOWN_JOINT, why, remedy, shown(unknown[0]), verb=MOVE_ALONG)
+        return Refused(Code.UNKNOWN_JOINT, reason, remedy, shown(unknown[0]), verb=MOVE_ALONG)
     places = frozenset(joint for joint in joints if is_place(driver, driver.axes.index(joint)))
     refusal = refuse_targets(driver, dict.fromkeys(places, 0.0)) if places else None
     return Path(joints, places, targets, rate) if refusal is None else refusal.about(MOVE_ALONG)
 
 
-def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Iterator[Refused | None]:
+def check_along(driver: Driver, motion: Motion, path: Path, reading: RobotReading) -> Iterator[Refused | None]:
     """Check each step along the rows with the robot's gates, as if the robot followed without delay.
 
-    The way to the first row was checked when it was planned.
+    The motion to the first row was checked when it was planned.
 
     Returns:
         The refusal of each step, or None.
     """
-    here = state_of(seen, motion.period_s)
+    state = state_of(reading, motion.period_s)
     steps_before = motion.n_steps - path.steps(motion.period_s)
-    before = path.at(0)
+    before = path.row_targets(0)
     for step in range(steps_before + 1, motion.n_steps + 1):
         then = motion.action(step)
-        result = arrived(driver, before, here)
+        result = arrived(driver, before, state)
         if not isinstance(result, Refused):
-            asked = refuse_action(driver, then, result)
-            result = asked if isinstance(asked, Refused) else result
+            accepted = refuse_action(driver, then, result)
+            result = accepted if isinstance(accepted, Refused) else result
         if isinstance(result, Refused):
             at_s = (step - steps_before) * motion.period_s
             yield replace(result, reason=f"at {at_s:.2f} s: {result.reason}", verb=MOVE_ALONG)
@@ -130,28 +133,30 @@ def check_along(driver: Driver, motion: Motion, path: Path, seen: Seen) -> Itera
         before = then
 
 
-def plan_along(driver: Driver, path: Path, seen: Seen, period_s: float) -> Motion | Refused:
-    """Plan the way to the first row, then along all rows.
+def plan_along(driver: Driver, path: Path, reading: RobotReading, period_s: float) -> Motion | Refused:
+    """Plan the motion to the first row, then along all rows.
 
     Returns:
         The motion, or a refusal if the robot cannot go to the first row.
     """
-    first = path.at(0)
+    first = path.row_targets(0)
     approach: Motion | Refused | None = None
     if path.places:
         targets = {joint: first[joint] for joint in path.places}
-        approach = plan_move(driver, targets, APPROACH_S, seen, period_s, may_take_longer=True)
+        approach = plan_move(driver, targets, APPROACH_S, reading, period_s, may_take_longer=True)
     if isinstance(approach, Refused):
         return approach.about(MOVE_ALONG)
     steps_before = 0 if approach is None else approach.n_steps
     n_steps = steps_before + path.steps(period_s)
-    at_rest = {axis.key: axis.rest for axis in driver.table if axis.key in first and axis.key not in path.places}
+    zero_speeds = {
+        axis.key: axis.rest for axis in driver.table if axis.key in first and axis.key not in path.places
+    }
 
     def action(step: int) -> dict[str, float]:
         if approach is not None and step <= steps_before:
             return approach.action(step)
-        if at_rest and step == n_steps:
-            return path.at(-1) | at_rest
+        if zero_speeds and step == n_steps:
+            return path.row_targets(-1) | zero_speeds
         return _between_rows(path, (step - steps_before) * period_s * path.hz, period_s)
 
     return Motion(
@@ -167,26 +172,26 @@ def plan_along(driver: Driver, path: Path, seen: Seen, period_s: float) -> Motio
 def _between_rows(path: Path, along: float, period_s: float) -> dict[str, float]:
     """Return the command of one control period.
 
-    A position is on the line between two rows, at the end of the period. A speed is that of the row in
-    which the period begins.
+    A position is interpolated between two rows, for the end of the period. A speed is that of the row in which
+    the period begins.
 
     Args:
         path: The path.
-        along: Rows that have passed at the end of the period, with the fraction of the next.
+        along: Position on the path at the end of the period, in rows with a fraction.
         period_s: The control period.
     """
     row = min(int(along + ROUNDING), path.last)
     share = min(1.0, along - row)
-    here, then = path.at(row), path.at(min(row + 1, path.last))
-    speeds = path.at(min(int(along - period_s * path.hz + ROUNDING), path.last)) if path.has_speeds else {}
+    start, end = path.row_targets(row), path.row_targets(min(row + 1, path.last))
+    speeds = path.row_targets(min(int(along - period_s * path.hz + ROUNDING), path.last)) if path.has_speeds else {}
     return {
-        joint: here[joint] + (then[joint] - here[joint]) * share if joint in path.places else speeds[joint]
+        joint: start[joint] + (end[joint] - start[joint]) * share if joint in path.places else speeds[joint]
         for joint in path.joints
     }
 
 
-def _refused(why: str, remedy: str, offered: str = "", limit: str = "") -> Refused:
-    return Refused(Code.BAD_PATH, why, remedy, offered, limit, verb=MOVE_ALONG)
+def _refused(reason: str, remedy: str, offered: str = "", limit: str = "") -> Refused:
+    return Refused(Code.BAD_PATH, reason, remedy, offered, limit, verb=MOVE_ALONG)
 
 
 __all__ = ["MOVE_ALONG", "Path", "check_along", "plan_along", "read_path"]

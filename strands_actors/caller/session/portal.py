@@ -1,8 +1,8 @@
-"""The background thread of the caller: a trio loop with a node and a mesh. All robots of the process share
-it.
+"""The background thread of a program: a trio loop with a node and a mesh (connections to the robots).
 
-It is a daemon thread. When the script ends for any reason, the thread keeps neither the process nor a
-lease alive. The trees notice the end of their caller and make the robots safe.
+All robots of the program share it. It is a daemon thread. When the script ends for any reason, the thread keeps
+neither the process alive nor its right to command. The robots' processes notice the end of the script and make
+the robots safe.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _callers = itertools.count(1)
 
 
 class Portal:
-    """Run async functions in the loop, from any thread."""
+    """The background thread's loop. Any thread may run async functions in it."""
 
     def __init__(self) -> None:
         sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_S))
@@ -70,8 +70,10 @@ class Portal:
                 await trio.sleep_forever()
 
     def submit(self, function: Callable[..., Awaitable[T]], *args: Any) -> Future[T]:
-        """Start ``function(*args)`` in the loop, and return its future. Any thread may call it. If the future
-        is cancelled, so is the function."""
+        """Start ``function(*args)`` in the loop, and return its future. Any thread may call it.
+
+        If the future is cancelled, the function is cancelled, too.
+        """
         future: Future[T] = Future()
         scope = trio.CancelScope()
 
@@ -80,14 +82,16 @@ class Portal:
                 with scope:
                     try:
                         result = await function(*args)
-                    except Exception as error:  # The caller of the function handles it, not the loop.
+                    except Exception as error:
+                        # The caller of ``submit`` handles the exception, not the loop.
                         if future.set_running_or_notify_cancel():
                             future.set_exception(error)
                     else:
                         if future.set_running_or_notify_cancel():
                             future.set_result(result)
             finally:
-                future.cancel()  # If the loop ends first, no thread must wait for ever.
+                # If the loop ends first, this keeps a thread from waiting for ever.
+                future.cancel()
 
         def cancel(done: Future[T]) -> None:
             if done.cancelled():
@@ -123,7 +127,8 @@ async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, Entrance]]:
     """Open a node with a mesh, for a process that starts robots. Raise ``OSError`` if the system allows too
     few open files."""
     require(FOR_LOOP + FOR_ROBOT)
-    number = next(_callers)  # A program may have several nodes, in one loop or in several.
+    # A program may have several nodes, in one loop or in several, so number them.
+    number = next(_callers)
     path = f"{run_dir()}/caller-{os.getpid()}-{number}.sock"
     entrance = Entrance(unix_endpoint(path), secrets.token_hex(16))
     listens = open_node(f"caller.{os.getpid()}.{number}", [entrance.endpoint], secret=entrance.secret)
@@ -142,7 +147,7 @@ _lock = threading.Lock()
 
 
 class Forked(OSError):
-    """This process was forked from one that runs robots."""
+    """This process was forked from one that runs robots, so it cannot use them."""
 
 
 def forked_from() -> int:
@@ -154,14 +159,14 @@ def portal() -> Portal:
     """Return the portal of this process. The first call starts it.
 
     Raises:
-        Forked: A parent of this process has a portal. The threads of its sessions were not forked, and
-            another session would wait for them for ever.
+        Forked: A parent of this process has a portal. A fork does not copy the threads of its zenoh sessions,
+            so another session would wait for these threads for ever.
     """
     global _portal, _portal_pid
     parent = forked_from()
     if parent:
-        why = f"this process was forked from process {parent}, which runs robots"
-        raise Forked(f"{why}. call it there, or start this process by spawn instead of fork")
+        reason = f"this process was forked from process {parent}, which runs robots"
+        raise Forked(f"{reason}. Call it there, or start this process by spawn instead of fork")
     with _lock:
         if _portal is None:
             _portal, _portal_pid = Portal(), os.getpid()

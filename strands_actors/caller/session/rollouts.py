@@ -1,8 +1,8 @@
-"""Start, watch and end the rollouts of one robot, on the caller's side.
+"""Start, watch and end the rollouts (policies and motions) of one robot, on the program's side.
 
-A rollout is a policy object in this process, a motion in this process, or a named policy in a separate
-process. One rollout runs at a time, and it writes under the caller's lease. Its status has the same
-form wherever it runs.
+A rollout is a policy object in this process, a motion in this process, or a named policy in a separate process.
+One rollout runs at a time, under the program's lease (the right to command). Its status has the same form
+wherever it runs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from strands_actors.supervisors.root.messages import (
 from strands_actors.supervisors.stop_result import StopResult
 
 from ..processes.robot_processes import Processes
-from .motions import Motion, Seen, Steps
+from .motions import Motion, RobotReading, Steps
 from .writer import Writer
 
 START_S = 2.0
@@ -45,11 +45,11 @@ START_S = 2.0
 
 
 class TaskEnd(NamedTuple):
-    """A task that has ended.
+    """A rollout that has ended.
 
     Attributes:
-        status: Its last status.
-        result: The result of the hold.
+        status: The last status of the rollout.
+        result: The result of the hold after the rollout.
     """
 
     status: TaskStatus
@@ -57,7 +57,10 @@ class TaskEnd(NamedTuple):
 
 
 class Rollouts:
-    """The rollouts of one robot. Only the trio loop of the tree may call it, except ``running``."""
+    """The rollouts (policies and motions) of one robot.
+
+    Only the trio loop of the tree may call it, except ``running``.
+    """
 
     def __init__(self, processes: Processes, writer: Writer, driver: Driver) -> None:
         self._processes = processes
@@ -82,7 +85,7 @@ class Rollouts:
             policy: The policy object.
             instruction: Text for it.
             duration_s: Longest time in seconds.
-            n_steps: Number of actions after which it ends; 0 for no limit. ``duration_s`` then has no
+            n_steps: Number of actions after which the policy ends; 0 for no limit. ``duration_s`` then has no
                 effect.
             hz: Actions per second; None for the driver's control rate.
         """
@@ -140,7 +143,7 @@ class Rollouts:
 
         Args:
             provider: ``module:factory`` of the policy.
-            options: Its keyword arguments.
+            options: Keyword arguments for the policy.
             instruction: Text for it.
             duration_s: Longest time in seconds.
             hz: Actions per second; None for the driver's control rate.
@@ -163,25 +166,26 @@ class Rollouts:
         return read_answer(answer, TaskStatus, START_TASK)
 
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
-        """Undo a start that was not answered in time, and return the refusal.
+        """Undo the start of a policy that was not answered in time, and return the refusal.
 
-        The policy must not start late. After the stop the gate gives no lease under the caller's present
-        one. So a policy that has started, or still starts, cannot write.
+        The policy must not start late, so the robot is stopped. After the stop, the gate gives the policy no
+        lease that is based on the caller's present lease. So a policy that has started, or still starts, cannot
+        command the robot.
         """
         tasks.tell(StopTask())
-        why = busy.explained(str(failure))
-        refused = stop_result.timed_out(why, await self._hold(), "nothing of it will begin", "try again")
+        reason = busy.explained(str(failure))
+        refused = stop_result.timed_out(reason, await self._hold(), "nothing of it will begin", "try again")
         return refused.about(START_TASK)
 
-    async def move(self, verb: str, plan: Callable[[Seen], Motion | Refused]) -> Motion | Refused:
+    async def move(self, verb: str, plan: Callable[[RobotReading], Motion | Refused]) -> Motion | Refused:
         """Begin a motion as a rollout of this process, and return at once.
 
         Args:
-            verb: The verb that asks for it.
+            verb: Name of the user's verb.
             plan: Plans the motion from the present state of the robot.
 
         Returns:
-            The motion, which has begun. A refusal if nothing moves.
+            The motion, if it has begun; a refusal if nothing moves.
         """
         async with self._writer.turn:
             self._processes.require()
@@ -193,16 +197,19 @@ class Rollouts:
             refusal = await self.refuse(verb, "a task is already running")
             if refusal is not None:
                 return refusal
-            seen = status.observation
-            if seen is None:
+            observation = status.observation
+            if observation is None:
                 return Refused(
-                    Code.NO_OBSERVATION, "nothing was read yet", "wait for the first observation", verb=verb
+                    Code.NO_OBSERVATION,
+                    "no reading of the robot has come yet",
+                    "wait for the first observation",
+                    verb=verb,
                 )
-            motion = plan(Seen(seen, status.target, self._processes.node.clock.now_ns()))
+            motion = plan(RobotReading(observation, status.target, self._processes.node.clock.now_ns()))
             if isinstance(motion, Refused):
                 return motion
             if motion.begins_apart:
-                # The robot still moves to an earlier target. It has to hold at its present position first.
+                # The robot still moves to an earlier target, so let it hold at its present position first.
                 await self._hold()
             refusal = await self._writer.acquire()
             if refusal is not None:
@@ -213,18 +220,18 @@ class Rollouts:
             return motion
 
     async def _may_start(self, verb: str) -> Refused | None:
-        kind = self._processes.plan.robot
+        robot = self._processes.plan.robot
         if self._driver.ROLLOUTS:
-            return Refused(Code.NO_ROLLOUT, f"{kind}: {self._driver.ROLLOUTS}", "call send_action()", verb=verb)
+            return Refused(Code.NO_ROLLOUT, f"{robot}: {self._driver.ROLLOUTS}", "call send_action()", verb=verb)
         if self._driver.TASKS and verb == START_TASK:
-            return Refused(Code.NO_TASK, f"{kind}: {self._driver.TASKS}", "call run_policy()", verb=verb)
+            return Refused(Code.NO_TASK, f"{robot}: {self._driver.TASKS}", "call run_policy()", verb=verb)
         self._processes.require()
         status = await self._processes.ask_status(verb)
         if isinstance(status, Refused):
             return status
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
             return Refused(
-                Code.NOT_ARMED, f"the robot is {status.mode}", "connect_eagerly() or resume() first", verb=verb
+                Code.NOT_ARMED, f"the robot is {status.mode}", "call connect_eagerly() or resume() first", verb=verb
             )
         if status.no_motion is not None:
             return status.no_motion.about(verb)
@@ -237,7 +244,8 @@ class Rollouts:
         lifetime_s = self._processes.plan.lifetime_s or driver.timing.stream_ttl_s
         ttl_s = max(lifetime_s, 2 * period_s)
         robot = self._processes.robot
-        longest_s = math.inf if n_steps else duration_s  # The number of steps limits the rollout.
+        # If the number of steps is given, it alone limits the rollout.
+        longest_s = math.inf if n_steps else duration_s
         return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over, driver.table)
 
     async def task(self) -> TaskStatus:
@@ -257,32 +265,35 @@ class Rollouts:
         await self._over.wait()
         return self._task
 
-    def operate(self, told: Operate) -> Refused | None:
-        """Send the operator's input to the teleoperation. Return a refusal if it does not run, or accepts
-        no such input."""
+    def operate(self, operator_input: Operate) -> Refused | None:
+        """Send the operator's input to the teleoperation.
+
+        Return a refusal if no teleoperation runs, or if it accepts no such input.
+        """
         tasks = self._processes.tasks
         if tasks is None or not self._has_process or not self._task.running:
             return Refused(Code.NO_TELEOP, "no teleoperation runs", "call attach_teleop() first", verb="operate")
         if self.no_operator is not None:
             return self.no_operator
-        tasks.tell(told)
+        tasks.tell(operator_input)
         return None
 
     @property
     def running(self) -> bool:
-        """Return True if a rollout runs by the last status. It asks no process, and any thread may call
-        it."""
+        """Return True if a rollout runs, by its last status. Any thread may call it, since it asks no process."""
         return self._task.running
 
-    async def refuse(self, verb: str, why: str = "a task is running") -> Refused | None:
+    async def refuse(self, verb: str, reason: str = "a task is running") -> Refused | None:
         """Return the refusal of a command while a rollout runs; None if no rollout runs."""
         if (await self.task()).running:
-            return Refused(Code.RUNNING, why, "call stop_task() first", verb=verb)
+            return Refused(Code.RUNNING, reason, "call stop_task() first", verb=verb)
         return None
 
     async def stop_task(self) -> TaskEnd:
-        """End the rollout, and return when the robot holds. A policy that does not answer cannot delay
-        this."""
+        """End the rollout, and return when the robot holds its position.
+
+        A policy that does not answer cannot delay the hold.
+        """
         from strands_actors.supervisors.policy import Policy
 
         processes = self._processes
@@ -293,7 +304,7 @@ class Rollouts:
         if processes.tasks is not None and self._has_process:
             ref = processes.tasks
         answer: Message | None = None
-        # If the policy does not answer, the gate ends its lease (below).
+        # If the policy does not answer, ``_hold`` below ends its lease.
         with contextlib.suppress(AskTimeout, Unreachable):
             answer = await ref.ask(StopTask(), 2 * processes.patience.ask_s)
         if isinstance(answer, TaskStatus) and not answer.running:
@@ -313,7 +324,10 @@ class Rollouts:
         return stop_result.of_answer("stop_task", answer, self._driver.axes)
 
     async def _hold(self) -> StopResult:
-        """End a policy's target, by the gate. If the gate does not answer or refuses, the root does it."""
+        """Let the robot hold its position, to end the target of a policy.
+
+        The gate does it. If the gate does not answer or refuses, the root process stops the robot.
+        """
         processes = self._processes
         try:
             answer = await processes.gate.ask(Stop(Reason.POLICY, processes.holder), processes.patience.stop_s)
@@ -324,13 +338,15 @@ class Rollouts:
         return await processes.make_safe(Reason.POLICY, processes.holder, False)
 
     async def end_without_lease(self) -> None:
-        """End a rollout that has lost its lease, after the caller has acquired a new lease. The rollout may
-        not have noticed that yet."""
+        """End a rollout that lost its lease when the caller acquired a new one.
+
+        The rollout may not have noticed the loss yet.
+        """
         if not (await self.task()).running:
             return
         tasks = self._processes.tasks
         if tasks is not None and self._has_process:
-            # Without an answer the next ``task()`` reads the status.
+            # If no answer comes, the next ``task()`` reads the status.
             with contextlib.suppress(AskTimeout, Unreachable):
                 await tasks.ask(StopTask(), 2 * self._processes.patience.ask_s)
         else:
@@ -339,8 +355,8 @@ class Rollouts:
     def end(self, reason: str) -> None:
         """End the rollout after the robot was stopped.
 
-        A policy of this process is cancelled. A policy of another process gets a message, since it may
-        not notice the stop before the robot is resumed. Either way the task counts as ended.
+        A policy of this process is cancelled. A policy of another process gets a message, since it may not
+        notice the stop before the robot is resumed. In both cases the status is then that of an ended task.
         """
         tasks = self._processes.tasks
         if self._has_process and self._task.running and tasks is not None:

@@ -1,7 +1,8 @@
-"""The caller's side of one robot's tree, on trio: connect, command, stop and resume the robot.
+"""The program's side of one robot, on trio: connect, command, stop and resume the robot.
 
-``Robot`` and ``open_robot`` are built on it. The methods ``..._here`` are for the other threads of the
-program. They ask the gate directly from the calling thread.
+A tree is the set of processes of one robot. ``Robot`` and ``open_robot`` are built on this class. The methods
+``..._here`` are for the other threads of the program. They ask the robot's gate, which checks each command,
+directly from the calling thread.
 """
 
 from __future__ import annotations
@@ -58,8 +59,8 @@ RETRY_S = 3.0
 
 
 class RobotTree:
-    """The caller's side of one robot's tree. Only the trio loop of ``nursery`` may call it, except for the
-    methods ``..._here``.
+    """The program's side of the processes of one robot. Only the trio loop of ``nursery`` may call it, except
+    for the methods ``..._here``.
 
     Args:
         node: The caller's node.
@@ -87,15 +88,17 @@ class RobotTree:
         self._orders = Orders(self.driver, node.clock, self._processes.patience)
         self._commanding = Commanding(self._processes, self._writer, self.rollouts)
         self._stops = 0
-        self._told_caveats = False
+        self._caveats_logged = False
         self._starting = trio.Lock()
-        # A cleanup may come while a failed start is being ended. Only one of them ends the tree.
+        # A cleanup may come while a failed start is being undone. Only one of the two ends the processes.
         self._ending = trio.Lock()
 
     @property
     def robot(self) -> str:
-        """Return its name among the robots that run: ``plan.tool_name``, with a number if another robot has
-        that name."""
+        """Return the robot's name among the robots that run.
+
+        It is ``plan.tool_name``, with a number if another robot has that name.
+        """
         return self._processes.robot
 
     @property
@@ -105,7 +108,7 @@ class RobotTree:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return the facts of the wire (``Wire.open``) from its last answer."""
+        """Return the facts that the robot reported when it was opened (``Wire.open``), from the last status."""
         return self._processes.facts
 
     @property
@@ -114,21 +117,22 @@ class RobotTree:
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """Return the driver's warnings for the user. A twin has no warnings."""
+        """Return the driver's warnings for the user. A simulated robot has no warnings."""
         return () if self.plan.twin_process is not None else self.driver.caveats
 
     @property
     def standby_report(self) -> str | None:
-        """Return the report of the standby of an earlier tree of this robot."""
+        """Return the report of the standby process (the last one that can stop a robot) of an earlier run."""
         return self._processes.standby_report
 
     # -- start and end
 
     async def connect(self, arm: bool = True) -> str | None:
-        """Start the tree if it does not run, wait for the link, arm, and acquire the lease.
+        """Start the robot's processes if they do not run, wait for the link to the robot, arm, and acquire the
+        lease (the right to command).
 
         Args:
-            arm: False ends after the link is up. Nothing is energised, and no lease is acquired.
+            arm: False returns when the link is up. Nothing is energised, and no lease is acquired.
 
         Returns:
             None, or the reason why it failed.
@@ -143,12 +147,13 @@ class RobotTree:
             return self.problem
 
     async def _connect(self, arm: bool) -> str | None:
-        stops, asked_ns = self._stops, self.clock.now_ns()
+        stops, requested_ns = self._stops, self.clock.now_ns()
         processes = self._processes
-        # This call may have waited for another connect, and the robot may have been cleaned up meanwhile.
+        # While this call waited for another connect, the robot may have been cleaned up.
         processes.require_open()
         if processes.started:
-            # The wire may be in a pause between two attempts, and its status of the link older than that.
+            # The wire process may pause between two attempts to connect. The status is then that of the last
+            # attempt, so allow time for another.
             status = await processes.wait_linked(RETRY_S)
         else:
             try:
@@ -157,12 +162,12 @@ class RobotTree:
                 await processes.require_mesh()
                 processes.require_open()
             except (NotConnected, OSError):
-                # Otherwise the tree would keep trying, and take the port from the next program that uses it.
+                # Without this the processes would keep trying, and would take the port from the next program.
                 await self._end()
                 raise
         # For a robot of another host, the script on that host logs the warnings.
-        if not self._told_caveats and not processes.elsewhere:
-            self._told_caveats = True
+        if not self._caveats_logged and not processes.elsewhere:
+            self._caveats_logged = True
             for caveat in self.caveats:
                 _log.warning("%s: %s", self.robot, caveat)
         if not arm:
@@ -172,8 +177,8 @@ class RobotTree:
                 since = f", {status.locked_since}" if status.locked_since else ""
                 how = f"resume() lifts the lockout, as does `strands-actors resume {self.robot}`"
                 return f"e-stopped by {status.locked_by}{since}. {how}"
-            # It does not lift a lock, since an e-stop may have come after the status was read.
-            answer = await self._energise_when_guarded(stops, asked_ns)
+            # Do not lift a lock here, since an e-stop may have come after the status was read.
+            answer = await self._energise_when_guarded(stops, requested_ns)
             if not isinstance(answer, Resumed):
                 return answer.about("").text if isinstance(answer, Refused) else "no answer"
         async with self._writer.turn:
@@ -182,8 +187,10 @@ class RobotTree:
         return None if refusal is None else refusal.about("").text
 
     async def cleanup(self) -> StopResult:
-        """Make the robot safe and end the tree, for good. A start that is under way continues up to its
-        next wait, and fails there."""
+        """Make the robot safe and end its processes, for good.
+
+        If a start is under way, it continues up to its next ``await``, and fails there.
+        """
         self._processes.close()
         self.rollouts.end("cleanup")
         result = await self._end()
@@ -202,11 +209,11 @@ class RobotTree:
     async def release(self) -> StopResult | Refused:
         """Release the lease, so that other programs (also on the mesh) may move the robot.
 
-        A latched target ends in a hold. The next command of this caller acquires the lease again, if it
-        is free.
+        The lease is the right to command the robot. If a target is still in force, the robot holds its position
+        instead. The next command of this caller acquires the lease again, if it is free.
 
         Returns:
-            The result of the hold. A refusal has released nothing.
+            The result of the hold. If it is a refusal, nothing was released.
         """
         self._processes.require()
         refusal = await self.rollouts.refuse("release")
@@ -216,12 +223,15 @@ class RobotTree:
             return await self._writer.release()
 
     async def send_action(self, action: Mapping[str, Any]) -> Accepted | Refused:
-        """Send one command. The gate checks it, the wire writes it, and it stays in force as long as the
-        driver declares (``Timing.oneshot_ttl_s``)."""
+        """Send one command. If the gate accepts it, it is written to the robot, and stays in force as long as
+        the driver declares (``Timing.oneshot_ttl_s``).
+        """
         return _accepted(await self._command(self._orders.move(action)))
 
     def send_action_here(self, action: Mapping[str, Any]) -> Accepted | Refused | None:
-        """As ``send_action``, in the calling thread. None: the loop has to do it."""
+        """Send a command as ``send_action`` does, but in the calling thread. None means that the loop must do
+        it.
+        """
         answer = self._command_here(self._orders.move(action))
         return None if answer is None else _accepted(answer)
 
@@ -231,8 +241,8 @@ class RobotTree:
         """Run a service of the driver (``Driver.SERVICES``), under this caller's lease.
 
         Args:
-            service: Its name.
-            arguments: Its arguments.
+            service: Name of the service.
+            arguments: Arguments of the service.
             action: A command to write first. If it is refused, the service does not run.
         """
         return _performed(service, await self._command(self._orders.perform(service, arguments, action)))
@@ -240,7 +250,7 @@ class RobotTree:
     def perform_here(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused | None:
-        """As ``perform``, in the calling thread. None: the loop has to do it."""
+        """Run a service as ``perform`` does, but in the calling thread. None means that the loop must do it."""
         answer = self._command_here(self._orders.perform(service, arguments, action))
         return None if answer is None else _performed(service, answer)
 
@@ -255,8 +265,8 @@ class RobotTree:
     # -- stop and resume
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
-        """Make the robot safe. If the wire does not answer, the root fences it and uses its own stop
-        channel.
+        """Make the robot safe. If the wire process does not answer, the root process kills it and stops the
+        robot over its own stop channel.
 
         Args:
             reason: The reason, which selects the safe state.
@@ -270,7 +280,9 @@ class RobotTree:
         return await self._stopped(stop, answer)
 
     def stop_here(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
-        """As ``stop``, in the calling thread. The request leaves at once, even if the loop is busy."""
+        """Stop the robot as ``stop`` does, but in the calling thread. The request leaves at once, even if the
+        loop is busy.
+        """
         stop = self._stopping(reason, lock)
         try:
             answer = self._processes.gate.ask_here(stop, self._processes.patience.stop_s)
@@ -284,11 +296,11 @@ class RobotTree:
         return Stop(reason, self._processes.holder, lock)
 
     async def _stopped(self, stop: Stop, answer: Message | None) -> StopResult:
-        """Return the result of a stop, after a fence if the gate has not stopped the robot.
+        """Return the result of a stop. If the gate has not stopped the robot, the root process stops it.
 
-        The gate refuses a stop only if it has ended, has crashed, or its queue is full; then the robot is not
-        stopped. For a robot of
-        another host a refusal is the result, since this host cannot fence its wire.
+        The gate refuses a stop only if it has ended, has crashed, or its queue is full. The robot is then not
+        stopped. For a robot of another host a refusal is the result, since this host cannot kill the wire
+        process there.
 
         Args:
             stop: The request.
@@ -310,26 +322,27 @@ class RobotTree:
             lift: False only energises, for a caller that is not an operator.
         """
         self._processes.require_open()
-        asked_ns = self.clock.now_ns()
+        requested_ns = self.clock.now_ns()
         async with self._starting:
             self._processes.require_open()
             try:
-                answer = await self._resume(lift, asked_ns)
+                answer = await self._resume(lift, requested_ns)
             finally:
-                if self._processes.closed:  # A cleanup came meanwhile, so end the restarted tree.
+                # If a cleanup came meanwhile, end the processes that were restarted.
+                if self._processes.closed:
                     await self._end()
             self._processes.require_open()
             return answer
 
-    async def _resume(self, lift: bool, asked_ns: int) -> Resumed | Refused:
+    async def _resume(self, lift: bool, requested_ns: int) -> Resumed | Refused:
         stops = self._stops
         was_started = self._processes.started
         refused = await self._processes.revive(lift, self._writer.beat)
         if refused is not None:
             return refused
-        # As in ``_connect``, a wire that was started after the stop may be between two attempts.
+        # As in ``_connect``, the wire process may pause between two attempts, so allow time for another.
         await self._processes.wait_linked(RETRY_S if was_started else 0.0)
-        answer = await self._energise(stops, asked_ns, lift)
+        answer = await self._energise(stops, requested_ns, lift)
         if isinstance(answer, Resumed):
             async with self._writer.turn:
                 refusal = await self._writer.acquire()
@@ -338,35 +351,41 @@ class RobotTree:
             return refusal or answer
         return read_answer(answer, Resumed, RESUME)
 
-    async def _energise_when_guarded(self, stops: int, asked_ns: int) -> Message | None:
-        """As ``_energise`` without a lift, but wait for the processes that can stop the robot. A new tree may
-        still be starting them, on a busy machine for seconds."""
+    async def _energise_when_guarded(self, stops: int, requested_ns: int) -> Message | None:
+        """Energise without lifting a lock, but wait until the processes that can stop the robot run.
+
+        On a busy machine the start of these processes takes seconds.
+        """
         end_s = trio.current_time() + GUARDED_S
         while True:
-            answer = await self._energise(stops, asked_ns, lift=False)
+            answer = await self._energise(stops, requested_ns, lift=False)
             unguarded = isinstance(answer, Refused) and answer.code == Code.NO_STANDBY
             if not unguarded or trio.current_time() >= end_s:
                 return answer
             await trio.sleep(GUARDED_LOOK_S)
 
-    async def _energise(self, stops: int, asked_ns: int, lift: bool) -> Message | None:
+    async def _energise(self, stops: int, requested_ns: int, lift: bool) -> Message | None:
         """Ask the gate to arm, unless a stop came after the user's request.
 
         Args:
             stops: ``self._stops`` at the time of the request. A greater number now means that this caller
                 has stopped the robot since.
-            asked_ns: Time of the request. The gate refuses if anyone has stopped the robot since.
+            requested_ns: Time of the request. The gate refuses if anyone has stopped the robot since.
             lift: Lift a lock.
         """
         self._processes.require_open()
         if self._stops != stops:
-            return Refused(Code.STOPPED, "stopped meanwhile", "resume again when that is over", verb=RESUME)
-        within_s = self.driver.timing.arm_s + 2.0  # the longest time for arming, and a margin
+            return Refused(Code.STOPPED, "the robot was stopped meanwhile", "call resume() again", verb=RESUME)
+        # This is the longest time for arming, and a margin.
+        within_s = self.driver.timing.arm_s + 2.0
         try:
-            when_ns = 0 if self._processes.elsewhere else asked_ns  # Clocks of two hosts differ.
+            # Clocks of two hosts differ, so no time is sent to another host.
+            when_ns = 0 if self._processes.elsewhere else requested_ns
             return await self._processes.gate.ask(Resume(self._processes.holder, lift, when_ns), within_s)
-        except Unreachable as gone:
-            raise NotConnected(f"the wire ended while it was arming ({gone}); try again") from gone
+        except Unreachable as error:
+            raise NotConnected(
+                f"the process that talks to the robot ended while it armed the robot ({error}). Try again"
+            ) from error
 
     # -- reading
 
@@ -378,7 +397,7 @@ class RobotTree:
             return unreachable("observe", failure)
 
     def observe_here(self) -> Observation | Refused:
-        """As ``observe``, in the calling thread."""
+        """Return an observation as ``observe`` does, but in the calling thread."""
         self._processes.require()
         try:
             return _observed(self._processes.gate.ask_here(GetObservation(), self._processes.patience.ask_s))
@@ -390,8 +409,10 @@ class RobotTree:
         return await self._processes.status()
 
     async def describe(self) -> TreeReport | None:
-        """Return processes and actors of the tree. The state is ``unreachable`` if the tree does not answer.
-        None: nothing was started."""
+        """Return the processes and actors of the robot; None if nothing was started.
+
+        The state is ``unreachable`` if the root process does not answer.
+        """
         report = await self._processes.describe()
         if report is None and self._processes.started:
             return TreeReport(self.robot, UNREACHABLE, 0, (), ())
@@ -400,7 +421,7 @@ class RobotTree:
 
 def processes_of(node: Node, nursery: trio.Nursery, entrance: Entrance, plan: Plan, driver: Driver) -> Processes:
     """Return the processes of a plan, on this host or on another."""
-    if not plan.at:
+    if not plan.host_address:
         return TreeProcesses(node, nursery, entrance, plan, driver)
     # Only a program with a robot of another host needs this import.
     from strands_actors.surfaces.mesh.remote_processes import RemoteProcesses

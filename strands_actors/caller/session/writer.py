@@ -1,4 +1,4 @@
-"""The caller's side of the lease: acquire it, send heartbeats, release it."""
+"""The program's side of the lease (the right to command): acquire it, send heartbeats, release it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ STALE = (Code.STALE_EPOCH, Code.NO_LEASE, Code.LEASE)
 
 
 class Writer:
-    """Acquire, keep and release the lease of one caller. Only the trio loop of the tree may call it.
+    """Acquire, keep and release the lease (the right to command) of one program. Only the trio loop of the tree
+    may call it.
 
     Args:
         processes: The robot's processes.
@@ -34,8 +35,9 @@ class Writer:
     def __init__(self, processes: Processes, liveness: Callable[[], tuple[bool, float]]) -> None:
         self.lease: Lease | None = None
         self.turn = trio.Lock()
-        """Lets one command of this caller run at a time. Otherwise the gate would drop all but the newest
-        of those that wait, and each could acquire the lease again."""
+        """Lets one command of this caller run at a time. Otherwise the gate would drop all waiting commands but
+        the newest, and each command could acquire the lease again.
+        """
         self._processes = processes
         self._liveness = liveness
 
@@ -43,7 +45,7 @@ class Writer:
         """Acquire the lease, or acquire it again. Return None, or the refusal."""
         processes = self._processes
         request = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
-        # During a hold the gate answers only at its end.
+        # A gate that brings the robot into a hold answers only when the robot holds.
         within_s = processes.patience.ask_s + processes.driver.timing.safe_s
         answer = await processes.gate.ask(request, within_s)
         if isinstance(answer, Lease):
@@ -52,7 +54,7 @@ class Writer:
         return answer if isinstance(answer, Refused) else Refused(Code.LEASE, "no lease")
 
     async def release(self) -> StopResult:
-        """Release the lease, if it is held. Return the result of the hold that ends its target."""
+        """Release the lease, if it is held. Return the result of the hold that follows."""
         lease, self.lease = self.lease, None
         processes = self._processes
         request = GetSafety() if lease is None else Release(lease.id)

@@ -2,8 +2,8 @@
 
 Theory. A picture is larger than a message between actors, and only the newest one counts. So there is no queue
 and no lock. The writer fills a few slots in turn, and a reader copies the newest one. Each slot has a number
-that is odd while the slot is written (a seqlock). A reader that finds another number after its copy than before
-tries again.
+that is odd while the slot is written (a seqlock). If the number has changed during the copy, the reader tries
+again.
 
 * No process ever waits for another.
 * A writer that freezes or is killed in the middle of a picture leaves the previous picture whole.
@@ -27,25 +27,33 @@ HEAD = 64
 SLOTS = 4
 COMPRESSED_SLOTS = 3
 COMPRESSED_ROOM = 1 << 20
-"""The most bytes of a compressed picture."""
+"""The greatest size of a compressed picture in bytes."""
 TRIES = 8
-"""The most attempts of one read. After so many overwritten copies the reader gets nothing."""
+"""The greatest number of attempts in one read. If the picture was overwritten in each attempt, the reader gets
+nothing.
+"""
 
-_MAGIC, _ROOM, _NEWEST, _BEAT, _TOLD, _TOLD_BYTES, _WANTED, _STALE, _NEWEST_COMPRESSED = range(9)
-_TOLD_AT = 512
+_MAGIC, _ROOM, _NEWEST, _BEAT, _DESCRIPTION, _DESCRIPTION_BYTES, _REQUESTED_UNTIL, _STALE, _NEWEST_COMPRESSED = (
+    range(9)
+)
+_DESCRIPTION_OFFSET = 512
 FRONT = PAGE + COMPRESSED_SLOTS * (HEAD + COMPRESSED_ROOM)
 """The offset of the uncompressed pictures."""
 
 
 class NoRing(Exception):
-    """The file does not exist, or it is not a ring of this package. The text gives the cause."""
+    """The file does not exist, or it is not a file of pictures of this package. The text gives the cause."""
 
 
 class Shot(NamedTuple):
-    """A copy of a picture. ``number`` counts the pictures of one file, also across restarts of the writer."""
+    """A copy of one picture.
+
+    ``number`` counts the pictures in the file. The count continues after a restart of the writer.
+    """
 
     number: int
-    captured_ns: int  # on the host's monotonic clock
+    # Time of the capture in nanoseconds, on the host's monotonic clock.
+    captured_ns: int
     height: int
     width: int
     data: bytes | bytearray
@@ -57,16 +65,18 @@ class _Slots:
     Args:
         memory: The mapped file.
         words: The same memory, as words of 64 bits.
-        at: The offset of the first slot.
+        offset: The offset of the first slot.
         count: The number of slots.
-        room: The most bytes of a picture.
-        newest: The index of the word with the number of the newest picture.
+        room: The greatest size of a picture in bytes.
+        newest: The index of the word that has the number of the newest picture.
     """
 
-    def __init__(self, memory: memoryview, words: memoryview, at: int, count: int, room: int, newest: int) -> None:
+    def __init__(
+        self, memory: memoryview, words: memoryview, offset: int, count: int, room: int, newest: int
+    ) -> None:
         self._memory = memory
         self._words = words
-        self._at = at
+        self._offset = offset
         self._count = count
         self._step = HEAD + room
         self._newest = newest
@@ -78,7 +88,7 @@ class _Slots:
         return number
 
     def place(self, number: int) -> int:
-        return self._at + (number % self._count) * self._step
+        return self._offset + (number % self._count) * self._step
 
     def write(self, number: int, captured_ns: int, height: int, width: int, data: memoryview) -> None:
         start = self.place(number)
@@ -102,7 +112,11 @@ class _Slots:
         return captured_ns if number > 0 and head[0] == 2 * number else 0
 
     def read(self) -> Shot | None:
-        """Return the newest picture. None if there is none yet, or if the writer overwrote every copy."""
+        """Return a copy of the newest picture.
+
+        Return None if there is no picture yet, or if the writer overwrote the picture during each attempt to
+        copy it.
+        """
         for _ in range(TRIES):
             number = self.newest
             if number <= 0:
@@ -120,18 +134,20 @@ class _Slots:
 
 
 class FrameRing:
-    """A mapped file of pictures. A process that has it open may read it after it was removed."""
+    """A mapped file of pictures. A process that has the file open can read it even after the file was removed."""
 
     def __init__(self, path: str, writes: bool = False, front: bool = False) -> None:
         """Open the file.
 
         Args:
             path: The file, as made by ``create``.
-            writes: For the process that puts pictures, and for one that requests compressed ones.
-            front: Maps everything except the uncompressed pictures, for a process that locks its memory.
+            writes: Open for writing. The process that puts pictures needs it, and each one that requests
+                compressed pictures.
+            front: Map only the part without the uncompressed pictures. A process that locks its memory needs
+                it.
 
         Raises:
-            NoRing: The file does not exist, or is no ring of this user and version.
+            NoRing: The file does not exist, or is no file of pictures of this user and version.
         """
         self.path = path
         try:
@@ -150,7 +166,7 @@ class FrameRing:
             raise
         self._fd = fd
         self._memory = memoryview(self._map)
-        self._words = self._memory[:_TOLD_AT].cast("q")
+        self._words = self._memory[:_DESCRIPTION_OFFSET].cast("q")
         room = self._words[_ROOM]
         if self._words[_MAGIC] != MAGIC or status.st_size != _size(room):
             self.close()
@@ -173,7 +189,7 @@ class FrameRing:
 
     @property
     def is_current(self) -> bool:
-        """Return True if the file at this path is still this one."""
+        """Return True if the path still leads to the file that is open here."""
         try:
             status = os.stat(self.path)
         except OSError:
@@ -186,7 +202,7 @@ class FrameRing:
         """Make this picture the newest and return its number.
 
         Args:
-            captured_ns: When it was captured, on the host's monotonic clock.
+            captured_ns: Time of the capture in nanoseconds, on the host's monotonic clock.
             height: Rows.
             width: Pixels of a row.
             data: The pixels.
@@ -197,8 +213,8 @@ class FrameRing:
         """
         if len(data) > self._pictures.room:
             raise ValueError(
-                f"a picture of {width} x {height} is {len(data)} bytes, more than the {self._pictures.room} "
-                "that were set aside. give width and height"
+                f"a picture of {width} x {height} is {len(data)} bytes, but the room for a picture is "
+                f"{self._pictures.room} bytes. Give width and height of the camera"
             )
         if len(data) > self._reserved:
             self._reserve(len(data))
@@ -210,24 +226,24 @@ class FrameRing:
         """Store the compressed form of a picture. Return False if it is too large."""
         if len(shot.data) > COMPRESSED_ROOM:
             return False
-        at = self._compressed.place(shot.number)
-        os.posix_fallocate(self._fd, at, HEAD + len(shot.data))
+        offset = self._compressed.place(shot.number)
+        os.posix_fallocate(self._fd, offset, HEAD + len(shot.data))
         self._compressed.write(shot.number, shot.captured_ns, shot.height, shot.width, memoryview(shot.data))
         return True
 
     def beat(self, now_ns: int) -> None:
         self._words[_BEAT] = now_ns
 
-    def tell(self, what: bytes) -> None:
-        """Replace the description of the source. Text beyond one page is cut."""
-        what = what[: PAGE - _TOLD_AT]
-        version: int = self._words[_TOLD] | 1
-        self._words[_TOLD] = version
+    def write_description(self, description: bytes) -> None:
+        """Write the description of the picture source. A text that is too long is cut."""
+        description = description[: PAGE - _DESCRIPTION_OFFSET]
+        version: int = self._words[_DESCRIPTION] | 1
+        self._words[_DESCRIPTION] = version
         _in_order()
-        self._memory[_TOLD_AT : _TOLD_AT + len(what)] = what
-        self._words[_TOLD_BYTES] = len(what)
+        self._memory[_DESCRIPTION_OFFSET : _DESCRIPTION_OFFSET + len(description)] = description
+        self._words[_DESCRIPTION_BYTES] = len(description)
         _in_order()
-        self._words[_TOLD] = version + 1
+        self._words[_DESCRIPTION] = version + 1
 
     def _reserve(self, size: int) -> None:
         """Allocate the memory of every slot before it is written. A lack of memory is then an error and does
@@ -260,48 +276,49 @@ class FrameRing:
 
     @property
     def beaten_ns(self) -> int:
-        """Return when the source was last alive, or 0 for never."""
+        """Return when the source last reported that it is alive; 0 for never."""
         beaten_ns: int = self._words[_BEAT]
         return beaten_ns
 
     @property
     def stale_ns(self) -> int:
-        """Return the age from which on a picture of this source is stale."""
+        """Return the age in nanoseconds from which on a picture of this source is too old to use."""
         stale_ns: int = self._words[_STALE]
         return stale_ns
 
     @property
-    def told(self) -> bytes:
-        """Return the last description of the source."""
+    def description(self) -> bytes:
+        """Return the last description of the picture source."""
         for _ in range(TRIES):
-            version = self._words[_TOLD]
+            version = self._words[_DESCRIPTION]
             _in_order()
-            size = self._words[_TOLD_BYTES]
-            if version % 2 == 0 and 0 <= size <= PAGE - _TOLD_AT:
-                text = bytes(self._memory[_TOLD_AT : _TOLD_AT + size])
+            size = self._words[_DESCRIPTION_BYTES]
+            if version % 2 == 0 and 0 <= size <= PAGE - _DESCRIPTION_OFFSET:
+                text = bytes(self._memory[_DESCRIPTION_OFFSET : _DESCRIPTION_OFFSET + size])
                 _in_order()
-                if self._words[_TOLD] == version:
+                if self._words[_DESCRIPTION] == version:
                     return text
         return b""
 
     # -- requests for compressed pictures
 
-    def want(self, until_ns: int) -> None:
-        self._words[_WANTED] = until_ns
+    def request_compressed(self, until_ns: int) -> None:
+        self._words[_REQUESTED_UNTIL] = until_ns
 
     @property
-    def wanted_until_ns(self) -> int:
-        wanted_ns: int = self._words[_WANTED]
-        return wanted_ns
+    def requested_until_ns(self) -> int:
+        requested_ns: int = self._words[_REQUESTED_UNTIL]
+        return requested_ns
 
 
 def create(path: str, room: int, stale_ns: int) -> None:
-    """Make a file for pictures, in place of an existing one. It takes memory only for bytes that are written.
+    """Make a file for pictures, in place of an existing one. The file takes memory only for bytes that are
+    written.
 
     Args:
         path: The file.
-        room: The most bytes of a picture.
-        stale_ns: The age from which on a picture is stale.
+        room: The greatest size of a picture in bytes.
+        stale_ns: The age in nanoseconds from which on a picture is too old to use.
 
     Raises:
         OSError: The file cannot be made.
@@ -332,9 +349,10 @@ _fence = threading.Lock()
 
 
 def _in_order() -> None:
-    """Make other processors see the stores before this call no later than those after it.
+    """Let other processors see the earlier stores of this thread before its later ones.
 
-    On x86 they do anyway. On ARM a lock that is released and taken again is a barrier in both directions.
+    x86 guarantees this order anyway. On ARM a lock that is released and taken again is a barrier in both
+    directions.
     """
     with _fence:
         pass

@@ -21,7 +21,7 @@ from strands_actors.kernel.router import Router
 from .permissions import Channel
 
 BACKLOG_BYTES = 256 * 1024
-# With a larger buffer the interpreter would take and release pages at each read.
+# With a larger buffer the interpreter would allocate and free memory pages at each read.
 _READ_BYTES = 16 * 1024
 HEAD = struct.Struct("<IB")
 """The header of a frame: its length, and the number of descriptors that come with it."""
@@ -29,11 +29,12 @@ _MAX_FRAME = 1 << 20
 _MAX_DESCRIPTORS = 8
 _INT = struct.calcsize("i")
 _ANCILLARY_BYTES = socket.CMSG_LEN(_MAX_DESCRIPTORS * _INT)
-_CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)  # Linux has it, macOS has not
+# Linux has this flag. macOS lacks it.
+_CLOEXEC: int = getattr(socket, "MSG_CMSG_CLOEXEC", 0)
 
 
 def packet_of(data: bytes, descriptors: int = 0) -> bytes:
-    """Return a frame with its header."""
+    """Return the bytes of a frame (one message between processes), with its header."""
     return HEAD.pack(len(data), descriptors) + data
 
 
@@ -41,8 +42,8 @@ class Link:
     """One end of a link.
 
     Args:
-        node: The node of this process.
-        sock: The socket. It belongs to the link from now on.
+        node: The node of this process. It receives the frames.
+        sock: The socket. The link closes it.
         on_closed: Called once, in the node's loop, when the other end is gone.
         channel: The messages that the other end may send. None allows all.
     """
@@ -60,10 +61,10 @@ class Link:
         self._on_closed = on_closed
         self._backlog: deque[tuple[memoryview, tuple[int, ...]]] = deque()
         self._backlog_bytes = 0
-        self._writable_wanted = trio.Event()
+        self._backlog_added = trio.Event()
         self._token: trio.lowlevel.TrioToken | None = None
         self._sending = threading.Lock()
-        """Held while bytes leave, so that no frame begins within another."""
+        """Held while bytes are sent, so that no frame begins within another."""
         self.closed = False
         self.dropped = 0
         sock.setblocking(False)
@@ -79,7 +80,8 @@ class Link:
                 await self._read()
                 nursery.cancel_scope.cancel()
         except* trio.ClosedResourceError:
-            pass  # closed by this end
+            # This end has closed the link.
+            pass
         finally:
             self.close()
 
@@ -96,14 +98,14 @@ class Link:
         if self._on_closed is not None:
             self._on_closed()
 
-    # -- the Way protocol
+    # -- methods of ``Connection``, which links and meshes share
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         if self.closed:
             return False
         packet = packet_of(data, len(descriptors))
         if len(packet) > BACKLOG_BYTES:
-            # A part of it would be sent, and the rest could not be kept.
+            # The socket might accept only a part of this packet, and the rest does not fit into the backlog.
             self.dropped += 1
             return False
         with self._sending:
@@ -115,7 +117,8 @@ class Link:
             except BlockingIOError:
                 self._keep(memoryview(packet), descriptors)
             except OSError:
-                return False  # the reader will see the end of file
+                # The reader of this link will notice the end of the connection.
+                return False
             else:
                 if sent < len(packet):
                     self._keep(memoryview(packet)[sent:], ())
@@ -130,11 +133,11 @@ class Link:
                 sent = self._socket.send(packet)
             except OSError:
                 return False
-            # Linux does not split such a short packet. Other systems may.
+            # Linux sends such a short packet as a whole. Other systems may send a part of it.
             if sent < len(packet):
                 self._backlog.append((memoryview(packet)[sent:], ()))
                 self._backlog_bytes += len(packet) - sent
-                self._token.run_sync_soon(lambda: self._writable_wanted.set())
+                self._token.run_sync_soon(lambda: self._backlog_added.set())
         return True
 
     def announce(self, address: str, hosted: bool) -> None:
@@ -149,15 +152,15 @@ class Link:
         if self._backlog and self._backlog_bytes + len(packet) > BACKLOG_BYTES:
             self.dropped += 1
             return
-        # The caller may close its descriptors before they can be sent.
+        # The caller may close its descriptors before they are sent, so keep duplicates.
         self._backlog.append((packet, tuple(os.dup(fd) for fd in descriptors)))
         self._backlog_bytes += len(packet)
-        self._writable_wanted.set()
+        self._backlog_added.set()
 
     async def _write_backlog(self) -> None:
         while True:
-            await self._writable_wanted.wait()
-            self._writable_wanted = trio.Event()
+            await self._backlog_added.wait()
+            self._backlog_added = trio.Event()
             while self._backlog:
                 packet, descriptors = self._backlog[0]
                 try:
@@ -184,7 +187,7 @@ class Link:
     async def _read_frames(self, descriptors: deque[int]) -> None:
         room = bytearray(_READ_BYTES)
         rooms, read = (room,), memoryview(room)
-        # The beginning of a frame that is not whole yet.
+        # The beginning of a frame that has not arrived completely yet.
         rest = b""
         while True:
             await trio.lowlevel.wait_readable(self._socket)
@@ -200,14 +203,16 @@ class Link:
                 return
             data = rest + read[:size] if rest else read[:size]
             with self._node.dispatch:
-                taken = self._take_frames(data, descriptors)
-            if taken is None:
+                consumed = self._take_frames(data, descriptors)
+            if consumed is None:
                 return
-            rest = bytes(data[taken:])
+            rest = bytes(data[consumed:])
 
     def _take_frames(self, data: bytes | memoryview, descriptors: deque[int]) -> int | None:
-        """Handle all whole frames, and return the number of their bytes. None if the other end sends no valid
-        frames."""
+        """Handle all complete frames in the data, and return the number of their bytes.
+
+        Return None if the other end sends invalid frames.
+        """
         start, length = 0, len(data)
         while length - start >= HEAD.size:
             size, count = HEAD.unpack_from(data, start)
@@ -216,15 +221,17 @@ class Link:
             end = start + HEAD.size + size
             if length < end:
                 break
-            given = tuple(descriptors.popleft() for _ in range(min(count, len(descriptors)))) if count else ()
-            self._node.receive_frame(bytes(data[start + HEAD.size : end]), self, given)
+            own_descriptors = (
+                tuple(descriptors.popleft() for _ in range(min(count, len(descriptors)))) if count else ()
+            )
+            self._node.receive_frame(bytes(data[start + HEAD.size : end]), self, own_descriptors)
             start = end
         return start
 
 
 def _descriptors(ancillary: Sequence[tuple[int, int, bytes]]) -> Iterator[int]:
-    for level, kind, data in ancillary:
-        if level == socket.SOL_SOCKET and kind == socket.SCM_RIGHTS:
+    for level, message_type, data in ancillary:
+        if level == socket.SOL_SOCKET and message_type == socket.SCM_RIGHTS:
             yield from memoryview(data[: len(data) // _INT * _INT]).cast("i")
 
 

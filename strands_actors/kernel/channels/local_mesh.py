@@ -1,6 +1,7 @@
-"""A mesh in memory, for tests and for trees under MockClock: the same frames and refusals, without I/O.
+"""A mesh in memory, for tests and for virtual time (trio's MockClock).
 
-A node can be cut off and joined again, as on a network.
+It carries the same frames and refusals as a real mesh, without I/O. A node can be disconnected and connected
+again, as on a network.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .permissions import Channel
 
 
 class LocalNetwork:
-    """Joins the ``LocalMesh`` of several nodes."""
+    """Connects the ``LocalMesh`` objects of several nodes."""
 
     def __init__(self) -> None:
         self._meshes: dict[str, LocalMesh] = {}
@@ -28,12 +29,12 @@ class LocalNetwork:
         return LocalMesh(self)
 
     def cut(self, node: Node) -> None:
-        """Cut a node off. No frame from it or to it arrives, and the others learn that it is gone."""
+        """Disconnect a node. Frames from it and to it are lost, and the other nodes learn that it is gone."""
         self._cut.add(node.address)
         for mesh in list(self._meshes.values()):
             if mesh.node is not node:
-                mesh.peer_gone(node)
-                self._meshes[node.address].peer_gone(mesh.node)
+                mesh.lose_peer(node)
+                self._meshes[node.address].lose_peer(mesh.node)
 
     def heal(self, node: Node) -> None:
         self._cut.discard(node.address)
@@ -43,8 +44,8 @@ class LocalNetwork:
 
     def remove(self, mesh: LocalMesh) -> None:
         self._meshes.pop(mesh.node.address, None)
-        for other in list(self._meshes.values()):
-            other.peer_gone(mesh.node)
+        for peer in list(self._meshes.values()):
+            peer.lose_peer(mesh.node)
 
     def deliver(self, source: Node, to: str, data: bytes, descriptors: tuple[int, ...] = ()) -> bool:
         if source.address in self._cut:
@@ -85,15 +86,15 @@ class LocalMesh:
     ) -> Message | None:
         raise Unreachable("in memory there are no threads")
 
-    def forget(self, to: str, why: str) -> None:
-        """Nothing to do: no thread asks."""
+    def forget(self, to: str, reason: str) -> None:
+        """No-op, since no thread sends requests over this mesh."""
 
     def send_at_once(self, data: bytes) -> bool:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Nothing to do: delivery looks the address up."""
+        """No-op, since each delivery looks up the address."""
 
-    def peer_gone(self, peer: Node) -> None:
+    def lose_peer(self, peer: Node) -> None:
         for address in (peer.address, *peer.cells):
             self.node.lost(address)

@@ -17,7 +17,7 @@ from strands_actors.kernel.processes.reserve import RESERVE, lacks_resources
 Address = tuple[int, int, int, str, Any]
 """Family, kind, protocol, canonical name and address, as of ``getaddrinfo``."""
 
-_found: dict[str, list[Address]] = {}
+_addresses: dict[str, list[Address]] = {}
 
 
 async def look_up(host: str, port: int) -> list[Address]:
@@ -27,14 +27,14 @@ async def look_up(host: str, port: int) -> list[Address]:
         OSError: The name is not known, no server answers, or no thread can be started.
         UnicodeError: The text cannot be a name.
     """
-    if not (RESERVE.is_freed and host in _found):
+    if not (RESERVE.is_freed and host in _addresses):
         try:
-            _found[host] = list(await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
+            _addresses[host] = list(await trio.socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
         except RuntimeError as error:
             if lacks_resources(error):
                 raise OSError(errno.ENOMEM, str(error)) from error
             raise
     return [
-        (family, kind, protocol, name, (address[0], port, *address[2:]))
-        for family, kind, protocol, name, address in _found[host]
+        (family, socket_type, protocol, name, (address[0], port, *address[2:]))
+        for family, socket_type, protocol, name, address in _addresses[host]
     ]

@@ -1,8 +1,9 @@
-"""Permissions of a channel: in which name it may send, and which messages to which actors.
+"""The permissions of a channel (a connection between two processes).
 
-The receiver identifies a sender by the channel, never by the content of a message. A process knows which
-process it has started. So the parent sets the ``Channel`` at its end of the link. A message that does not match
-it is refused before an actor reads it.
+They limit the senders that a message may name, and the messages that each actor may receive. The receiver
+identifies a sender by the channel, never by the content of a message. A process knows which process it has
+started. So the parent sets the ``Channel`` at its end of the link. A message that does not match the channel is
+refused before an actor reads it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import NamedTuple
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.refusals import Code
 
-Told = frozenset[type[Message]] | None
+MessageTypes = frozenset[type[Message]] | None
 """The permitted message types. None permits all that the actor accepts."""
 
 
@@ -23,15 +24,16 @@ class Channel(NamedTuple):
     Attributes:
         name: Written into the field ``channel`` of messages that have it. Empty for a channel with the rights
             of an operator.
-        hosts: The addresses of the actors at the other end. None accepts any sender.
-        nodes: The prefix of the addresses that the other node gives to the senders of asks.
-        tells: The actors here that it may send to, with the permitted types. None permits all.
+        hosts: The addresses of the actors in the other process, as senders. None accepts any sender.
+        nodes: The prefix of further addresses from which the other process sends requests.
+        tells: The actors of this process that the other process may send to, with the permitted message types.
+            None permits all.
     """
 
     name: str = ""
     hosts: frozenset[str] | None = None
     nodes: str = ""
-    tells: Mapping[str, Told] | None = None
+    tells: Mapping[str, MessageTypes] | None = None
 
     def speaks_for(self, address: str) -> bool:
         return self.hosts is None or address in self.hosts or address.startswith(self.nodes)
@@ -40,8 +42,13 @@ class Channel(NamedTuple):
         """Return a refusal if the channel may not send this message to the actor at ``to``, else None."""
         if self.tells is None:
             return None
-        kinds = self.tells.get(to, frozenset())
-        if kinds is None or type(message) in kinds:
+        permitted = self.tells.get(to, frozenset())
+        if permitted is None or type(message) in permitted:
             return None
-        kind = type(message).__name__
-        return Refused(Code.CHANNEL, f"{to} takes no {kind} over this channel", "speak for yourself alone", kind)
+        type_name = type(message).__name__
+        return Refused(
+            Code.CHANNEL,
+            f"{to} accepts no {type_name} over this channel",
+            "send only permitted messages",
+            type_name,
+        )

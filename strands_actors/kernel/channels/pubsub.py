@@ -1,9 +1,8 @@
 """Public topics over zenoh, which any process may subscribe to and publish on.
 
-They use a session of their own, apart from the one for messages between actors. So a process that joins this
-session reaches topics and nothing else. (A second session of a process costs 40 kB and no thread.) Nothing here
-blocks the loop: a subscriber that does not read loses samples, and a flood is thinned out before it enters
-Python.
+They use a separate zenoh session, not the one for messages between actors. So a process that joins this session
+reaches topics and nothing else. (A second session of a process costs 40 kB and no thread.) Nothing here blocks
+the loop: a subscriber that does not read loses samples, and a flood is thinned out before it enters Python.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ JSON = "application/json"
 AWAY_S = 0.003
 """Seconds from an ``at_once`` handler to the wake-up of the loop.
 
-Until then the work that the handler has started should be done. A process that is woken earlier takes a
-processor from it. An e-stop of two robots on two processors took 2.1 to 2.6 ms when their roots were woken with
-it, and takes 1.6 ms with this pause.
+The handler may have started work in another process, which should be done by then. If the loop is woken
+earlier, it takes a processor from that work. An e-stop of two robots on two processors took 2.1 to 2.6 ms
+without this pause, and takes 1.6 ms with it.
 """
 _REPLIES = "answers"
-"""The name of the inbox for answers to questions. It is no key."""
+"""The name of the inbox for answers to questions. It is not a zenoh key."""
 _WAKE_BATCH = 128
 _URGENT: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.DROP,
@@ -51,10 +50,14 @@ class Received(msgspec.Struct, frozen=True):
     payload: bytes
     encoding: str
     attachment: bytes | None
-    alive: bool = True  # of a liveliness token: False when it has gone
-    done: Any = None  # the result of the subscription's ``at_once``
-    sent_s: float = 0.0  # by the sender's wall clock; 0 if unknown
-    reply: Any = None  # of a question: sends an answer (``Reply``)
+    # For a liveliness token, False when the token has disappeared.
+    alive: bool = True
+    # Result of the subscription's ``at_once`` function.
+    done: Any = None
+    # Time of sending by the sender's wall clock, in seconds; 0 if unknown.
+    sent_s: float = 0.0
+    # For a question, the function that sends an answer (``Reply``).
+    reply: Any = None
 
     @property
     def asker(self) -> str:
@@ -75,7 +78,7 @@ class Reply:
         Args:
             answer: The content.
             final: True if no further answer follows.
-            schema: Named in the encoding. Empty for plain bytes.
+            schema: Name of the schema, which is sent with the answer. Empty for plain bytes.
         """
         try:
             encoding = _encoding(schema) if schema else zenoh.Encoding.ZENOH_BYTES
@@ -91,8 +94,8 @@ class Reply:
 class Topic:
     """A topic that this process publishes.
 
-    ``wanted`` is True while a process subscribes to it. Checking takes 0.6 us, so that samples without a reader
-    are not encoded.
+    ``has_subscribers`` is True while a process subscribes to it. Checking takes 0.6 us, so that samples without
+    a reader are not encoded.
     """
 
     def __init__(self, publisher: zenoh.Publisher) -> None:
@@ -100,8 +103,9 @@ class Topic:
         self._seq = 0
 
     @property
-    def wanted(self) -> bool:
-        status: Any = self._publisher.matching_status  # the stubs say bool
+    def has_subscribers(self) -> bool:
+        # zenoh's type stubs wrongly declare this as bool.
+        status: Any = self._publisher.matching_status
         return bool(status.matching)
 
     def put(self, payload: bytes, time_ns: int = 0) -> None:
@@ -112,8 +116,10 @@ class Topic:
 
 
 class Poll:
-    """Samples and questions that wait in zenoh until they are taken. In a flood the newest ``keep`` of each
-    remain."""
+    """Samples and questions that wait in zenoh until ``take`` returns them.
+
+    In a flood only the newest ``keep`` samples and questions remain.
+    """
 
     def __init__(self, subscriber: Any, queryable: Any) -> None:
         both = ((subscriber, _received), (queryable, _question))
@@ -123,15 +129,14 @@ class Poll:
         for ring, read in self._rings:
             waiting = ring.try_recv()
             if waiting is not None:
-                # The rings take turns, so that a flood of samples does not block questions, and the other way
-                # round.
+                # Samples and questions take turns. So a flood of one kind does not block the other kind.
                 self._rings.reverse()
                 return read(waiting)
         return None
 
 
 class PubSub:
-    """One session. Run ``run`` in the loop in which the handlers are called."""
+    """One zenoh session for public topics. Run ``run`` in the loop in which the handlers are called."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
@@ -227,7 +232,8 @@ class PubSub:
         ``zenoh.ZError`` when the session is closed."""
         inbox = self._inboxes.setdefault(_REPLIES, _Inbox(lambda received: received.done(received), 256, None))
 
-        def arrived(reply: zenoh.Reply) -> None:  # on zenoh's thread
+        # This runs on zenoh's thread.
+        def arrived(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 inbox.samples.append(msgspec.structs.replace(_received(reply.ok), done=handler))
                 self._waker.wake()
@@ -244,8 +250,7 @@ class PubSub:
         )
 
     def get_ready(self, key: str, schema: str) -> None:
-        """Declare a publisher for ``put`` on this key, which then takes half the time (0.1 ms for rare
-        samples)."""
+        """Declare a publisher for this key in advance. It halves the time of ``put`` (0.1 ms for rare samples)."""
         if key not in self._ready:
             self._ready[key] = self._session.declare_publisher(key, encoding=_encoding(schema), **_URGENT)
 
@@ -270,20 +275,20 @@ class PubSub:
         Args:
             key: The key to subscribe to.
             handler: Called in the loop.
-            keep: The most samples that wait. Older ones are dropped.
-            at_once: Called first, on zenoh's own thread, whatever the loop does. It must neither wait nor
-                raise. Its result is the sample's ``done``. Unless that is None, the loop is woken ``AWAY_S``
-                later.
+            keep: The greatest number of waiting samples. Older ones are dropped.
+            at_once: Called before ``handler``, on zenoh's thread, even if the loop is busy. It must neither
+                wait nor raise. Its result becomes the sample's ``done``. If the result is not None, the loop is
+                woken ``AWAY_S`` later.
         """
         self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into), at_once)
 
     def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:
-        """Call ``handler`` for each liveliness token that exists, appears or goes."""
+        """Call ``handler`` for each liveliness token that exists, appears or disappears."""
         liveliness = self._session.liveliness()
         self._listen(key, handler, keep, lambda into: liveliness.declare_subscriber(key, into, history=True))
 
     def poll(self, keep: int, samples: str = "", questions: str = "") -> Poll:
-        """Return a poll of the samples on one key and of the questions on another."""
+        """Return a ``Poll`` for the samples of one key and the questions of another key."""
         keys = samples, questions
         if keys not in self._polls:
             ring = zenoh.handlers.RingChannel
@@ -307,12 +312,13 @@ class PubSub:
             return
         inbox = self._inboxes[key] = _Inbox(handler, keep, at_once)
 
-        def arrived(sample: zenoh.Sample) -> None:  # on zenoh's thread
+        # This runs on zenoh's thread.
+        def arrived(sample: zenoh.Sample) -> None:
             if inbox.take(sample):
                 time.sleep(AWAY_S)
             self._waker.wake()
 
-        # An indirect callback would own a Python thread, which outlives a crashed script.
+        # zenoh would start a Python thread for an indirect callback. That thread outlives a crashed script.
         inbox.subscriber = declare(callback(arrived))
 
 
@@ -323,11 +329,11 @@ class _Inbox:
         self.handler = handler
         self.at_once = at_once
         self.samples: deque[zenoh.Sample | Received] = deque(maxlen=keep)
-        # zenoh undeclares a subscriber that is no longer referenced.
+        # Keep the subscriber, since zenoh ends a subscription that is no longer referenced.
         self.subscriber: Any = None
 
     def take(self, sample: zenoh.Sample) -> bool:
-        """Store a sample, on zenoh's thread. Return True if ``at_once`` has started something."""
+        """Store a sample, on zenoh's thread. Return True if ``at_once`` returned a result."""
         if self.at_once is None:
             self.samples.append(sample)
             return False

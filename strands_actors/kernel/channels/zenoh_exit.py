@@ -29,8 +29,9 @@ from typing import Any, Protocol
 import zenoh
 
 LEAVE_S = 5.0
-"""How long the end of a script waits at most. Sessions close within milliseconds on an idle machine,
-and within ``zenoh_session.LEASE_MS`` when a peer is frozen."""
+"""The longest time that the end of a script waits for zenoh. Sessions close within milliseconds on an idle
+machine, and within ``zenoh_session.LEASE_MS`` when a peer is frozen.
+"""
 LOOK_S = 0.001
 
 
@@ -52,13 +53,15 @@ class _Calls:
 
     def __enter__(self) -> None:
         self.under_way.append(None)
-        # Checked after the entry: a thread that has not seen the end of the script is waited for.
+        # Check this after the append. Then ``leave`` waits for a thread that has not noticed the end of the
+        # script.
         if self.leaving_thread and self.leaving_thread != threading.get_ident():
             self.under_way.pop()
-            self._parked.acquire()  # for ever: the process ends
+            # Wait for ever, since the process is ending.
+            self._parked.acquire()
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.under_way.pop()
 
@@ -66,7 +69,9 @@ class _Calls:
 calls = _Calls()
 _open: dict[Session, int] = {}
 _callbacks: dict[int, weakref.ref[Callable[[Any], None]]] = {}
-"""By the reference's own identity: two bound methods of one object compare equal."""
+"""The callbacks that zenoh has not dropped yet. The key is the identity of the reference, since two bound
+methods of one object compare equal.
+"""
 
 
 def callback(function: Callable[[Any], None]) -> Any:
@@ -87,7 +92,7 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
 
 
 def opened(session: Session) -> None:
-    """Have ``session`` closed at the end of the script, unless it is closed before."""
+    """Register a session, so that it is closed at the end of the script if it is still open."""
     _open[session] = os.getpid()
 
 
@@ -112,7 +117,7 @@ def leave() -> None:
 
 
 def _forget_in_child() -> None:
-    """A fork has no threads but the one that forked: no call of another is under way there."""
+    """Clear the counts in a forked child. Only the forking thread exists there, so no call is under way."""
     calls.under_way.clear()
     _callbacks.clear()
 

@@ -1,4 +1,5 @@
-"""The mesh over zenoh: pub/sub inboxes with a correlation id (half the latency of zenoh's queries).
+"""The mesh over zenoh, which carries messages between the processes of robots. Each address has a pub/sub
+inbox, and an id assigns each answer to its request. This has half the latency of zenoh's queries.
 
 Every node listens on its own unix socket and connects to the sockets that it is given. No message is cached or
 replayed.
@@ -11,8 +12,8 @@ Two facts about zenoh shape this file:
   waits for this very answer.
 
 Theory. Each hosted address has a liveliness token, ``<address>/alive``. An address can be reached if its token
-is there. The tokens count, not the subscriptions, since any process may subscribe to a key. When a token goes,
-all asks to its address fail, after the frames that its process sent before have been read.
+is there. A subscription does not show that, since any process may subscribe to a key. When a token disappears,
+all requests to its address fail. The frames that its process sent before are read first.
 """
 
 from __future__ import annotations
@@ -39,37 +40,40 @@ from .zenoh_session import ANSWERED_S, Waker, config, secured_by, unix_endpoint
 
 _WAKE_BATCH = 512
 _PUBLISHERS = 32
-"""The number of publishers that are kept. Askers come and go, so beyond this number the oldest one is dropped,
-and declared again when needed."""
+"""The greatest number of publishers that are kept. Senders of requests change, so beyond this number the oldest
+publisher is dropped. It is declared again when needed.
+"""
 
 EVERYBODY = f"{PREFIX}/**/alive"
 """The key of the tokens of all actors and nodes."""
 
 
-class Gone(NamedTuple):
-    """The token of an address has gone.
+class TokenLost(NamedTuple):
+    """A notice that the liveliness token of an address has disappeared.
 
-    This waits in the queue of the frames, so that all earlier frames are read first.
+    It waits in the same queue as the frames, so that all earlier frames are read first.
     """
 
     address: str
 
 
 class ZenohMesh:
-    """One session of one process. Call ``attach`` with a node, then run ``run`` as long as the node lives."""
+    """One zenoh session of one process. Call ``attach`` with a node, then run ``run`` as long as the node
+    lives.
+    """
 
     def __init__(self, session: zenoh.Session, main: ZenohMesh | None = None) -> None:
         """Use an open session.
 
         Args:
             session: The session.
-            main: The session with the ``run`` that also handles the frames of this one.
+            main: Another mesh of this process. Its ``run`` also handles the frames of this session.
         """
         self.channel: Channel | None = None
         self._session = session
         self._pid = os.getpid()
         self._urgent: deque[tuple[ZenohMesh, bytes]] = deque() if main is None else main._urgent
-        self._inbox: deque[tuple[ZenohMesh, bytes | Gone]] = deque() if main is None else main._inbox
+        self._inbox: deque[tuple[ZenohMesh, bytes | TokenLost]] = deque() if main is None else main._inbox
         self._waker: Waker = Waker() if main is None else main._waker
         self._guests: ZenohMesh | None = None
         self._shown: zenoh.Publisher | None = None
@@ -81,7 +85,8 @@ class ZenohMesh:
         self._tokens: Any = None
         self._private: set[str] = set()
         self._threads: ThreadAsks | None = None
-        self._asked: dict[tuple[str, bool], zenoh.Publisher] = {}  # by address, and True for urgent messages
+        # Publishers for the requests of threads, by address and by urgency (True for urgent).
+        self._request_publishers: dict[tuple[str, bool], zenoh.Publisher] = {}
         self.node: Node
         opened(self)
 
@@ -99,7 +104,7 @@ class ZenohMesh:
             listen: Endpoints to listen on.
             connect: Endpoints to connect to.
             settings: Further settings, by zenoh's own path.
-            secret: The secret of the tree (``secured_by``).
+            secret: The secret that all peers must know (``secured_by``).
         """
         return cls(await _open(listen, connect, settings, secret))
 
@@ -114,7 +119,7 @@ class ZenohMesh:
         Args:
             listen: Endpoints for guests.
             channel: The permissions of guests.
-            addresses: The actors that they reach.
+            addresses: The actors that guests can reach.
             show: The key on which both sessions publish the trace (sender, receiver and type of every message)
                 while a process subscribes to it.
         """
@@ -138,7 +143,8 @@ class ZenohMesh:
 
         Args:
             node: The node of this process.
-            tokens: The key of the tokens to watch. A session with access rules may not be permitted to see all.
+            tokens: The key pattern of the liveliness tokens to watch. Access rules may forbid a session to
+                watch all tokens.
         """
         self.node = node
         node.mesh = self
@@ -151,7 +157,7 @@ class ZenohMesh:
         self._tokens = self._session.liveliness().declare_subscriber(tokens, callback(self._on_token), history=True)
 
     def ask_privately(self, address: str) -> None:
-        """Send all further messages to this address as zenoh queries, also those of threads.
+        """From now on send all messages to this address as zenoh queries, also those of threads.
 
         The key of a query ends with the name of this node. Other processes receive neither the query nor its
         answer, even if they subscribe to every key.
@@ -159,7 +165,7 @@ class ZenohMesh:
         self._private.add(address)
 
     def serve_threads(self) -> None:
-        """Let threads of this process call ``ask`` from now on."""
+        """Prepare this mesh for requests from threads (``ask``)."""
         threads = self._threads = ThreadAsks(f"{self.node.address}/threads")
 
         self._subscribers[threads.reply_to] = (self._subscribe(threads.reply_to, self._on_answer),)
@@ -172,13 +178,13 @@ class ZenohMesh:
             await self._waker.wait()
             with self.node.dispatch:
                 for _ in range(min(len(urgent) + len(inbox), _WAKE_BATCH)):
-                    way, data = urgent.popleft() if urgent else inbox.popleft()
-                    if isinstance(data, Gone):
+                    mesh, data = urgent.popleft() if urgent else inbox.popleft()
+                    if isinstance(data, TokenLost):
                         self.node.lost(data.address)
                         continue
-                    if way._shown is not None:
-                        _show(way._shown, data)
-                    self.node.receive_frame(data, way)
+                    if mesh._shown is not None:
+                        _show(mesh._shown, data)
+                    self.node.receive_frame(data, mesh)
             if inbox:
                 self._waker.wake()
 
@@ -190,18 +196,18 @@ class ZenohMesh:
             self._session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs leave it open
         closed(self)
 
-    # -- the Way protocol
+    # -- methods of ``Connection``, which links and meshes share
 
     def send(self, to: str, data: bytes, descriptors: tuple[int, ...] = (), urgent: bool = False) -> bool:
         if self._pid != os.getpid():
-            # A fork has the session without its threads.
+            # A forked child has the session, but not its threads.
             return False
         try:
             with calls:
                 if to in self._private:
                     return self._query(to, data, self._on_sample, urgent)
                 publisher = self._publisher(to, urgent)
-                if to in self._alive or _is_heard(to, publisher):
+                if to in self._alive or _has_subscriber(to, publisher):
                     publisher.put(data)
                     if self._shown is not None:
                         _show(self._shown, data)
@@ -215,12 +221,13 @@ class ZenohMesh:
         if to not in self._alive:
             return False
 
-        def answered(reply: zenoh.Reply) -> None:  # on zenoh's thread
+        # This runs on zenoh's thread.
+        def answered(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 on_answer(reply.ok)
 
         self._session.get(
-            asked_key(to, self.node.address.rpartition("/")[2]),
+            request_key(to, self.node.address.rpartition("/")[2]),
             callback(answered),
             payload=data,
             congestion_control=zenoh.CongestionControl.BLOCK,
@@ -245,8 +252,8 @@ class ZenohMesh:
         """Declare a publisher.
 
         Messages of one sender and lane keep their order. No message is dropped when a queue is full, since a
-        stop may be among them. Urgent messages wait for no batch (express). The others do, which lets three
-        times as many through per second.
+        stop may be among them. Urgent messages are sent at once (express). The others are sent in batches, so
+        that three times as many can be sent per second.
         """
         return self._session.declare_publisher(
             to,
@@ -268,18 +275,20 @@ class ZenohMesh:
     ) -> Message | None:
         """Send a request and wait for the answer, from any thread except the loop's (``Ref.ask_here``)."""
         if self._threads is None:
-            raise RuntimeError("serve_threads() was not called")
+            raise RuntimeError("threads cannot ask before serve_threads was called")
         put = partial(self._put_question, message.lane == "urgent")
         return self._threads.ask(put, to, sender, message, decode, deadline_s)
 
-    def forget(self, to: str, why: str) -> None:
-        """Stop all requests of threads to ``to``. Waiting threads get ``why``."""
+    def forget(self, to: str, reason: str) -> None:
+        """End all requests that threads have sent to ``to``. These threads get an error with the text
+        ``reason``.
+        """
         for urgent in (False, True):
-            publisher = self._asked.pop((to, urgent), None)
+            publisher = self._request_publishers.pop((to, urgent), None)
             if publisher is not None:
                 publisher.undeclare()  # type: ignore[no-untyped-call]
         if self._threads is not None:
-            self._threads.fail(to, Unreachable(why))
+            self._threads.fail(to, Unreachable(reason))
 
     def _put_question(self, urgent: bool, to: str, data: bytes) -> bool:
         try:
@@ -288,10 +297,10 @@ class ZenohMesh:
                     return self._query(to, data, self._on_answer, urgent)
                 if to not in self._alive:
                     return False
-                publisher = self._asked.get((to, urgent))
-                # Two threads at a time may declare two. One of them is kept.
+                publisher = self._request_publishers.get((to, urgent))
+                # Two threads may declare a publisher at the same time. Only one of these publishers is kept.
                 if publisher is None:
-                    publisher = self._asked[to, urgent] = self._declare(to, urgent)
+                    publisher = self._request_publishers[to, urgent] = self._declare(to, urgent)
                 publisher.put(data)
         except zenoh.ZError:
             return False
@@ -328,9 +337,9 @@ class ZenohMesh:
         self._alive.discard(address)
         if self._threads is not None:
             self._threads.fail(address, went_away(address))
-        # A token of the session for guests proves nothing.
+        # Guests may declare any token. So only a token of the main session shows that an address has gone.
         if self.node.mesh is self:
-            self._inbox.append((self, Gone(address)))
+            self._inbox.append((self, TokenLost(address)))
             self._waker.wake()
 
 
@@ -339,14 +348,15 @@ async def _open(
 ) -> zenoh.Session:
     # A timestamp lets a receiver see the age of a message. It costs 0.2 us.
     stamped = {"timestamping/enabled": {"peer": True}}
-    with secured_by(secret) as known:
-        configured = config(listen, connect, {**stamped, **known, **(settings or {})})
+    with secured_by(secret) as credentials:
+        configured = config(listen, connect, {**stamped, **credentials, **(settings or {})})
         return await trio.to_thread.run_sync(open_session, configured)
 
 
 def _show(shown: zenoh.Publisher, data: bytes) -> None:
-    """Publish the outline of a frame. The content is left out because it may hold a lease."""
-    status: Any = shown.matching_status  # the stubs say bool
+    """Publish a frame without its content, for the public trace. The content may hold a lease."""
+    # zenoh's type stubs wrongly declare this as bool.
+    status: Any = shown.matching_status
     if status.matching and (content := outline(data)) is not None:
         shown.put(content)
 
@@ -354,21 +364,24 @@ def _show(shown: zenoh.Publisher, data: bytes) -> None:
 _URGENT = zenoh.Priority.REAL_TIME
 
 
-def _is_heard(address: str, publisher: zenoh.Publisher) -> bool:
-    """Return True if this is the address of a node, for answers, and a process subscribes to it.
+def _has_subscriber(address: str, publisher: zenoh.Publisher) -> bool:
+    """Return True if the address is that of a node, and a process subscribes to it.
 
-    Such an address may have no token. No process sends requests to it.
+    Answers are sent to such an address, and it may have no token. Requests are never sent to it.
     """
     if not address.startswith(f"{PREFIX}/node/"):
         return False
-    status: Any = publisher.matching_status  # the stubs say bool
+    # zenoh's type stubs wrongly declare this as bool.
+    status: Any = publisher.matching_status
     return bool(status.matching)
 
 
-def asked_key(address: str, who: str) -> str:
-    """Return the key on which ``who`` sends requests to an actor. Access rules prevent that a process uses the
-    key of another one."""
-    return f"{address}/from/{who}"
+def request_key(address: str, sender: str) -> str:
+    """Return the key on which the node ``sender`` sends requests to an actor.
+
+    Access rules keep other processes from using this key.
+    """
+    return f"{address}/from/{sender}"
 
 
-__all__ = ["PREFIX", "ZenohMesh", "asked_key", "config", "unix_endpoint"]
+__all__ = ["PREFIX", "ZenohMesh", "config", "request_key", "unix_endpoint"]

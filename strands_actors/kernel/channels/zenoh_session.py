@@ -26,9 +26,9 @@ ANSWERED_S = 3600.0
 def config(
     listen: Sequence[str] = (), connect: Sequence[str] = (), more: Mapping[str, Any] | None = None
 ) -> zenoh.Config:
-    """Return the configuration of a closed peer.
+    """Return the configuration of a peer that connects only to named endpoints.
 
-    It uses only these endpoints, and connects again quickly when one goes away.
+    It uses only these endpoints, and connects again quickly after a connection was lost.
 
     Args:
         listen: Endpoints to listen on.
@@ -47,17 +47,17 @@ def config(
         "connect/retry": {"period_init_ms": 20, "period_max_ms": 200, "period_increase_factor": 1.5},
         # Opening does not wait for the peers that it connects to. A frozen peer would delay it by 0.5 s.
         "open/return_conditions/connect_scouted": False,
-        # A frozen peer accepts the connection and then sends nothing. close() would wait for it (10 s by
-        # zenoh's default).
+        # A frozen peer accepts the connection and then sends nothing. This limits the time that close() waits
+        # for such a peer (10 s by zenoh's default).
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
         # A frozen peer, which reads nothing, may delay a sender by this many microseconds. Then it is
         # disconnected.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 100_000,
-        # Commands and answers leave at once, each in a separate batch. By default zenoh has room for one such
-        # batch: of five that were put in a row on a busy machine, it dropped the third and all later ones. It
-        # allows 16 at most.
+        # Each command or answer leaves at once, in a separate batch. By default zenoh has room for one such
+        # batch. When five were sent in a row on a busy machine, zenoh dropped the third and all later ones. It
+        # allows room for 16 at most.
         "transport/link/tx/queue/size/real_time": 16,
         "transport/shared_memory/enabled": False,
     }
@@ -67,11 +67,11 @@ def config(
 
 
 def hand_over() -> None:
-    """Let one thread of zenoh do the work of four: an answer then comes a quarter sooner.
+    """Let one thread of zenoh do the work of four. An answer then comes a quarter sooner.
 
     Call it before the first session, and only in a process in which no thread holds the interpreter's lock for
-    long. A callback that waits for the lock also delays the sending of messages. After ``LEASE_MS`` of that,
-    the peers take this process for gone.
+    long. A callback that waits for the lock also delays the sending of messages. If the delay is longer than
+    ``LEASE_MS``, the peers treat this process as gone.
     """
     os.environ.setdefault("ZENOH_RUNTIME", _ONE_RUNTIME)
 
@@ -101,7 +101,8 @@ _USER = "tree"
 @contextlib.contextmanager
 def _in_memory(data: bytes) -> Iterator[str]:
     """Yield the path of a file that only this process can open."""
-    has_memory = hasattr(os, "memfd_create")  # macOS has not
+    # macOS lacks memfd_create.
+    has_memory = hasattr(os, "memfd_create")
     with open(os.memfd_create("known"), "w+b") if has_memory else tempfile.TemporaryFile() as file:
         file.write(data)
         file.seek(0)
@@ -137,8 +138,8 @@ class Waker:
 
     async def wait(self) -> None:
         await trio.lowlevel.wait_readable(self._read_fd)
-        # Read, clear the flag, and only then let the caller drain its queue. In any other order a wake-up can
-        # be lost.
+        # Keep this order: read, clear the flag, return to the caller, which drains its queue. In any other
+        # order a wake-up can be lost.
         os.read(self._read_fd, 8)
         self._pending = False
 

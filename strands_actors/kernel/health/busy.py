@@ -42,7 +42,7 @@ class Machine(msgspec.Struct, frozen=True):
 
     @property
     def text(self) -> str:
-        """The load for people, also if the computer is not busy."""
+        """Describe the load for people, even if the computer is not busy."""
         waited = "" if self.pressure is None else f", {100 * self.pressure:.0f} % of the last 10 s waited for one"
         return f"load {self.load:.0f} on {self.cores} core{'s' * (self.cores != 1)}{waited}"
 
@@ -51,10 +51,10 @@ _assumed: Machine | None = None
 
 
 @contextlib.contextmanager
-def assumed(seen: Machine) -> Iterator[None]:
+def assumed(load: Machine) -> Iterator[None]:
     """Assume this load within the block, for tests and for virtual time."""
     global _assumed
-    before, _assumed = _assumed, seen
+    before, _assumed = _assumed, load
     try:
         yield
     finally:
@@ -79,16 +79,16 @@ def _cores() -> int:
 
 
 IDLE = Machine(0.0, 2)
-_SAID = "this computer is busy"
+_BUSY = "this computer is busy"
 
 
-def explained(why: str) -> str:
-    """Return the cause of a missed deadline, with the load if this computer is busy.
+def explained(reason: str) -> str:
+    """Return the cause of a missed deadline. If this computer is busy, add its load.
 
-    The load stands behind the first sentence, which describes the event, and before the remedy.
+    The load is inserted after the first sentence, which describes the event, and before the remedy.
     """
-    seen = machine()
-    if not seen.busy or _SAID in why:
-        return why
-    happened, stop, remedy = why.partition(". ")
-    return f"{happened} ({_SAID}: {seen.text}){stop}{remedy}"
+    measured = machine()
+    if not measured.busy or _BUSY in reason:
+        return reason
+    happened, stop, remedy = reason.partition(". ")
+    return f"{happened} ({_BUSY}: {measured.text}){stop}{remedy}"

@@ -25,7 +25,7 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 
-from .processor import Standing
+from .processor import ProcessorUse
 
 LONGEST_S = 0.3
 """A silence of so many seconds always counts, also on a busy machine."""
@@ -34,55 +34,59 @@ MOST_TICKS = 2
 peer may have been, too."""
 
 
-class Heard(msgspec.Struct, frozen=True):
-    """The memory of a ``FailureDetector`` about its peer."""
+class DetectorState(msgspec.Struct, frozen=True):
+    """The state of a ``FailureDetector``, so that it can be saved and restored."""
 
-    heard_ns: int
+    last_received_ns: int = msgspec.field(name="heard_ns")
     ticks: int
     looked_ns: int
-    before: Standing | None
+    before: ProcessorUse | None
     ticked_ns: int = 0
     counted_ns: int = 0
 
 
 class FailureDetector:
-    """Watches one peer.
+    """Decides whether one peer process has been silent for too long.
 
     Args:
         ttl_s: The longest silence.
         tick_s: The period in which ``tick`` is called.
-        look: Returns the peer's use of the processor, or None where the system does not report it.
+        look: Returns how the peer uses the processor; None where the system does not report it.
     """
 
-    def __init__(self, ttl_s: float, tick_s: float, look: Callable[[], Standing | None] = lambda: None) -> None:
+    def __init__(self, ttl_s: float, tick_s: float, look: Callable[[], ProcessorUse | None] = lambda: None) -> None:
         self._own_ticks = round(ttl_s / tick_s)
         self._most_ns = round(MOST_TICKS * tick_s * NS)
         self._ttl_ns = round(ttl_s * NS)
         self._longest_ns = max(self._ttl_ns, round(LONGEST_S * NS))
         self._look = look
-        self.heard_ns = 0
+        self.last_received_ns = 0
         self._ticks = 0
-        self._ticked_ns = 0  # the last tick of this process
-        self._counted_ns = 0  # the part of the silence that counts by our own ticks
+        # Time of the last tick of this process.
+        self._ticked_ns = 0
+        # Silence of the peer, counted by the ticks of this process.
+        self._counted_ns = 0
         self._looked_ns = 0
-        self._before: Standing | None = None
-        self._after: Standing | None = None
+        self._before: ProcessorUse | None = None
+        self._after: ProcessorUse | None = None
 
-    def heard(self, word_ns: int) -> bool:
+    def note_heartbeat(self, heartbeat_ns: int) -> bool:
         """Note the time of the peer's last heartbeat. Return True if it is newer than the previous one."""
-        if word_ns <= self.heard_ns:
+        if heartbeat_ns <= self.last_received_ns:
             return False
-        self.heard_ns = word_ns
+        self.last_received_ns = heartbeat_ns
         self._ticks = 0
         self._counted_ns = 0
         self._looked_ns = 0
         return True
 
-    def memory(self) -> Heard:
-        return Heard(self.heard_ns, self._ticks, self._looked_ns, self._before, self._ticked_ns, self._counted_ns)
+    def memory(self) -> DetectorState:
+        return DetectorState(
+            self.last_received_ns, self._ticks, self._looked_ns, self._before, self._ticked_ns, self._counted_ns
+        )
 
-    def recall(self, memory: Heard) -> None:
-        self.heard_ns, self._ticks = memory.heard_ns, memory.ticks
+    def recall(self, memory: DetectorState) -> None:
+        self.last_received_ns, self._ticks = memory.last_received_ns, memory.ticks
         self._looked_ns, self._before = memory.looked_ns, memory.before
         self._ticked_ns, self._counted_ns = memory.ticked_ns, memory.counted_ns
 
@@ -92,11 +96,11 @@ class FailureDetector:
         It returns False before the first heartbeat of the peer.
         """
         ticked_ns, self._ticked_ns = self._ticked_ns, now_ns
-        if not self.heard_ns:
+        if not self.last_received_ns:
             return False
         self._ticks += 1
-        silent_ns = now_ns - self.heard_ns
-        self._counted_ns += min(now_ns - max(ticked_ns, self.heard_ns), self._most_ns)
+        silent_ns = now_ns - self.last_received_ns
+        self._counted_ns += min(now_ns - max(ticked_ns, self.last_received_ns), self._most_ns)
         if silent_ns > self._ttl_ns // 2 and not self._looked_ns:
             self._looked_ns, self._before = now_ns, self._look()
         if silent_ns <= self._ttl_ns or self._ticks < self._own_ticks:
@@ -106,13 +110,13 @@ class FailureDetector:
             silent_ns > self._longest_ns or min(silent_ns, self._counted_ns) - self._kept_ns(now_ns) > self._ttl_ns
         )
 
-    def told(self, now_ns: int) -> str:
+    def describe_silence(self, now_ns: int) -> str:
         """Describe the silence and its cause for people. Call it after ``tick`` has returned True.
 
         The text has the time that the peer computed and waited for a processor since ``look`` was first called.
-        A frozen peer did neither, one that spins computed, and a starved one waited.
+        A frozen peer did neither. A peer that spins computed. A peer without a processor waited.
         """
-        text = f"silent for {(now_ns - self.heard_ns) / 1e6:.0f} ms"
+        text = f"silent for {(now_ns - self.last_received_ns) / 1e6:.0f} ms"
         before, after = self._before, self._after
         if before is None or after is None:
             return text
@@ -128,21 +132,23 @@ class FailureDetector:
         return text
 
     def _kept_ns(self, now_ns: int) -> int:
-        """Return how long the machine kept the peer from running since the first look."""
+        """Return how long the machine kept the peer from running since ``look`` was first called."""
         before, after = self._before, self._after
         if before is None or after is None or after.stopped:
             return 0
         return self._stood_in_line_ns(now_ns, before, after) + _stolen_ns(before, after)
 
-    def _stood_in_line_ns(self, now_ns: int, before: Standing, after: Standing) -> int:
+    def _stood_in_line_ns(self, now_ns: int, before: ProcessorUse, after: ProcessorUse) -> int:
         waited_ns = after.waited_ns - before.waited_ns
-        # The system has not counted the present wait yet.
+        # The system counts a wait only when it has ended, so compute the present wait here.
         if after.ready:
             waited_ns = max(waited_ns, now_ns - self._looked_ns - (after.computed_ns - before.computed_ns))
         return waited_ns
 
 
-def _stolen_ns(before: Standing, after: Standing) -> int:
-    """Return the time that was taken from the processor that lost most. The system does not report on which
-    processor the timer of the peer is."""
+def _stolen_ns(before: ProcessorUse, after: ProcessorUse) -> int:
+    """Return the greatest time that the hypervisor took from one processor.
+
+    The system does not report which processor wakes the peer, so the worst one counts.
+    """
     return max((now - then for then, now in zip(before.stolen_ns, after.stolen_ns, strict=False)), default=0)

@@ -22,7 +22,7 @@ _was_frozen = False
 
 
 @contextlib.contextmanager
-def left_alone() -> Iterator[None]:
+def frozen_objects() -> Iterator[None]:
     """Freeze the present objects within the block. The blocks of several robots may overlap.
 
     Objects that the program froze (``gc.freeze``) before the first block stay frozen.

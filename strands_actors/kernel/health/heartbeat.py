@@ -1,9 +1,10 @@
-"""A page of shared memory in which each process of a tree notes its last heartbeat.
+"""A page of shared memory in which each process of a robot notes its last heartbeat.
 
-Only the newest heartbeat counts. As a message it cost two system calls, a wake-up and a decoding, 250 times a
-second each way for legs: 8 % of the computing of their wire process, a fifth of that of their root. Here it is
-one store, and one load when the other process looks, which it does at each tick anyway. A process that is
-frozen, spins or has ended stores nothing, so its last heartbeat grows old.
+Only the newest heartbeat counts, so heartbeats are not sent as messages. A message takes two system calls, a
+wake-up and a decoding, 250 times a second each way for legs. That was 8 % of the computing time of the wire
+process, and a fifth of that of the root process. Here a heartbeat is one store into memory. The other process
+loads it at each of its ticks. A process that is frozen, spins or has ended stores nothing, so its last
+heartbeat grows old.
 """
 
 from __future__ import annotations
@@ -23,43 +24,46 @@ _BYTES = PLACES * _ROOM * 8
 class Word:
     """One number on a page, of 64 bits with a sign. It begins as 0."""
 
-    __slots__ = ("_at", "_words")
+    __slots__ = ("_index", "_words")
 
     def __init__(self, words: memoryview, place: int) -> None:
         self._words = words
-        self._at = place * _ROOM
+        self._index = place * _ROOM
 
     def set(self, value: int) -> None:
-        self._words[self._at] = value
+        self._words[self._index] = value
 
     def get(self) -> int:
-        value: int = self._words[self._at]
+        value: int = self._words[self._index]
         return value
 
 
 class Heartbeat:
-    """One end of a pair of heartbeats. Times are nanoseconds of the host's monotonic clock; 0 means never."""
+    """One end of a pair of heartbeats. It stores its own heartbeat, and reads that of the other end.
 
-    __slots__ = ("_other", "_own", "_words")
+    Times are nanoseconds of the host's monotonic clock; 0 means never.
+    """
 
-    def __init__(self, words: memoryview, own: int, other: int) -> None:
-        """Use two places on a page."""
+    __slots__ = ("_own", "_peer", "_words")
+
+    def __init__(self, words: memoryview, own: int, peer: int) -> None:
+        """Use two places on a page: one for the own heartbeat, and one for that of the other end."""
         self._words = words
         self._own = own * _ROOM
-        self._other = other * _ROOM
+        self._peer = peer * _ROOM
 
     def beat(self, now_ns: int) -> None:
         self._words[self._own] = now_ns
 
     @property
-    def heard_ns(self) -> int:
+    def last_received_ns(self) -> int:
         """The time of the other end's last heartbeat."""
-        heard_ns: int = self._words[self._other]
-        return heard_ns
+        received_ns: int = self._words[self._peer]
+        return received_ns
 
     def forget(self) -> None:
         """Forget the last heartbeat, because the other end is a new process."""
-        self._words[self._other] = 0
+        self._words[self._peer] = 0
 
 
 def new_page() -> int:
@@ -84,6 +88,6 @@ def private_page() -> memoryview:
 
 
 def pair() -> tuple[Heartbeat, Heartbeat]:
-    """Return both ends in this process."""
+    """Return the two ends of a pair of heartbeats, both in this process."""
     words = private_page()
     return Heartbeat(words, 0, 1), Heartbeat(words, 1, 0)

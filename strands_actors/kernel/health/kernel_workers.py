@@ -1,8 +1,8 @@
 """Give real-time priority to the kernel's workers, which deliver data of serial ports.
 
-The workers are ordinary threads (``kworker/u...``). Next to busy programs each of them waits for its turn. With
-it waits every process that reads the port, or that asks for the number of waiting bytes, whatever its own
-priority. Next to eight busy loops and an installation of packages, waits of 70 ms were measured, 300 ms in all.
+The workers are ordinary threads (``kworker/u...``). On a busy computer a worker waits for its turn. Every
+process that reads the port, or that asks for the number of waiting bytes, then waits too, whatever its own
+priority. With eight busy loops and an installation of packages, waits of 70 ms were measured, 300 ms in all.
 That looks like a robot that does not answer. A pty needs the workers in both directions, a USB adapter for
 received data. Network connections do not need them.
 
@@ -40,10 +40,10 @@ async def keep_them_early() -> None:
 
     Return at once where that is not permitted, and in a process without real-time priority.
     """
-    seen = set[int]()
+    previous = set[int]()
     while runs_first():
         threads = _threads()
-        for thread in threads - seen:
+        for thread in threads - previous:
             with contextlib.suppress(ProcessLookupError, FileNotFoundError):  # the thread has ended
                 if not (_PROC / str(thread) / "comm").read_text().startswith(_NAME):
                     continue
@@ -51,5 +51,5 @@ async def keep_them_early() -> None:
                     os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(KERNEL_PRIORITY))
                 except PermissionError:
                     return
-        seen = threads
+        previous = threads
         await trio.sleep(LOOK_S)

@@ -18,31 +18,38 @@ _STOPPED = (b"T", b"t")
 _FLUSHES = ("__flush_work", "flush_work")
 """The functions of the kernel that wait until its workers have delivered received data. The name differs by
 version."""
-_STEAL = 8  # column of /proc/stat, behind the processor's name
-_FLAGS, _SIGNALS = 6, 28  # columns of /proc/pid/stat, behind the name
+# Column of the stolen time in /proc/stat, counted after the processor's name.
+_STEAL = 8
+# Columns of the flags and of the pending signals in /proc/pid/stat, counted after the process name.
+_FLAGS, _SIGNALS = 6, 28
 _EXITING = 0x4  # PF_EXITING of the kernel's sched.h
 _STAT_BYTES = 4096
 _JIFFY_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 
 
-class Standing(msgspec.Struct, frozen=True, gc=False):
-    """The use of the processor by a thread, in totals since it began."""
+class ProcessorUse(msgspec.Struct, frozen=True, gc=False):
+    """How long a thread has computed and waited since it began, and its present state."""
 
     computed_ns: int
-    waited_ns: int  # ready to run without a free processor; counted when the wait is over
-    # True if the thread runs or waits for a processor, or a worker of the kernel that it waits for does.
+    # Time that the thread was ready to run and had no processor. A wait is added when it has ended.
+    waited_ns: int
+    # True if the thread runs, waits for a processor, or waits for a worker of the kernel (``kernel_workers``).
     ready: bool
-    stopped: bool = False  # by a signal or a debugger
-    # Per processor: time taken by the host of this virtual machine (``suspected``).
+    # True if a signal or a debugger has stopped the thread.
+    stopped: bool = False
+    # Time that the hypervisor took from each processor, in nanoseconds. Only ``suspected`` reads it.
     stolen_ns: tuple[int, ...] = ()
 
 
 class Life(NamedTuple):
-    """The state of a process, from its main thread. Both are False where the system does not report it, or if
-    the process is gone."""
+    """The state of a process, by its main thread.
 
-    stopped: bool = False  # by a signal or for a debugger
-    # Killed or exiting. The process needs a processor to end, but runs no more of its code.
+    Both fields are False if the system does not report the state, or if the process is gone.
+    """
+
+    # True if a signal or a debugger has stopped the process.
+    stopped: bool = False
+    # True if the process was killed or is exiting. It runs no more of its code, but needs a processor to end.
     dying: bool = False
 
 
@@ -63,7 +70,8 @@ class StatFile:
 
     def __init__(self, pid: int) -> None:
         self._fd: int | None = None
-        with contextlib.suppress(OSError):  # no such process, or a system that does not report it
+        # The process does not exist, or the system does not report on it.
+        with contextlib.suppress(OSError):
             self._fd = os.open(f"/proc/{pid}/stat", os.O_RDONLY | os.O_CLOEXEC)
 
     def __del__(self) -> None:
@@ -91,7 +99,7 @@ def is_stopped(pid: int) -> bool:
     return life_of(pid).stopped
 
 
-def standing(pid: int, thread: int | None = None) -> Standing | None:
+def processor_use(pid: int, thread: int | None = None) -> ProcessorUse | None:
     """Return the use of the processor by a thread, by default the main one.
 
     None where the system does not report it, or if the thread is gone. Source: sched-stats.rst and proc(5) of
@@ -105,25 +113,26 @@ def standing(pid: int, thread: int | None = None) -> Standing | None:
         ready = state == b"R" or (state == b"D" and _awaits_worker(task))
     except (OSError, ValueError):
         return None
-    return Standing(int(computed), int(waited), ready, state in _STOPPED)
+    return ProcessorUse(int(computed), int(waited), ready, state in _STOPPED)
 
 
 def _awaits_worker(task: str) -> bool:
-    """Return True if an uninterruptible thread waits for the kernel's workers (``kernel_workers``), and not for
-    a device."""
+    """Return True if a thread in uninterruptible sleep waits for the kernel's workers, not for a device.
+
+    ``kernel_workers`` describes these workers.
+    """
     with open(f"{task}/wchan") as wchan:
         return wchan.read() in _FLUSHES
 
 
-def suspected(pid: int) -> Standing | None:
-    """Return the use of the processor by a silent process, with the time that the hypervisor took from each
-    processor.
+def suspected(pid: int) -> ProcessorUse | None:
+    """Return the processor use of a silent process, and the time that the hypervisor took from each processor.
 
-    A thread that sleeps on a processor that was taken away is not woken by its timer. It looks frozen and is
-    not. The time is counted in steps of 10 ms since the machine started, and is zero on a machine that is not
-    virtual. Source: proc_stat(5).
+    A sleeping thread is woken by the timer of a processor. While the hypervisor takes that processor away, the
+    thread looks frozen and is not. The time is counted in steps of 10 ms since the machine started, and is zero
+    on a machine that is not virtual. Source: proc_stat(5).
     """
-    now = standing(pid)
+    now = processor_use(pid)
     return None if now is None else msgspec.structs.replace(now, stolen_ns=_stolen_ns())
 
 
@@ -134,7 +143,7 @@ def _stolen_ns() -> tuple[int, ...]:
 
 
 def _state(stat: bytes) -> bytes:
-    """Return the letter behind the name, which may contain any characters."""
+    """Return the state letter of a stat file. It follows the process name, which may contain any characters."""
     return stat.rpartition(b")")[2].split(None, 1)[0]
 
 

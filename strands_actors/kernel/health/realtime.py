@@ -21,30 +21,34 @@ from collections.abc import Iterator
 from types import FrameType
 
 STANDBY_PRIORITY = 13
-"""Above the root and the wire, since the standby must be able to end both. It does almost nothing while one of
-them runs."""
+"""Priority of the standby process. It is above the root and the wire process, since the standby must be able to
+end both. The standby does almost nothing while one of them runs.
+"""
 ROOT_PRIORITY = 12
 WIRE_PRIORITY = 11
-"""Below the root, which must be able to end the wire."""
+"""Priority of the wire process. It is below the root process, which must be able to end the wire process."""
 KERNEL_PRIORITY = 10
-"""Of the kernel's workers (see ``kernel_workers``). They also write files, and a process that keeps a robot
-safe must not wait for that."""
+"""Priority of the kernel's workers (see ``kernel_workers``). They also write files, and a process that keeps a
+robot safe must not wait for the writing.
+"""
 TWIN_PRIORITY = 9
-"""A real robot has a separate computer, so its twin runs before ordinary programs. The twin computes most, so
-it stands below the workers that carry the bytes.
+"""Priority of a simulated robot (twin). A real robot has a separate computer, so the twin runs before ordinary
+programs. The twin computes most, so it is below the workers that carry its bytes.
 
-An ordinary process with nine times the share (nice -10) would take no core from the caller: a ``send_action``
-takes a third less. But where a wire process ends on the twin's core, the twin waits: of the trials of Go2 and
-G1, ten times as many were late because of the machine.
+A twin without this priority, but with nine times the share of an ordinary process (nice -10), was tried. It
+takes no core from the caller, so a ``send_action`` takes a third less. But if a wire process gets the core of
+the twin, the twin waits. Of the trials of Go2 and G1, ten times as many were late because of the machine.
 """
 
 SPELL_S = 0.5
-"""Seconds of computing after which a process loses its priority. It is longer than any process of a tree
-computes at a time. Failure detectors end a silent process after 0.1 to 0.3 s. This limit is for the case
-that no process is left to do so."""
+"""Seconds of computing after which a process loses its priority. No process of a robot computes for so long at
+a time. Failure detectors end a silent process after 0.1 to 0.3 s. This limit is for the case that no process is
+left that could end it.
+"""
 LAST_S = 2.0
 """Seconds of computing after which the kernel ends a process that cannot take a signal, such as one in a C
-library that keeps the interpreter."""
+library that keeps the interpreter's lock.
+"""
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # mman.h of Linux
 
@@ -65,7 +69,7 @@ def run_first(priority: int) -> None:
         return
     with contextlib.suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-        signal.signal(signal.SIGXCPU, _give_way)
+        signal.signal(signal.SIGXCPU, _lower_priority)
         resource.setrlimit(resource.RLIMIT_RTTIME, (round(SPELL_S * 1e6), round(LAST_S * 1e6)))
 
 
@@ -137,22 +141,24 @@ def _threads() -> set[int]:
 
 def _schedule(threads: set[int], policy: int, parameters: os.sched_param) -> None:
     for thread in threads:
-        with contextlib.suppress(ProcessLookupError):  # it has ended
+        # The thread may have ended.
+        with contextlib.suppress(ProcessLookupError):
             os.sched_setscheduler(thread, policy, parameters)
 
 
-def _give_way(number: int, frame: FrameType | None) -> None:
-    """Handle SIGXCPU, because a thread has computed for ``SPELL_S``. Every thread becomes ordinary."""
+def _lower_priority(number: int, frame: FrameType | None) -> None:
+    """Handle SIGXCPU, which means that a thread has computed for ``SPELL_S``. All threads lose their priority."""
     global _spent
     _spent = True
     _schedule(_threads(), os.SCHED_OTHER, os.sched_param(0))
-    with contextlib.suppress(OSError, ValueError):  # stderr is closed
+    # The standard error stream may be closed.
+    with contextlib.suppress(OSError, ValueError):
         print(f"process {os.getpid()} does not run first any more: {scheduling()}", file=sys.stderr, flush=True)
 
 
 def _lock_memory() -> bool:
     """Lock present and future memory. Return True if that was granted.
 
-    Memory is not loaded in advance: the stacks of a dozen threads would be 100 MB.
+    The memory is not loaded in advance, since the stacks of a dozen threads would take 100 MB.
     """
     return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0)

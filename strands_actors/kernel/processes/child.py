@@ -2,7 +2,7 @@
 
 A child ends by ``os._exit``. So no thread, exit handler or open session keeps the process, or its lease, alive.
 Signals keep their default action: a child that gets one ends at once, and its parent makes the robot safe
-exactly as after a crash. There is one way to end, so there is one way to become safe.
+exactly as after a crash. So the parent has to handle only one kind of end.
 
 Standard output belongs to the program, and another program may read it. So a child, and any SDK in it, prints
 to standard error.
@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import contextlib
 
-# The first use of a host name would import this, in a process that must not wait for the disk.
+# Import this before it is needed. The first use of a host name would import it, in a process that must not wait
+# for the disk.
 import encodings.idna  # noqa: F401
 import gc
 import importlib
@@ -34,14 +35,15 @@ from strands_actors.kernel.health.realtime import run_like_others
 from .process import MAX_DESCRIPTORS, SIZE_BYTES, ChildSpecification
 
 YOUNG = 20_000
-"""New containers before the garbage collector runs. Objects that are made 500 times a second are freed without
-it."""
+"""Number of new container objects after which the garbage collector runs. Objects that are made 500 times a
+second are freed without the collector.
+"""
 
 
 def main(fd: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # An exec inherits an ignored SIGCHLD. The system would then reap our children, and their ends and exit
-    # codes would be lost.
+    # A program that is started by exec inherits an ignored SIGCHLD. The system would then reap our children,
+    # and their ends and exit codes would be lost.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     _print_to_stderr()
     sock = socket.socket(fileno=fd)
@@ -52,7 +54,7 @@ def main(fd: int) -> None:
         module, _, function = specification.entry.partition(":")
         entry = getattr(importlib.import_module(module), function)
         gc.collect()
-        # A later full collection then does not walk the objects of the start (34 ms measured).
+        # Freeze the objects of the start. A later full collection then does not walk them (34 ms measured).
         gc.freeze()
         gc.set_threshold(YOUNG, 10, 10)
         entry(specification.args, sock)
@@ -60,7 +62,7 @@ def main(fd: int) -> None:
     except BaseException as error:
         code = exit_code(error)
     finally:
-        # The reader of these streams may be gone. The process must end all the same.
+        # The reader of these streams may be gone, so a flush may fail. The process must end all the same.
         for stream in (sys.stderr, sys.stdout):
             with contextlib.suppress(Exception):
                 stream.flush()
@@ -71,7 +73,8 @@ def _print_to_stderr() -> None:
     """Redirect standard output to standard error, for C code too. Python flushes each line at once, since a
     killed process flushes nothing."""
     if sys.stderr is None or sys.stdout is None:
-        # The parent closed them, so the descriptors may be open files of any kind.
+        # The parent started this process without these streams. Their descriptors may be open files of any
+        # kind.
         return
     os.dup2(2, 1)
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -87,7 +90,7 @@ def exit_code(error: BaseException) -> int:
     if isinstance(error, BaseExceptionGroup) and error.split(SystemExit)[1] is None:
         return exit_code(error.exceptions[0])
     if not isinstance(error, SystemExit):
-        _print("\n".join(told(error)))
+        _print("\n".join(traceback_lines(error)))
         return 1
     if error.code is None:
         return 0
@@ -103,10 +106,11 @@ def _print(text: str) -> None:
         print(text, file=sys.stderr)
 
 
-def told(error: BaseException, indent: str = "") -> Iterator[str]:
+def traceback_lines(error: BaseException, indent: str = "") -> Iterator[str]:
     """Yield the lines of a traceback without source, innermost call last.
 
-    Then the exceptions follow that it was raised from, or during, and those of a group.
+    Then the same lines follow for the exception before it (its cause or context), and for each exception of a
+    group.
     """
     yield f"{indent}Traceback, without the source:"
     for frame, line in traceback.walk_tb(error.__traceback__):
@@ -115,16 +119,16 @@ def told(error: BaseException, indent: str = "") -> Iterator[str]:
     before = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     if before is not None:
         yield f"{indent}which came after:"
-        yield from told(before, indent)
+        yield from traceback_lines(before, indent)
     if isinstance(error, BaseExceptionGroup):
         for part in error.exceptions:
-            yield from told(part, indent + "    ")
+            yield from traceback_lines(part, indent + "    ")
 
 
-def report_failure(what: str, error: BaseException) -> None:
-    """Print a failure that does not end the process. Missing readers and a lack of memory are ignored."""
+def report_failure(subject: str, error: BaseException) -> None:
+    """Print a failure that does not end the process. Ignore a missing reader and a lack of memory."""
     with contextlib.suppress(MemoryError):
-        _print("\n".join((f"{what} failed.", *told(error))))
+        _print("\n".join((f"{subject} failed.", *traceback_lines(error))))
 
 
 def _specification(sock: socket.socket) -> ChildSpecification:

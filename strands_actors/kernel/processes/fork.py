@@ -1,6 +1,7 @@
 """Fork children from a process with a single thread.
 
-A forked child has all imports. A child that is started by exec computes for a quarter of a second to make them.
+A forked child has all imports already. A child that is started by exec needs a quarter of a second of computing
+for its imports.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ UNKNOWN = 1
 def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False, name: Sequence[str] = ()) -> int:
     """Fork a child and return its pid.
 
-    The child is like one of ``process.execute``: it is a process group, has no descriptors but the given ones,
-    and gets its specification over ``link_fd``. This process must have only one thread.
+    The child is like a child of ``process.execute``. It is a process group, has only the given descriptors, and
+    gets its specification over ``link_fd``. This process must have only one thread.
 
     Args:
         link_fd: The child's end of the link.
         keep: Further descriptors that stay open in the child.
         session: The child is a session, too.
-        name: Its name until its entry runs, as arguments of ``take_name``.
+        name: Process name of the child until its entry runs, as arguments of ``take_name``.
     """
     pid = os.fork()
     if pid == 0:
@@ -66,7 +67,7 @@ class Forked:
         if self._code is None:
             try:
                 pid, status = os.waitpid(self.pid, options)
-            # It was reaped elsewhere. It has ended, and its exit code is lost.
+            # The child was reaped elsewhere in this process. It has ended, and its exit code is lost.
             except ChildProcessError:
                 self._code = UNKNOWN
                 return self._code
@@ -79,8 +80,8 @@ class ForkedAhead:
     """One child that is forked in advance, and waits for its specification while a robot connects.
 
     Args:
-        name: Its name from now on, as arguments of ``take_name``. Without one it keeps its parent's name, and a
-            kill by name does not find it.
+        name: Process name of the waiting child, as arguments of ``take_name``. Without a name it keeps its
+            parent's name, and a kill by name does not find it.
         keep: Descriptors that stay open in the child.
         session: The child is a session, too.
     """

@@ -1,7 +1,8 @@
-"""Guarded commands, which need the approval of an operator: the part that every process can decide.
+"""Find commands that need the approval of an operator (guarded commands).
 
-``Driver.GUARDED`` names guarded verbs and keys of an action. The environment allows some without asking. A
-process that can ask a person (``agents/approval.py``) asks for the rest. Other processes refuse them.
+``Driver.GUARDED`` names guarded verbs and keys of an action. An environment variable allows some of them
+without asking. A process that can ask a person (``agents/approval.py``) asks for the rest. Other processes
+refuse them.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
 ALLOW = "STRANDS_ACTORS_ALLOW"
-"""Environment: guarded names that are allowed without asking, separated by commas."""
+"""Environment variable with the guarded names that are allowed without asking, separated by commas."""
 
 
 ALLOW_TOPICS = "STRANDS_ROS2_COMMAND_ALLOW"
-"""Environment: ROS topics that may be published on without asking, separated by commas."""
+"""Environment variable with the ROS topics that may be published on without asking, separated by commas."""
 
 
 def allowed(variable: str = ALLOW) -> frozenset[str]:
@@ -32,24 +33,24 @@ def unapproved(
     Args:
         guarded: The guarded names of a robot.
         names: Verbs, or keys of an action. A key counts the same with and without ``.pos``.
-        topics: The ROS topics of names that are published. The environment may allow a whole topic.
+        topics: ROS topic by name, for names that are published on ROS. The environment may allow a whole topic.
     """
     plain = (str(name).removesuffix(".pos") for name in names)
     by_topic, of = allowed(ALLOW_TOPICS), topics or {}
-    wanted = frozenset(guarded).intersection(plain) - allowed()
-    return tuple(sorted(name for name in wanted if of.get(name) not in by_topic))
+    not_allowed = frozenset(guarded).intersection(plain) - allowed()
+    return tuple(sorted(name for name in not_allowed if of.get(name) not in by_topic))
 
 
-def not_approved(names: Iterable[str], why: str, can_ask: bool = True) -> Refused:
+def not_approved(names: Iterable[str], cause: str, can_ask: bool = True) -> Refused:
     """Return the refusal for names without approval.
 
     Args:
         names: The refused names.
-        why: The reason, for people.
+        cause: The reason, for people.
         can_ask: True if the program could pass ``approve=``. On the mesh that is not possible.
     """
     shown = ", ".join(names)
-    reason = f"{shown} needs an operator's approval: {why}"
+    reason = f"{shown} needs an operator's approval: {cause}"
     allow = f"name it in {ALLOW}"
     remedy = f"pass approve= to the robot, or {allow}" if can_ask else f"{allow} on the robot's host"
     return Refused(Code.NOT_APPROVED, reason, remedy, shown, ALLOW)

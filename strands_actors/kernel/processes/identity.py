@@ -1,7 +1,7 @@
-"""Name the processes of a tree, and let the kernel end them last when memory runs out.
+"""Name the processes of a robot, and let the kernel end them last when memory runs out.
 
-They have separate names because ``pkill python`` is meant for scripts. It must not reach the processes that
-make a robot safe.
+``pkill python`` is meant for scripts. It must not kill the processes that make a robot safe, so they have other
+names.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from pathlib import Path
 
 PRODUCT = "strands"
 _PR_SET_NAME = 15  # prctl(2)
-_COMM_BYTES = 15  # TASK_COMM_LEN less its end
-_ARG_START, _ARG_END = 45, 46  # columns of /proc/self/stat, behind the name: proc(5), fields 48 and 49
+# Longest name of a process in bytes (TASK_COMM_LEN without the final zero).
+_COMM_BYTES = 15
+# Columns of /proc/self/stat, counted after the process name: fields 48 and 49 in proc(5).
+_ARG_START, _ARG_END = 45, 46
 _ADJUSTMENT = Path("/proc/self/oom_score_adj")
 LAST = -900
 """``oom_score_adj`` of a process that the kernel ends last, before those that it may never end. Source:
@@ -51,7 +53,8 @@ def _write_arguments(words: bytes) -> None:
 
 
 def lower_oom_score() -> bool:
-    """Ask the kernel to end other processes first when memory runs out. Return True if it will.
+    """Ask the kernel to end other processes first when memory runs out. Return True if the kernel accepted
+    that.
 
     Lowering the value takes CAP_SYS_RESOURCE, unless the process was started with a value as low.
     """
@@ -63,8 +66,10 @@ def lower_oom_score() -> bool:
 
 
 def can_lower_oom_score() -> bool | None:
-    """Return True if processes that this one starts may call ``lower_oom_score`` with success. None where the
-    system has no such setting."""
+    """Return True if processes that this one starts may lower their OOM score (``lower_oom_score``).
+
+    Return None where the system has no such setting.
+    """
     try:
         before = _ADJUSTMENT.read_text()
     except OSError:

@@ -12,8 +12,10 @@ the processes of a robot."""
 
 
 def environment(**more: str) -> Mapping[str, str]:
-    """Return the environment of a child: that of this process, with its import path, so that a user's own
-    modules are found."""
-    # An empty entry, as in an interactive interpreter, means the current directory.
+    """Return the environment of a child process. It is that of this process, with its import path.
+
+    So a child finds a user's own modules.
+    """
+    # An empty entry (as in an interactive interpreter) stands for the current directory.
     path = os.pathsep.join(path or os.getcwd() for path in sys.path)
     return {**os.environ, "PYTHONPATH": path, **more}

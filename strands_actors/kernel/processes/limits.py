@@ -1,8 +1,8 @@
 """Limit a process that runs foreign code: its memory, its processors and its user.
 
 The process sets the limits itself before it loads that code, and cannot remove them again (only root can raise
-a limit or change its user). The choice of processors is an exception. It keeps a policy from computing on all
-processors, but does not stop code that means harm.
+a limit or change its user). The limit of processors is an exception, since the process can remove it. It keeps
+a policy from computing on all processors, but does not stop malicious code.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
 
     Attributes:
         memory_mb: Address space in MB. A library that reserves much memory needs more than it uses.
-        cpu_s: Seconds of computing of all threads together. Then the kernel kills the process.
-        processors: How many processors of the machine it runs on.
-        user: The user that it runs as. Empty for the present one.
+        cpu_s: Computing time of all threads together, in seconds. After it the kernel kills the process.
+        processors: Number of the machine's processors that the process may run on.
+        user: Name of the user that the process runs as; empty for the present user.
     """
 
     memory_mb: Annotated[int, msgspec.Meta(ge=64)] | None = None
@@ -37,7 +37,7 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
         """Raise ``ValueError`` if this system lacks what a limit needs: the user, or the right to become that
         user."""
         if self.processors is not None and not hasattr(os, "sched_setaffinity"):
-            raise ValueError("policy_limits: processors can be limited on Linux alone. leave that out")
+            raise ValueError("policy_limits: only Linux can limit processors. Leave processors out")
         if not self.user:
             return
         try:
@@ -53,9 +53,10 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
     def apply(self) -> None:
         """Apply the limits to this process for good. Raise ``OSError`` or ``ValueError``."""
         if self.processors is not None:
-            here = sorted(os.sched_getaffinity(0))[-self.processors :]  # the first processors are the busiest
+            # Take the last processors, since the first ones are the busiest.
+            processors = sorted(os.sched_getaffinity(0))[-self.processors :]
             for thread in os.listdir("/proc/self/task"):
-                os.sched_setaffinity(int(thread), here)
+                os.sched_setaffinity(int(thread), processors)
         if self.cpu_s is not None:
             resource.setrlimit(resource.RLIMIT_CPU, (self.cpu_s, self.cpu_s))
         if self.memory_mb is not None:
@@ -70,26 +71,27 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
             return
         os.initgroups(entry.pw_name, entry.pw_gid)
         os.setgid(entry.pw_gid)
-        os.setuid(entry.pw_uid)  # for all threads and for good: the rights of root are gone
+        # This changes the user of all threads for good. The rights of root are gone afterwards.
+        os.setuid(entry.pw_uid)
         os.environ |= {"HOME": entry.pw_dir, "USER": entry.pw_name, "LOGNAME": entry.pw_name}
 
 
-def limits_of(given: Mapping[str, Any] | PolicyLimits | None) -> PolicyLimits:
+def limits_of(settings: Mapping[str, Any] | PolicyLimits | None) -> PolicyLimits:
     """Return the limits. Raise ``ValueError``, which names the accepted keys."""
-    if isinstance(given, PolicyLimits):
-        limits = given
+    if isinstance(settings, PolicyLimits):
+        limits = settings
     else:
         try:
-            limits = msgspec.convert({} if given is None else dict(given), PolicyLimits)
+            limits = msgspec.convert({} if settings is None else dict(settings), PolicyLimits)
         except (msgspec.ValidationError, TypeError, ValueError) as error:
             accepted = ", ".join(PolicyLimits.__struct_fields__)
-            raise ValueError(f"policy_limits: {error}. give some of {accepted}") from None
+            raise ValueError(f"policy_limits: {error}. Use only {accepted}") from None
     limits.check()
     return limits
 
 
 def _may_be_others() -> bool:
-    """Return True if this process may become other users and end their processes."""
+    """Return True if this process may change its user, and may kill processes of other users."""
     if os.geteuid() == 0:
         return True
     try:

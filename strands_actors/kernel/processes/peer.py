@@ -1,4 +1,4 @@
-"""A process of the tree that is no child of this process. Its end can be seen, and it can be ended."""
+"""A process of a robot that this process has not started. Notice its end, and kill it if necessary."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .process import NOTICED_S, wait_for_end_of
 
 
 class Peer:
-    """Another process.
+    """A process that is not a child of this process.
 
     Args:
-        pid: Its process id.
-        pidfd: Identifies this very process, even after its id has been used again. None where the system has no
-            pidfd (macOS). It belongs to this object.
+        pid: Process id.
+        pidfd: A descriptor that identifies the process, even after its id has been used again. None where the
+            system has no pidfd (macOS). This object closes it.
     """
 
     def __init__(self, pid: int, pidfd: int | None = None) -> None:
@@ -43,9 +43,10 @@ class Peer:
             await wait_for_end_of(self.pid)
             return
         try:
-            # Only one task may wait for a descriptor, so each waits for a duplicate.
+            # Only one task may wait for a descriptor, so each task waits for a duplicate of it.
             fd = os.dup(self._pidfd)
-        except OSError:  # no descriptor is free
+        except OSError:
+            # No descriptor is free, so check the process repeatedly.
             while not self.ended:  # noqa: ASYNC110  # there is no event to wait for
                 await trio.sleep(NOTICED_S)
             return

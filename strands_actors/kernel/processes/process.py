@@ -1,7 +1,7 @@
-"""Start child processes with a link, watch them by a pidfd, and fence them with SIGKILL.
+"""Start child processes with a link (a socket), notice their end by a pidfd, and kill them with SIGKILL.
 
-Each child is a separate process group. So Ctrl-C in a terminal reaches only the user's script, and the tree
-alone decides how to react to the script's end.
+Each child is a separate process group. So Ctrl-C in a terminal reaches only the user's script, and the robot's
+processes decide how to react to the script's end.
 """
 
 from __future__ import annotations
@@ -30,15 +30,18 @@ from .interpreter import PYTHON, environment
 NOTICED_S = 0.005
 BURY_AFTER_S = 0.1
 SIZE_BYTES = 4
-"""Bytes of the size of a specification. The specification follows, and the descriptors come with the size."""
+"""Length in bytes of the field with the size of a specification. The specification follows this field.
+Descriptors are sent with the field.
+"""
 MAX_DESCRIPTORS = 8
 FENCE_S = 1.0
-"""Seconds that a fence waits for the end of the killed process. A process in an uninterruptible system call (a
-serial adapter that hangs) ends when that call returns. Until then it runs no more of its code."""
+"""Longest time in seconds to wait for the end of a killed process. A process in an uninterruptible system call
+(a serial adapter that hangs) ends when that call returns. Until then it runs no more of its code.
+"""
 
-# A child of a process with real-time priority drops that priority in its first line, since its imports take
-# longer than the kernel lets such a process compute. Other kinds of scheduling were set by the user and stay,
-# and not every process may leave them.
+# A child inherits real-time priority. It gives up that priority in its first line, since the kernel does not
+# let such a process compute as long as the imports take. A user may have chosen other kinds of scheduling, so
+# they stay. Besides, not every process may leave them.
 _BOOT = """
 import os, sys
 if hasattr(os, "sched_setscheduler") and os.sched_getscheduler(0) == os.SCHED_FIFO:
@@ -49,8 +52,11 @@ main(int(sys.argv[1]))
 
 
 class ChildSpecification(msgspec.Struct, frozen=True):
-    """The first message to a child. ``entry`` is ``module:function``, which is called with (args, socket).
-    Descriptors come with it (``specify``)."""
+    """The first message to a child process, which names the function to run.
+
+    ``entry`` is ``module:function``. The function is called with (args, socket). Descriptors come with the
+    message (``specify``).
+    """
 
     entry: str
     args: dict[str, Any]
@@ -60,10 +66,10 @@ class ChildProcess(ABC):
     """A running child process and the link to it.
 
     Args:
-        pid: Its process id.
+        pid: Process id of the child.
         link_socket: This end of the link.
-        pidfd: Identifies this very process, even after its id has been used again. None where the system has no
-            pidfd (macOS). It belongs to this object.
+        pidfd: A descriptor that identifies the child, even after its id has been used again. None where the
+            system has no pidfd (macOS). This object closes it.
     """
 
     def __init__(self, pid: int, link_socket: socket.socket, pidfd: int | None = None) -> None:
@@ -82,14 +88,15 @@ class ChildProcess(ABC):
     def alive(self) -> bool: ...
 
     def pidfds(self) -> tuple[int, ...]:
-        """Return a duplicate of the pidfd to pass on, or nothing where there is no pidfd."""
+        """Return a duplicate of the pidfd, to pass it to another process. The result is empty without a pidfd."""
         return () if self._pidfd is None else (os.dup(self._pidfd),)
 
     def kill(self, sig: int = signal.SIGKILL) -> None:
         """Signal the child. Do nothing if it has ended."""
         if not self.alive:
             return
-        with contextlib.suppress(ProcessLookupError):  # ended, and not noticed yet
+        # The process may have ended unnoticed.
+        with contextlib.suppress(ProcessLookupError):
             if self._pidfd is None:
                 os.kill(self.pid, sig)
             else:
@@ -100,7 +107,7 @@ class ChildProcess(ABC):
         """Wait until the process has ended. Return its exit code, or the negative number of the signal that
         ended it."""
 
-    def part(self) -> None:  # noqa: B027  # a child of another parent is reaped there
+    def detach(self) -> None:  # noqa: B027  # a child of another parent is reaped there
         """Stop managing the child. It is still reaped when it ends."""
 
     def link(self, node: Router, channel: Channel | None = None) -> Link:
@@ -122,15 +129,15 @@ class ChildProcess(ABC):
         self.kill()
         with trio.CancelScope(shield=True, deadline=trio.current_time() + within_s) as scope:
             await self.wait()
-        # A link on this socket notices the end of file by itself.
+        # If a link uses this socket, the link notices the end of the connection and closes the socket.
         if not self._linked:
             self.socket.close()
         return not scope.cancelled_caught
 
     async def drop(self, within_s: float = FENCE_S) -> None:
-        """Fence the process and stop managing it. It is reaped even if its end was not seen in time."""
+        """Kill the process (``fence``) and stop managing it. It is reaped even if its end was not seen in time."""
         if not await self.fence(within_s):
-            self.part()
+            self.detach()
 
     async def _until_ended(self) -> None:
         """Return when the process has ended."""
@@ -139,16 +146,17 @@ class ChildProcess(ABC):
             await wait_for_end_of(self.pid)
             return
         try:
-            # Only one task may wait for a descriptor, so each waits for a duplicate.
+            # Only one task may wait for a descriptor, so each task waits for a duplicate of it.
             fd = os.dup(pidfd)
-        except OSError:  # no descriptor is free
+        except OSError:
+            # No descriptor is free, so check the process repeatedly.
             await _poll_until(lambda: _has_ended(pidfd))
         else:
             await _wait_readable(fd)
 
 
 class Started(Protocol):
-    """The part of ``subprocess.Popen`` that is used here."""
+    """The methods of ``subprocess.Popen`` that this module uses."""
 
     pid: int
 
@@ -160,15 +168,15 @@ class Started(Protocol):
 class OwnChild(ChildProcess):
     """A child of this process.
 
-    A process with real-time priority (``health/realtime.py``) only looks at the end of its child. It leaves the
-    waitpid to a thread of ordinary priority, later. In waitpid the kernel walks over the child's entries in
-    /proc, and continues while one of the child's threads is not done with the same. A caller with real-time
-    priority keeps that thread from its processor: two such roots on two processors walked for minutes, and
+    A process with real-time priority (``health/realtime.py``) does not reap its child when the child ends. A
+    thread of ordinary priority calls waitpid later. In waitpid the kernel walks over the child's entries in
+    /proc. It continues until the child's threads have finished the same walk. A caller with real-time priority
+    keeps these threads from its processor. Two such root processes on two processors walked for minutes, and
     wrote no safe frame.
     """
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
-        # Only this process reaps the child, so until then its id cannot be used again.
+        # Only this process reaps the child. Its id cannot be used again before that.
         super().__init__(child.pid, link_socket, _pidfd_of(child.pid))
         self._child = child
         self._code: int | None = None
@@ -177,7 +185,7 @@ class OwnChild(ChildProcess):
     def alive(self) -> bool:
         return self._ended() is None
 
-    def part(self) -> None:
+    def detach(self) -> None:
         _reap_in_thread(self._child)
 
     async def wait(self) -> int:
@@ -200,18 +208,20 @@ class OwnChild(ChildProcess):
 
 def _exit_code(child: Started) -> int | None:
     if not hasattr(os, "waitid"):
-        return child.poll()  # macOS has no real-time priority
-    try:
-        seen = os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
-    except ChildProcessError:  # reaped
+        # macOS has no real-time priority, so the child can be reaped at once.
         return child.poll()
-    if seen is None:
+    try:
+        result = os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    except ChildProcessError:
+        # The child was reaped before.
+        return child.poll()
+    if result is None:
         return None
-    return seen.si_status if seen.si_code == os.CLD_EXITED else -seen.si_status
+    return result.si_status if result.si_code == os.CLD_EXITED else -result.si_status
 
 
 async def _reap_later(child: Started) -> None:
-    """Reap the child after ``BURY_AFTER_S``, when its parent has reacted to its end."""
+    """Reap the child ``BURY_AFTER_S`` later, when its parent has reacted to the child's end."""
     try:
         await trio.sleep(BURY_AFTER_S)
     finally:
@@ -221,7 +231,8 @@ async def _reap_later(child: Started) -> None:
 def _reap_in_thread(child: Started) -> None:
     try:
         threading.Thread(target=_reap, args=(child,), daemon=True).start()
-    except RuntimeError:  # no thread can be started, so a child that has ended is reaped here
+    except RuntimeError:
+        # No thread can be started, so reap a child that has ended here.
         child.poll()
 
 
@@ -233,12 +244,13 @@ def _reap(child: Started) -> None:
 def execute(link_fd: int, pass_fds: Sequence[int] = (), label: str = "") -> subprocess.Popen[bytes]:
     """Start a child by exec, which reads its specification from ``link_fd``.
 
-    This process stands still until the child has begun: a few milliseconds, more on a busy machine.
+    This process is blocked until the child has begun. That takes a few milliseconds, and more on a busy
+    machine.
 
     Args:
         link_fd: The child's end of the link.
         pass_fds: Further descriptors for the child.
-        label: Shown by lists of processes.
+        label: Text that ``ps`` shows for the child.
 
     Raises:
         OSError: The process cannot be started.
@@ -293,7 +305,7 @@ async def wait_for_end_of(pid: int) -> None:
 
 
 async def _wait_readable(fd: int) -> None:
-    """Wait until a descriptor is readable, then close it."""
+    """Wait until a descriptor is readable, then close the descriptor."""
     try:
         await trio.lowlevel.wait_readable(fd)
     finally:
@@ -314,7 +326,10 @@ def _pidfd_of(pid: int) -> int | None:
 
 
 async def _poll_until(condition: Callable[[], bool]) -> None:
-    """Poll where no descriptor reports the end. It is noticed a little later then."""
+    """Check a condition repeatedly, where no descriptor reports the end of a process.
+
+    The end is then noticed a little later.
+    """
     while not condition():  # noqa: ASYNC110  # no event to wait for: that is why we are here
         await trio.sleep(NOTICED_S)
 
@@ -327,7 +342,8 @@ def _has_ended(pidfd: int) -> bool:
 
 def exists(pid: int) -> bool:
     """Return True if a process with this id exists, of any user. A process that has ended and was not reaped
-    counts."""
+    counts as existing.
+    """
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

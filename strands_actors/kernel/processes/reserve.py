@@ -1,10 +1,10 @@
-"""Reserve the resources that a stop needs, and end this process when they cannot be had.
+"""Reserve the resources that a stop needs, and end this process when it lacks them.
 
-Root, wire, standby and stop process each hold a few open files and a piece of address space. A stop begins by
-freeing them. So a leak elsewhere in the process cannot keep the stop from opening its connections. Sometimes
-that is not enough: a limit was lowered, or no thread can be started. If a stop was not confirmed then, the
-process exits at once with ``EXIT_SHORT``. The next process has its own resources, and it can act only when this
-one has ended.
+Each process that can stop a robot holds a few open files and a piece of address space in reserve. A stop begins
+by freeing them. So a leak elsewhere in the process cannot keep the stop from opening its connections. Sometimes
+the reserve is not enough, for example because no thread can be started. If a stop was not confirmed then, the
+process exits at once with ``EXIT_SHORT``. The next process that can stop the robot has its own resources, and
+it can act only when this one has ended.
 """
 
 from __future__ import annotations
@@ -20,14 +20,17 @@ import sys
 from collections.abc import Callable, Iterator
 
 FILES = 16
-"""The number of open files that are held. The stop channel that needs most of them (a new stop process: two
-socket pairs, a pidfd, the pipe of ``Popen``; a UR: three sockets) needs 8."""
+"""The number of open files in the reserve. A stop channel needs up to 8 files. A new stop process needs two
+socket pairs, a pidfd and the pipe of ``Popen``. A UR needs three sockets.
+"""
 MEMORY_BYTES = 8 << 20
-"""Address space that is held. It is not touched, so it takes no memory."""
+"""Address space in the reserve, in bytes. It is not touched, so it takes no memory."""
 _PROBE_BYTES = 1 << 20
 """One arena of Python's allocator."""
 MOST_FILES = 4096
-"""The highest soft limit of open files that is set. On macOS a child closes them one by one."""
+"""The highest soft limit of open files that is set. On macOS a child closes all files up to this limit one by
+one.
+"""
 EXIT_SHORT = 6
 """Exit code of a process that lacked what a stop needs."""
 
@@ -44,40 +47,43 @@ def raise_limits() -> None:
     """Raise the soft limits of this process, and of its children, to the hard ones."""
     for limit in _RAISED:
         soft, hard = resource.getrlimit(limit)
-        wanted = hard
+        new_soft = hard
         if limit == resource.RLIMIT_NOFILE:
             most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
-            wanted = soft if soft == resource.RLIM_INFINITY else max(soft, most)
-        if wanted != soft:
-            with contextlib.suppress(OSError, ValueError):  # macOS refuses some: then the limit stays
-                resource.setrlimit(limit, (wanted, hard))
+            new_soft = soft if soft == resource.RLIM_INFINITY else max(soft, most)
+        if new_soft != soft:
+            # macOS refuses to change some limits. They then stay as they are.
+            with contextlib.suppress(OSError, ValueError):
+                resource.setrlimit(limit, (new_soft, hard))
 
 
 class Reserve:
-    """The reserve of one process. It does nothing until ``begin``."""
+    """The resources that one process holds in reserve. Nothing is reserved before ``begin``."""
 
     def __init__(self) -> None:
         self._files: list[int] = []
         self._memory: mmap.mmap | None = None
         self._begun = False
         self._stops = 0
-        self._other_acts: Callable[[], bool] = lambda: False
+        self._has_successor: Callable[[], bool] = lambda: False
 
-    def begin(self, other_acts: Callable[[], bool]) -> None:
-        """Take the reserve.
+    def begin(self, has_successor: Callable[[], bool]) -> None:
+        """Reserve the resources.
 
         Args:
-            other_acts: Returns True if another process stops the robot when this one ends. Otherwise this
+            has_successor: Returns True if another process stops the robot when this one ends. Otherwise this
                 process stays and tries again.
         """
-        self._begun, self._other_acts = True, other_acts
-        with contextlib.suppress(OSError):  # not every system has this library
-            # glibc opens this library when the first thread ends, and aborts the process if no file is free.
+        self._begun, self._has_successor = True, has_successor
+        # Not every system has this library.
+        with contextlib.suppress(OSError):
+            # glibc opens this library when the first thread ends, and aborts the process if no file is free. So
+            # open it now.
             ctypes.CDLL("libgcc_s.so.1")
         self.check()
 
     def check(self) -> str:
-        """Take the missing parts of the reserve.
+        """Reserve the resources that are missing in the reserve.
 
         Returns:
             The resource that this process lacks, for people. Empty if the reserve is complete and a little more
@@ -97,7 +103,8 @@ class Reserve:
             os.close(_open_file())
         except OSError as error:
             if error.errno == errno.ENFILE and len(self._files) == FILES:
-                # The whole system has no free file. Those in the reserve are worth more than a new process.
+                # The whole system has no free file. The files in the reserve are worth more than a new process
+                # would be.
                 return ""
             limit = "sysctl fs.file-max" if error.errno == errno.ENFILE else "ulimit -n"
             return f"no file can be opened ({error.strerror}; {limit})"
@@ -105,8 +112,8 @@ class Reserve:
 
     @contextlib.contextmanager
     def freed(self) -> Iterator[None]:
-        """Free the reserve for a stop, and take it again afterwards."""
-        # Counted first: another thread may check whether a stop uses the freed resources.
+        """Free the reserved resources for a stop, and reserve them again afterwards."""
+        # Count the stop first, since another thread may check whether a stop uses the freed resources.
         self._stops += 1
         try:
             self._release()
@@ -118,18 +125,18 @@ class Reserve:
 
     @property
     def is_freed(self) -> bool:
-        """Return True while a stop is being carried out."""
+        """Return True while a stop uses the freed resources."""
         return self._stops > 0
 
     def lacked(self, error: BaseException) -> None:
-        """End this process if ``error`` kept a stop from opening a resource, and another process stops the
-        robot then.
+        """End this process if a stop could not open a resource (``error``), and another process stops the robot
+        then.
 
         Code that opens a connection, a port or a process calls this before it turns the error into
-        ``WireDown``. A stop channel may try again for seconds, and the next process waits until this one has
-        ended.
+        ``WireDown``. Otherwise the stop might be tried again for seconds, while the next process waits for the
+        end of this one.
         """
-        if self._stops and lacks_resources(error) and self._other_acts():
+        if self._stops and lacks_resources(error) and self._has_successor():
             end(str(error))
 
     def end_if_short(self) -> None:
@@ -137,7 +144,7 @@ class Reserve:
 
         Call it when a stop was not confirmed.
         """
-        if not self._begun or not self._other_acts():
+        if not self._begun or not self._has_successor():
             return
         missing = self.check() or _lacks_thread()
         if missing:

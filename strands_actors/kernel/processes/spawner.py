@@ -1,16 +1,16 @@
-"""A fork server: it starts processes for a root that must not pause.
+"""A fork server. It starts processes for the root process, which must not pause.
 
-Theory. A process that starts another stands still, with the interpreter's lock held, until the child has begun.
-That takes a few milliseconds, but a tenth of a second on a busy machine. Without heartbeats for so long, a root
-looks frozen to its wire process. So the root lets a small process, the spawner, start others.
+Theory. A process that starts another one is blocked, with the interpreter's lock held, until the child has
+begun. That takes a few milliseconds, but a tenth of a second on a busy machine. Without heartbeats for so long,
+a root looks frozen to its wire process. So the root lets a small process, the spawner, start others.
 
 * The spawner is forked while the root has one thread and no session. It does nothing else, and ends with its
   root.
-* It forks its children. A forked child has all imports of the tree, for which an executed one computes a
-  quarter of a second.
+* It forks its children. A forked child has all imports already. A child that is started by exec needs a quarter
+  of a second of computing for them.
 * A spawner that is dead or does not answer is ended, and another one replaces it. The root has threads by then,
   so the new one is started by exec.
-* So a request without an answer is never carried out later: its spawner has been killed.
+* A request without an answer is never carried out later, since its spawner has been killed.
 """
 
 from __future__ import annotations
@@ -26,11 +26,12 @@ from typing import Any
 
 import trio
 
-from .fork import Forked, fork_child
+from .fork import UNKNOWN, Forked, fork_child
 from .identity import take_name
 from .process import ChildProcess, OwnChild, specify, start
 
-# A report: a pid, and _STARTED (a pidfd comes with it) or the exit code. Or the spawner's own pid, and _READY.
+# A report has two numbers: the pid of a child, and its exit code or _STARTED (a pidfd comes with it). The first
+# report has the spawner's own pid and _READY.
 _REPORT = struct.Struct("<ii")
 _STARTED, _READY = 1 << 30, 1 << 29
 _GROUP, _SESSION = b"g", b"s"
@@ -57,10 +58,12 @@ class SpawnedChild(ChildProcess):
     async def wait(self) -> int:
         if self.code is None:
             await self._until_ended()
-            # A spawner that has ended reports no exit code.
             with trio.move_on_after(_CODE_S):
                 await self._coded.wait()
-        return self.code or 0
+            if self.code is None:
+                self.ended(UNKNOWN)  # The spawner has ended, too, and the exit code is lost.
+        assert self.code is not None
+        return self.code
 
     def ended(self, code: int) -> None:
         self.code = code
@@ -75,39 +78,43 @@ class _Server:
         self._socket = process.socket
         self._socket.setblocking(False)
         self._children: dict[int, SpawnedChild] = {}
-        self._asked: tuple[socket.socket, trio.Event] | None = None
+        self._request: tuple[socket.socket, trio.Event] | None = None
         self._answer: SpawnedChild | None = None
         self._ready = trio.Event()
-        self.gone = False
+        self.has_ended = False
 
     async def fork(self, session: bool) -> SpawnedChild | None:
-        """Request a child. Return None if the spawner does not answer or has ended. Only one request at a time."""
+        """Request a child. Return None if the spawner does not answer or has ended.
+
+        Only one request may be made at a time.
+        """
         with trio.move_on_after(READY_S):
             await self._ready.wait()
         ours, theirs = socket.socketpair()
         answered = trio.Event()
-        self._asked, self._answer = (ours, answered), None
+        self._request, self._answer = (ours, answered), None
         try:
             with theirs:
                 socket.send_fds(self._socket, [_SESSION if session else _GROUP], [theirs.fileno()])
             with trio.move_on_after(ANSWER_S):
                 await answered.wait()
         except OSError:
-            pass  # the spawner has ended
-        self._asked = None
+            # The spawner has ended.
+            pass
+        self._request = None
         if self._answer is None:
             ours.close()
         return self._answer
 
     async def hear(self) -> None:
-        """Handle the reports of the spawner. Return when it has ended."""
+        """Handle the reports of the spawner. Return when the spawner has ended."""
         try:
             await self._hear()
         finally:
-            self.gone = True
+            self.has_ended = True
             self._ready.set()
-            if self._asked is not None:
-                self._asked[1].set()
+            if self._request is not None:
+                self._request[1].set()
             self._socket.close()
         await self.process.wait()
 
@@ -126,21 +133,22 @@ class _Server:
             pidfds.extend(received)
             buffer += data
             while len(buffer) >= _REPORT.size:
-                pid, what = _REPORT.unpack_from(buffer)
+                pid, code = _REPORT.unpack_from(buffer)
                 buffer = buffer[_REPORT.size :]
-                if what == _READY:
+                if code == _READY:
                     self._ready.set()
-                elif what == _STARTED:
+                elif code == _STARTED:
                     self._started(pid, pidfds.popleft())
                 elif pid in self._children:
-                    self._children.pop(pid).ended(what)
+                    self._children.pop(pid).ended(code)
 
     def _started(self, pid: int, pidfd: int) -> None:
-        # The request was given up. Its link is closed, so the child ends before it gets a specification.
-        if self._asked is None:
+        # The root has given up this request and closed its link. So the child ends before it gets a
+        # specification.
+        if self._request is None:
             os.close(pidfd)
             return
-        ours, answered = self._asked
+        ours, answered = self._request
         self._children[pid] = self._answer = SpawnedChild(pid, ours, pidfd)
         answered.set()
 
@@ -155,7 +163,7 @@ class Spawner:
 
         Args:
             close: Descriptors that the spawner closes.
-            name: Its name, as arguments of ``take_name``.
+            name: Process name of the spawner, as arguments of ``take_name``.
             forget: Called in the spawner, so that its children do not inherit passwords and the paths of keys.
         """
         self._name = tuple(name)
@@ -174,7 +182,7 @@ class Spawner:
         theirs.close()
         self._server = _Server(OwnChild(Forked(pid), ours))
         self._replaced = trio.Event()
-        self._one_at_a_time = trio.Lock()
+        self._start_lock = trio.Lock()
 
     @property
     def pid(self) -> int:
@@ -184,28 +192,29 @@ class Spawner:
     async def start(
         self, entry: str, args: Mapping[str, Any], session: bool = False, descriptors: Sequence[int] = ()
     ) -> ChildProcess:
-        """Start a child as ``process.start`` does, without standing still.
+        """Start a child as ``process.start`` does, without blocking this process.
 
         Args:
             entry: ``module:function``.
-            args: Its arguments.
-            session: The child is a session.
+            args: Arguments of that function.
+            session: True makes the child a session. Otherwise it is a process group.
             descriptors: Open files for the child (``process.specify``).
 
         Raises:
             OSError: The spawner does not answer. Nothing was started, and nothing will be started later.
         """
-        async with self._one_at_a_time:
-            if self._server.gone:
+        async with self._start_lock:
+            if self._server.has_ended:
                 self._replace()
             child = await self._server.fork(session)
             if child is None:
-                why = "the process that starts others " + (
-                    "has ended" if self._server.gone else f"did not answer within {ANSWER_S:g} s"
+                reason = "the process that starts others " + (
+                    "has ended" if self._server.has_ended else f"did not answer within {ANSWER_S:g} s"
                 )
-                self._server.process.kill()  # so it starts nothing later
+                # Kill the spawner, so that it starts nothing later.
+                self._server.process.kill()
                 self._replace()
-                raise OSError(f"{why}; it has been replaced")
+                raise OSError(f"{reason}; it has been replaced")
         specify(child.socket, entry, args, descriptors)
         return child
 
@@ -233,7 +242,7 @@ def _serve(sock: socket.socket, name: Sequence[str]) -> None:
     if name:
         take_name(*name)
     gc.collect()
-    # A collection in a child then neither walks nor copies the inherited objects (6 ms).
+    # Freeze the inherited objects. A collection in a child then neither walks nor copies them (6 ms).
     gc.freeze()
     children: dict[int, int] = {}
     sock.sendall(_REPORT.pack(os.getpid(), _READY))
@@ -251,7 +260,7 @@ def _serve(sock: socket.socket, name: Sequence[str]) -> None:
                 return
             pid = fork_child(descriptors[0], session=data == _SESSION)
             os.close(descriptors[0])
-            # Opened before the child can be reaped, so that its pid cannot be used again.
+            # Open the pidfd before the child can be reaped. Until then its pid cannot be used again.
             pidfd = os.pidfd_open(pid)
             children[pidfd] = pid
             socket.send_fds(sock, [_REPORT.pack(pid, _STARTED)], [pidfd])

@@ -1,2 +1,2 @@
-"""Offer a robot as a tool to an agent or an MCP client. Its driver declares the tool, and the gate checks
-its commands like those of every writer."""
+"""Offer a robot as a tool to an agent or an MCP client. The robot's driver declares the tool. Commands of
+agents pass the same checks as all other commands."""

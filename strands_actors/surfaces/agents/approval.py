@@ -1,13 +1,14 @@
-"""The operator gate: an agent or another program may use a guarded verb or key only with an operator's
-approval. The robot's own program needs no approval.
+"""The operator gate asks an operator before an agent or another program uses a guarded name.
 
-Guarded are the names in ``Driver.GUARDED``, those that ``Robot(guarded=...)`` adds (verbs, and keys of an
-action), and each service of a real robot that its driver does not declare for agents.
+A name is a verb of the robot's tool, or a key of an action. The robot's own program needs no approval.
+
+These names are guarded: the names in ``Driver.GUARDED``, the names in ``Robot(guarded=...)``, and each
+service of a real robot that its driver does not declare for agents.
 
 A name is approved if it is in ``STRANDS_ACTORS_ALLOW``, if its ROS topic is in
-``STRANDS_ROS2_COMMAND_ALLOW``, or if ``approve`` returns ``True``; they are checked in this order. It is
-refused if there is no ``approve``, no answer in time, an exception, or any other answer. A stop needs no
-approval.
+``STRANDS_ROS2_COMMAND_ALLOW``, or if ``approve`` returns ``True``. The three are checked in this order. The
+name is refused if ``approve`` is missing, does not answer in time, raises, or returns anything else. A stop
+needs no approval.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ APPROVE_S = 30.0
 TERMINAL = Path("/dev/tty")
 
 _MOVES, _ENERGISES = ("action", "move_to"), ("torque",)
-_MEANT = {"send_action": _MOVES, "action": _MOVES, "move": _MOVES, "resume": _ENERGISES, "arm": _ENERGISES}
+_VERB_KINDS = {"send_action": _MOVES, "action": _MOVES, "move": _MOVES, "resume": _ENERGISES, "arm": _ENERGISES}
 """Names of the robot's own methods, and the kinds of the matching verbs of the tool. In ``guarded=`` such a
 name is refused with a hint, and not replaced by the verbs: these differ between robots, and the user should
 know exactly which ones are guarded."""
@@ -47,13 +48,13 @@ know exactly which ones are guarded."""
 
 @dataclass(frozen=True)
 class Request:
-    """A request to the operator.
+    """A question to the operator: may this verb run?
 
     Attributes:
         robot: The name of the robot.
         verb: The verb.
         inputs: The inputs of the verb.
-        by: The caller.
+        by: The program that asks, for example ``agent`` or ``mcp``.
     """
 
     robot: str
@@ -67,8 +68,8 @@ class Request:
 
 
 def _plainly(value: object) -> str:
-    """Return a value as text. An action is shown whole, so that an operator approves nothing unseen. Other
-    values are cut where they become unreadable."""
+    """Return an input as text for the operator. An action is shown with all its keys, because the operator
+    approves all of it. Any other long value is cut."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{shown(key)}: {shown(part)}" for key, part in [*value.items()][:MOST_SHOWN]) + "}"
     return shown(value, 200)
@@ -89,19 +90,20 @@ def approval_of(
         within_s: Seconds for the operator's answer.
 
     Raises:
-        TypeError: As for ``Approval``.
-        ValueError: As for ``Approval``, and for a name that would guard nothing. If that cannot be checked
-            before the robot is known, an agent's motion is refused later.
+        TypeError: An argument has the wrong type, as for ``Approval``.
+        ValueError: An argument is wrong, as for ``Approval``, or a guarded name does not exist. If the names
+            depend on options of the robot, ``use`` checks them before the first motion of an agent.
     """
     own = Approval(guarded, approve, within_s)
     drivers = _drivers(driver_class) if own.guarded else []
-    if drivers and (why := own.guards_nothing(*drivers)):
-        raise ValueError(why)
+    if drivers and (reason := own.guards_nothing(*drivers)):
+        raise ValueError(reason)
     return Approval(own.guarded | set(driver_class.GUARDED), approve, within_s, driver_class.TOPICS)
 
 
 def _drivers(driver_class: type[Driver]) -> list[Driver]:
-    """Return a driver for each robot of a class; an empty list if they need further options."""
+    """Return a driver for each robot of a driver class. Return an empty list if the drivers cannot be built
+    without further options."""
     try:
         return [driver_class(robot, "", driver_class.resolve(robot, {})) for robot in driver_class.SUPPORTED_ROBOTS]
     except (ValueError, TypeError):
@@ -109,8 +111,8 @@ def _drivers(driver_class: type[Driver]) -> list[Driver]:
 
 
 def _guardable(driver: Driver) -> tuple[str, ...]:
-    """Return the names that can be guarded: verbs that move the robot or switch its power, its axes, and
-    its own services. Reading and stopping cannot be guarded."""
+    """Return the names that can be guarded: verbs that move the robot or switch its motors' power, the robot's
+    axes, and its services without a verb. Reading and stopping cannot be guarded."""
     services = {name: is_motion(service) for name, service in driver.SERVICES.items()}
     verbs = {verb.name: verb.does for verb in driver.TOOL_VERBS}
     moving = [
@@ -127,8 +129,8 @@ class Approval:
 
     Args:
         guarded: Names that need an approval: verbs, and keys of an action.
-        approve: Asks the operator about a request, in a separate thread. Only ``True`` approves. Without
-            it, guarded requests are refused unless the environment allows them.
+        approve: Function that asks the operator about a request. It runs in a separate thread, and only
+            ``True`` approves. If it is None, guarded requests are refused unless the environment allows them.
         within_s: Seconds for the operator's answer.
         topics: The ROS topic of each guarded name that has one.
 
@@ -145,18 +147,18 @@ class Approval:
         topics: Mapping[str, str] | None = None,
     ) -> None:
         if isinstance(guarded, str):
-            raise TypeError(f"guarded is {guarded!r}. give a tuple of verbs and action keys: ({guarded!r},)")
+            raise TypeError(f"guarded is {guarded!r}. Give a tuple of verbs and action keys: ({guarded!r},)")
         if not isinstance(guarded, Collection) or not all(isinstance(name, str) for name in guarded):
-            raise TypeError(f"guarded is {shown(guarded)}. give a tuple of verbs and action keys: ('move_to',)")
+            raise TypeError(f"guarded is {shown(guarded)}. Give a tuple of verbs and action keys: ('move_to',)")
         if "stop" in guarded:
-            raise ValueError("guarded names stop. a stop is never asked about")
+            raise ValueError("guarded names stop, and a stop needs no approval. Leave it out")
         if approve is not None and not callable(approve):
             raise TypeError(
-                f"approve is {approve!r}. give a function that takes a request and returns True or False"
+                f"approve is {approve!r}. Give a function that takes a request and returns True or False"
             )
         seconds = finite(within_s)
         if seconds is None or seconds <= 0:
-            raise ValueError(f"approve_within_s is {shown(within_s)}. give seconds, a number above 0")
+            raise ValueError(f"approve_within_s is {shown(within_s)}. Give seconds, a number above 0")
         self.guarded = frozenset(name.removesuffix(".pos") for name in guarded)
         self._topics = dict(topics or {})
         self._approve = approve
@@ -172,34 +174,38 @@ class Approval:
             return ""
         name, verbs = wrong[0], [verb for driver in drivers for verb in driver.TOOL_VERBS]
         if any(verb.name == name and verb.does == "stop" for verb in verbs):
-            return f"guarded names {name}, which is a stop. a stop is never asked about"
-        meant = {verb.name for verb in verbs if verb.does in _MEANT.get(name, ())} or closest(name, guardable)
-        hint = f" (do you mean {' or '.join(sorted(meant))}?)" if meant else ""
+            return f"guarded names {name}, which is a stop and needs no approval. Leave it out"
+        suggestions = {verb.name for verb in verbs if verb.does in _VERB_KINDS.get(name, ())} or closest(
+            name, guardable
+        )
+        hint = f" (do you mean {' or '.join(sorted(suggestions))}?)" if suggestions else ""
         common = [each for each in guardable if all(each in names for names in of_each)]
         listed = ", ".join(common) + (", and the axes of the robot" if len(common) < len(guardable) else "")
         return f"guarded names {shown(name)}, which guards nothing here{hint}. there are {listed or 'none'}"
 
-    async def refuse(self, request: Request, keys: Iterable[str] = (), asks: bool = False) -> Refused | None:
-        """Return a refusal; None if the request needs no approval or has it.
+    async def refuse(
+        self, request: Request, keys: Iterable[str] = (), needs_approval: bool = False
+    ) -> Refused | None:
+        """Return a refusal, or None if the request needs no approval or is approved.
 
         Args:
             request: The request.
-            keys: Keys of the action to which it leads.
-            asks: The verb is guarded, even if ``guarded`` does not name it.
+            keys: Keys of the action that the request leads to.
+            needs_approval: The verb is guarded, even if ``guarded`` does not name it.
         """
-        guarded = self.guarded | {request.verb} if asks else self.guarded
+        guarded = self.guarded | {request.verb} if needs_approval else self.guarded
         names = unapproved(guarded, (request.verb, *keys), self._topics)
-        why = await self._ask(request) if names else None
-        return None if why is None else not_approved(names, why).about(request.verb)
+        reason = await self._ask(request) if names else None
+        return None if reason is None else not_approved(names, reason).about(request.verb)
 
     async def _ask(self, request: Request) -> str | None:
-        """Return why the request is not approved; None if it is."""
+        """Ask the operator. Return None for an approval, otherwise the reason for the refusal."""
         if self._approve is None:
-            return "there is nobody to ask"
+            return "no operator can be asked"
         with trio.move_on_after(self._within_s):
             try:
                 answer = await trio.to_thread.run_sync(contained, self._approve, request, abandon_on_cancel=True)
-            except Exception as error:  # The operator's code may raise anything, which is not an approval.
+            except Exception as error:  # The ``approve`` function may raise anything. An exception is a refusal.
                 return f"asking failed with {type(error).__name__}: {error}"
             return None if answer is True else "it was not given"
         return f"no answer within {self._within_s:g} s"

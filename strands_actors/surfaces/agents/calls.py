@@ -1,4 +1,4 @@
-"""Turn a model's input into a call of a declared verb, or a refusal. Pure."""
+"""Turn a model's input into a call of a verb that the driver declares, or into a refusal. No I/O."""
 
 from __future__ import annotations
 
@@ -39,20 +39,21 @@ class Call:
     Attributes:
         verb: The verb.
         inputs: The inputs by name.
-        moves: True for a service that leads to motion.
-        asks: True for a service that its driver does not declare for agents, so that an operator is asked.
-        means: The command of an action, if the driver has translated the inputs.
+        moves: True if the call runs a service that moves the robot.
+        needs_approval: True if the call runs a service that its driver does not declare for agents. Then an
+            operator is asked.
+        targets: The targets by axis, if the driver has translated the inputs of an action. Otherwise None.
     """
 
     verb: ToolVerb
     inputs: Mapping[str, Any] = field(default_factory=dict)
     moves: bool = False
-    asks: bool = False
-    means: Mapping[str, float] | None = None
+    needs_approval: bool = False
+    targets: Mapping[str, float] | None = None
 
     @property
     def kind(self) -> Kind:
-        """Return the kind of the call. Switching torque off is a stop."""
+        """Return whether the call reads, moves or stops. A call that switches torque off is a stop."""
         match self.verb.does:
             case "stop":
                 return "stop"
@@ -66,7 +67,7 @@ class Call:
 
     @property
     def held_s(self) -> Any:
-        """Return for how many seconds the command is repeated; None if it is sent once."""
+        """Return the time in seconds for which the command is repeated, or None if it is sent once."""
         return self.inputs.get(self.verb.lasts) if self.verb.lasts else None
 
     @property
@@ -74,62 +75,67 @@ class Call:
         """Return the command of an ``action``, or the targets of a ``move_to``."""
         if self.verb.does == "move_to":
             return dict(self.inputs["targets"])
-        return self.verb.command(self.inputs) if self.means is None else dict(self.means)
+        return self.verb.command(self.inputs) if self.targets is None else dict(self.targets)
 
 
-def read(driver: Driver, given: object, tool_name: str = "") -> Call | Refused:
+def read(driver: Driver, tool_input: object, tool_name: str = "") -> Call | Refused:
     """Return the call for a model's input, or a refusal.
 
-    A null counts as an input that is not given. A stop accepts any extra input, and any form
-    (``contract/stop_words.py``).
+    A null counts as a missing input. A stop is accepted in any form (``contract/stop_words.py``), even with
+    unknown inputs.
 
     Args:
         driver: The driver of the robot.
-        given: The input as it was sent.
-        tool_name: The name of the tool, which a text that asks for a stop may contain.
+        tool_input: The input as it was sent.
+        tool_name: The name of the tool. A text such as "stop NAME" is a stop, too.
     """
     verbs = verbs_of(driver)
     names = ", ".join(verb.name for verb in verbs)
-    action_given = given.get("action") if isinstance(given, Mapping) else None
-    name_given = action_given.strip().lower() if isinstance(action_given, str) else None
-    verb = next((verb for verb in verbs if verb.name == name_given), None)
-    if verb is None and asks_for_stop(given, f"{driver.robot} {tool_name}"):
+    action_name = tool_input.get("action") if isinstance(tool_input, Mapping) else None
+    requested_verb = action_name.strip().lower() if isinstance(action_name, str) else None
+    verb = next((verb for verb in verbs if verb.name == requested_verb), None)
+    if verb is None and asks_for_stop(tool_input, f"{driver.robot} {tool_name}"):
         verb = _stop_of(driver)
     if verb is not None and verb.does == "stop":
         return Call(verb)
-    if not isinstance(given, Mapping):
+    if not isinstance(tool_input, Mapping):
         return Refused(
-            Code.BAD_INPUT, f"the input is {shown(given)}", f"give an object with action: {names}", verb=TOOL
+            Code.BAD_INPUT,
+            f"the input is {shown(tool_input)}",
+            f"give an object whose key action is one of {names}",
+            verb=TOOL,
         )
-    if verb is not None and verb.does == "torque" and as_python(given.get("enabled")) is False:
-        return Call(verb, {"enabled": False})  # This is a stop, too, so other inputs are ignored.
-    if len(given) > MAX_INPUTS:
-        return Refused(Code.BAD_INPUT, f"it has {len(given)} inputs", f"give at most {MAX_INPUTS}", verb=TOOL)
-    if all(value is None for value in given.values()):  # An empty input asks for the status.
+    if verb is not None and verb.does == "torque" and as_python(tool_input.get("enabled")) is False:
+        return Call(verb, {"enabled": False})  # Switching torque off is a stop, so other inputs are ignored.
+    if len(tool_input) > MAX_INPUTS:
+        return Refused(
+            Code.BAD_INPUT, f"the call has {len(tool_input)} inputs", f"give at most {MAX_INPUTS}", verb=TOOL
+        )
+    if all(value is None for value in tool_input.values()):  # An empty input is a request for the status.
         verb = next((verb for verb in verbs if verb.name == "status"), None)
     if verb is None:
-        if isinstance(name_given, str) and (refused := _refuse_elsewhere(driver, name_given)):
+        if isinstance(requested_verb, str) and (refused := _refuse_elsewhere(driver, requested_verb)):
             return refused
-        why = (
-            "no action is given"
-            if action_given is None
-            else f"{shown(action_given)} is not a verb of {driver.robot}"
+        reason = (
+            "no action is given" if action_name is None else f"{shown(action_name)} is not a verb of {driver.robot}"
         )
-        return Refused(Code.UNKNOWN_VERB, why, f"use {names}", shown(action_given), names, verb=TOOL)
-    inputs = {name: as_python(value) for name, value in given.items() if name != "action" and value is not None}
+        return Refused(Code.UNKNOWN_VERB, reason, f"use {names}", shown(action_name), names, verb=TOOL)
+    inputs = {
+        name: as_python(value) for name, value in tool_input.items() if name != "action" and value is not None
+    }
     if refused := _refuse_inputs(verb, inputs):
         return refused
     if verb.does == "action":
         action = driver.action_of(verb, inputs)
-        return action.about(verb.name) if isinstance(action, Refused) else Call(verb, inputs, means=action)
-    asks = verb.does == "service" and verb.name in undeclared(driver)
-    moves = verb.does == "service" and (asks or is_motion(driver.SERVICES[verb.name]))
-    return Call(verb, inputs, moves, asks and not driver.SIMULATED)
+        return action.about(verb.name) if isinstance(action, Refused) else Call(verb, inputs, targets=action)
+    needs_approval = verb.does == "service" and verb.name in undeclared(driver)
+    moves = verb.does == "service" and (needs_approval or is_motion(driver.SERVICES[verb.name]))
+    return Call(verb, inputs, moves, needs_approval and not driver.SIMULATED)
 
 
 def _refuse_elsewhere(driver: Driver, name: str) -> Refused | None:
-    """Return the refusal of a service that the robot has only in another mode; None if it has no service of
-    this name."""
+    """Return the refusal of a service that the robot has only in another mode. Return None if the robot has no
+    service of this name in any mode."""
     refused = driver.check_service(name, {})
     return refused.about(name) if refused is not None and refused.code != Code.UNKNOWN_SERVICE else None
 
@@ -150,15 +156,17 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
         if name not in verb.inputs:
             close = closest(name, verb.inputs)
             hint = f" ({close[0]!r}?)" if close else ""
-            why = f"it takes no {shown(name)}{hint}"
-            return Refused(Code.UNKNOWN_INPUT, why, f"it takes {takes}", shown(name), takes, verb=verb.name)
-        kind = verb.inputs[name]["type"]
-        if not isinstance(value, _TYPES[kind]) or (isinstance(value, bool) and kind != "boolean"):
-            why = f"{name} is {shown(value)}"
-            return Refused(Code.BAD_INPUT, why, f"give it as {kind}", shown(value), kind, verb=verb.name)
+            reason = f"there is no input {shown(name)}{hint}"
+            return Refused(Code.UNKNOWN_INPUT, reason, f"use {takes}", shown(name), takes, verb=verb.name)
+        type_name = verb.inputs[name]["type"]
+        if not isinstance(value, _TYPES[type_name]) or (isinstance(value, bool) and type_name != "boolean"):
+            reason = f"{name} is {shown(value)}"
+            return Refused(
+                Code.BAD_INPUT, reason, f"give {name} as {type_name}", shown(value), type_name, verb=verb.name
+            )
     for name in verb.required:
         if name not in inputs:
-            return Refused(Code.BAD_INPUT, f"{name} is missing", f"it takes {takes}", "", takes, verb=verb.name)
+            return Refused(Code.BAD_INPUT, f"{name} is missing", f"give {takes}", "", takes, verb=verb.name)
     return None
 
 

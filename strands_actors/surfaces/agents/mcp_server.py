@@ -26,7 +26,7 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
 
     Args:
         robot: The robot.
-        allow_motion: False refuses every motion, with the remedy to start the server differently.
+        allow_motion: False refuses every motion. The refusal names the option that allows motion.
     """
     motion = "" if allow_motion else ALLOW_MOTION
 
@@ -67,7 +67,8 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
 
 
 def _result(answer: Answer) -> types.CallToolResult:
-    """Return the envelope in two forms: as text for models, and structured for programs."""
+    """Convert a robot's answer to an MCP result, with the answer as text for models and as structured content
+    for programs."""
     blocks = [block["text"] if "text" in block else json.dumps(block["json"]) for block in answer["content"]]
     return types.CallToolResult(
         content=[types.TextContent(type="text", text=text) for text in blocks],

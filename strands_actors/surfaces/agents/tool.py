@@ -1,9 +1,9 @@
-"""A robot as a strands-agents tool, without importing that package.
+"""Make a robot usable as a tool of strands-agents, without importing that package.
 
-``strands.Agent(tools=[robot])`` keeps instances of its ``AgentTool`` and drops everything else. A subclass
-of it would import the package, with all its dependencies, into every script with a robot. Instead
-``RobotTool`` has the members of ``AgentTool``, and registers with it when ``isinstance`` checks it. A caller
-that makes this check has loaded the package.
+``strands.Agent(tools=[robot])`` accepts only instances of ``AgentTool``, a class of strands-agents. A
+subclass of ``AgentTool`` would import strands-agents and its dependencies into every script with a robot.
+Instead ``RobotTool`` has the same members, and registers as a virtual subclass when ``isinstance`` checks
+it. A program that makes this check has already imported strands-agents.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ AGENT_TOOL = "strands.types.tools"
 
 
 class RobotTool:
-    """The members of ``AgentTool``. A subclass gives its driver and carries out the calls."""
+    """The members of ``AgentTool`` of strands-agents. A subclass provides the driver and carries out calls."""
 
     tool_type = "robot"
     _is_dynamic = False
@@ -46,12 +46,12 @@ class RobotTool:
     def driver(self) -> Driver: ...
 
     @abstractmethod
-    async def use_tool(self, given: object, by: str) -> Answer:
+    async def use_tool(self, tool_input: object, by: str) -> Answer:
         """Carry out a tool's input, from an asyncio loop.
 
         Args:
-            given: The input as the caller sent it.
-            by: The caller, as the operator reads it.
+            tool_input: The input as the caller sent it.
+            by: The name of the caller, which the operator sees in a request for approval.
         """
 
     @property
@@ -62,8 +62,7 @@ class RobotTool:
     async def stream(
         self, tool_use: Mapping[str, Any], invocation_state: Mapping[str, Any] | None = None, **_: Any
     ) -> AsyncIterator[dict[str, Any]]:
-        """Yield one tool result, ``{toolUseId, status, content}``. The actors do the work, so the loop is
-        never blocked."""
+        """Yield one tool result, ``{toolUseId, status, content}``. The event loop is not blocked meanwhile."""
         answer = await self.use_tool(tool_use.get("input"), "agent")
         yield {"toolUseId": tool_use.get("toolUseId", ""), **answer}
 

@@ -15,8 +15,8 @@ from strands_actors.kernel.refusals import Code
 from .approval import Approval, Request
 from .calls import Call
 
-LIFT = "a person has to resume it: no verb of this tool lifts that"
-NOBODY = "a person has to resume it: no verb of this tool does"
+LIFT = "ask a person to lift the e-stop with resume(), which this tool cannot do"
+NOBODY = "ask a person to call resume(), which this tool cannot do"
 
 
 async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: str = "") -> Answer:
@@ -26,12 +26,12 @@ async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: 
     Args:
         tree: The robot.
         call: The call.
-        approval: The operator gate.
-        by: The caller, as the operator reads it.
-        motion: The remedy if motion is not allowed; empty if it is allowed.
+        approval: Asks the operator.
+        by: The name of the caller, which the operator sees in a request for approval.
+        motion: Empty if motion is allowed. Otherwise the remedy in the refusal of a motion.
 
     Returns:
-        The answer. Its remedies name verbs of the tool instead of methods of the robot's handle.
+        The answer. A remedy in it names a verb of the tool, because an agent cannot call the handle's methods.
     """
     return _in_its_verbs(await _use(tree, call, approval, by, motion), tree.driver)
 
@@ -65,7 +65,8 @@ async def _command(tree: RobotTree, call: Call, wait: bool) -> Answer:
 
 
 def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
-    """Return the answer with remedies that name verbs of the tool, in place of methods of the handle."""
+    """Return the answer with remedies that an agent can follow: they name verbs of the tool, not methods of the
+    robot's handle."""
     torque = next((verb.name for verb in driver.TOOL_VERBS if verb.does == "torque"), "")
     resume = f"{torque} with enabled=true energises it" if torque else NOBODY
     return answers.with_remedy(answer, {Code.DISARMED: resume, Code.FAULTED: resume, Code.LOCKED_OUT: LIFT})
@@ -83,15 +84,19 @@ async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion:
     verb = call.verb
     if call.kind == "motion":
         if motion:
-            return answers.refused(Refused(Code.NO_MOTION, "motion is not allowed here", motion, verb=verb.name))
-        # A wrong name in guarded= is refused here, since the operator relies on being asked.
+            return answers.refused(
+                Refused(Code.NO_MOTION, "this tool does not allow motion", motion, verb=verb.name)
+            )
+        # A misspelt name in guarded= would leave a verb unguarded. So refuse all motion of agents.
         if wrong := approval.guards_nothing(tree.driver):
-            return answers.refused(Refused(Code.GUARD, wrong, "mend guarded= of the robot", verb=verb.name))
+            return answers.refused(
+                Refused(Code.GUARD, wrong, "correct guarded= where the robot is made", verb=verb.name)
+            )
         request = Request(tree.robot, verb.name, call.inputs, by)
         action = _action_of(tree.driver, call)
         keys = () if action is None else tree.driver.to_approve(action)
-        rests = action is not None and not keys  # All velocities are zero, which needs no approval, like a stop.
-        refusal = await approval.refuse(request, keys, call.asks and not rests)
+        rests = action is not None and not keys  # The command sets all velocities to zero, so it needs no approval.
+        refusal = await approval.refuse(request, keys, call.needs_approval and not rests)
         if refusal is not None:
             return answers.refused(refusal)
     return await perform(tree, call)

@@ -21,7 +21,7 @@ class Compressor:
     """Compress one picture at a time. Pictures that come in the meantime are skipped.
 
     Attributes:
-        problem: Why the newest picture, or every picture, was not compressed; empty without a problem.
+        problem: Why the newest picture was not compressed, or why no picture can be. Empty without a problem.
     """
 
     def __init__(self, ring: FrameRing) -> None:
@@ -31,11 +31,11 @@ class Compressor:
         self.problem = ""
 
     def wants(self, now_ns: int) -> bool:
-        """Return True if a picture of this time should be compressed."""
-        return not self._busy and not self._cannot and now_ns < self._ring.wanted_until_ns
+        """Return True if a picture that arrives now should be compressed."""
+        return not self._busy and not self._cannot and now_ns < self._ring.requested_until_ns
 
     async def compress(self, image: NDArray[numpy.uint8], captured_ns: int, number: int) -> None:
-        """Compress a picture and put it into the ring. A failure is kept in ``problem``."""
+        """Compress a picture and put it into the ring of shared memory. A failure is kept in ``problem``."""
         self._busy = True
         try:
             if self._can():
@@ -43,7 +43,7 @@ class Compressor:
                 height, width, _ = image.shape
                 if not self._ring.put_compressed(Shot(number, captured_ns, height, width, data)):
                     self.problem = f"a picture of {width} x {height} is too large as JPEG: {len(data)} bytes"
-        # OpenCV fails, or the memory is full. The raw pictures are not affected.
+        # OpenCV may fail, or memory may run out. Readers still get uncompressed pictures.
         except Exception as failure:
             self.problem = describe(failure)
         finally:
@@ -61,5 +61,5 @@ def jpeg(image: NDArray[numpy.uint8]) -> bytes:
 
     done, data = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not done:
-        raise ValueError("it cannot be compressed as JPEG")
+        raise ValueError("OpenCV cannot compress the picture as JPEG")
     return bytes(data)

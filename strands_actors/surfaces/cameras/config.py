@@ -1,4 +1,5 @@
-"""Check ``cameras={"wrist": {...}}`` of ``Robot(...)``. The keys are those of LeRobot's configurations."""
+"""Check the argument ``cameras={"wrist": {...}}`` of ``Robot(...)``. A camera's keys are the same as in
+LeRobot's camera configurations."""
 
 from __future__ import annotations
 
@@ -65,189 +66,205 @@ UNKNOWN_STALE_S = 0.5
 
 
 def read_cameras(
-    given: object, *, driver_class: type[Any], axes: Sequence[str], simulated: bool
+    cameras: object, *, driver_class: type[Any], axes: Sequence[str], simulated: bool
 ) -> tuple[CameraSettings, ...]:
     """Return the settings of each camera.
 
     Args:
-        given: The ``cameras`` argument.
+        cameras: The ``cameras`` argument.
         driver_class: The robot's driver.
-        axes: Its axes, whose names a camera must not have.
-        simulated: True if there is a scene, of a twin or a simulation.
+        axes: The robot's axes. No camera may have the name of an axis.
+        simulated: True if the robot is simulated, so that cameras can show the simulated scene.
 
     Raises:
-        TypeError: ``given`` is not a mapping.
-        ValueError: A setting is wrong. The text names values that would be accepted.
+        TypeError: ``cameras`` is not a mapping.
+        ValueError: A setting is wrong. The message names accepted values.
     """
-    if given is None:
+    if cameras is None:
         return ()
-    if not isinstance(given, Mapping):
+    if not isinstance(cameras, Mapping):
         raise TypeError(
-            f"Robot: cameras is {given!r}. give one entry a camera: "
+            f"Robot: cameras is {cameras!r}. Give one entry for each camera: "
             "cameras={'wrist': {'index_or_path': 0, 'fps': 30, 'width': 640, 'height': 480}}"
         )
-    if len(given) > MOST:
-        raise ValueError(f"Robot: {len(given)} cameras. give at most {MOST}")
-    for name in given:
+    if len(cameras) > MOST:
+        raise ValueError(f"Robot: {len(cameras)} cameras. Give at most {MOST}")
+    for name in cameras:
         if not isinstance(name, str) or not NAME.match(name):
-            raise ValueError(f"Robot: a camera is named {name!r}. use a letter, then 0 to 31 of A-Z a-z 0-9 _ -")
+            raise ValueError(f"Robot: a camera is named {name!r}. Use a letter, then 0 to 31 of A-Z a-z 0-9 _ -")
         if name in axes:
-            raise ValueError(f"Robot: a camera is named {name!r}, and so is an axis. use another name")
-    return tuple(_camera(name, words, driver_class, simulated) for name, words in given.items())
+            raise ValueError(f"Robot: a camera is named {name!r}, and so is an axis. Use another name")
+    return tuple(_camera(name, words, driver_class, simulated) for name, words in cameras.items())
 
 
 def stale_s(settings: CameraSettings) -> float:
-    """Return the age from which a picture is stale: three periods, and at least 0.2 s."""
+    """Return the age in seconds from which a picture counts as stale: three periods of the camera, and at least
+    0.2 s."""
     return UNKNOWN_STALE_S if settings.fps is None else max(STALE_S, STALE_PERIODS / settings.fps)
 
 
 def source_of(settings: CameraSettings, driver_class: type[Any]) -> str:
-    """Return the ``module:function`` that opens a camera."""
+    """Return the function that opens a camera of this type, as ``module:function``."""
     if settings.type == ROBOT:
         return str(driver_class.CAMERAS[settings.view])
     return SOURCES.get(settings.type, settings.type)
 
 
-def _camera(name: str, given: object, driver_class: type[Any], simulated: bool) -> CameraSettings:
-    who = f"Robot: camera {name!r}"
-    words = {key: as_python(value) for key, value in _plain(who, given).items()}
+def _camera(name: str, settings: object, driver_class: type[Any], simulated: bool) -> CameraSettings:
+    camera = f"Robot: camera {name!r}"
+    words = {key: as_python(value) for key, value in _plain(camera, settings).items()}
     for word in words:
         if word not in WORDS:
             close = difflib.get_close_matches(str(word), WORDS, n=1)
             hint = f" ({word!r} -> {close[0]!r}?)" if close else ""
-            raise ValueError(f"{who} takes no {word!r}{hint}. it takes {', '.join(WORDS)}")
+            raise ValueError(f"{camera} has no setting {word!r}{hint}. Use {', '.join(WORDS)}")
     own = tuple(getattr(driver_class, "CAMERAS", {}))
-    kind = _type(who, words, own, simulated)
-    if kind != OPENCV and (idle := [word for word in OF_DEVICES if words.get(word) is not None]):
-        raise ValueError(f"{who} is of type {kind!r}, which has no use for {', '.join(idle)}. leave that out")
-    width, height = _size(who, words)
-    if kind == SCENE and width is None:
+    camera_type = _type(camera, words, own, simulated)
+    if camera_type != OPENCV and (idle := [word for word in OF_DEVICES if words.get(word) is not None]):
+        raise ValueError(
+            f"{camera} is of type {camera_type!r}, which does not use {', '.join(idle)}. Leave that out"
+        )
+    width, height = _size(camera, words)
+    if camera_type == SCENE and width is None:
         width, height = DEFAULT_SIZE
     return CameraSettings(
         name=name,
-        type=kind,
-        view=_view(who, name, words, kind, own),
-        index_or_path=_place(who, words.get("index_or_path")) if kind == OPENCV else "",
-        fps=_number(who, "fps", words.get("fps"), 0.1, MAX_FPS),
+        type=camera_type,
+        view=_view(camera, name, words, camera_type, own),
+        index_or_path=_place(camera, words.get("index_or_path")) if camera_type == OPENCV else "",
+        fps=_number(camera, "fps", words.get("fps"), 0.1, MAX_FPS),
         width=width,
         height=height,
-        rotation=_chosen(who, "rotation", _degrees(words.get("rotation", 0)), ROTATIONS, "0, 90, 180 or -90"),
-        color_mode=_chosen(who, "color_mode", _word(words.get("color_mode", "rgb")), {"rgb": "rgb", "bgr": "bgr"}),
-        fourcc=_fourcc(who, words.get("fourcc")),
-        backend=_chosen(who, "backend", str(words.get("backend") or 0).upper(), BACKENDS, "0 or 200 (V4L2)"),
-        warmup_s=_number(who, "warmup_s", words.get("warmup_s"), 0.0, 60.0)
-        or (WARMUP_S if kind == OPENCV and words.get("warmup_s") is None else 0.0),
+        rotation=_chosen(camera, "rotation", _degrees(words.get("rotation", 0)), ROTATIONS, "0, 90, 180 or -90"),
+        color_mode=_chosen(
+            camera, "color_mode", _word(words.get("color_mode", "rgb")), {"rgb": "rgb", "bgr": "bgr"}
+        ),
+        fourcc=_fourcc(camera, words.get("fourcc")),
+        backend=_chosen(camera, "backend", str(words.get("backend") or 0).upper(), BACKENDS, "0 or 200 (V4L2)"),
+        warmup_s=_number(camera, "warmup_s", words.get("warmup_s"), 0.0, 60.0)
+        or (WARMUP_S if camera_type == OPENCV and words.get("warmup_s") is None else 0.0),
     )
 
 
-def _plain(who: str, given: object) -> dict[str, Any]:
+def _plain(camera: str, settings: object) -> dict[str, Any]:
     """Return a camera's settings as a dict. A configuration object of LeRobot is accepted, too."""
-    if isinstance(given, Mapping):
-        return dict(given)
-    if hasattr(given, "__dataclass_fields__"):
-        fields = {name: getattr(given, name) for name in given.__dataclass_fields__}
-        return {"type": getattr(given, "type", OPENCV), **fields}
+    if isinstance(settings, Mapping):
+        return dict(settings)
+    if hasattr(settings, "__dataclass_fields__"):
+        fields = {name: getattr(settings, name) for name in settings.__dataclass_fields__}
+        return {"type": getattr(settings, "type", OPENCV), **fields}
     raise ValueError(
-        f"{who} is {given!r}. give its settings: {{'index_or_path': 0, 'fps': 30, 'width': 640, 'height': 480}}"
+        f"{camera} is {settings!r}. "
+        "Give its settings: {'index_or_path': 0, 'fps': 30, 'width': 640, 'height': 480}"
     )
 
 
-def _type(who: str, words: Mapping[str, Any], own: Sequence[str], simulated: bool) -> str:
-    kind = words.get("type")
-    if kind is None:
-        kind = OPENCV if words.get("index_or_path") is not None or not (simulated or own) else ""
-        kind = kind or (ROBOT if own else SCENE)
-    if isinstance(kind, str) and kind in NOT_READ:
-        raise ValueError(f"{who} is of type {kind!r}, which this version does not read. {NOT_READ[kind]}")
-    if not isinstance(kind, str) or (kind not in (OPENCV, SCENE, ROBOT) and not all(kind.partition(":"))):
+def _type(camera: str, words: Mapping[str, Any], own: Sequence[str], simulated: bool) -> str:
+    camera_type = words.get("type")
+    if camera_type is None:
+        camera_type = OPENCV if words.get("index_or_path") is not None or not (simulated or own) else ""
+        camera_type = camera_type or (ROBOT if own else SCENE)
+    if isinstance(camera_type, str) and camera_type in NOT_READ:
         raise ValueError(
-            f"{who} is of type {kind!r}. use {OPENCV}, {SCENE}, {ROBOT}, or module:function of your own"
+            f"{camera} is of type {camera_type!r}, which this version does not support. {NOT_READ[camera_type]}"
         )
-    if kind == SCENE and not simulated:
-        raise ValueError(f"{who} is of type {SCENE!r}, and a real robot has none. use {OPENCV!r}")
-    if kind == ROBOT and not own:
-        raise ValueError(f"{who} is of type {ROBOT!r}, and this robot's service gives no pictures. use {OPENCV!r}")
-    if kind in (OPENCV, ROBOT) and (why := missing("cameras", "a camera")):
-        raise ValueError(f"{who}: {why}")
-    return kind
+    if not isinstance(camera_type, str) or (
+        camera_type not in (OPENCV, SCENE, ROBOT) and not all(camera_type.partition(":"))
+    ):
+        raise ValueError(
+            f"{camera} is of type {camera_type!r}. "
+            f"Use {OPENCV}, {SCENE}, {ROBOT}, or your own function as module:function"
+        )
+    if camera_type == SCENE and not simulated:
+        raise ValueError(f"{camera} is of type {SCENE!r}, and a real robot has no simulated scene. Use {OPENCV!r}")
+    if camera_type == ROBOT and not own:
+        raise ValueError(
+            f"{camera} is of type {ROBOT!r}, and this robot provides no pictures itself. Use {OPENCV!r}"
+        )
+    if camera_type in (OPENCV, ROBOT) and (reason := missing("cameras", "a camera")):
+        raise ValueError(f"{camera}: {reason}")
+    return camera_type
 
 
-def _view(who: str, name: str, words: Mapping[str, Any], kind: str, own: Sequence[str]) -> str:
+def _view(camera: str, name: str, words: Mapping[str, Any], camera_type: str, own: Sequence[str]) -> str:
     view = words.get("view")
-    if kind == OPENCV:
+    if camera_type == OPENCV:
         if view is not None:
-            raise ValueError(f"{who} is of type {kind!r}, which has one picture. leave out view")
+            raise ValueError(f"{camera} is of type {camera_type!r}, which has no views. Leave out view")
         return ""
     if view is None:
-        views = own if kind == ROBOT else VIEWS
-        return name if name in views else (own[0] if kind == ROBOT else DEFAULT_VIEW)
+        views = own if camera_type == ROBOT else VIEWS
+        return name if name in views else (own[0] if camera_type == ROBOT else DEFAULT_VIEW)
     if not isinstance(view, str) or not view or len(view) > 64:
-        raise ValueError(f"{who}: view is {view!r}. give the name of one: {', '.join(own or VIEWS)}")
-    if kind == ROBOT and view not in own:
-        raise ValueError(f"{who}: view is {view!r}. this robot has {', '.join(own)}")
+        raise ValueError(f"{camera}: view is {view!r}. Give the name of a view: {', '.join(own or VIEWS)}")
+    if camera_type == ROBOT and view not in own:
+        raise ValueError(f"{camera}: view is {view!r}. this robot has the views {', '.join(own)}")
     return view
 
 
-def _place(who: str, given: object) -> int | str:
-    if isinstance(given, os.PathLike):
-        given = os.fspath(given)
-    if isinstance(given, str) and given.isdecimal():
-        given = int(given)
-    if isinstance(given, int) and not isinstance(given, bool) and given >= 0:
-        return given
-    if isinstance(given, str) and given:
-        return given
+def _place(camera: str, index_or_path: object) -> int | str:
+    if isinstance(index_or_path, os.PathLike):
+        index_or_path = os.fspath(index_or_path)
+    if isinstance(index_or_path, str) and index_or_path.isdecimal():
+        index_or_path = int(index_or_path)
+    if isinstance(index_or_path, int) and not isinstance(index_or_path, bool) and index_or_path >= 0:
+        return index_or_path
+    if isinstance(index_or_path, str) and index_or_path:
+        return index_or_path
     raise ValueError(
-        f"{who}: index_or_path is {given!r}. give its number (0) or its path ('/dev/video0'); "
-        "a path below /dev/v4l/by-id stays the same when it is plugged in again"
+        f"{camera}: index_or_path is {index_or_path!r}. Give the camera's number (0) or path ('/dev/video0'). "
+        "a path below /dev/v4l/by-id stays the same after the camera is unplugged"
     )
 
 
-def _size(who: str, words: Mapping[str, Any]) -> tuple[int | None, int | None]:
+def _size(camera: str, words: Mapping[str, Any]) -> tuple[int | None, int | None]:
     sides = [words.get("width"), words.get("height")]
     if sides == [None, None]:
         return None, None
     if None in sides:
-        raise ValueError(f"{who}: width is {sides[0]!r} and height {sides[1]!r}. give both, or neither")
+        raise ValueError(f"{camera}: width is {sides[0]!r} and height {sides[1]!r}. Give both, or neither")
     for word, side in zip(("width", "height"), sides, strict=True):
         if isinstance(side, bool) or not isinstance(side, int) or not 16 <= side <= MAX_SIDE:
-            raise ValueError(f"{who}: {word} is {side!r}. give pixels, a whole number from 16 to {MAX_SIDE}")
+            raise ValueError(f"{camera}: {word} is {side!r}. Give pixels, a whole number from 16 to {MAX_SIDE}")
     return sides[0], sides[1]
 
 
-def _number(who: str, word: str, given: object, least: float, most: float) -> float | None:
-    if given is None:
+def _number(camera: str, word: str, setting: object, least: float, most: float) -> float | None:
+    if setting is None:
         return None
-    if isinstance(given, bool) or not isinstance(given, int | float) or not math.isfinite(given):
-        raise ValueError(f"{who}: {word} is {given!r}. give a number from {least:g} to {most:g}")
-    if not least <= given <= most:
-        raise ValueError(f"{who}: {word} is {given!r}. give a number from {least:g} to {most:g}")
-    return float(given)
+    if isinstance(setting, bool) or not isinstance(setting, int | float) or not math.isfinite(setting):
+        raise ValueError(f"{camera}: {word} is {setting!r}. Give a number from {least:g} to {most:g}")
+    if not least <= setting <= most:
+        raise ValueError(f"{camera}: {word} is {setting!r}. Give a number from {least:g} to {most:g}")
+    return float(setting)
 
 
-def _chosen(who: str, word: str, given: object, choices: Mapping[Any, Any], shown: str = "") -> Any:
+def _chosen(camera: str, word: str, setting: object, choices: Mapping[Any, Any], shown: str = "") -> Any:
     try:
-        return choices[given]
+        return choices[setting]
     except (KeyError, TypeError):
-        raise ValueError(f"{who}: {word} is {given!r}. use {shown or ' or '.join(map(str, choices))}") from None
+        raise ValueError(
+            f"{camera}: {word} is {setting!r}. Use {shown or ' or '.join(map(str, choices))}"
+        ) from None
 
 
-def _word(given: object) -> object:
-    """Return a text in lower case. A member of one of LeRobot's enumerations counts as its value."""
-    value = getattr(given, "value", given)
+def _word(setting: object) -> object:
+    """Return a setting in lower case if it is text. A member of a LeRobot enumeration is replaced by its
+    value."""
+    value = getattr(setting, "value", setting)
     return value.lower() if isinstance(value, str) else value
 
 
-def _degrees(given: object) -> object:
-    value = getattr(given, "value", given)
+def _degrees(setting: object) -> object:
+    value = getattr(setting, "value", setting)
     if value is None:
         return 0
     return int(value) if isinstance(value, str) and value.removeprefix("-").isdecimal() else value
 
 
-def _fourcc(who: str, given: object) -> str | None:
-    if given is None:
+def _fourcc(camera: str, setting: object) -> str | None:
+    if setting is None:
         return None
-    if not isinstance(given, str) or len(given) != 4 or not given.isascii():
-        raise ValueError(f"{who}: fourcc is {given!r}. give four letters, like 'MJPG'")
-    return given
+    if not isinstance(setting, str) or len(setting) != 4 or not setting.isascii():
+        raise ValueError(f"{camera}: fourcc is {setting!r}. Give four letters, like 'MJPG'")
+    return setting

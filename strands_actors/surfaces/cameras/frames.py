@@ -16,8 +16,9 @@ class Frame:
     """One picture.
 
     Attributes:
-        image: Shape (height, width, 3), RGB, with the first row on top. It has separate memory.
-        captured_ns: When it was taken, on the host's monotonic clock (``time.monotonic_ns()``).
+        image: Shape (height, width, 3), RGB, with the first row on top. The array is a copy, so later
+            pictures do not change it.
+        captured_ns: When the picture was taken, on the host's monotonic clock (``time.monotonic_ns()``).
         sequence: The number of the picture. Two readings with the same number are the same picture.
     """
 

@@ -25,7 +25,9 @@ UNKNOWN = MAX_SIDE * MAX_SIDE * 3 // 4
 
 
 class Cameras:
-    """The cameras of one handle. It is made with the handle, and ``begin`` is called with each tree.
+    """The cameras of one robot handle.
+
+    The object is made with the handle. ``begin`` is called each time the robot's processes are started.
 
     Args:
         settings: The settings of each camera.
@@ -46,17 +48,18 @@ class Cameras:
         return tuple(self._settings)
 
     def begin(
-        self, robot: str, kind: str, label: str, port: str, control: str, options: Mapping[str, Any]
+        self, robot: str, robot_type: str, label: str, port: str, control: str, options: Mapping[str, Any]
     ) -> list[dict[str, Any]]:
-        """Make a file of pictures for each camera, and return the camera processes that the root starts.
+        """Make a file of pictures for each camera, and return the descriptions by which the root process
+        starts the camera processes.
 
         Args:
             robot: The name of the robot.
-            kind: The kind of the robot.
-            label: Its label in the list of processes.
-            port: Its port or address.
-            control: The address of its scene.
-            options: Its options.
+            robot_type: The kind of the robot.
+            label: The robot's label in the operating system's list of processes.
+            port: The robot's port or address.
+            control: The control address of the simulation, for a camera of type ``scene``.
+            options: The robot's options, for a camera of type ``robot``.
 
         Raises:
             OSError: A file cannot be made.
@@ -71,7 +74,7 @@ class Cameras:
             path = str(ring_path(robot, name, make=True))
             pixels = UNKNOWN if settings.width is None else settings.width * (settings.height or 0)
             create(path, pixels * COLOURS, round(stale_s(settings) * 1e9))
-            own: dict[str, Any] = {"robot": kind, "port": control if settings.type == SCENE else port}
+            own: dict[str, Any] = {"robot": robot_type, "port": control if settings.type == SCENE else port}
             if settings.type == ROBOT:
                 own["options"] = dict(options)
             args = {
@@ -86,7 +89,8 @@ class Cameras:
         return kept
 
     def end(self) -> None:
-        """Close the readers and remove the files, since the tree has ended. Later reads are ``Stale``."""
+        """Close the readers and remove the files, after the robot's processes have ended. Later reads return
+        ``Stale``."""
         for reader in self._readers.values():
             reader.close()
         self._readers = {}
@@ -115,12 +119,16 @@ class Cameras:
         return result
 
     def look(self, name: str, max_age_ms: float | None = None) -> Frame | Stale:
-        """As ``read``, but return ``Stale`` instead of raising ``StaleFrame``."""
+        """Return the newest picture like ``read``, but return ``Stale`` instead of raising ``StaleFrame``."""
         if not isinstance(name, str) or name not in self._settings:
-            listed = f"there are {', '.join(self._settings)}" if self._settings else "this robot was given none"
-            raise ValueError(f"read_camera: no camera {name!r}. {listed}")
+            listed = (
+                f"there are {', '.join(self._settings)}"
+                if self._settings
+                else "this robot was made without cameras"
+            )
+            raise ValueError(f"read_camera: there is no camera {name!r}. {listed}")
         if max_age_ms is not None and not (finite(as_python(max_age_ms)) or 0.0) > 0.0:
-            raise ValueError(f"read_camera: max_age_ms is {max_age_ms!r}. give milliseconds, above 0")
+            raise ValueError(f"read_camera: max_age_ms is {max_age_ms!r}. Give milliseconds, above 0")
         reader = self._readers.get(name)
         if reader is None:
             return Stale("the robot is not connected")
@@ -138,11 +146,11 @@ class Cameras:
         reader = self._readers.get(name)
         if reader is None:
             return {"state": "down", "why": "the robot is not connected", "age_s": None, "stale": True}
-        report, age_s = reader.told(), reader.age_s
+        report, age_s = reader.report(), reader.age_s
         is_stale = age_s is None or age_s > stale_s(self._settings[name])
         return {
             "state": report.state,
-            "why": report.why or None,
+            "why": report.reason or None,
             "age_s": None if age_s is None else round(age_s, 4),
             "stale": is_stale,
             "pictures": reader.sequence,

@@ -35,7 +35,7 @@ class OpenCVSource:
 
     Args:
         capture: A ``cv2.VideoCapture`` that is open.
-        cv2: The module.
+        cv2: OpenCV's Python module.
         place: The device's number or path, for messages.
     """
 
@@ -44,7 +44,9 @@ class OpenCVSource:
         self._cv2 = cv2
         self._place = place
         self._is_on_our_clock = False
-        self.paced = not _is_file(place)  # A file gives its pictures without delay.
+        self.paced = not _is_file(
+            place
+        )  # A device delivers pictures at its own rate. A file delivers them at once.
 
     async def read(self) -> Picture:
         return await _in_thread(self._read)
@@ -54,12 +56,12 @@ class OpenCVSource:
 
     def _read(self) -> Picture:
         if not self._capture.grab():
-            raise WireDown(f"{self._place} gives no picture any more: is it unplugged?")
+            raise WireDown(f"{self._place} gives no more pictures. Check that it is plugged in")
         grabbed_ns = time.monotonic_ns()
         captured_ns = grabbed_ns if not self.paced else self._device_ns(grabbed_ns)
         decoded, image = self._capture.retrieve()
         if not decoded or image is None:
-            raise WireDown(f"{self._place} gives a picture that cannot be decoded")
+            raise WireDown(f"a picture of {self._place} cannot be decoded")
         return Picture(self._cv2.cvtColor(image, self._cv2.COLOR_BGR2RGB), captured_ns)
 
     def _device_ns(self, grabbed_ns: int) -> int:
@@ -82,9 +84,9 @@ def open_with(settings: CameraSettings, cv2: Any) -> OpenCVSource:
     """Open the device and apply the settings.
 
     Raises:
-        WireDown: It cannot be opened, or it does not accept the settings.
+        WireDown: The device cannot be opened, or it does not accept the settings.
     """
-    cv2.setNumThreads(1)  # OpenCV's thread pool would use every processor for a picture.
+    cv2.setNumThreads(1)  # OpenCV would otherwise use all processors for each picture.
     place = settings.index_or_path
     capture = cv2.VideoCapture(place, settings.backend or _backend(place, cv2))
     try:
@@ -98,11 +100,11 @@ def open_with(settings: CameraSettings, cv2: Any) -> OpenCVSource:
 
 
 def _set(capture: Any, settings: CameraSettings, cv2: Any) -> None:
-    """Apply the settings. The format comes first, since sizes and rates depend on it. Raise ``Unfit`` for a
-    setting that the device does not accept."""
+    """Apply the settings, the pixel format first, since the possible sizes and rates depend on it. Raise
+    ``Unfit`` for a setting that the device does not accept."""
     if _is_file(settings.index_or_path):
         return
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # Keep only the newest picture instead of four.
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # OpenCV buffers four pictures by default, and three of them are old.
     if settings.fourcc is not None:
         capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter_fourcc(*settings.fourcc))
     width, height = settings.captured_size
@@ -140,6 +142,6 @@ def _there_are() -> str:
 
 
 async def _in_thread(call: Callable[[], T]) -> T:
-    """Run a call in a thread. A thread cannot be ended, so the actor waits with a deadline, after which it
-    ends the process."""
+    """Run a call of OpenCV in a thread. A thread that hangs cannot be ended. So the caller sets a timeout, and
+    ends the process when the timeout expires."""
     return await trio.to_thread.run_sync(call, abandon_on_cancel=True)

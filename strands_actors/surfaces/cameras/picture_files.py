@@ -1,8 +1,8 @@
-"""The files of this user's camera pictures, one for each camera. They lie in memory.
+"""The files in shared memory through which this user's cameras pass their pictures, one file for each camera.
 
 The directory is ``/dev/shm/strands-actors-<uid>-<mark>``, where the mark is a hash of the run directory's
-path. Without ``/dev/shm``, or if another user has taken that name, it is the run directory itself. Only
-the user can open it.
+path. Without ``/dev/shm``, or if another user has taken that name, the files are in the run directory. Only
+this user can open the directory.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from strands_actors.caller.processes.run_directory import is_held, run_dir
+from strands_actors.caller.processes.run_directory import is_running, run_dir
 
 SHARED = Path("/dev/shm")
 SUFFIX = ".pictures"
@@ -22,10 +22,10 @@ def pictures_dir(make: bool = False) -> Path:
     """Return the directory of the files.
 
     Args:
-        make: Make it if it does not exist.
+        make: Make the directory if it does not exist.
 
     Raises:
-        OSError: It does not exist, or it belongs to this user and is open to others.
+        OSError: The directory does not exist, or other users can open it.
     """
     own = run_dir()
     if not os.access(SHARED, os.W_OK):
@@ -36,7 +36,8 @@ def pictures_dir(make: bool = False) -> Path:
         path.mkdir(mode=0o700, exist_ok=True)
     status = path.lstat()
     if status.st_uid != os.getuid():
-        # Any user may take a name in /dev/shm. All processes decide by the owner, so they agree.
+        # Another user has made a directory of this name in /dev/shm. Every process of this user sees the same
+        # owner, so all of them use the run directory instead.
         return own
     if status.st_mode & 0o077 or not path.is_dir() or path.is_symlink():
         raise PermissionError(f"{path} is open to others, or no directory: remove it")
@@ -71,5 +72,5 @@ def sweep() -> None:
     """Remove the files of robots that have ended without removing them."""
     with contextlib.suppress(OSError):
         for name in {path.name.partition("@")[0] for path in pictures_dir().glob(f"*@*{SUFFIX}")}:
-            if not is_held(name):
+            if not is_running(name):
                 remove(name)

@@ -1,11 +1,12 @@
 """The process of one camera. It opens the source, reads it, and puts the newest picture into shared memory.
 
-It has the link to its root and the file of its pictures, and no other access to the robot. It may be
-killed, frozen or flooded, since no other process waits for it. The root starts it again.
+The camera's process has a connection to the robot's root process, which starts it, and the file of its
+pictures. It has no other access to the robot. No other process waits for a camera, so the robot keeps
+running if the camera's process is killed or frozen. The root process then starts it again.
 
-The states are in ``told.Told``. When the source fails, it is opened again after a pause (``PAUSES_S``).
-When the source does not return in time, a thread of it may hang in the device's driver, so the process
-ends (``HUNG``) and the root starts another.
+The states are in ``report.CameraReport``. When the source fails, it is opened again after a pause
+(``PAUSES_S``). When a call of the source does not return in time, its thread may hang in the device's driver. So
+the process ends (``HUNG``), and the root process starts another.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from strands_actors.kernel.processes.identity import take_name
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.introspection import Introspector
 
-from . import told as words
+from . import report as reports
 from .compressing import Compressor
-from .told import Told
+from .report import CameraReport
 
 if TYPE_CHECKING:
     import numpy
@@ -66,8 +67,8 @@ class Hangs(Exception):
     """A call of the source does not return in time."""
 
 
-class NotAsAsked(Exception):
-    """The source does not give the requested pictures. The text describes those that it gives."""
+class UnexpectedPicture(Exception):
+    """The source gives pictures of another size or type than requested. The exception's text describes them."""
 
 
 class Tick(Message, frozen=True):
@@ -82,14 +83,14 @@ class Camera(Actor):
     Args:
         settings: The settings of the camera.
         ring: The ring of its pictures.
-        open_source: Opens the source. It may raise anything; the failure is reported and the call repeated.
+        open_source: Opens the source. Any exception is reported, and the source is opened again later.
     """
 
     def __init__(self, settings: CameraSettings, ring: FrameRing, open_source: Open) -> None:
         self._settings = settings
         self._ring = ring
         self._open_source = open_source
-        self._told = Told()
+        self._report = CameraReport()
         self._rate = Rate()
         self._compressor = Compressor(ring)
 
@@ -107,8 +108,8 @@ class Camera(Actor):
         failures = 0
         while True:
             began_s = trio.current_time()
-            state, why = await self._until_lost()
-            self._tell(state=state, why=why, fps=0.0)
+            state, reason = await self._until_lost()
+            self._tell(state=state, reason=reason, fps=0.0)
             failures = 0 if trio.current_time() - began_s > SETTLED_S else failures
             await trio.sleep(PAUSES_S[min(failures, len(PAUSES_S) - 1)])
             failures += 1
@@ -119,13 +120,13 @@ class Camera(Actor):
         try:
             with _within(OPEN_S, "to open"):
                 source = await self._open_source(self._settings)
-            self._tell(state="starting", why="", opened=self._told.opened + 1)
+            self._tell(state="starting", reason="", opened=self._report.opened + 1)
             await self._read(source)
         except Hangs as failure:
-            # A thread may hang in the device's driver. Only the end of the process ends it.
-            self._tell(state="unavailable", why=str(failure), fps=0.0)
+            # A thread may hang in the device's driver. Only ending the process ends such a thread.
+            self._tell(state="unavailable", reason=str(failure), fps=0.0)
             os._exit(HUNG)
-        except NotAsAsked as failure:
+        except UnexpectedPicture as failure:
             return "refused", str(failure)
         except (WireDown, OSError) as failure:
             return "unavailable", str(failure)
@@ -135,7 +136,7 @@ class Camera(Actor):
             if source is not None:
                 with trio.CancelScope(shield=True), trio.move_on_after(1.0):
                     await source.aclose()
-        return "unavailable", "it ended"
+        return "unavailable", "the camera has ended"
 
     async def _read(self, source: PictureSource) -> None:
         settings = self._settings
@@ -152,10 +153,10 @@ class Camera(Actor):
             if trio.current_time() < warm_s:
                 continue
             if picture.captured_ns <= last_ns:
-                raise WireDown("it gives the same picture again")
+                raise WireDown("the camera gives the same picture again")
             ahead_s = (picture.captured_ns - self.context.clock.now_ns()) / 1e9
-            if ahead_s > AHEAD_S:  # Such a picture would never become stale.
-                raise WireDown(f"captured_ns is {ahead_s:g} s from now. stamp pictures with Python's monotonic_ns")
+            if ahead_s > AHEAD_S:  # A time stamp in the future would keep the picture from becoming stale.
+                raise WireDown(f"captured_ns is {ahead_s:g} s in the future. Use Python's time.monotonic_ns")
             last_ns = picture.captured_ns
             self._put(picture)
             await trio.lowlevel.checkpoint()
@@ -166,16 +167,16 @@ class Camera(Actor):
         number = self._ring.put(picture.captured_ns, height, width, image.data.cast("B"))
         if self._compressor.wants(self.context.clock.now_ns()):
             self.context.start_soon(self._compressor.compress, image, picture.captured_ns, number)
-        if self._compressor.problem != self._told.compressed:
+        if self._compressor.problem != self._report.compressed:
             self._tell(compressed=self._compressor.problem)
         if fps := self._rate.count(picture.captured_ns):
-            self._tell(state="streaming", why="", fps=fps, width=width, height=height)
-        elif self._told.state != "streaming":
-            self._tell(state="streaming", why="", width=width, height=height)
+            self._tell(state="streaming", reason="", fps=fps, width=width, height=height)
+        elif self._report.state != "streaming":
+            self._tell(state="streaming", reason="", width=width, height=height)
 
     def _tell(self, **changes: Any) -> None:
-        self._told = msgspec.structs.replace(self._told, **changes)
-        self._ring.tell(words.encode(self._told))
+        self._report = msgspec.structs.replace(self._report, **changes)
+        self._ring.write_description(reports.encode(self._report))
 
 
 class Rate:
@@ -188,7 +189,7 @@ class Rate:
     def count(self, now_ns: int) -> float:
         """Count a picture. Return pictures per second at the end of each second, and 0 otherwise."""
         took_ns = now_ns - self._began_ns
-        if not 0 <= took_ns < 10 * NS:  # the first picture, or the first one after a pause
+        if not 0 <= took_ns < 10 * NS:  # This is the first picture, or the first one after a pause.
             self._began_ns, self._count = now_ns, 0
             return 0.0
         self._count += 1
@@ -200,18 +201,19 @@ class Rate:
 
 
 def upright(image: NDArray[numpy.uint8], settings: CameraSettings) -> NDArray[numpy.uint8]:
-    """Return an image rotated by the settings. Raise ``NotAsAsked`` for another size or type."""
+    """Return an image rotated by the settings. Raise ``UnexpectedPicture`` if its size or type is not the requested
+    one."""
     import numpy
 
     if image.dtype != numpy.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise NotAsAsked(f"it gives {image.dtype} of shape {image.shape}, not bytes in three colours")
+        raise UnexpectedPicture(f"it gives {image.dtype} of shape {image.shape}, not bytes in three colours")
     if settings.rotation:
         image = numpy.rot90(image, -settings.rotation // 90)
     height, width, _ = image.shape
     if settings.width is not None and (width, height) != (settings.width, settings.height):
-        raise NotAsAsked(
+        raise UnexpectedPicture(
             f"it gives {width} x {height}, and {settings.width} x {settings.height} is asked for. "
-            "give width and height of a size that it has"
+            "Give width and height of a size that it has"
         )
     return numpy.ascontiguousarray(image)
 
@@ -234,7 +236,7 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
 async def _main(args: dict[str, Any], sock: socket.socket) -> None:
     robot: str = args["robot"]
     settings = msgspec.convert(args["settings"], CameraSettings)
-    at = addresses.of(robot)
+    actors = addresses.of(robot)
     node = Node(f"{robot}.camera.{settings.name}.{os.getpid()}", MonotonicClock())
     try:
         ring = FrameRing(args["ring"], writes=True)
@@ -242,11 +244,11 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         raise SystemExit(f"camera {settings.name}: {failure}") from None
     async with trio.open_nursery() as nursery:
         await nursery.start(node.run)
-        link = Link(node, sock, on_closed=lambda: os._exit(0))  # This process ends with the root.
+        link = Link(node, sock, on_closed=lambda: os._exit(0))  # This process ends when the root process ends.
         await nursery.start(link.run)
         process = f"camera/{settings.name}"
-        nursery.start_soon(node.cell(at.introspection(process), Introspector, "introspection").run)
-        cell = node.cell(at.path(process), lambda: Camera(settings, ring, partial(_open, args["source"])))
+        nursery.start_soon(node.cell(actors.introspection(process), Introspector, "introspection").run)
+        cell = node.cell(actors.path(process), lambda: Camera(settings, ring, partial(_open, args["source"])))
         try:
             await cell.run()
         except Exception as failure:
@@ -254,8 +256,8 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             os._exit(1)  # The root starts another process.
 
 
-async def _open(where: str, settings: CameraSettings) -> PictureSource:
-    """Import and call the function that opens a source. It may be a user's code. It is imported here, so
-    that a failure is reported."""
-    source: PictureSource = await load(where)(settings)
+async def _open(function: str, settings: CameraSettings) -> PictureSource:
+    """Import and call the function that opens a source. The function may be a user's code. It is imported here,
+    so that a failure of the import is reported."""
+    source: PictureSource = await load(function)(settings)
     return source

@@ -11,25 +11,25 @@ from strands_actors.contract.axis import finite
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.channels.frame_ring import FrameRing, NoRing, Shot
 
-from . import told as words
+from . import report as reports
 from .frames import Frame, Stale
 from .picture_files import cameras_of, ring_path
-from .told import Told
+from .report import CameraReport
 
 LOOK_S = 0.5
 """Period of the check if a file without new pictures was replaced."""
 
 
 class CameraReader:
-    """Read one camera of one robot, without ever waiting for it.
+    """Read one camera of one robot. Reading never waits for the camera.
 
-    It follows the camera through restarts of its process and of its robot. Any thread may call it.
+    The reader keeps working when the camera's process or the robot restarts. Any thread may use the reader.
 
     Args:
         path: The file of the pictures.
         robot: The name of the robot.
         camera: The name of the camera.
-        bgr: Return pictures with blue first.
+        bgr: Return pictures with the colours in the order blue, green, red.
     """
 
     def __init__(self, path: str, robot: str, camera: str, bgr: bool = False) -> None:
@@ -52,7 +52,7 @@ class CameraReader:
             ValueError: ``max_age_s`` is not a number above 0.
         """
         if max_age_s is not None and not (finite(as_python(max_age_s)) or 0.0) > 0.0:
-            raise ValueError(f"newest: max_age_s is {max_age_s!r}. give seconds, above 0")
+            raise ValueError(f"newest: max_age_s is {max_age_s!r}. Give seconds, above 0")
         with self._lock:
             ring = self._open()
             if ring is None:
@@ -67,22 +67,22 @@ class CameraReader:
                     return self._stale(ring, shot, now_ns, stale_ns)
         return _frame(shot, self._bgr)
 
-    def told(self) -> Told:
+    def report(self) -> CameraReport:
         """Return the camera's report on its state."""
         with self._lock:
             ring = self._open()
-            return Told("down", self._missing()) if ring is None else words.decode(ring.told)
+            return CameraReport("down", self._missing()) if ring is None else reports.decode(ring.description)
 
     @property
     def sequence(self) -> int:
-        """Return the number of the newest picture; 0 without a camera."""
+        """Return the number of the newest picture. 0 means that no camera runs."""
         with self._lock:
             ring = self._open()
             return 0 if ring is None else ring.newest
 
     @property
     def age_s(self) -> float | None:
-        """Return the age of the newest picture in seconds; None without one."""
+        """Return the age of the newest picture in seconds, or None if there is no picture."""
         with self._lock:
             ring = self._open()
             captured_ns = 0 if ring is None else ring.captured_ns
@@ -101,8 +101,8 @@ class CameraReader:
         self.close()
 
     def _open(self, anew: bool = False) -> FrameRing | None:
-        """Return the open file; None if there is none. ``anew`` looks for another one, since this one has no
-        new pictures."""
+        """Return the open file of pictures, or None if no camera runs. ``anew`` checks if a restarted camera
+        has replaced the file."""
         if self._closed:
             return None
         now_s = time.monotonic()
@@ -131,8 +131,8 @@ class CameraReader:
     def _stale(self, ring: FrameRing | None, shot: Shot | None, now_ns: int, stale_ns: float) -> Stale:
         if ring is None:
             return Stale(self._missing())
-        report = words.decode(ring.told)
-        state = f"it is {report.state}{': ' if report.why else ''}{report.why}"
+        report = reports.decode(ring.description)
+        state = f"it is {report.state}{': ' if report.reason else ''}{report.reason}"
         if shot is None:
             return Stale(f"there is no picture yet. {state}")
         age_s = (now_ns - shot.captured_ns) / 1e9
@@ -141,8 +141,9 @@ class CameraReader:
 
 
 def attach_camera(robot: str, camera: str) -> CameraReader:
-    """Return a reader of a camera of a robot that another process of this user runs. Its pictures are RGB
-    for every ``color_mode``.
+    """Return a reader for a camera of a robot that another process of this user runs.
+
+    The pictures are RGB, even if the camera's ``color_mode`` is ``bgr``.
 
     Raises:
         ConnectionError: There is no such camera.

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from json import dumps as json_of  # commands have an option named "json"
+from json import dumps as json_of  # Renamed, because the commands below have an option "json".
 from pathlib import Path
 from typing import Annotated
 
@@ -24,14 +24,14 @@ INTERRUPTED = 130
 
 app = typer.Typer(
     name="strands-actors",
-    help="Robots as supervised trees of actors.",
+    help="Run, watch, stop and record robots.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_given: bool) -> None:
+    if is_given:
         from strands_actors.version import __version__
 
         print(f"strands-actors {__version__}")
@@ -44,19 +44,19 @@ def options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """Robots as supervised trees of actors."""
+    """Run, watch, stop and record robots."""
 
 
 @app.command()
 def demo(
     seconds: Annotated[
-        float, typer.Option(min=6.0, callback=finite, help="Length, without the time processes need.")
+        float, typer.Option(min=6.0, callback=finite, help="Length in seconds, without the start of processes.")
     ] = 12.0,
-    no_faults: Annotated[bool, typer.Option("--no-faults", help="Only run the policy.")] = False,
+    no_faults: Annotated[bool, typer.Option("--no-faults", help="Run only the policy, without faults.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")] = False,
-    out: Annotated[Path, typer.Option(help="Where the picture goes.")] = Path("demo.png"),
+    out: Annotated[Path, typer.Option(help="The file for the picture.")] = Path("demo.png"),
 ) -> None:
-    """Kill a running arm, process by process, and measure."""
+    """Show how a simulated arm stops when its processes are killed or frozen, with measured times."""
     from .demo import run
 
     raise typer.Exit(run(seconds, faults=not no_faults, as_json=json, out=out))
@@ -80,7 +80,7 @@ def tree(json: Json = False) -> None:
 
 @app.command()
 def top() -> None:
-    """Show the running robots live; stop, e-stop and resume by a key."""
+    """Show the running robots live. Keys stop, e-stop or resume the selected robot."""
     from .top import run as show
 
     raise typer.Exit(show())
@@ -88,7 +88,7 @@ def top() -> None:
 
 @app.command()
 def doctor(json: Json = False) -> None:
-    """Find out what this machine lacks to run robots, with remedies."""
+    """Check if this computer has everything to run robots, with remedies."""
     from .doctor import run as examine
 
     raise typer.Exit(examine(as_json=json))
@@ -104,7 +104,7 @@ def stop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json =
 
 @app.command()
 def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
-    """De-energise every robot, or one, and lock it until `resume`."""
+    """De-energise every robot, or one robot, and lock it until `resume`."""
     from .orders import estop as run
 
     raise typer.Exit(run(robot, all_, mesh, as_json=json))
@@ -112,7 +112,7 @@ def estop(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json 
 
 @app.command()
 def resume(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json = False) -> None:
-    """Lift a lockout and energise a robot; starts no motion."""
+    """Lift the lock of an e-stop, and energise a robot. It does not start to move."""
     from .orders import resume as run
 
     one_or_all("resume", robot, all_)
@@ -121,25 +121,28 @@ def resume(robot: Which = None, all_: All = False, mesh: Mesh = None, json: Json
 
 @app.command()
 def echo(
-    what: What,
+    robot_or_key: What,
     mesh: Mesh = None,
     json: Json = False,
-    count: Annotated[int | None, typer.Option(min=1, help="End after so many samples.")] = None,
+    count: Annotated[int | None, typer.Option(min=1, help="End after this many samples.")] = None,
     timeout: Annotated[
-        float | None, typer.Option(min=0.1, callback=finite, help="End when nothing comes for so long.")
+        float | None,
+        typer.Option(min=0.1, callback=finite, help="End when no sample arrives for this many seconds."),
     ] = None,
 ) -> None:
     """Show what a robot publishes."""
     from .listen import echo as run
 
-    run(what, mesh, as_json=json, count=count, timeout_s=timeout)
+    run(robot_or_key, mesh, as_json=json, count=count, timeout_s=timeout)
 
 
 @app.command()
 def trace(
-    robot: Annotated[str, typer.Argument(help="As `tree` names it.")],
-    count: Annotated[int | None, typer.Option(min=1, help="End after so many messages.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, callback=finite, help="End after so long.")] = None,
+    robot: Annotated[str, typer.Argument(help="The robot's name, as `tree` shows it.")],
+    count: Annotated[int | None, typer.Option(min=1, help="End after this many messages.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, callback=finite, help="End after this many seconds.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Print the messages between a robot's actors: sender, receiver, type, age. For this user's robots
@@ -151,29 +154,34 @@ def trace(
 
 @app.command()
 def hz(
-    what: What,
+    robot_or_key: What,
     mesh: Mesh = None,
     json: Json = False,
     seconds: Annotated[
-        float | None, typer.Option(min=0.1, callback=finite, help="Listen so long, then end.")
+        float | None, typer.Option(min=0.1, callback=finite, help="Listen for this many seconds, then end.")
     ] = None,
 ) -> None:
     """Measure how often a robot publishes each topic."""
     from .listen import hz as run
 
-    run(what, mesh, as_json=json, seconds=seconds)
+    run(robot_or_key, mesh, as_json=json, seconds=seconds)
 
 
 @app.command()
 def send(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as `mesh status` shows it.")],
-    targets: Annotated[list[str], typer.Argument(metavar="JOINT=NUMBER...", help="In the robot's units.")],
-    seconds: Annotated[float, typer.Option("--for", min=0.0, callback=finite, help="Then the robot holds.")] = 2.0,
-    resume: Annotated[bool, typer.Option("--resume", help="Energise it first.")] = False,
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, as `mesh status` shows it.")],
+    targets: Annotated[list[str], typer.Argument(metavar="JOINT=NUMBER...", help="Targets in the robot's units.")],
+    seconds: Annotated[
+        float,
+        typer.Option(
+            "--for", min=0.0, callback=finite, help="Command the robot for this many seconds. Then it holds."
+        ),
+    ] = 2.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Energise the robot first.")] = False,
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
-    """Move a robot. Its lease must be free."""
+    """Move a running robot that no other program commands."""
     from .send import send as run
 
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
@@ -182,8 +190,10 @@ def send(
 @app.command()
 def calibrate(
     robot: Kind,
-    port: Annotated[str, typer.Option(help="Its serial port.")],
-    id_: Annotated[str | None, typer.Option("--id", help="Its name; the file is called so.")] = None,
+    port: Annotated[str, typer.Option(help="The robot's serial port.")],
+    id_: Annotated[
+        str | None, typer.Option("--id", help="The name of the robot and of its calibration file.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Calibrate the joints of a robot or a leader, by moving them by hand."""
@@ -195,8 +205,8 @@ def calibrate(
 @app.command("setup-motors")
 def setup_motors(
     robot: Kind,
-    port: Annotated[str, typer.Option(help="Its serial port.")],
-    joint: Annotated[list[str] | None, typer.Option(help="Only this one.")] = None,
+    port: Annotated[str, typer.Option(help="The robot's serial port.")],
+    joint: Annotated[list[str] | None, typer.Option(help="Set up only this joint. Can be repeated.")] = None,
     json: Json = False,
 ) -> None:
     """Give new servos their ids, one after the other."""
@@ -207,10 +217,13 @@ def setup_motors(
 
 @app.command()
 def ports(
-    also: Annotated[list[str] | None, typer.Option(metavar="PATH", help="Look at these, too.")] = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATH", help="Also look at this device path, with wildcards. Can be repeated."),
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Find out which serial adapter belongs to a robot, by unplugging it."""
+    """Find the serial port of a robot: you unplug its adapter, and the port is printed."""
     from .calibrate import ports as run
 
     raise typer.Exit(run(also or [], json))
@@ -224,34 +237,49 @@ def teleop(
         typer.Option(
             "--from",
             metavar="LEADER",
-            help="NAME:PORT or NAME:PORT:ID of a leader arm, keyboard, lerobot:TYPE, module:Class; page, gamepad "
-            "and phone are one page, :ADDRESS:PORT of it for your network.",
+            help="A leader arm: NAME:PORT or NAME:PORT:ID. Others: keyboard, lerobot:TYPE, module:Class. "
+            "A web page: page, gamepad or phone, with :ADDRESS:PORT to serve it in your network.",
         ),
     ],
-    port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
-    twin: Annotated[bool, typer.Option("--twin", help="Lead its twin; without a port: a simulation.")] = False,
-    deadman: Annotated[str | None, typer.Option(help="`key`: the space bar; `gripper`: the leader's.")] = None,
-    relative: Annotated[bool, typer.Option("--relative", help="Lead from where both are when engaged.")] = False,
-    hz: Annotated[float, typer.Option(callback=finite, help="Setpoints a second.")] = 100.0,
+    port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
+    twin: Annotated[
+        bool, typer.Option("--twin", help="Use the robot's twin. Without --twin and --port: a simulation.")
+    ] = False,
+    deadman: Annotated[
+        str | None, typer.Option(help="`key`: the space bar. `gripper`: the leader's gripper.")
+    ] = None,
+    relative: Annotated[
+        bool, typer.Option("--relative", help="Move relative to the positions when you engage.")
+    ] = False,
+    hz: Annotated[float, typer.Option(callback=finite, help="Setpoints per second.")] = 100.0,
     max_speed: Annotated[
-        float | None, typer.Option(callback=finite, help="Degrees a second; quicker frames are refused.")
+        float | None,
+        typer.Option(callback=finite, help="Largest speed in degrees per second. Faster frames are refused."),
     ] = None,
-    map_: Annotated[str | None, typer.Option("--map", metavar="MODULE:FUNCTION", help="Leader to robot.")] = None,
+    map_: Annotated[
+        str | None,
+        typer.Option("--map", metavar="MODULE:FUNCTION", help="Converts the leader's positions to the robot's."),
+    ] = None,
     seconds: Annotated[
-        float | None, typer.Option(min=0.0, callback=finite, help="How long; else until a key.")
+        float | None,
+        typer.Option(min=0.0, callback=finite, help="Duration in seconds. Default: until a key is pressed."),
     ] = None,
-    id_: Annotated[str | None, typer.Option("--id", help="The robot's name, and its calibration's.")] = None,
-    leader_id: Annotated[str | None, typer.Option(help="The leader's: as it was calibrated with --id.")] = None,
+    id_: Annotated[str | None, typer.Option("--id", help="The name of the robot and of its calibration.")] = None,
+    leader_id: Annotated[
+        str | None, typer.Option(help="The name of the leader's calibration (`calibrate --id`).")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Lead a robot by a leader arm, or by keys. It follows while the dead-man is held."""
+    """Teleoperate a robot by a leader arm or by keys. It moves only while you hold the dead-man switch."""
     from .teleop import teleop as run
 
     led_by = leader, leader_id
     raise typer.Exit(run(robot, led_by, port, twin, deadman, relative, hz, max_speed, map_, seconds, id_, json))
 
 
-meshes = typer.Typer(name="mesh", help="Who is on the mesh, and who may be.", add_completion=False)
+meshes = typer.Typer(
+    name="mesh", help="List the robots on the mesh, and make certificates for it.", add_completion=False
+)
 app.add_typer(meshes)
 
 
@@ -265,15 +293,21 @@ def status(mesh: Mesh = None, json: Json = False) -> None:
 
 @meshes.command()
 def keys(
-    directory: Annotated[Path, typer.Argument(help="Where they go.")],
-    robot: Annotated[list[str] | None, typer.Option(help="A robot, by its name on the mesh: one each.")] = None,
-    host: Annotated[list[str] | None, typer.Option(help="Under which these robots are connected to.")] = None,
-    name: Annotated[list[str] | None, typer.Option(help="Of one more who watches or commands.")] = None,
-    days: Annotated[int, typer.Option(min=1, max=36_500, help="For which they are valid.")] = 365,
+    directory: Annotated[Path, typer.Argument(help="The folder for the certificates and keys.")],
+    robot: Annotated[
+        list[str] | None, typer.Option(help="The name of a robot on the mesh. Can be repeated.")
+    ] = None,
+    host: Annotated[
+        list[str] | None, typer.Option(help="A name or address of the robots' host. Can be repeated.")
+    ] = None,
+    name: Annotated[
+        list[str] | None, typer.Option(help="The name of another operator or viewer. Can be repeated.")
+    ] = None,
+    days: Annotated[int, typer.Option(min=1, max=36_500, help="Validity of the certificates in days.")] = 365,
     json: Json = False,
 ) -> None:
-    """Make a certificate authority, and certificates for robots, operator and viewer. Run it again for
-    more robots: the authority is kept."""
+    """Make a certificate authority, and certificates for robots, an operator and a viewer. Run this again
+    to add robots: the authority is kept."""
     from .mesh import keys as run
 
     run(directory, robot or [], host or [], name or [], days, as_json=json)
@@ -282,35 +316,46 @@ def keys(
 @app.command()
 def record(
     context: typer.Context,
-    robot: Annotated[str, typer.Argument(help="Its name, as `tree` shows it.")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="The file, MCAP. It must not exist yet.")] = None,
+    robot: Annotated[str, typer.Argument(help="The robot's name, as `tree` shows it.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The MCAP file. It must not exist yet.")] = None,
     seconds: Annotated[
         float | None,
-        typer.Option(min=0.0, callback=finite, help="How long; else until Ctrl-C. Of a dataset: each episode."),
+        typer.Option(
+            min=0.0,
+            callback=finite,
+            help="Duration in seconds. For a dataset: of each episode. Default: until Ctrl-C.",
+        ),
     ] = None,
     dataset: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Record episodes there, in LeRobot's format.")
+        Path | None, typer.Option(metavar="DIR", help="Record a dataset into this folder, in LeRobot's format.")
     ] = None,
-    task: Annotated[str, typer.Option(help="Of a dataset: what is shown, in a sentence.")] = "",
-    episodes: Annotated[int | None, typer.Option(min=1, help="Of a dataset: end after so many.")] = None,
-    fps: Annotated[int, typer.Option(min=1, max=240, help="Of a dataset.")] = 30,
-    camera: Annotated[list[str] | None, typer.Option(help="Of a dataset: a camera of the robot's.")] = None,
+    task: Annotated[str, typer.Option(help="For a dataset: the task that is shown, in a sentence.")] = "",
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="For a dataset: end after this many episodes.")
+    ] = None,
+    fps: Annotated[int, typer.Option(min=1, max=240, help="For a dataset: frames per second.")] = 30,
+    camera: Annotated[
+        list[str] | None, typer.Option(help="For a dataset: the name of a camera of the robot. Can be repeated.")
+    ] = None,
     codec: Annotated[
         str | None,
-        typer.Option(help="Of its videos: av1, or mpeg4 for a small processor. A dataset keeps its own."),
+        typer.Option(
+            help="For a dataset: av1, or mpeg4 for a slow processor. An existing dataset keeps its codec."
+        ),
     ] = None,
     keys: Annotated[
         str | None,
         typer.Option(
-            metavar="page|gamepad|phone", help="Of a dataset: the episode keys on a page, too. :ADDRESS:PORT."
+            metavar="page|gamepad|phone",
+            help="For a dataset: also show the keys on a web page. Add :ADDRESS:PORT for another address.",
         ),
     ] = None,
     json: Json = False,
 ) -> None:
-    """Record all commands, decisions and actions of a running robot; or episodes for training."""
+    """Record all commands, decisions and actions of a running robot, or episodes for training."""
     if (out is None) == (dataset is None):
-        which = "-o FILE, or --dataset DIR" if out is None else "-o FILE or --dataset DIR: one of the two"
-        raise Problem(f"record: give {which}")
+        options = "-o FILE, or --dataset DIR" if out is None else "-o FILE or --dataset DIR: one of the two"
+        raise Problem(f"record: give {options}")
     if dataset is not None:
         from strands_actors.surfaces.dataset.session import Order
 
@@ -320,9 +365,9 @@ def record(
         raise typer.Exit(record_dataset(order, keys, as_json=json))
     of_datasets = ("task", "episodes", "fps", "camera", "codec", "keys")
     sources = {name: context.get_parameter_source(name) for name in of_datasets}
-    given = [name for name, source in sources.items() if source is not None and source.name != "DEFAULT"]
-    if given:
-        raise Problem(f"record: --{', --'.join(given)}: of a dataset's episodes. give --dataset DIR")
+    unusable = [name for name, source in sources.items() if source is not None and source.name != "DEFAULT"]
+    if unusable:
+        raise Problem(f"record: --{', --'.join(unusable)}: of a dataset's episodes. Give --dataset DIR")
     assert out is not None
     from .record import record as run
 
@@ -331,7 +376,7 @@ def record(
 
 datasets = typer.Typer(name="dataset", help="Datasets that `record --dataset` wrote.", add_completion=False)
 app.add_typer(datasets)
-DatasetDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The dataset.")]
+DatasetDirectory = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of the dataset.")]
 
 
 @datasets.command("show")
@@ -345,16 +390,16 @@ def show_dataset(root: DatasetDirectory, json: Json = False) -> None:
 @datasets.command("play")
 def play_dataset(
     root: DatasetDirectory,
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Its name, as `mesh status` shows it.")],
-    episode: Annotated[int, typer.Option(min=0, help="Its number.")] = 0,
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="The robot's name, as `mesh status` shows it.")],
+    episode: Annotated[int, typer.Option(min=0, help="The number of the episode.")] = 0,
     units: Annotated[
-        str, typer.Option(metavar="UNIT|normalized", help="Of its numbers, where the dataset does not say.")
+        str, typer.Option(metavar="UNIT|normalized", help="Unit of the numbers, if the dataset states none.")
     ] = "",
-    resume: Annotated[bool, typer.Option("--resume", help="Energise it first.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Energise the robot first.")] = False,
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
-    """Move a robot along an episode. Its lease must be free."""
+    """Move a robot along a recorded episode. No other program may command the robot."""
     from .play import play as run
 
     raise typer.Exit(run(root, robot, episode, units, resume, mesh, as_json=json))
@@ -363,10 +408,12 @@ def play_dataset(
 @datasets.command("repair")
 def repair_dataset(
     root: DatasetDirectory,
-    drop: Annotated[bool, typer.Option("--drop", help="Remove instead what nobody has finished.")] = False,
+    drop: Annotated[
+        bool, typer.Option("--drop", help="Remove unfinished episodes instead of saving them.")
+    ] = False,
     json: Json = False,
 ) -> None:
-    """Make episodes of the files that a killed recorder has left."""
+    """Save the episodes that a killed recorder has left unfinished."""
     from .dataset import repair as run
 
     raise typer.Exit(run(root, drop, as_json=json))
@@ -375,10 +422,10 @@ def repair_dataset(
 @datasets.command("compact")
 def compact_dataset(
     root: DatasetDirectory,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Where the copy goes.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The folder of the copy.")],
     json: Json = False,
 ) -> None:
-    """Copy a dataset into few files, as LeRobot lays them out."""
+    """Copy a dataset into few large files, as LeRobot does."""
     from .dataset import compact as run
 
     raise typer.Exit(run(root, out, as_json=json))
@@ -387,10 +434,10 @@ def compact_dataset(
 @datasets.command("convert")
 def convert_dataset(
     root: DatasetDirectory,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Where the copy goes.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The folder of the copy.")],
     json: Json = False,
 ) -> None:
-    """Copy a dataset of LeRobot's version 2.0 or 2.1 as version 3."""
+    """Copy a dataset in LeRobot's format 2.0 or 2.1, and convert the copy to version 3."""
     from .dataset import convert as run
 
     raise typer.Exit(run(root, out, as_json=json))
@@ -401,7 +448,7 @@ def replay(
     recording: Annotated[Path, typer.Argument(help="A file that `record` wrote.")],
     json: Json = False,
 ) -> None:
-    """Repeat every decision of a recording, and compare."""
+    """Make every decision of a recording again, and compare it with the recorded decision."""
     from .record import replay as run
 
     raise typer.Exit(run(recording, as_json=json))
@@ -410,14 +457,20 @@ def replay(
 @app.command()
 def twin(
     robot: Kind,
-    port_file: Annotated[Path, typer.Option(help="Is written with the twin's port (or address).")],
-    log: Annotated[Path | None, typer.Option(help="One JSON line for each frame on the wire.")] = None,
-    fault: Annotated[str | None, typer.Option(metavar="WORD[:servo]", help="A fault it begins with.")] = None,
-    option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="An option of its twin.")] = None,
-    control: Annotated[Path | None, typer.Option(help="A socket by which its joints are moved as by hand.")] = None,
+    port_file: Annotated[Path, typer.Option(help="The twin writes its port or address into this file.")],
+    log: Annotated[Path | None, typer.Option(help="File for the frames on the wire, one JSON line each.")] = None,
+    fault: Annotated[
+        str | None, typer.Option(metavar="WORD[:servo]", help="A fault that the twin has from the beginning.")
+    ] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="An option of the twin. Can be repeated.")
+    ] = None,
+    control: Annotated[
+        Path | None, typer.Option(help="Path of a socket that moves the joints, as if by hand.")
+    ] = None,
     parent_fd: Annotated[int | None, typer.Option(hidden=True, help="Ends with the twin's parent.")] = None,
 ) -> None:
-    """Serve a robot's twin until interrupted."""
+    """Run a simulated robot, which drivers can connect to, until interrupted."""
     from .robots import serve_twin
 
     serve_twin(robot, port_file, log, fault, parent_fd, control, option or [])
@@ -425,10 +478,12 @@ def twin(
 
 @app.command()
 def mcp(
-    robot: Annotated[str, typer.Argument(help="As `list` names it.")],
-    port: Annotated[str | None, typer.Option(help="Where the robot is.")] = None,
-    transport: Annotated[str | None, typer.Option(help="`twin`: its twin, behind its real wire.")] = None,
-    allow_motion: Annotated[bool, typer.Option("--allow-motion", help="Without, nothing is energised.")] = False,
+    robot: Annotated[str, typer.Argument(help="The robot's type, as `list` shows it.")],
+    port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
+    transport: Annotated[str | None, typer.Option(help="`twin`: the robot's twin, behind its real driver.")] = None,
+    allow_motion: Annotated[
+        bool, typer.Option("--allow-motion", help="Energise the robot, and accept motion.")
+    ] = False,
 ) -> None:
     """Serve a robot as a tool over MCP, on standard input and output."""
     from .mcp import serve_mcp
@@ -439,13 +494,15 @@ def mcp(
 @app.command()
 def drill(
     robot: Kind,
-    port: Annotated[str | None, typer.Option(help="Of a real robot: its serial port or address.")] = None,
-    twin: Annotated[bool, typer.Option("--twin", help="Drill its twin.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Consent was given elsewhere.")] = False,
-    option: Annotated[list[str] | None, typer.Option(metavar="KEY=VALUE", help="A keyword of Robot().")] = None,
+    port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
+    twin: Annotated[bool, typer.Option("--twin", help="Drill the robot's twin.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for consent.")] = False,
+    option: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="A keyword of Robot(). Can be repeated.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Prove that the robot in front of you can be stopped; keeps a certificate."""
+    """Test on your robot that each kind of fault stops it, and keep a certificate."""
     from .drill import run as drill_robot
 
     raise typer.Exit(drill_robot(robot, port, twin, yes, option or [], as_json=json))
@@ -453,20 +510,25 @@ def drill(
 
 @app.command()
 def matrix(
-    drivers: Annotated[str | None, typer.Option(help="Robots, with commas. Default: one of each driver.")] = None,
-    repeats: Annotated[int, typer.Option(min=1, help="Trials a cell.")] = 1,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the page there; of other robots it keeps the columns.")
+    drivers: Annotated[
+        str | None, typer.Option(help="Robots, separated by commas. Default: one of each driver.")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Robots that are broken side by side.")] = 1,
-    resume: Annotated[Path | None, typer.Option(help="Keep each trial there, and repeat none that it has.")] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Trials per cell.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write the page to this file. Columns of other robots are kept."),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Number of robots that are broken at the same time.")] = 1,
+    resume: Annotated[
+        Path | None, typer.Option(help="Save each trial in this file, and skip those that it has.")
+    ] = None,
     pairs: Annotated[bool, typer.Option(help="Break two processes, one shortly after the other.")] = False,
     victims: Annotated[
-        str | None, typer.Option(help="Measure only cells with one of these, with commas. Default: all.")
+        str | None, typer.Option(help="Break only these processes, separated by commas. Default: all.")
     ] = None,
     json: Json = False,
 ) -> None:
-    """Break each process and link of the twins in turn, and measure."""
+    """Break each process and connection of simulated robots in turn, and measure how they stop."""
     from .matrix import run as measure
 
     raise typer.Exit(measure(drivers, repeats, out, json, jobs, resume, pairs, victims))
@@ -498,14 +560,14 @@ def run(arguments: Sequence[str]) -> int:
 
 
 class Ended(Exception):
-    """A command could not run. The text is the one line that explains why."""
+    """A command could not run. The message is one line that explains why."""
 
 
 def _run(arguments: Sequence[str]) -> int:
     try:
         command = typer.main.get_command(app)
-        given = spelled(arguments, getattr(command, "commands", {}))
-        code = command(given or ["--help"], prog_name="strands-actors", standalone_mode=False)
+        command_line = spelled(arguments, getattr(command, "commands", {}))
+        code = command(command_line or ["--help"], prog_name="strands-actors", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
     except BaseExceptionGroup as group:
@@ -513,7 +575,7 @@ def _run(arguments: Sequence[str]) -> int:
     except (Problem, MissingExtra, OSError) as problem:
         raise Ended(_line(str(problem))) from problem
     except Exception as error:
-        usage = getattr(error, "format_message", None)  # an error of typer, in any of its versions
+        usage = getattr(error, "format_message", None)  # Errors of typer have this method in all versions of typer.
         if usage is None:
             raise
         raise Ended(_line(usage())) from error
@@ -521,14 +583,15 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _ended(error: BaseException) -> int:
-    """Return the exit code for the first error of an exception group, or raise it."""
+    """Return the exit code for the first exception of a group. If there is no exit code for it, raise the
+    group."""
     first = error
     while isinstance(first, BaseExceptionGroup):
         first = first.exceptions[0]
     match first:
         case KeyboardInterrupt():
             return INTERRUPTED
-        case BrokenPipeError():  # the reader of our output (``head``) has closed the pipe
+        case BrokenPipeError():  # The program that reads our output, such as ``head``, has ended.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return 0
         case Problem() | RecordingError() | OSError():
@@ -537,5 +600,5 @@ def _ended(error: BaseException) -> int:
 
 
 def _line(text: str) -> str:
-    """Return a message as one line, with commands in the place of Python calls."""
+    """Return a message as one line. Replace calls of Python functions by commands for the terminal."""
     return " ".join(text.split()).replace("strands_actors.list_robots()", "`strands-actors list`")

@@ -1,4 +1,8 @@
-"""Use a running robot whose lease is free, from any terminal, and give the lease back."""
+"""Command a running robot from any terminal for a short time.
+
+This needs the robot's lease (the right to command), so no other program may hold it. Afterwards the lease is
+released.
+"""
 
 from __future__ import annotations
 
@@ -24,48 +28,48 @@ RELEASE_S = 1.0
 
 
 async def borrow(robot: str, mesh: Path | None, use: Callable[[RobotTree], Awaitable[str]]) -> str:
-    """Run ``use`` with a robot, then release the robot's lease.
+    """Call ``use`` with a robot, then release the robot's lease (the right to command).
 
     Args:
         robot: The robot's name.
         mesh: A TOML file with the endpoints of robots on other hosts; None for this user's robots.
-        use: Uses the robot. Returns why it failed; empty if it succeeded.
+        use: Function that commands the robot. It returns why it failed, or an empty text.
 
     Returns:
-        Why ``use`` or the release failed; empty if both succeeded.
+        Why ``use`` or the release failed. Empty if both succeeded.
 
     Raises:
-        Problem: The mesh cannot be joined.
+        Problem: The robot was not found, or the mesh configuration cannot be used.
     """
     try:
         async with reach(robot, configuration(mesh)) as tree:
             released: Answer | None = None
             try:
-                why = await use(tree)
+                problem = await use(tree)
             finally:
-                # After the release the robot holds, and its own program may acquire the lease again.
+                # After the release the robot holds its position, and its own program may command it again.
                 with trio.move_on_after(RELEASE_S, shield=True):
                     released = await verbs.release(tree)
-            if why or (released is not None and released["status"] == "success"):
-                return why
+            if problem or (released is not None and released["status"] == "success"):
+                return problem
             return released["content"][0]["text"] if released is not None else "release: no answer"
-    except ConnectionError as failure:  # no request was sent
+    except ConnectionError as failure:  # The robot was not found, so no command was sent.
         raise Problem(str(failure)) from failure
     except (NotConnected, AskTimeout, Unreachable) as failure:
         return str(failure)
 
 
-def refuse(robot: str, done: str, why: str, as_json: bool) -> int:
+def refuse(robot: str, done: str, reason: str, as_json: bool) -> int:
     """Print why a command failed, and return its exit code.
 
     Args:
         robot: The robot's name.
-        done: The key in the JSON output that is false.
-        why: The reason.
+        done: The key that is false in the JSON output, such as ``sent``.
+        reason: The reason.
         as_json: Print JSON.
     """
     if as_json:
-        print(json.dumps({"robot": robot, done: False, "detail": why}))
+        print(json.dumps({"robot": robot, done: False, "detail": reason}))
     else:
-        print(f"strands-actors: {why}", file=sys.stderr)
+        print(f"strands-actors: {reason}", file=sys.stderr)
     return REFUSED

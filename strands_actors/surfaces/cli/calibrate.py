@@ -38,8 +38,8 @@ BY_ID = "/dev/serial/by-id/*"
 
 
 def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int:
-    """Let the user move the joints to their middle and through their range, and write LeRobot's calibration
-    file. Return the exit code."""
+    """Ask the user to move each joint to its middle and through its range. Write the result in LeRobot's
+    calibration file. Return the exit code."""
     name, driver_class = _of_servos(robot, "calibrate")
     setup = _setup(driver_class, name, port)
     table = driver_class.TABLES.robots[name]
@@ -54,16 +54,16 @@ def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int
         finally:
             setup.close()
 
-    found = _run(run, "calibrate")
+    motors = _run(run, "calibrate")
     try:
-        load(SAVE)(path, found)
+        load(SAVE)(path, motors)
     except OSError as failure:
         raise Problem(
             f"calibrate: the servos are calibrated, and {path} could not be written ({failure.strerror}). "
             "Make room for it, then calibrate again"
         ) from failure
     if as_json:
-        ranges = {key: [motor.range_min, motor.range_max] for key, motor in found.items()}
+        ranges = {key: [motor.range_min, motor.range_max] for key, motor in motors.items()}
         print(json.dumps({"robot": name, "file": str(path), "ranges": ranges}))
     else:
         print(f"calibrated. LeRobot's file of it: {path}")
@@ -71,9 +71,9 @@ def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int
 
 
 def _file(driver_class: Any, name: str, robot_id: str) -> Path:
-    """Return the path of a calibration file. Raise ``Problem`` if it cannot be written."""
+    """Return the path of a robot's calibration file. Raise ``Problem`` if the file cannot be written."""
     if leader_name(name) is None and not is_tool_name(robot_id):
-        raise Problem(f"calibrate: --id is {shown(robot_id)}, and {name} cannot be called so. use {TOOL_NAMES}")
+        raise Problem(f"calibrate: --id is {shown(robot_id)}, and {name} cannot be called so. Use {TOOL_NAMES}")
     try:
         path: Path = driver_class.calibration_file(name, robot_id)
         load(PREPARE)(path)
@@ -88,14 +88,14 @@ def _file(driver_class: Any, name: str, robot_id: str) -> Path:
 
 
 def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) -> int:
-    """Give each servo its id, while it is alone on the bus. The last joint comes first. Return the exit
-    code."""
+    """Write an id into each servo. The user connects one servo at a time, beginning with the last joint.
+    Return the exit code."""
     name, driver_class = _of_servos(robot, "setup-motors")
     setup = _setup(driver_class, name, port)
-    known = {axis.key: axis for axis in setup.axes}
-    if wrong := [joint for joint in joints if joint not in known]:
-        raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. it has {', '.join(known)}")
-    chosen = [axis for key, axis in reversed(known.items()) if not joints or key in joints]
+    axes = {axis.key: axis for axis in setup.axes}
+    if wrong := [joint for joint in joints if joint not in axes]:
+        raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. it has {', '.join(axes)}")
+    chosen = [axis for key, axis in reversed(axes.items()) if not joints or key in joints]
     person = Terminal(quiet=as_json)
     servos = []
 
@@ -103,15 +103,15 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
         try:
             for axis in chosen:
                 await person.ready(f"connect the servo of {axis.key}, and no other")
-                found = await setup.seek()
-                if len(found) != 1:
-                    there = ", ".join(f"id {each.id} at {each.baud} baud" for each in found) or "none"
+                servos_seen = await setup.seek()
+                if len(servos_seen) != 1:
+                    listed = ", ".join(f"id {each.id} at {each.baud} baud" for each in servos_seen) or "none"
                     raise WireDown(
-                        f"setup-motors: there must be one servo, and there is {there}. Connect one alone"
+                        f"setup-motors: exactly one servo must be connected, but found {listed}. Connect one servo"
                     )
-                await setup.adopt(found[0], axis)
-                servos.append({"joint": axis.key, "was": found[0].id, "id": axis.id})
-                person.say(f"{axis.key}: id {found[0].id} -> {axis.id}")
+                await setup.adopt(servos_seen[0], axis)
+                servos.append({"joint": axis.key, "was": servos_seen[0].id, "id": axis.id})
+                person.say(f"{axis.key}: id {servos_seen[0].id} -> {axis.id}")
         finally:
             setup.close()
 
@@ -122,28 +122,29 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
 
 
 def ports(also: Sequence[str], as_json: bool) -> int:
-    """Find the serial adapter that the user unplugs, and print it. Return the exit code."""
+    """Ask the user to unplug a serial adapter, find out which port has vanished, and print it. Return the exit
+    code."""
     person = Terminal(quiet=as_json)
     before = serial_ports(also)
     if not as_json:
         for path, about in before.items():
             print(f"{path}  {about}".rstrip())
     if not before:
-        raise Problem("ports: there is no serial adapter. plug one in")
+        raise Problem("ports: there is no serial adapter. Plug one in")
 
     async def run() -> dict[str, str]:
         await person.ready("unplug the adapter of the robot")
         return serial_ports(also)
 
     after = _run(run, "ports")
-    gone = {path: about for path, about in before.items() if path not in after}
-    if len(gone) != 1:
-        raise Problem(f"ports: {', '.join(gone) or 'none'} went away, and it must be one. try again")
-    (path, about), *_ = gone.items()
+    unplugged = {path: about for path, about in before.items() if path not in after}
+    if len(unplugged) != 1:
+        raise Problem(f"ports: {', '.join(unplugged) or 'none'} went away, and it must be one. Try again")
+    (path, about), *_ = unplugged.items()
     if as_json:
         print(json.dumps({"port": path, "about": about}))
     else:
-        print(f"it is {path}. plug it in again")
+        print(f"it is {path}. Plug it in again")
         if about:
             print(about)
     return 0
@@ -153,22 +154,23 @@ def serial_ports(also: Sequence[str] = ()) -> dict[str, str]:
     """Return the serial devices by path, each with a text: USB ids, product and permanent path.
 
     Args:
-        also: Further paths to look at, with wildcards.
+        also: Further device paths, which may contain wildcards.
     """
     from serial.tools import list_ports
 
     stay = {os.path.realpath(link): link for link in glob(BY_ID)}
-    found = {}
+    ports = {}
     for port in sorted(list_ports.comports()):
-        known = f"{port.vid:04X}:{port.pid:04X}" if port.vid is not None and port.pid is not None else ""
-        found[port.device] = " ".join(
-            part for part in (known, port.product or "", stay.get(port.device, "")) if part
+        usb_id = f"{port.vid:04X}:{port.pid:04X}" if port.vid is not None and port.pid is not None else ""
+        ports[port.device] = " ".join(
+            part for part in (usb_id, port.product or "", stay.get(port.device, "")) if part
         )
-    return found | {path: "" for pattern in also for path in sorted(glob(pattern))}
+    return ports | {path: "" for pattern in also for path in sorted(glob(pattern))}
 
 
 def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
-    """Return the name and the driver class of a robot or leader with servos. Raise ``Problem`` for others."""
+    """Return the name and the driver class of a robot or leader with Feetech or Dynamixel servos. Raise
+    ``Problem`` for other robots."""
     leader = leader_name(robot)
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
     if driver_class is None and canonical_name(robot) not in list_driver_coverage():
@@ -181,7 +183,7 @@ def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
 
 
 def _setup(driver_class: Any, name: str, port: str) -> Any:
-    # Do not read the calibration file, because it may be the one that has to be replaced.
+    # Do not read an existing calibration file. It may be wrong, which may be why the user calibrates again.
     driver = driver_class(name, port, driver_class.resolve(name, {}))
     return load(driver_class.SETUP)(driver.config, MonotonicClock())
 
@@ -194,7 +196,7 @@ def _run(work: Callable[[], Any], verb: str) -> Any:
 
 
 class Terminal:
-    """The dialog with the user at this terminal: instructions, and Enter."""
+    """Prints instructions for the user, and waits until the user presses Enter."""
 
     def __init__(self, quiet: bool) -> None:
         self._lines = 0
@@ -213,12 +215,14 @@ class Terminal:
             readable, _, _ = select.select([sys.stdin], [], [], 0)
             if readable:
                 if not sys.stdin.readline():
-                    raise ValueError("nobody is there to press Enter: standard input has ended")
+                    raise ValueError(
+                        "standard input has ended, so Enter cannot be pressed. Run this command in a terminal"
+                    )
                 return
             await trio.sleep(TURN_S)
 
     def show(self, ranges: Any) -> None:
-        """Redraw the range of each joint. Do nothing if stderr is no terminal."""
+        """Print the range of each joint over the previous output. Do nothing if stderr is not a terminal."""
         if not self._redraws:
             return
         up = f"\x1b[{self._lines}A" if self._lines else ""

@@ -1,4 +1,4 @@
-"""``record --dataset``, and the commands of ``dataset``."""
+"""The commands ``record --dataset`` and ``dataset ...``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from strands_actors.contract.shown import harmless
 from strands_actors.surfaces.dataset.compact import compact as make_compact
 from strands_actors.surfaces.dataset.compact import convert as do_convert
 from strands_actors.surfaces.dataset.copying import Copied
-from strands_actors.surfaces.dataset.dataset import ASIDE
+from strands_actors.surfaces.dataset.dataset import STRAYS
 from strands_actors.surfaces.dataset.errors import DamagedError
 from strands_actors.surfaces.dataset.keys import HELP, STDIN, read_keys, read_words, single_keys
 from strands_actors.surfaces.dataset.layout import STAGING
@@ -31,7 +31,7 @@ from strands_actors.surfaces.dataset.show import Shown
 from strands_actors.surfaces.dataset.show import show as look_at
 from strands_actors.surfaces.recording.errors import RecordingError
 from strands_actors.surfaces.recording.recorder import GONE
-from strands_actors.teleoperation.teleoperator import PAGES, where_to_listen
+from strands_actors.teleoperation.teleoperator import PAGES, parse_listen_address
 
 from .errors import Problem
 from .teleop import how_to_open
@@ -42,7 +42,7 @@ BAR = 12
 
 
 class Screen:
-    """Prints lines on stderr and, on a terminal, a line of progress below them."""
+    """Prints events on stderr. On a terminal, a line below them shows the progress."""
 
     def __init__(self, as_json: bool) -> None:
         self._is_live = sys.stderr.isatty() and not as_json
@@ -63,7 +63,7 @@ class Screen:
 
 
 def line_of(now: Progress) -> str:
-    """Return the line of progress."""
+    """Return the line that shows the progress."""
     bar = ""
     if now.of:
         full = min(BAR, BAR * now.done // now.of)
@@ -76,7 +76,8 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
 
     Args:
         order: The options of the recording.
-        keys: The page with the keys, with its address if not the default one; None for no page.
+        keys: The web page with the recorder's keys: ``page``, ``gamepad`` or ``phone``, and ``:ADDRESS:PORT``
+            for another address than the default. None for no page.
         as_json: Print the summary as JSON.
     """
     screen, onlooker = Screen(as_json), Onlooker()
@@ -87,7 +88,7 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
         if is_terminal:
             await read_keys(command)
         else:
-            # Without standard input, a page or a timer may still control the recording.
+            # When standard input ends, a web page or a timer may still control the recording.
             goes_on = order.seconds is not None or bool(name)
             await read_words(command, lambda: None if goes_on else command("quit"))
 
@@ -97,13 +98,13 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
             if name:
                 try:
                     await serve_keys(
-                        order.robot, host, port, onlooker, command, lambda at: screen.say(how_to_open(name, at))
+                        order.robot, host, port, onlooker, command, lambda url: screen.say(how_to_open(name, url))
                     )
                 except OSError as failure:
                     raise Problem(f"record: no page at {host}:{port}: {failure}") from failure
 
     def tell(event: Event) -> None:
-        onlooker.hear(event)
+        onlooker.add_event(event)
         screen.tell(event)
 
     def show(progress: Progress) -> None:
@@ -126,46 +127,49 @@ def record(order: Order, keys: str | None, as_json: bool) -> int:
 
 
 def is_achieved(order: Order, summary: Summary) -> bool:
-    """Return True unless the robot ended before all requested episodes were saved. A user who ends the recording
-    by a key or Ctrl-C does not want more episodes."""
+    """Return False if the robot ended before all requested episodes were saved. If the user ended the
+    recording, return True, since no more episodes are wanted."""
     has_all = order.episodes is None or len(summary.episodes) >= order.episodes
-    return summary.ended != GONE or (has_all and not summary.left)
+    return summary.ended != GONE or (has_all and not summary.remaining)
 
 
 def _page(keys: str | None) -> tuple[str, str, int]:
-    """Return the page's name, host and port. The name is empty for no page."""
+    """Return the name, host and port of the requested web page. The name is empty if no page is requested."""
     if keys is None:
         return "", "", 0
     name, _, listen = keys.partition(":")
     if name not in PAGES:
         raise Problem(
-            f"record: --keys {keys}: there is no such page. use {', '.join(PAGES)}, or phone:ADDRESS:PORT"
+            f"record: --keys {keys}: there is no such page. Use {', '.join(PAGES)}, or phone:ADDRESS:PORT"
         )
     try:
-        return (name, *where_to_listen(listen))
+        return (name, *parse_listen_address(listen))
     except ValueError as refusal:
         raise Problem(f"record: --keys: {refusal}") from refusal
 
 
 def _summed_up(summary: Summary) -> str:
-    lines = [_line(one) for one in summary.episodes]
+    lines = [_line(episode) for episode in summary.episodes]
     lines.append(
         f"{summary.dataset}: {len(summary.episodes)} episodes in {summary.seconds:.1f} s, "
         f"{summary.total_episodes} in all; {summary.ended}"
     )
-    if summary.swept:
-        lines.append(f"not counted, put aside in {_aside(summary.dataset)}: {', '.join(summary.swept)}")
-    if summary.left:
-        lines.append(summary.left)
+    if summary.moved_strays:
+        lines.append(
+            f"files of no episode, moved to {_strays_folder(summary.dataset)}: {', '.join(summary.moved_strays)}"
+        )
+    if summary.remaining:
+        lines.append(summary.remaining)
     return "\n".join(lines)
 
 
-def _aside(dataset: str) -> Path:
-    return Path(dataset) / STAGING / ASIDE
+def _strays_folder(dataset: str) -> Path:
+    return Path(dataset) / STAGING / STRAYS
 
 
-def _line(one: EpisodeSummary) -> str:
-    return f"  {one.episode}: {one.frames} frames, {one.seconds:.1f} s, {one.marks or 'nothing missing'}"
+def _line(episode: EpisodeSummary) -> str:
+    defects = episode.defects or "nothing missing"
+    return f"  {episode.episode}: {episode.frames} frames, {episode.seconds:.1f} s, {defects}"
 
 
 def show(root: Path, as_json: bool) -> int:
@@ -182,7 +186,7 @@ def show(root: Path, as_json: bool) -> int:
 
 
 def _print(shown: Shown) -> None:
-    cameras = ", ".join(f"{name} {what}" for name, what in shown.cameras.items()) or "no cameras"
+    cameras = ", ".join(f"{name} {description}" for name, description in shown.cameras.items()) or "no cameras"
     robot = harmless(shown.robot_type) or "no robot named"
     print(f"{shown.dataset}: {robot}, {shown.fps} fps, {len(shown.joints)} joints, {harmless(cameras)}")
     print(
@@ -190,23 +194,32 @@ def _print(shown: Shown) -> None:
     )
     if shown.episodes:
         table = Table("episode", "task", "frames", "seconds", "wrong with it", box=None, pad_edge=False)
-        for one in shown.episodes:
-            wrong = ". ".join(filter(None, (one.damaged and f"DAMAGED: {one.damaged}", one.marks)))
-            cells = (str(one.episode), harmless(one.task), str(one.frames), f"{one.seconds:.1f}", harmless(wrong))
+        for episode in shown.episodes:
+            wrong = ". ".join(filter(None, (episode.damaged and f"DAMAGED: {episode.damaged}", episode.defects)))
+            cells = (
+                str(episode.episode),
+                harmless(episode.task),
+                str(episode.frames),
+                f"{episode.seconds:.1f}",
+                harmless(wrong),
+            )
             table.add_row(*map(Text, cells))
         Console().print(table)
     if shown.damaged:
         print(f"damaged: {', '.join(map(str, shown.damaged))}. Put their files back from a copy")
     for fault in shown.faults:
         print(f"wrong: {harmless(fault)}")
-    for left in shown.unfinished:
-        what = left.problem or f"{left.frames} frames of {left.task!r}, written {left.seconds_since:.0f} s ago"
-        print(f"not finished: {left.folder}: {what}")
-    if shown.uncounted:
-        print(f"not counted: {', '.join(shown.uncounted)}")
+    for unfinished in shown.unfinished:
+        description = (
+            unfinished.problem
+            or f"{unfinished.frames} frames of {unfinished.task!r}, written {unfinished.seconds_since:.0f} s ago"
+        )
+        print(f"not finished: {unfinished.folder}: {description}")
+    if shown.stray_files:
+        print(f"files of no episode: {', '.join(shown.stray_files)}")
     if shown.strange:
         print(f"not of this dataset, and LeRobot would read it, move it away: {', '.join(shown.strange)}")
-    if shown.unfinished or shown.uncounted:
+    if shown.unfinished or shown.stray_files:
         print(
             f"`strands-actors dataset repair {os.path.normpath(shown.dataset)}` makes episodes of what can be used"
         )
@@ -223,10 +236,13 @@ def repair(root: Path, drop: bool, as_json: bool) -> int:
     if as_json:
         print(json.dumps(msgspec.to_builtins(report)))
     else:
-        for name in report.swept:
-            print(f"not counted, put aside in {_aside(report.dataset)}: {name}")
-        for one in report.repaired:
-            print(one.problem or f"episode {one.episode}: {one.frames} frames, {one.marks or 'nothing missing'}")
+        for name in report.moved_strays:
+            print(f"files of no episode, moved to {_strays_folder(report.dataset)}: {name}")
+        for repaired in report.repaired:
+            print(
+                repaired.problem
+                or f"episode {repaired.episode}: {repaired.frames} frames, {repaired.defects or 'nothing missing'}"
+            )
         for name in report.dropped:
             print(f"removed: {name}")
         for damaged in report.damaged:
@@ -243,12 +259,13 @@ def _not_achieved(command: str, damage: DamagedError) -> int:
 
 
 def compact(root: Path, out: Path, as_json: bool) -> int:
-    """Copy a dataset into few files. Return 1 if it is damaged, else 0."""
+    """Copy a dataset into few files. Return 1 if the dataset is damaged, else 0."""
     return _copy("compact", make_compact, root, out, as_json)
 
 
 def convert(root: Path, out: Path, as_json: bool) -> int:
-    """Copy a dataset of version 2 as version 3. Return 1 if it is damaged, else 0."""
+    """Copy a dataset of version 2, and convert the copy to version 3. Return 1 if the dataset is damaged, else
+    0."""
     return _copy("convert", do_convert, root, out, as_json)
 
 

@@ -2,7 +2,7 @@
 
 * ``ok``: nothing to do.
 * ``weak``: robots run, but something works less well, or an optional feature is missing.
-* ``broken``: every robot needs this. The exit code is 1.
+* ``broken``: something is missing that every robot needs. The exit code is 1.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
 
@@ -35,12 +35,15 @@ LOAD = "load"
 
 @dataclass(frozen=True)
 class Check:
-    """One finding: its name, its state, a description and the remedy."""
+    """One finding. ``state`` is ``ok``, ``weak`` or ``broken``, and ``text`` describes it."""
 
     name: str
     state: str
-    found: str
+    text: str
     remedy: str = ""
+
+    def as_json(self) -> dict[str, str]:
+        return {"name": self.name, "state": self.state, "found": self.text, "remedy": self.remedy}
 
 
 def run(as_json: bool) -> int:
@@ -48,14 +51,14 @@ def run(as_json: bool) -> int:
     checks = list(examine())
     healthy = all(check.state != BROKEN for check in checks)
     if as_json:
-        print(json.dumps({"ok": healthy, "checks": [asdict(check) for check in checks]}))
+        print(json.dumps({"ok": healthy, "checks": [check.as_json() for check in checks]}))
     else:
         _show(checks)
     return 0 if healthy else 1
 
 
 def examine() -> Iterator[Check]:
-    """Yield the findings of every check. A check that raises is itself a finding."""
+    """Yield the findings of every check. If a check raises an exception, this is also a finding."""
     parts: tuple[Callable[[], Iterator[Check]], ...] = (
         check_python,
         check_kernel,
@@ -75,7 +78,7 @@ def examine() -> Iterator[Check]:
         name = part.__name__.removeprefix("check_")
         try:
             yield from part()
-        except Exception as error:  # a computer can lack anything
+        except Exception as error:  # On an unusual computer a check may fail in any way.
             yield Check(
                 name, BROKEN, f"{type(error).__name__}: {error}", "report this: doctor has no remedy for it"
             )
@@ -83,34 +86,43 @@ def examine() -> Iterator[Check]:
 
 def check_python() -> Iterator[Check]:
     version, (oldest, newest) = sys.version_info[:2], PYTHONS
-    here = f"{sys.version.split()[0]} at {sys.executable}"
+    text = f"{sys.version.split()[0]} at {sys.executable}"
     supported = f"{oldest[0]}.{oldest[1]} to {newest[0]}.{newest[1]}"
     if oldest <= version <= newest:
-        yield Check("python", OK, here)
+        yield Check("python", OK, text)
     else:
-        yield Check("python", BROKEN, here, f"use Python {supported}: python3.11 -m venv .venv")
+        yield Check("python", BROKEN, text, f"use Python {supported}: python3.11 -m venv .venv")
 
 
 def check_kernel() -> Iterator[Check]:
     from strands_actors.kernel.clock import has_timerfd
 
     if has_timerfd():
-        yield Check("timerfd", OK, "ticks are 0.05 ms late")
+        yield Check("timerfd", OK, "timers are 0.05 ms late")
     else:
-        yield Check("timerfd", WEAK, "none: ticks are rounded to milliseconds", "run on Linux for exact timing")
+        yield Check(
+            "timerfd", WEAK, "missing, so timers are rounded to milliseconds", "run on Linux for exact timing"
+        )
     try:
         os.close(os.pidfd_open(os.getpid()))
     except (AttributeError, OSError) as error:
-        yield Check("pidfd", WEAK, f"none ({error}): a death is seen 5 ms later", "run on Linux 5.3 or newer")
+        yield Check(
+            "pidfd",
+            WEAK,
+            f"missing ({error}), so the end of a process is seen 5 ms late",
+            "run on Linux 5.3 or newer",
+        )
     else:
-        yield Check("pidfd", OK, "a death is seen at once")
+        yield Check("pidfd", OK, "the end of a process is seen at once")
 
 
 def check_scheduling() -> Iterator[Check]:
     from strands_actors.kernel.health.realtime import may_lock_memory, may_run_first
 
     if not hasattr(os, "sched_setscheduler"):
-        yield Check("scheduling", WEAK, "no SCHED_FIFO on this system", "keep other load away from the robot")
+        yield Check(
+            "scheduling", WEAK, "this system has no SCHED_FIFO (real-time priority)", "close other programs"
+        )
         return
     user = os.environ.get("USER") or str(os.getuid())
     grant = (
@@ -120,19 +132,26 @@ def check_scheduling() -> Iterator[Check]:
         "never as its process 1: docs/safety-faults.md)"
     )
     if len(os.sched_getaffinity(0)) < 2:
-        yield Check("scheduling", WEAK, "one core: a robot's tree does not run before other programs", "use two")
+        yield Check(
+            "scheduling",
+            WEAK,
+            "this computer has one core, so a robot's processes do not run before other programs",
+            "use two cores",
+        )
     elif may_run_first():
-        yield Check("scheduling", OK, "a robot's tree runs before other programs (SCHED_FIFO)")
+        yield Check("scheduling", OK, "a robot's processes run before other programs (SCHED_FIFO)")
     else:
-        yield Check("scheduling", WEAK, "SCHED_FIFO is not permitted: on a busy machine ticks come late", grant)
+        yield Check("scheduling", WEAK, "SCHED_FIFO is not permitted, so timers are late on a busy computer", grant)
     if may_lock_memory():
-        yield Check("memory lock", OK, "a robot's tree stays in memory (mlockall)")
+        yield Check("memory lock", OK, "a robot's processes stay in memory (mlockall)")
     else:
-        yield Check("memory lock", WEAK, "mlockall is not permitted: a tree may wait for the disk", grant)
+        yield Check(
+            "memory lock", WEAK, "mlockall is not permitted, so a robot's processes may wait for the disk", grant
+        )
 
 
 def check_load() -> Iterator[Check]:
-    """Check whether this computer has time for a robot now."""
+    """Check whether other programs leave enough processor time for a robot."""
     from strands_actors.kernel.health.busy import machine
 
     load = machine()
@@ -144,33 +163,38 @@ def check_load() -> Iterator[Check]:
 
 
 def check_memory() -> Iterator[Check]:
-    """Check whether the kernel ends other processes before a robot's when memory runs out."""
+    """Check whether the kernel kills other programs before a robot's processes when memory runs out."""
     from strands_actors.kernel.processes.identity import LAST, can_lower_oom_score
 
     may = can_lower_oom_score()
     if may is None:
-        yield Check("memory", WEAK, "this system does not say whom it ends when memory runs out")
+        yield Check(
+            "memory", WEAK, "this system does not report which processes it ends first when memory runs out"
+        )
     elif may:
-        yield Check("memory", OK, f"a tree's processes are taken last when it runs out (oom_score_adj {LAST})")
+        yield Check(
+            "memory", OK, f"when memory runs out, a robot's processes are ended last (oom_score_adj {LAST})"
+        )
     else:
         yield Check(
             "memory",
             WEAK,
-            "when it runs out the kernel may end root, wire and standby as soon as others",
-            f"run the script by systemd with OOMScoreAdjust={LAST}, or give it CAP_SYS_RESOURCE",
+            "when memory runs out, the kernel may end a robot's processes as early as other programs",
+            f"start the script with systemd and OOMScoreAdjust={LAST}, or give it CAP_SYS_RESOURCE",
         )
 
 
 def check_process_one() -> Iterator[Check]:
-    """Check whether a tree outlives its script. In a container this depends on process 1."""
-    found = process_one.found()
-    if found is None:
+    """Check whether a robot's processes survive the end of their script, so that they can stop the robot. In a
+    container this depends on process 1."""
+    result = process_one.describe()
+    if result is None:
         return
-    name, why = found
-    if why:
-        yield Check("process 1", WEAK, f"{name}: {why}", process_one.REMEDY)
+    name, problem = result
+    if problem:
+        yield Check("process 1", WEAK, f"{name}: {problem}", process_one.REMEDY)
     else:
-        yield Check("process 1", OK, f"{name}: a robot's tree outlives its script, if that stays")
+        yield Check("process 1", OK, f"{name}: a robot's processes outlive their script, as long as process 1 runs")
 
 
 def check_directory() -> Iterator[Check]:
@@ -186,11 +210,11 @@ def check_directory() -> Iterator[Check]:
         yield Check(
             "directory",
             BROKEN,
-            f"{path}: a robot's name may have {max(room, 0)} letters only, sockets have short paths",
-            "set STRANDS_ACTORS_RUN to a shorter place",
+            f"{path} is too long, so a robot's name may have at most {max(room, 0)} letters",
+            "set STRANDS_ACTORS_RUN to a shorter path",
         )
     else:
-        yield Check("directory", OK, f"{path}, yours alone")
+        yield Check("directory", OK, f"{path}, only you can use it")
 
 
 def check_zenoh() -> Iterator[Check]:
@@ -202,19 +226,23 @@ def check_zenoh() -> Iterator[Check]:
         try:
             session: Any = zenoh.open(config([unix_endpoint(f"{directory}/doctor.sock")]))
             session.close()
-        except Exception as error:  # zenoh raises its own class of errors
+        except Exception as error:  # Zenoh's errors are not OSErrors, and any failure is a finding.
             yield Check(
-                "zenoh", BROKEN, f"no session opens: {error}", "pip install --force-reinstall eclipse-zenoh"
+                "zenoh",
+                BROKEN,
+                f"a session cannot be opened: {error}",
+                "pip install --force-reinstall eclipse-zenoh",
             )
             return
-    yield Check("zenoh", OK, f"{metadata.version('eclipse-zenoh')}, a session opens; loopback only")
+    yield Check("zenoh", OK, f"{metadata.version('eclipse-zenoh')}, a session can be opened (loopback only)")
 
 
 def check_serial() -> Iterator[Check]:
     from serial.tools import list_ports
 
-    known = (port for port in list_ports.comports() if port.hwid != "n/a")  # not built-in ports without hardware
-    ports = sorted(known, key=lambda port: str(port.device))
+    # Leave out built-in ports that have no hardware.
+    devices = (port for port in list_ports.comports() if port.hwid != "n/a")
+    ports = sorted(devices, key=lambda port: str(port.device))
     usable = []
     for port in ports:
         if os.access(port.device, os.R_OK | os.W_OK):
@@ -224,7 +252,7 @@ def check_serial() -> Iterator[Check]:
         yield Check(
             "serial",
             WEAK,
-            f"{port.device} belongs to group {group}, you may not open it",
+            f"{port.device} belongs to group {group}, and you may not open it",
             f"sudo usermod -aG {group} $USER, then log in again",
         )
     if usable:
@@ -260,7 +288,7 @@ def check_gl() -> Iterator[Check]:
         yield Check("gl", WEAK, absent, remedy)
         return
     requested = os.environ.get("MUJOCO_GL")
-    why = []
+    problems = []
     for backend in (requested,) if requested else ("egl", "osmesa"):
         try:
             done = subprocess.run(
@@ -272,16 +300,16 @@ def check_gl() -> Iterator[Check]:
                 check=False,
             )
         except subprocess.TimeoutExpired:
-            why.append(f"{backend}: no picture within {GL_S:g} s")
+            problems.append(f"{backend}: no picture within {GL_S:g} s")
             continue
         if done.returncode == 0:
             yield Check("gl", OK, f"pictures with MUJOCO_GL={backend}")
             return
-        why.append(f"{backend}: {(done.stderr.strip().splitlines() or [f'code {done.returncode}'])[-1]}")
+        problems.append(f"{backend}: {(done.stderr.strip().splitlines() or [f'code {done.returncode}'])[-1]}")
     yield Check(
         "gl",
         WEAK,
-        f"render() makes no picture ({'; '.join(why)})",
+        f"render() makes no picture ({'; '.join(problems)})",
         "sudo apt install libegl1 libgl1-mesa-dri  (or libosmesa6 and MUJOCO_GL=osmesa)",
     )
 
@@ -291,64 +319,68 @@ def check_drivers() -> Iterator[Check]:
 
     from strands_actors import drivers
 
-    with warnings.catch_warnings(record=True):  # broken drivers are reported below
+    with warnings.catch_warnings(record=True):  # Broken drivers also cause warnings, and are reported below.
         warnings.simplefilter("always")
         robots = drivers.list_native_drivers()
-    for name, why in sorted(drivers.broken_drivers().items()):
+    for name, reason in sorted(drivers.broken_drivers().items()):
         ours = name in drivers.WIRES
         yield Check(
             "driver",
             BROKEN if ours else WEAK,
-            f"{name} cannot be used: {why}",
+            f"{name} cannot be used: {reason}",
             f"pip install --force-reinstall {DISTRIBUTION}" if ours else f"update or remove the package of {name}",
         )
     yield Check("drivers", OK, f"{len(robots)} robots, {len(set(robots.values()))} drivers")
 
 
 def check_extras() -> Iterator[Check]:
-    """Check for missing packages, required ones and those of extras (``pip install
-    'strands-actors[...]'``)."""
+    """Check for missing packages: required packages, and those of the optional extras
+    (``pip install 'strands-actors[...]'``)."""
     try:
         requirements = metadata.requires(DISTRIBUTION) or []
     except metadata.PackageNotFoundError:
-        yield Check("packages", WEAK, f"{DISTRIBUTION} runs without being installed", "pip install -e .")
+        yield Check(
+            "packages", WEAK, f"{DISTRIBUTION} runs from its source and is not installed", "pip install -e ."
+        )
         return
     for extra, absent in missing_requirements(requirements).items():
         name = f"extra {extra}" if extra else "packages"
-        what = f"'{DISTRIBUTION}[{extra}]'" if extra else f"--force-reinstall {DISTRIBUTION}"
+        package = f"'{DISTRIBUTION}[{extra}]'" if extra else f"--force-reinstall {DISTRIBUTION}"
         if not absent:
             yield Check(name, OK, "installed")
         elif extra:
-            yield Check(name, WEAK, f"not installed: {', '.join(absent)}", f"pip install {what}")
+            yield Check(name, WEAK, f"not installed: {', '.join(absent)}", f"pip install {package}")
         else:
-            yield Check(name, BROKEN, f"missing: {', '.join(absent)}", f"pip install {what}")
+            yield Check(name, BROKEN, f"missing: {', '.join(absent)}", f"pip install {package}")
 
 
 def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
-    """Return the distributions that are not installed, by extra. The key "" stands for required ones. The
-    extra ``test`` is left out."""
-    found: dict[str, list[str]] = {"": []}
+    """Return the packages that are not installed, by extra. The key "" has the required packages. The extra
+    ``test`` is left out."""
+    missing_packages: dict[str, list[str]] = {"": []}
     for requirement in requirements:
         spec, _, marker = requirement.partition(";")
         extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", marker)
         name = re.match(r"[A-Za-z0-9._-]+", spec.strip())
         if name is None or name[0] == DISTRIBUTION or (extra and extra[1] == "test"):
-            continue  # the extra [all] refers to this package's other extras
+            continue  # The extra [all] lists this package, with its other extras.
         if not (_is_for_this_python(marker) and _is_for_this_machine(marker)):
             continue
-        absent = found.setdefault(extra[1] if extra else "", [])
+        absent = missing_packages.setdefault(extra[1] if extra else "", [])
         try:
             metadata.version(name[0])
         except metadata.PackageNotFoundError:
             absent.append(name[0])
-    return found
+    return missing_packages
 
 
 def _is_for_this_python(marker: str) -> bool:
-    here = sys.version_info[:2]
+    version = sys.version_info[:2]
     for operator, major, minor in re.findall(r"python_version\s*(<=|>=|<|>)\s*['\"](\d+)\.(\d+)['\"]", marker):
         limit = (int(major), int(minor))
-        holds = {"<": here < limit, "<=": here <= limit, ">": here > limit, ">=": here >= limit}[operator]
+        holds = {"<": version < limit, "<=": version <= limit, ">": version > limit, ">=": version >= limit}[
+            operator
+        ]
         if not holds:
             return False
     return True
@@ -362,9 +394,9 @@ def _is_for_this_machine(marker: str) -> bool:
 def check_robots() -> Iterator[Check]:
     try:
         running = [f"{note.robot} (root {note.pid})" for note in notes()]
-    except PermissionError:  # reported by check_directory
+    except PermissionError:  # ``check_directory`` reports this.
         return
-    yield Check("robots", OK, f"running: {', '.join(running)}" if running else "none of yours is running")
+    yield Check("robots", OK, f"running: {', '.join(running)}" if running else "no robot of yours is running")
 
 
 def _show(checks: list[Check]) -> None:
@@ -375,7 +407,7 @@ def _show(checks: list[Check]) -> None:
     console = Console()
     width = max(len(check.name) for check in checks)
     for check in checks:
-        line = Text.assemble((f"{check.state:<7}", styles[check.state]), f"{check.name:<{width}}  {check.found}")
+        line = Text.assemble((f"{check.state:<7}", styles[check.state]), f"{check.name:<{width}}  {check.text}")
         console.print(line, soft_wrap=True)
         if check.remedy:
             console.print(Text(f"{'':<7}{'':<{width}}  remedy: {check.remedy}", "dim"), soft_wrap=True)
@@ -384,7 +416,7 @@ def _show(checks: list[Check]) -> None:
 
 
 def _verdict(checks: Sequence[Check]) -> str:
-    """Return the last line if nothing is broken."""
+    """Return the last line of the output, for the case that nothing is broken."""
     if any(check.name == LOAD and check.state == WEAK for check in checks):
-        return "all parts that a robot needs are here, but this computer has no time for it now"
+        return "nothing is missing, but this computer is too busy now"
     return "everything a robot needs is here"

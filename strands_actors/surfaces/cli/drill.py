@@ -1,4 +1,4 @@
-"""``drill``: prove on the robot in front of you that it can be stopped."""
+"""``drill``: test on your robot that each kind of fault stops it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import msgspec
 import trio
 
-from strands_actors.surfaces.drill.certificate import Figure
+from strands_actors.surfaces.drill.certificate import StepResult
 from strands_actors.surfaces.drill.run import Outcome, run_drill
 from strands_actors.surfaces.drill.steps import Failed, runs_policies
 
@@ -29,9 +29,9 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
 
     Args:
         robot: The type of the robot.
-        port: The port or address of a real robot; None for the twin.
-        twin: Drill the twin.
-        yes: The user has consented elsewhere.
+        port: The port or address of a real robot. None for a simulated robot.
+        twin: Drill a simulated robot.
+        yes: Do not ask for consent, because the user has consented in another way.
         options: ``KEY=VALUE`` keywords of ``Robot``.
         as_json: Print JSON.
 
@@ -39,7 +39,7 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
         The exit code: 0 if the drill was passed, else 1.
     """
     if (port is None) != twin:
-        raise Problem("drill: say which robot: --port PORT for a real one, --twin for its twin")
+        raise Problem("drill: no robot is chosen. Give --port PORT for a real robot, or --twin for a simulated one")
     keywords = _keywords(options)
     if not twin and not yes:
         _consent(robot, str(port), keywords)
@@ -47,10 +47,10 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
     async def tell(text: str) -> None:
         print(f"  >> {text}", file=sys.stderr, flush=True)
 
-    def show(figure: Figure) -> None:
+    def show(result: StepResult) -> None:
         if not as_json:
-            mark = "ok" if figure.passed else "FAILED"
-            print(f"  {figure.step:<12} {mark}", file=sys.stderr, flush=True)
+            mark = "ok" if result.passed else "FAILED"
+            print(f"  {result.step:<12} {mark}", file=sys.stderr, flush=True)
 
     try:
         outcome = trio.run(run_drill, robot, port, keywords, tell, show)
@@ -61,7 +61,8 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
 
 
 def _keywords(options: list[str]) -> dict[str, str]:
-    """Return the options ``KEY=VALUE`` as keywords of ``Robot``. A value that is no valid JSON is text."""
+    """Return the options ``KEY=VALUE`` as keywords of ``Robot``. A value that is not valid JSON is used as
+    text."""
     keywords = {}
     for option in options:
         key, equals, text = option.partition("=")
@@ -92,16 +93,16 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
     if driver.BEFORE_MOTION:
         print(f"Before each of them it does {driver.BEFORE_MOTION}(). Keep clear of it.", file=sys.stderr)
     if not sys.stdin.isatty():
-        raise Problem("drill: nobody is there to consent. pass --yes when that was done elsewhere")
+        raise Problem("drill: consent needs a terminal. Run this in a terminal, or pass --yes if you consent")
     print(f"Type {robot} to go on: ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip() != robot:
-        raise Problem("drill: not consented, nothing was done")
+        raise Problem("drill: you did not consent, so nothing was done")
 
 
 def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     if as_json:
-        figures = [msgspec.to_builtins(figure) for figure in outcome.figures]
-        report = {"robot": robot, "passed": outcome.passed, "figures": figures}
+        results = [msgspec.to_builtins(result) for result in outcome.results]
+        report = {"robot": robot, "passed": outcome.passed, "figures": results}
         print(json.dumps(report | {"certificate": None if outcome.path is None else str(outcome.path)}))
         return
     from rich import box
@@ -110,25 +111,25 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     from rich.text import Text
 
     console = Console()
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # fits into 80 columns with the longest entries
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0))  # Without padding, the longest entries fit into 80 columns.
     for title in ("step", "state", "safe", "bound", "confirmed", "after", "verdict"):
-        left = title in ("step", "state", "verdict")
-        table.add_column(title, justify="left" if left else "right", no_wrap=True)
-    for figure in outcome.figures:
+        is_text = title in ("step", "state", "verdict")
+        table.add_column(title, justify="left" if is_text else "right", no_wrap=True)
+    for result in outcome.results:
         table.add_row(
-            figure.step,
-            figure.safe_state,
-            _ms(figure.safe_ms),
-            _ms(figure.bound_ms),
-            _ms(figure.confirmed_ms),
-            "–" if figure.setpoints_after is None else str(figure.setpoints_after),
-            "ok" if figure.passed else "[bold red]FAILED[/]",
+            result.step,
+            result.safe_state,
+            _ms(result.safe_ms),
+            _ms(result.bound_ms),
+            _ms(result.confirmed_ms),
+            "–" if result.setpoints_after is None else str(result.setpoints_after),
+            "ok" if result.passed else "[bold red]FAILED[/]",
         )
     console.print(table)
-    for figure in outcome.figures:  # below the table, since a column would cut them off
-        if figure.detail:
-            text = f"{figure.step}: {figure.detail}" if figure.passed else f"{figure.step} FAILED: {figure.detail}"
-            console.print(Text(text, "" if figure.passed else "bold red"))
+    for result in outcome.results:  # Details are too long for a column, so print them below the table.
+        if result.detail:
+            text = f"{result.step}: {result.detail}" if result.passed else f"{result.step} FAILED: {result.detail}"
+            console.print(Text(text, "" if result.passed else "bold red"))
     if outcome.certificate is not None:
         print(f"passed. certificate: {outcome.path}")
     else:

@@ -29,70 +29,73 @@ two seconds."""
 LOOK_S = 0.1
 
 
-def echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
-    """Print samples.
+def echo(robot_or_key: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
+    """Print the samples that robots publish.
 
     Args:
-        what: A robot's name, or a key with wildcards.
+        robot_or_key: A robot's name, or a zenoh key such as ``strands/*/state``.
         mesh: A TOML file with the endpoints of robots on other hosts.
         as_json: Print JSON lines.
         count: End after so many samples; None for no limit.
-        timeout_s: Longest time without a sample. None: print a notice and wait on.
+        timeout_s: Longest time without a sample, in seconds. None: print a notice, and keep waiting.
 
     Raises:
         Problem: No sample came for ``timeout_s``.
     """
-    trio.run(_echo, what, mesh, as_json, count, timeout_s)
+    trio.run(_echo, robot_or_key, mesh, as_json, count, timeout_s)
 
 
-def hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
-    """Print the rate of each topic: once after ``seconds``, or every second if that is None."""
-    trio.run(_hz, what, mesh, as_json, seconds)
+def hz(robot_or_key: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
+    """Print the rate of each topic, once after ``seconds``. If ``seconds`` is None, print it every second."""
+    trio.run(_hz, robot_or_key, mesh, as_json, seconds)
 
 
-async def _echo(what: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None) -> None:
+async def _echo(
+    robot_or_key: str, mesh: Path | None, as_json: bool, count: int | None, timeout_s: float | None
+) -> None:
     show = print_json if as_json else print_line
-    seen, last_s = 0, time.monotonic()
+    received_count, last_s = 0, time.monotonic()
     done = trio.Event()
 
     def on_sample(received: Received) -> None:
-        nonlocal seen, last_s
+        nonlocal received_count, last_s
         if done.is_set():
             return
         show(received)
-        seen, last_s = seen + 1, time.monotonic()
-        if seen == count:
+        received_count, last_s = received_count + 1, time.monotonic()
+        if received_count == count:
             done.set()
 
     async with open_mesh(configuration(mesh)) as client:
-        await _subscribe(client, what, on_sample)
+        await _subscribe(client, robot_or_key, on_sample)
         is_announced = False
         while not done.is_set():
             with trio.move_on_after(LOOK_S):
                 await done.wait()
             silent_s = time.monotonic() - last_s
             if timeout_s is not None and silent_s >= timeout_s and not done.is_set():
-                raise Problem(f"nothing came of {what} for {timeout_s:g} s. {_robots_on_mesh(client)}")
-            if not (seen or is_announced) and silent_s >= SILENT_S:
+                raise Problem(f"no sample of {robot_or_key} arrived for {timeout_s:g} s. {_robots_on_mesh(client)}")
+            if not (received_count or is_announced) and silent_s >= SILENT_S:
                 is_announced = True
                 print(
-                    f"nobody publishes {what} so far; waiting, Ctrl-C ends it. {_robots_on_mesh(client)}",
+                    f"no sample of {robot_or_key} has arrived yet. Still waiting, "
+                    f"Ctrl-C ends this. {_robots_on_mesh(client)}",
                     file=sys.stderr,
                 )
 
 
 def _robots_on_mesh(client: MeshClient) -> str:
-    return f"on the mesh are {', '.join(client.robots) or 'no robots'}"
+    return f"robots on the mesh: {', '.join(client.robots) or 'none'}"
 
 
-async def _hz(what: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
+async def _hz(robot_or_key: str, mesh: Path | None, as_json: bool, seconds: float | None) -> None:
     times: dict[str, list[float]] = {}
 
     def on_sample(received: Received) -> None:
         times.setdefault(received.key, []).append(time.monotonic())
 
     async with open_mesh(configuration(mesh)) as client:
-        await _subscribe(client, what, on_sample)
+        await _subscribe(client, robot_or_key, on_sample)
         began = time.monotonic()
         while True:
             await trio.sleep(seconds or WINDOW_S)
@@ -110,8 +113,8 @@ def rate(name: str, stamps: list[float], seconds: float) -> dict[str, Any]:
 
     Args:
         name: The key of the topic.
-        stamps: When each sample came, in seconds.
-        seconds: The time of listening. It gives the rate if there is only one sample.
+        stamps: The time at which each sample arrived, in seconds.
+        seconds: How long samples were received. With a single sample, the rate is computed from this time.
     """
     gaps = [after - before for before, after in itertools.pairwise(stamps)]
     return {
@@ -127,20 +130,22 @@ def _line(rate: dict[str, Any]) -> str:
     return f"{rate['key']:<40} {rate['hz']:7.2f} Hz  {rate['samples']} samples{longest}"
 
 
-async def _subscribe(client: MeshClient, what: str, on_sample: Callable[[Received], None]) -> None:
+async def _subscribe(client: MeshClient, robot_or_key: str, on_sample: Callable[[Received], None]) -> None:
     """Subscribe to all telemetry of a robot, or to a key with wildcards."""
-    if "/" in what:
+    if "/" in robot_or_key:
         try:
-            keys = [str(zenoh.KeyExpr(what))]
+            keys = [str(zenoh.KeyExpr(robot_or_key))]
         except zenoh.ZError as error:
-            like = "give one like strands/so101/state, or strands/**"
-            raise Problem(f"{what!r} is no key: {short(error)}. {like}") from None
+            like = "give a key such as strands/so101/state, or strands/**"
+            raise Problem(f"{robot_or_key!r} is not a valid key: {short(error)}. {like}") from None
     else:
         await client.settle()
-        if not client.is_there(what):
+        if not client.is_there(robot_or_key):
             names = ", ".join(client.robots) or "none"
-            raise Problem(f"no robot {what!r} is on the mesh. there are {names}; a key has a slash in it")
-        keys = [key(what, topic) for topic in TELEMETRY]
+            raise Problem(
+                f"no robot {robot_or_key!r} is on the mesh. Use one of {names}, or a key such as strands/**"
+            )
+        keys = [key(robot_or_key, topic) for topic in TELEMETRY]
     for each in keys:
         client.subscribe(each, on_sample)
 

@@ -1,4 +1,5 @@
-"""``matrix``: break each process and link of every robot with a twin, and report what the wires show."""
+"""``matrix``: break each process and connection of every simulated robot, and report how the robot was
+stopped."""
 
 from __future__ import annotations
 
@@ -37,20 +38,23 @@ def run(
     pairs: bool = False,
     victims: str | None = None,
 ) -> int:
-    """Measure the kill matrix, and write the page. Return 1 if a cell is unsafe or past its bound, else 0.
+    """Break each process of each robot ("kill matrix"), measure, and write the result as a page.
+
+    A cell of the matrix is one robot with one fault. Return 1 if a robot was not stopped in time, else 0.
 
     Args:
-        drivers: Names of robots, with commas; None for one of each driver.
+        drivers: Names of robots, separated by commas. None for one robot of each driver.
         repeats: Trials per cell.
-        out: The page. The columns of other robots in it are kept. None prints it.
+        out: The page. If it exists, the columns of other robots are kept. None prints the page.
         json: Print JSON.
         jobs: Number of robots that are broken at the same time.
-        resume: A file that keeps each trial. The trials in it are not repeated.
+        resume: A file in which each trial is saved. Trials that it already has are not repeated.
         pairs: Break two processes, one shortly after the other.
-        victims: Measure only cells with one of these processes, with commas; None for all.
+        victims: Names of processes, separated by commas. Only cells that break one of them are measured. None
+            for all cells.
 
     Raises:
-        Problem: An argument is wrong, or a cell cannot be measured. All other cells are written before.
+        Problem: An argument is wrong, or a cell cannot be measured. The other cells are written nevertheless.
     """
     robots = dict.fromkeys(_chosen(drivers) if drivers else every_column())
     kept = {} if out is None else _kept(out)
@@ -58,15 +62,15 @@ def run(
     of: Callable[[Driver, Iterable[str]], Iterable[Cell | Pair]] = pairs_of if pairs else cells_of
     cells: Cells = lambda robot, driver: of(driver, roles[robot])  # noqa: E731
     only = frozenset(name.strip() for name in (victims or "").split(",") if name.strip())
-    known = {role for found in roles.values() for role in found} | set(Victims)
-    if unknown := sorted(only - known):
-        raise Problem(f"matrix: no process {', '.join(unknown)}. there are {', '.join(sorted(known))}")
+    names = {role for process_names in roles.values() for role in process_names} | set(Victims)
+    if unknown := sorted(only - names):
+        raise Problem(f"matrix: no process {', '.join(unknown)}. there are {', '.join(sorted(names))}")
     try:
         trials = Trials(resume, jobs)
     except testing_trials.Problem as problem:
         raise Problem(f"matrix: {problem}") from None
     problems = trio.run(
-        measure_all, Plan(robots, repeats, trials, cells, only), jobs, _Progress(trials, repeats).heard
+        measure_all, Plan(robots, repeats, trials, cells, only), jobs, _Progress(trials, repeats).add
     )
     rows = list(rows_of(robots, trials, cells))
     columns = columns_of(rows, trials)
@@ -84,15 +88,15 @@ def run(
 
 
 def _roles_of(robots: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the processes of each robot. Each tree is run once for this."""
-    found = {}
+    """Return the names of each robot's processes. To find them, each robot is started once."""
+    roles = {}
     for robot in robots:
         try:
             with Bench(robot) as bench:
-                found[robot] = roles_of(bench)
-        except NotMoving as why:
-            raise Problem(f"matrix: {robot} does not move: {why}") from None
-    return found
+                roles[robot] = roles_of(bench)
+        except NotMoving as error:
+            raise Problem(f"matrix: {robot} cannot be measured, because it does not move: {error}") from None
+    return roles
 
 
 def _kept(out: Path) -> Columns:
@@ -104,16 +108,18 @@ def _kept(out: Path) -> Columns:
     path = out.with_suffix(".json")
     folder = out.absolute().parent
     if not folder.is_dir():
-        raise Problem(f"matrix: there is no folder {folder} for the page")
+        raise Problem(f"matrix: the folder {folder} for the page does not exist. Make it")
     if out.is_dir() or not all(os.access(each if each.exists() else folder, os.W_OK) for each in (out, path)):
-        raise Problem(f"matrix: {out} cannot be written. name another page")
+        raise Problem(f"matrix: {out} cannot be written. Give another path")
     if path == out:
-        raise Problem(f"matrix: {out}: the page is Markdown, with its figures in a .json beside it. name it *.md")
+        raise Problem(
+            f"matrix: {out}: the page is Markdown, and a .json file beside it has the data. Give a path *.md"
+        )
     try:
         return load(path)
     except msgspec.DecodeError as error:
         raise Problem(
-            f"matrix: {path} has no columns of a matrix ({error}). move it, or name another page"
+            f"matrix: {path} is not the data of a matrix ({error}). Move it, or give another path"
         ) from None
 
 
@@ -124,7 +130,7 @@ class _Progress:
         self._trials = trials
         self._repeats = repeats
 
-    def heard(self, trial: Trial) -> None:
+    def add(self, trial: Trial) -> None:
         self._trials.add(trial)
         robot, victim, fault = trial.cell
         cell = cell_named(victim, fault)
@@ -136,29 +142,30 @@ class _Progress:
 
 
 def one_of_each() -> list[str]:
-    """Return the first robot of each driver that has a twin."""
-    found: dict[str, str] = {}
+    """Return the first robot of each driver that can be simulated."""
+    robots: dict[str, str] = {}
     for robot, driver in list_native_drivers().items():
         driver_class = get_native_driver_class(robot)
         if driver_class is not None and issubclass(driver_class, Driver) and driver_class.TWIN:
-            found.setdefault(driver, driver_class.SUPPORTED_ROBOTS[0])
-    return sorted(found.values())
+            robots.setdefault(driver, driver_class.SUPPORTED_ROBOTS[0])
+    return sorted(robots.values())
 
 
 def every_column() -> list[str]:
-    """Return the robots of ``one_of_each``, and each of them at its other levels."""
+    """Return the robots of ``one_of_each``. If a robot can be commanded in several ways ("levels"), add the
+    robot at each level."""
     robots = one_of_each()
     levels = (name for robot in robots for name in getattr(get_native_driver_class(robot), "LEVELS", ()))
     return sorted([*robots, *(name for name in levels if column(name)[0] in robots)])
 
 
 def _chosen(text: str) -> list[str]:
-    known = list_native_drivers()
+    native_drivers = list_native_drivers()
     robots = [name.strip() for name in text.split(",") if name.strip()]
     for robot in robots:
         try:
-            if column(robot)[0] not in known:
-                raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(known)}")
+            if column(robot)[0] not in native_drivers:
+                raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(native_drivers)}")
         except ValueError as error:
             raise Problem(f"matrix: {error}") from None
     return robots

@@ -18,29 +18,30 @@ from .errors import Problem
 
 
 def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
-    """Serve a robot until the client ends.
+    """Serve a robot until the client closes standard input.
 
     Args:
         robot: The type of the robot.
         port: The port or address of a real robot.
-        transport: ``twin`` for the twin. Without it and without a port, a simulation is served.
-        allow_motion: Energise the robot, and accept motion.
+        transport: ``twin`` for a simulated robot behind its real driver. Without ``transport`` and ``port``, a
+            simulation is served.
+        allow_motion: Energise the robot, and accept commands that move it.
 
     Raises:
         Problem: The robot cannot be connected.
-        KeyboardInterrupt: It was interrupted.
+        KeyboardInterrupt: The user pressed Ctrl-C.
     """
     require("mcp", "mcp")
-    given = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
+    options = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
     try:
-        planned = plan(robot, "real" if given else "sim", **given)
+        planned = plan(robot, "real" if options else "sim", **options)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"mcp: {refusal}") from refusal
     interrupted, problem = False, ""
     try:
         interrupted = trio.run(_until_interrupted, planned, allow_motion)
     except* BrokenPipeError:
-        pass  # the client has ended, and the robot is safe
+        pass  # The client has ended. The robot is safe, because ``open_tree`` has stopped it.
     except* ConnectionError as failures:
         problem = str(failures.exceptions[0])
     if interrupted:
@@ -52,8 +53,8 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
 async def _until_interrupted(planned: Plan, allow_motion: bool) -> bool:
     """Serve until the client or SIGINT ends it. Return True after SIGINT.
 
-    The signal is received as an event. A ``KeyboardInterrupt`` could be raised between any two lines of the
-    server's start or end, and would leave these half done.
+    SIGINT is received as an event. Otherwise Python would raise ``KeyboardInterrupt`` at any line, and the
+    start or the end of the server could stay half done.
     """
     with trio.open_signal_receiver(signal.SIGINT) as signals, trio.CancelScope() as serving:
 

@@ -1,4 +1,4 @@
-"""``mesh keys`` and ``mesh status``."""
+"""The commands ``mesh keys`` and ``mesh status``."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ PRESENCE_S = 0.7
 def keys(
     directory: Path, robots: Sequence[str], hosts: Sequence[str], names: Sequence[str], days: int, as_json: bool
 ) -> None:
-    """Make an authority, unless there is one, and certificates. Print the paths of the files.
+    """Make certificates, and a certificate authority if the folder does not have one. Print the paths of the
+    files.
 
     Args:
         directory: The folder for the files.
         robots: Names of robots on the mesh.
-        hosts: Host names under which these robots are reached.
+        hosts: Host names by which other hosts connect to these robots.
         names: Names of further viewers or operators.
-        days: Validity of the certificates.
+        days: How long the certificates are valid, in days.
         as_json: Print JSON.
     """
     try:
         from strands_actors.surfaces.mesh.keys import NAMES, make
     except ModuleNotFoundError as error:
         raise Problem(f"{error.name} is not installed: pip install 'strands-actors[mesh]'") from error
-    # The first time, make the certificates of operator and viewer, too. With an existing authority, make only
-    # the named ones.
+    # If the authority is new, also make certificates for an operator and a viewer. Otherwise make only the
+    # requested certificates.
     usual = () if (directory / "ca.pem").exists() and (names or robots) else NAMES
     try:
         files = make(directory, tuple(dict.fromkeys((*usual, *names))), hosts, days, robots)
@@ -82,35 +83,35 @@ def _words(robot: dict[str, Any]) -> list[str]:
 
 async def _status(mesh: Path | None) -> list[dict[str, Any]]:
     presence: dict[str, dict[str, Any]] = {}
-    seen = trio.Event()
-    found: dict[str, dict[str, Any]] = {}
+    has_all = trio.Event()
+    rows: dict[str, dict[str, Any]] = {}
 
     def on_presence(received: Received) -> None:
         message = msgspec.json.decode(received.payload)
         if isinstance(message, dict):
             presence[received.key.split("/")[1]] = message
         if set(client.robots) <= set(presence):
-            seen.set()
+            has_all.set()
 
     async with open_mesh(configuration(mesh)) as client:
         client.subscribe(key("*", "presence"), on_presence)
         await client.settle()
         with trio.move_on_after(PRESENCE_S):
-            await seen.wait()
+            await has_all.wait()
         async with trio.open_nursery() as nursery:
             for robot in client.robots:
-                nursery.start_soon(_ask, client, robot, presence.get(robot, {}), found)
-    return [found[robot] for robot in sorted(found)]
+                nursery.start_soon(_ask, client, robot, presence.get(robot, {}), rows)
+    return [rows[robot] for robot in sorted(rows)]
 
 
-async def _ask(client: MeshClient, robot: str, presence: dict[str, Any], found: dict[str, dict[str, Any]]) -> None:
-    # A robot without recent requests polls less often. So only the second request is timed.
+async def _ask(client: MeshClient, robot: str, presence: dict[str, Any], rows: dict[str, dict[str, Any]]) -> None:
+    # A robot that was idle answers the first request late. So measure the time of the second request.
     await client.request(robot, Status())
-    asked = trio.current_time()
+    requested_s = trio.current_time()
     status = await client.request(robot, Status())
-    took_ms = round(1e3 * (trio.current_time() - asked), 1)
+    took_ms = round(1e3 * (trio.current_time() - requested_s), 1)
     reachable = not isinstance(status, Refused)
-    found[robot] = {
+    rows[robot] = {
         "robot": robot,
         "reachable": reachable,
         "state": presence.get("state", "unreachable"),
@@ -120,4 +121,4 @@ async def _ask(client: MeshClient, robot: str, presence: dict[str, Any], found: 
         "rtt_ms": took_ms if reachable else None,
     }
     if not isinstance(status, Refused):
-        found[robot] |= {name: status[name] for name in ("state", "epoch", "lease", "locked_by")}
+        rows[robot] |= {name: status[name] for name in ("state", "epoch", "lease", "locked_by")}

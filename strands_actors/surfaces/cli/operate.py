@@ -1,4 +1,5 @@
-"""Stop, e-stop and resume one robot of this user, by messages to its actors."""
+"""Stop, e-stop and resume one robot of this user by direct messages to the robot's processes, without the mesh
+API."""
 
 from __future__ import annotations
 
@@ -57,39 +58,44 @@ def _described(result: StopResult) -> tuple[bool, str]:
 
 
 async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
-    """End trees that cannot be asked. The result is never a confirmation, since no motor is read back
-    here.
+    """End the processes of a robot that cannot be reached by messages.
+
+    The result is never a confirmed stop, since no motor is read.
 
     Args:
-        lost: The trees of one robot.
+        lost: The unreachable processes of one robot.
         lock: Lock the robot, as an e-stop does.
     """
-    gone = all([await trio.to_thread.run_sync(strays.end, stray) for stray in lost])
-    robot, what = lost[0].robot, lost[0].text
-    became = "its wire has ended after it: it makes safe first" if gone else "ITS WIRE HAS NOT ENDED"
-    line = f"NOT CONFIRMED: {what}, which was ended. {became}. cut its power if it still moves"
+    all_ended = all([await trio.to_thread.run_sync(strays.end, stray) for stray in lost])
+    robot, text = lost[0].robot, lost[0].text
+    became = (
+        "its wire process, which stops the robot before it ends, has ended"
+        if all_ended
+        else "ITS WIRE PROCESS HAS NOT ENDED"
+    )
+    line = f"NOT CONFIRMED: {text}, which was ended. {became}. cut its power if it still moves"
     return False, line + (locked_until(robot, _lock_the_next(robot)) if lock else "")
 
 
 def locked_until(robot: str, problem: str) -> str:
-    """Return the end of the line for the user.
+    """Return the text about the lock, which ends a line for the user.
 
     Args:
         robot: The robot's name.
-        problem: Why the lock is not on the disk; empty if it is.
+        problem: Why the lock could not be written to the disk. Empty if it was written.
     """
     return f"; locked until `strands-actors resume {robot}`{f'. BUT {problem}' if problem else ''}"
 
 
 def _lock_the_next(robot: str, port: str = "") -> str:
-    """Lock a robot whose tree has not answered, so that at least its next tree is locked.
+    """Lock a robot whose processes do not answer. The lock then applies when the robot is started again.
 
     Args:
         robot: The robot's name.
-        port: Its port. The next robot on it is locked, too, under any name. Empty if not known.
+        port: The robot's port. A robot with another name on this port is locked, too. Empty if not known.
 
     Returns:
-        Why this failed; empty if it succeeded.
+        Why the lock could not be written. Empty if it was written.
     """
     try:
         Locks(locks_dir(), robot, port).put(by())
@@ -104,8 +110,7 @@ def locked() -> list[str]:
 
 
 def lift(robot: str) -> tuple[bool, str]:
-    """Lift the lock of a robot without a running tree. Return whether it is lifted, and a line for the
-    user."""
+    """Lift the lock of a robot that is not running. Return whether it is lifted, and a line for the user."""
     locks = Locks(locks_dir(), robot)
     lock = locks.find()
     try:
@@ -115,7 +120,7 @@ def lift(robot: str) -> tuple[bool, str]:
     if lock is None:
         return True, "it was not locked"
     since = f", {lock.since}" if lock.since else ""
-    return True, f"the e-stop by {lock.by}{since} is lifted. no tree of it runs: nothing was energised"
+    return True, f"the e-stop by {lock.by}{since} is lifted. the robot is not running, so nothing was energised"
 
 
 def by() -> str:

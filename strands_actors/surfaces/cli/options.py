@@ -12,29 +12,29 @@ from .errors import Problem
 
 
 def finite(value: float | None) -> float | None:
-    """Refuse NaN and infinity, which a minimum does not exclude."""
+    """Check that a number is finite. The option ``min`` of typer accepts NaN and infinity."""
     if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value} is no finite number")
+        raise typer.BadParameter(f"{value} is not a finite number")
     return value
 
 
 def one_or_all(verb: str, robot: str | None, every: bool) -> None:
-    """Refuse a name together with --all, because either may be meant."""
+    """Raise ``Problem`` if a robot and --all are both given, because it is not clear which of them is meant."""
     if robot is not None and every:
-        raise Problem(f"{verb}: {robot} and --all are both given. name a robot, or say --all")
+        raise Problem(f"{verb}: {robot} and --all are both given. Give only one of them")
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 
 
 def _running() -> list[str]:
-    """Return the running robots, for the shell's completion."""
+    """Return the names of the running robots, for completion in the shell."""
     from strands_actors.caller.processes.run_directory import notes
 
     return [note.robot for note in notes()]
 
 
-def _known() -> list[str]:
+def _robot_types() -> list[str]:
     from strands_actors.drivers import list_native_drivers
 
     return list(list_native_drivers())
@@ -42,10 +42,15 @@ def _known() -> list[str]:
 
 Which = Annotated[
     str | None,
-    typer.Argument(metavar="[ROBOT]", help="Its name, as `tree` shows it.", autocompletion=_running),
+    typer.Argument(metavar="[ROBOT]", help="The robot's name, as `tree` shows it.", autocompletion=_running),
 ]
-Kind = Annotated[str, typer.Argument(metavar="ROBOT", help="As `list` names it.", autocompletion=_known)]
-What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot, or a key with wildcards.")]
-Mesh = Annotated[Path | None, typer.Option("--mesh", metavar="FILE", help="How to reach robots elsewhere (TOML).")]
-Every = Annotated[bool, typer.Option("--all", help="Those, too, that nothing here drives.")]
+Kind = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="The robot's type, as `list` shows it.", autocompletion=_robot_types)
+]
+What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot's name, or a key with wildcards.")]
+Mesh = Annotated[
+    Path | None,
+    typer.Option("--mesh", metavar="FILE", help="TOML file with the endpoints of robots on other hosts."),
+]
+Every = Annotated[bool, typer.Option("--all", help="Also list robots without a driver on this machine.")]
 All = Annotated[bool, typer.Option("--all", help="Every robot of this user.")]

@@ -1,7 +1,7 @@
 """``stop``, ``estop`` and ``resume`` over the mesh, for this user's robots and those that ``--mesh`` names.
 
-* If a robot of this user does not answer on the mesh, the command asks its actors directly. This also ends a
-  frozen process.
+* If a robot of this user does not answer on the mesh, the command sends direct messages to the robot's
+  processes. This also ends a frozen process.
 * If there is no robot to stop, that is an error. The user must notice that an e-stop has reached no robot.
 * A mesh configuration that cannot be used does not prevent a stop of this user's robots.
 """
@@ -32,13 +32,13 @@ NOT_CONFIRMED = 1
 
 
 def stop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
-    """Stop one robot or all. ``--all`` overrides a name, so that a stop is never refused. Return the exit
-    code."""
+    """Stop one robot or all robots. If a name and ``--all`` are both given, stop all, so that a stop is never
+    refused. Return the exit code."""
     return trio.run(_run, None if every else robot, every, mesh, as_json, _stop)
 
 
 def estop(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> int:
-    """E-stop one robot; without a name, or with ``--all``, every robot. Return the exit code."""
+    """E-stop one robot. Without a name, or with ``--all``, e-stop every robot. Return the exit code."""
     return trio.run(_run, None if every else robot, every or robot is None, mesh, as_json, _estop)
 
 
@@ -47,15 +47,15 @@ def resume(robot: str | None, every: bool, mesh: Path | None, as_json: bool) -> 
 
 
 def configuration(mesh: Path | None) -> MeshConfig:
-    """Return the configuration of ``--mesh``, or else that of the environment. Raise ``Problem`` if it cannot
-    be used."""
+    """Return the mesh configuration of the option ``--mesh``, or else of ``STRANDS_ACTORS_MESH``. Raise
+    ``Problem`` if it cannot be used."""
     try:
         return MeshConfig.of(mesh)
     except ValueError as error:
         raise Problem(str(error)) from error
 
 
-class Told(msgspec.Struct, frozen=True):
+class RobotResult(msgspec.Struct, frozen=True):
     """The result for one robot: ``line`` for the user, ``facts`` for JSON."""
 
     robot: str
@@ -69,19 +69,19 @@ async def _run(
     every: bool,
     mesh: Path | None,
     as_json: bool,
-    verb: Callable[[MeshClient, list[str] | None], Awaitable[list[Told]]],
+    verb: Callable[[MeshClient, list[str] | None], Awaitable[list[RobotResult]]],
 ) -> int:
     if (robot is None) != every:
-        raise Problem("name a robot, or --all")
+        raise Problem("no robot is given. Name a robot, or give --all")
     to_stop = verb is not _resume
     async with open_mesh(mesh if to_stop else configuration(mesh), to_stop=to_stop) as client:
-        if verb is not _estop:  # an e-stop does not wait until robots are found
+        if verb is not _estop:  # An e-stop is sent at once, and again to robots that appear later.
             await client.settle()
         results = await verb(client, None if every else [str(robot)])
-        there = ", ".join(client.robots)
+        running = ", ".join(client.robots)
     if not results:
         missing = "no robot" if every else f"no robot {robot!r}"
-        raise Problem(f"{missing} is on the mesh of this user{f'. there are {there}' if there else ''}")
+        raise Problem(f"{missing} is on the mesh of this user{f'. there are {running}' if running else ''}")
     if as_json:
         print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in results]}))
     else:
@@ -90,15 +90,15 @@ async def _run(
     return 0 if all(each.done for each in results) else NOT_CONFIRMED
 
 
-async def _stop(client: MeshClient, robots: list[str] | None) -> list[Told]:
-    async def one(robot: str) -> Told:
+async def _stop(client: MeshClient, robots: list[str] | None) -> list[RobotResult]:
+    async def stop_robot(robot: str) -> RobotResult:
         return await _insist(await client.stop(robot, operate.by()), operate.VERBS["stop"])
 
-    results = await _each(client, robots, one, [stray.robot for stray in strays()])
+    results = await _each(client, robots, stop_robot, [stray.robot for stray in strays()])
     return [*results, *map(_tell, client.not_looked_for())]
 
 
-async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
+async def _estop(client: MeshClient, robots: list[str] | None) -> list[RobotResult]:
     only = "*" if robots is None else robots[0]
     outcomes = await client.estop(operate.by(), robot=only)
     if any(outcome.outcome != "safe" for outcome in outcomes):
@@ -106,44 +106,46 @@ async def _estop(client: MeshClient, robots: list[str] | None) -> list[Told]:
     return [await _insist(outcome, operate.VERBS["e-stop"]) for outcome in outcomes]
 
 
-async def _resume(client: MeshClient, robots: list[str] | None) -> list[Told]:
-    async def one(robot: str) -> Told:
+async def _resume(client: MeshClient, robots: list[str] | None) -> list[RobotResult]:
+    async def resume_robot(robot: str) -> RobotResult:
         if robot not in client.robots:
             return _lift(robot)
         answer = await client.resume(robot, operate.by())
         if isinstance(answer, Refused):
-            return Told(robot, False, answer.text, {"code": str(answer.code), "detail": answer.text})
-        return Told(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
+            return RobotResult(robot, False, answer.text, {"code": str(answer.code), "detail": answer.text})
+        return RobotResult(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
 
     try:
         locked = operate.locked()
-    except OSError as error:  # running robots can be resumed nevertheless
-        unread = Told("the locks of e-stops", False, f"they cannot be read: {error}", {"detail": str(error)})
-        return [*await _each(client, robots, one), unread]
-    return await _each(client, robots, one, locked)
+    except OSError as error:  # If the locks cannot be read, running robots can still be resumed.
+        unread = RobotResult(
+            "the locks of e-stops", False, f"the locks cannot be read: {error}", {"detail": str(error)}
+        )
+        return [*await _each(client, robots, resume_robot), unread]
+    return await _each(client, robots, resume_robot, locked)
 
 
-def _lift(robot: str) -> Told:
-    """Lift the lock of a robot without a running tree."""
+def _lift(robot: str) -> RobotResult:
+    """Lift the lock of a robot that is not running."""
     done, line = operate.lift(robot)
-    return Told(robot, done, line, {"lifted": done, "detail": line})
+    return RobotResult(robot, done, line, {"lifted": done, "detail": line})
 
 
 async def _each(
     client: MeshClient,
     robots: list[str] | None,
-    verb: Callable[[str], Awaitable[Told]],
+    verb: Callable[[str], Awaitable[RobotResult]],
     others: Iterable[str] = (),
-) -> list[Told]:
+) -> list[RobotResult]:
     """Carry out a verb on several robots at the same time.
 
     Args:
-        client: Its robots are those on the mesh.
-        robots: The names to act on; None for all.
-        verb: Acts on one robot.
-        others: Further robots, which are not on the mesh.
+        client: A client of the mesh, which knows the robots on the mesh.
+        robots: The names of the robots to act on. None for all.
+        verb: Function that acts on one robot.
+        others: The names of further robots, which are not on the mesh.
     """
-    results: list[Told] = []
+    results: list[RobotResult] = []
 
     async def run(robot: str) -> None:
         results.append(await verb(robot))
@@ -155,36 +157,36 @@ async def _each(
     return sorted(results, key=lambda each: each.robot)
 
 
-async def _insist(outcome: Outcome, verb: operate.Verb) -> Told:
-    """If a robot of this user did not answer on the mesh, ask its actors directly. A tree that cannot be
-    asked is ended."""
+async def _insist(outcome: Outcome, verb: operate.Verb) -> RobotResult:
+    """If a robot of this user did not answer on the mesh, send the verb directly to the robot's processes. If
+    they cannot be reached, end them."""
     if outcome.outcome != "unreachable":
         return _tell(outcome)
     lost = [stray for stray in strays() if stray.robot == outcome.robot]
     if lost:
         done, line = await operate.end(lost, lock=verb is operate.VERBS["e-stop"])
-        return Told(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
+        return RobotResult(outcome.robot, done, line, {"outcome": "unconfirmed", "detail": line})
     try:
         note = next((note for note in notes() if note.robot == outcome.robot), None)
-    except OSError:  # the run directory cannot be used, which the outcomes report
+    except OSError:  # The run directory cannot be used. The outcomes already report this.
         note = None
     if note is None:
         return _tell(outcome)
     async with directory.join() as joined:
         done, line = await verb(joined, note)
-    return Told(outcome.robot, done, line, {"outcome": "safe" if done else "unreachable", "detail": line})
+    return RobotResult(outcome.robot, done, line, {"outcome": "safe" if done else "unreachable", "detail": line})
 
 
-def _tell(outcome: Outcome) -> Told:
+def _tell(outcome: Outcome) -> RobotResult:
     facts = msgspec.to_builtins(outcome)
     del facts["robot"]
     if outcome.outcome != "safe":
         line = f"NOT CONFIRMED: {outcome.detail or outcome.outcome}. cut its power if it still moves"
     elif not outcome.motors:
-        line = f"{outcome.safe_state}, it was already"
+        line = f"{outcome.safe_state} already, before this stop"
     else:
         by = " by the stop channel" if outcome.path == "stop_channel" else ""
         line = f"{outcome.safe_state}, {len(outcome.motors)} motors confirmed in {outcome.took_ms:.1f} ms{by}"
     if outcome.locked and outcome.outcome == "safe":
         line += operate.locked_until(outcome.robot, outcome.note)
-    return Told(outcome.robot, outcome.outcome == "safe", line, facts)
+    return RobotResult(outcome.robot, outcome.outcome == "safe", line, facts)

@@ -24,11 +24,11 @@ def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: P
     done: dict[str, Any] = {}
     try:
         played = read_episode(root, episode)
-        why = trio.run(borrow, robot, mesh, lambda tree: _move(tree, played, units, resume, as_json, done))
+        reason = trio.run(borrow, robot, mesh, lambda tree: _move(tree, played, units, resume, as_json, done))
     except DatasetError as problem:
         raise Problem(f"dataset play: {harmless(str(problem))}") from problem
-    if why:
-        return refuse(robot, "played", why, as_json)
+    if reason:
+        return refuse(robot, "played", reason, as_json)
     if as_json:
         print(json.dumps({"robot": robot, "played": True, **done}))
     else:
@@ -39,9 +39,9 @@ def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: P
 async def _move(
     tree: RobotTree, played: Played, units: str, resume: bool, as_json: bool, done: dict[str, Any]
 ) -> str:
-    """Move the robot, and return why it did not reach the end; empty if it did.
+    """Move the robot along the episode. Return why it did not reach the end, or an empty text.
 
-    The result of the motion is added to ``done``.
+    The result of the motion is added to the dict ``done``.
     """
     rows = rows_for(tree.driver, played, units)
     if resume:

@@ -59,7 +59,7 @@ def _summed_up(summary: Summary) -> str:
 
 
 def replay(path: Path, as_json: bool) -> int:
-    """Repeat every decision of a recording. Return 1 if a decision differs, else 0."""
+    """Make every decision of a recording again, and compare. Return 1 if a decision differs, else 0."""
     try:
         recording = read(path)
         driver = build_driver(recording.info)
@@ -79,7 +79,7 @@ def replay(path: Path, as_json: bool) -> int:
 
 
 def _mismatch(info: Info, driver: Driver) -> str:
-    """Return how the code differs from that of the recording; empty if it does not."""
+    """Return a text if the recording was made with other code. Empty if the code is the same."""
     if info.version != __version__:
         return f"recorded by strands-actors {info.version}, replayed by {__version__}"
     code = fingerprint(type(driver))

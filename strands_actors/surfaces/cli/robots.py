@@ -28,7 +28,7 @@ def show_robots(as_json: bool, every: bool) -> None:
 
     Args:
         as_json: Print JSON.
-        every: Show robots without a driver here, too, and what would drive them.
+        every: Also show robots without a driver on this machine, with the project that has a driver.
     """
     drivers = list_native_drivers()
     rows: list[dict[str, Any]] = [
@@ -57,11 +57,14 @@ def show_robots(as_json: bool, every: bool) -> None:
         table.add_row(str(row["robot"]), str(row["driver"] or "-"), by, style="" if _drivers_here(row) else "dim")
     console = Console()
     console.print(table)
-    if not every and (left := len(rows) - len(shown)):
-        console.print(f"{left} more are known by name and have no driver on this machine: --all shows them")
-    for robot, ways in (*((row["robot"], row["experimental"]) for row in shown), ("simulations", EXPERIMENTAL)):
-        for way, why in ways.items():
-            console.print(f"experimental: {robot}, {way}: {why}", highlight=False, markup=False)
+    if not every and (hidden := len(rows) - len(shown)):
+        console.print(f"{hidden} more are known by name and have no driver on this machine: --all shows them")
+    for robot, experiments in (
+        *((row["robot"], row["experimental"]) for row in shown),
+        ("simulations", EXPERIMENTAL),
+    ):
+        for transport, reason in experiments.items():
+            console.print(f"experimental: {robot}, {transport}: {reason}", highlight=False, markup=False)
 
 
 def _experimental(robot: str) -> Mapping[str, str]:
@@ -75,10 +78,11 @@ def _drivers_here(row: Mapping[str, Any]) -> list[str]:
 
 
 def _driven_by(row: Mapping[str, Any]) -> str:
-    """Return the projects that can drive a robot on this machine, and how to install the missing one."""
-    here = _drivers_here(row)
+    """Return as text the projects that can drive a robot on this machine, and how to install LeRobot if it is
+    missing."""
+    drivers = _drivers_here(row)
     lacking = [f"lerobot: {row['missing']}"] if row["missing"] else []
-    return ", ".join([*here, *(f"({text})" for text in lacking)]) or "-"
+    return ", ".join([*drivers, *(f"({text})" for text in lacking)]) or "-"
 
 
 def serve_twin(
@@ -90,15 +94,17 @@ def serve_twin(
     control: Path | None,
     options: list[str],
 ) -> None:
-    """Serve the twin of a robot or a leader until interrupted.
+    """Run a simulated robot or leader, which a driver can connect to, until interrupted.
 
     Args:
         robot: The type of the robot or leader.
         port_file: The file to which the twin writes its port or address.
         log: The file for the frames on the wire, one JSON line each.
-        fault: A fault from the beginning, ``WORD`` or ``WORD:servo``.
-        parent_fd: A descriptor. The twin ends shortly after its other end was closed.
-        control: A socket by which the joints are moved, as by hand.
+        fault: A fault that the simulated robot has from the beginning: ``WORD``, or ``WORD:servo`` for one
+            servo.
+        parent_fd: A file descriptor of a pipe or socket. The simulated robot ends shortly after the other end
+            of it was closed.
+        control: The path of a socket that moves the simulated joints, as if by hand.
         options: ``KEY=VALUE`` options of the twin.
     """
     leader = leader_name(robot)
@@ -113,7 +119,7 @@ def serve_twin(
     if fault is not None:
         _check_fault(driver_class, name, fault)
     serve = load(driver_class.TWIN)
-    given = {"options": dict(text.split("=", 1) for text in options)} if options else {}
+    keywords = {"options": dict(text.split("=", 1) for text in options)} if options else {}
     try:
         serve(
             name,
@@ -122,18 +128,21 @@ def serve_twin(
             fault=fault,
             parent_fd=parent_fd,
             control=None if control is None else str(control),
-            **given,
+            **keywords,
         )
     except ValueError as refusal:
         raise Problem(f"twin: {refusal}") from refusal
 
 
 def _check_fault(driver_class: type[Driver], name: str, fault: str) -> None:
-    """Refuse a fault of a servo that the robot does not have. It would have no effect."""
+    """Raise ``Problem`` if a fault names a servo that the robot does not have, because the fault would have no
+    effect."""
     unit = fault.partition(":")[2]
     if not hasattr(driver_class, "SETUP") or not unit.isdecimal():
         return
     servos = sorted(driver_class(name, "", driver_class.resolve(name, {})).ids)
     if int(unit) not in servos:
-        there = ", ".join(map(str, servos))
-        raise Problem(f"twin: {name} has no servo {unit}. it has {there}; without a number all have the fault")
+        numbers = ", ".join(map(str, servos))
+        raise Problem(
+            f"twin: {name} has no servo {unit}. Use one of {numbers}, or no number for a fault of all servos"
+        )

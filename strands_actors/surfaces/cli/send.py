@@ -18,15 +18,15 @@ from .errors import Problem
 
 
 def send(robot: str, pairs: Sequence[str], seconds: float, resume: bool, mesh: Path | None, as_json: bool) -> int:
-    """Send targets ``joint=number`` to a robot, and keep its lease for ``seconds``. Then the robot holds.
+    """Move a robot to targets ``joint=number``, and keep the right to command it for ``seconds``.
 
-    Return 1 if the robot refused, else 0.
+    Afterwards the robot holds its position. Return 1 if the robot refused, else 0.
     """
     return trio.run(_send, robot, parse(pairs), seconds, resume, mesh, as_json)
 
 
 def parse(pairs: Sequence[str]) -> dict[str, float]:
-    """Return the targets of arguments ``joint=number``. Raise ``Problem`` for others."""
+    """Return the targets from arguments ``joint=number``. Raise ``Problem`` for an argument of another form."""
     targets: dict[str, float] = {}
     for pair in pairs:
         joint, equals, text = pair.partition("=")
@@ -35,9 +35,9 @@ def parse(pairs: Sequence[str]) -> dict[str, float]:
         except ValueError:
             value = None
         if not joint or not equals or value is None:
-            raise Problem(f"{pair!r} is no target. give joint=number, like shoulder_pan=10")
+            raise Problem(f"{pair!r} is not a target. Give joint=number, like shoulder_pan=10")
         if joint in targets:
-            raise Problem(f"{joint} is named twice")
+            raise Problem(f"{joint} has two targets. Give one")
         targets[joint] = value
     return targets
 
@@ -45,14 +45,14 @@ def parse(pairs: Sequence[str]) -> dict[str, float]:
 async def _send(
     robot: str, targets: dict[str, float], seconds: float, resume: bool, mesh: Path | None, as_json: bool
 ) -> int:
-    why = await borrow(robot, mesh, lambda tree: _keep(tree, targets, seconds, resume, as_json))
-    return refuse(robot, "sent", why, as_json) if why else 0
+    problem = await borrow(robot, mesh, lambda tree: _keep(tree, targets, seconds, resume, as_json))
+    return refuse(robot, "sent", problem, as_json) if problem else 0
 
 
 async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resume: bool, as_json: bool) -> str:
-    """Send the target and keep the lease for ``seconds``. Return why that failed; empty if it succeeded.
+    """Send the targets, and keep the lease for ``seconds``. Return why this failed, or an empty text.
 
-    If the robot's targets have a short lifetime, the target is sent again until then.
+    If targets of this robot expire quickly, they are sent again and again for ``seconds``.
     """
     answer: Message | None = await tree.resume() if resume else None
     if not isinstance(answer, Refused):
@@ -60,8 +60,8 @@ async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resu
     if isinstance(answer, Accepted):
         _tell(tree.robot, tree.driver.commanded(targets, answer.values), seconds, as_json)
     deadline, ttl_s = trio.current_time() + seconds, tree.driver.timing.oneshot_ttl_s
-    while not isinstance(answer, Refused) and (left := deadline - trio.current_time()) > 0:
-        await trio.sleep(left if ttl_s is None else min(left, ttl_s / 2))
+    while not isinstance(answer, Refused) and (left_s := deadline - trio.current_time()) > 0:
+        await trio.sleep(left_s if ttl_s is None else min(left_s, ttl_s / 2))
         if ttl_s is not None:
             answer = await tree.send_action(targets)
     return answer.text if isinstance(answer, Refused) else ""

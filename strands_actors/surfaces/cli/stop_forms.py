@@ -1,4 +1,4 @@
-"""Recognise a stop that is typed in a hurry, and translate it into a command. Pure."""
+"""Recognise a stop command that was typed in another form in a hurry, and correct it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ EVERY = ("all", "everything")
 
 
 def spelled(arguments: Sequence[str], commands: Collection[str]) -> list[str]:
-    """Return the arguments. A stop in other words becomes ``stop`` or ``estop``.
+    """Return the arguments of the command line. If they mean a stop, they become the command ``stop`` or
+    ``estop``.
 
-    Such words are ``STOP so101``, ``so101 stop``, ``send so101 stop``, ``e-stop``, ``stop all``.
+    Examples are ``STOP so101``, ``so101 stop``, ``send so101 stop``, ``e-stop``, ``stop all``.
 
     Args:
         arguments: The arguments of the command line.

@@ -1,4 +1,4 @@
-"""``teleop``: lead a robot by a leader arm, or by the keys of this terminal."""
+"""``teleop``: teleoperate a robot by a leader arm, a web page, or the keys of this terminal."""
 
 from __future__ import annotations
 
@@ -43,37 +43,40 @@ def teleop(
     robot_id: str | None,
     as_json: bool,
 ) -> int:
-    """Lead a robot until a key, the duration or the robot ends it.
+    """Teleoperate a robot until a key is pressed, the duration has passed, or the robot has ended.
 
     Args:
         robot: The robot's type.
-        leader: The leader as for ``leader_of``, and its id.
-        port: The port or address of a real robot; None for a twin or a simulation.
-        twin: Lead the robot's twin.
-        deadman: ``key``, ``gripper``, or None for the default.
-        relative: Lead relative to the positions at the time of engaging.
+        leader: The leader in the form of ``leader_of``, and the name of its calibration.
+        port: The port or address of a real robot. None for a simulated robot.
+        twin: Use the real driver with a simulated robot.
+        deadman: The dead-man switch: ``key``, ``gripper``, or None for the default.
+        relative: The robot moves relative to the positions of both when the operator engages.
         hz: Setpoints per second.
-        max_speed: In degrees per second; faster frames are refused.
-        map_fn: ``module:function`` that maps the leader's frames to the robot; None for no mapping.
+        max_speed: Largest speed in degrees per second. Faster setpoints are refused.
+        map_fn: ``module:function`` that converts the leader's positions to the robot's. None for no conversion.
         seconds: Duration; None for no limit.
-        robot_id: The robot's name, and that of its calibration.
+        robot_id: The robot's name, which is also the name of its calibration.
         as_json: Print JSON.
 
     Returns:
-        The exit code: 0 if it ended as requested, and the leader was connected.
+        The exit code: 0 if the user or the duration ended the teleoperation and the leader was connected,
+        else 1.
     """
     is_terminal = sys.stdin.isatty()
     try:
         mapped = load(map_fn) if map_fn else None
     except (ImportError, AttributeError) as failure:
-        raise Problem(f"teleop: --map {map_fn}: {failure}. give module:function") from failure
+        raise Problem(f"teleop: --map {map_fn}: {failure}. Give module:function") from failure
     try:
         led_by = leader_of(*leader, relative)
         arm = _robot(robot, port, twin, robot_id)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"teleop: {refusal}") from refusal
     if led_by.name == KEYBOARD and not is_terminal:
-        raise Problem(f"teleop: {led_by.name} needs a terminal, and standard input is none")
+        raise Problem(
+            f"teleop: {led_by.name} needs a terminal, but standard input is not a terminal. Run this in a terminal"
+        )
     if led_by.is_arm and deadman is None and is_terminal:
         deadman = KEY
     with led_by, _connected(arm):
@@ -88,46 +91,47 @@ def teleop(
     if as_json:
         print(json.dumps(status))
     else:
-        why = f" ({status['exit_detail']})" if status["exit_detail"] else ""
+        detail = f" ({status['exit_detail']})" if status["exit_detail"] else ""
         refused = status["teleop"].get("refused", 0)
-        print(f"{status['steps']} setpoints, {refused} frames refused; ended: {status['exit_reason']}{why}")
+        print(f"{status['steps']} setpoints, {refused} frames refused; ended: {status['exit_reason']}{detail}")
         if is_lost(status):
             print(f"the leader is not connected: {status['teleop']['leader']}", file=sys.stderr)
     return 0 if status["exit_reason"] in ("stopped", "duration") and not is_lost(status) else 1
 
 
-def is_lost(told: dict[str, Any]) -> bool:
+def is_lost(status: dict[str, Any]) -> bool:
     """Return True if a status reports that the leader is not connected."""
-    return told["teleop"].get("leader", CONNECTED) not in (CONNECTED, CONNECTING)
+    return status["teleop"].get("leader", CONNECTED) not in (CONNECTED, CONNECTING)
 
 
 def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -> Teleoperator:
-    """Return the leader that ``--from`` names.
+    """Build the leader (the device that the operator moves) from the option ``--from``.
 
     Args:
         text: ``NAME:PORT``, ``NAME:PORT:ID``, ``NAME:twin``, ``keyboard``, ``module:Class``, ``lerobot:TYPE``.
         leader_id: The name of a leader arm's calibration, LeRobot's ``id``.
-        relative: Lead relative to the positions of both at the time of engaging.
+        relative: The robot moves relative to the positions of both when the operator engages.
 
     Raises:
-        ValueError: There is no such leader, or its id is given twice.
-        TypeError: The leader does not accept one of its arguments.
+        ValueError: The leader is not known, or two names of its calibration are given.
+        TypeError: The leader does not accept an argument.
     """
-    name, _, where = text.partition(":")
-    if name in PAGES and where:
-        return Teleoperator(name, listen=where, id=leader_id)
+    name, _, place = text.partition(":")
+    if name in PAGES and place:
+        return Teleoperator(name, listen=place, id=leader_id)
     if name == KEYBOARD or not name.endswith("_leader"):
         return Teleoperator(text, relative=relative, id=leader_id)
-    if not where:
-        raise ValueError(f"--from {text} does not say where it is. give {text}:/dev/ttyACM1, or {text}:twin")
-    if ":" in where and not os.path.exists(where):  # udev's by-path names of ports contain colons, too
-        where, _, own_id = where.rpartition(":")
+    if not place:
+        raise ValueError(f"--from {text} lacks the port of the leader. Give {text}:/dev/ttyACM1, or {text}:twin")
+    # A colon separates the id. But a path of a port may also contain colons, as udev's by-path names do.
+    if ":" in place and not os.path.exists(place):
+        place, _, own_id = place.rpartition(":")
         if leader_id not in (None, own_id):
-            raise ValueError(f"--from {text} and --leader-id {leader_id} name two ids. give one")
+            raise ValueError(f"--from {text} and --leader-id {leader_id} have different ids. Give only one")
         leader_id = own_id
-    if where == TWIN:
+    if place == TWIN:
         return Teleoperator(name, transport=TWIN, relative=relative, id=leader_id)
-    return Teleoperator(name, port=where, relative=relative, id=leader_id)
+    return Teleoperator(name, port=place, relative=relative, id=leader_id)
 
 
 def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
@@ -181,13 +185,13 @@ def _run(arm: RealRobot, keys: Keys | None, is_arm: bool, is_terminal: bool, qui
 
 
 def _read(arm: RealRobot, keys: Keys | None) -> bool:
-    """Handle the keys that are pressed within a turn. Return False if the teleoperation has to end."""
+    """Wait ``TURN_S`` for pressed keys and handle them. Return False if the teleoperation has to end."""
     readable, _, _ = select.select([sys.stdin], [], [], TURN_S)
     if not readable:
         return True
     typed = os.read(sys.stdin.fileno(), 1024).decode(errors="replace")
     if not typed:
-        return False  # the terminal was closed
+        return False  # The terminal was closed.
     for key in typed:
         if key in QUIT:
             return False
@@ -204,7 +208,8 @@ def _status(arm: RealRobot) -> dict[str, Any]:
 
 
 def _show(status: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
-    """Show a status. In a file it is only written if it differs from ``shown``. Return the shown status."""
+    """Print a status. If stderr is not a terminal, print it only if it differs from ``shown``, the last printed
+    status. Return the last printed status."""
     teleop = status["teleop"]
     if not teleop:
         return shown
@@ -227,25 +232,25 @@ def _brief(status: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _page(arm: RealRobot, page: Teleoperator) -> str:
-    """Wait for the page's address. Return the line for the operator."""
+    """Wait until the web page has an address. Return the instruction to open the page."""
     while not (address := page.address) and _status(arm)["running"]:
         time.sleep(TURN_S)
-    return how_to_open(page.name, address) if address else "open nothing: it has ended"
+    return how_to_open(page.name, address) if address else "the teleoperation has ended before the page was ready"
 
 
 def how_to_open(name: str, address: str) -> str:
-    """Return the instruction for the operator of a page.
+    """Return the instruction by which the operator opens a web page.
 
     Args:
         name: The page as requested: ``page``, ``gamepad`` or ``phone``.
-        address: Its URL.
+        address: The URL of the page.
     """
     number = address.rpartition(":")[2].partition("/")[0]
     text = f"open {address}"
     if name == PHONE and "//127." in address:
         text += f"\non a phone that is plugged in: adb reverse tcp:{number} tcp:{number}, then open it there"
     elif "//127." not in address:
-        text += "\nit is not encrypted: whoever listens on that network can read the address, and use the page"
+        text += "\nthe page is not encrypted: other people in this network can read its address, and use it"
     return text
 
 
@@ -266,7 +271,7 @@ def _help(keys: Keys | None, is_arm: bool, is_terminal: bool) -> str:
 
 @contextlib.contextmanager
 def _keys_at_once() -> Iterator[None]:
-    """Deliver each key at once and without echo, for the block."""
+    """Let the terminal deliver each key at once and without echo while the block runs."""
     import termios
     import tty
 

@@ -1,4 +1,4 @@
-"""``trace``: print the messages between a robot's actors, as they cross the mesh."""
+"""``trace``: print the messages that a robot's processes exchange."""
 
 from __future__ import annotations
 
@@ -28,51 +28,51 @@ _KINDS = {TELL: "tell", ASK: "ask", REPLY: "answer", WATCH: "watch", DOWN: "down
 _decode_body = msgspec.msgpack.Decoder().decode
 
 
-class Told(msgspec.Struct, frozen=True):
-    """One message, as printed."""
+class TracedMessage(msgspec.Struct, frozen=True):
+    """One message in the form in which it is printed."""
 
     sender: str
     receiver: str
     kind: str
     type: str
-    age_ms: float | None  # from sending to receiving here; None if not known
+    age_ms: float | None  # Time from sending to receiving in this process, in milliseconds. None if not known.
 
 
 class Reader:
-    """Decodes the frames of one robot. An answer has only a number, so its sender and receiver are taken
-    from the request."""
+    """Decodes the messages of one robot. An answer has only the number of its request, so its sender and
+    receiver are taken from the request."""
 
     def __init__(self, robot: str) -> None:
         self._actors = f"{PREFIX}/{robot}/actor/"
         self._asks: OrderedDict[tuple[str, int], tuple[str, str]] = OrderedDict()
 
-    def read(self, data: bytes, age_ms: float | None) -> Told | None:
-        """Return the message in a frame; None if it is no frame, or of another robot."""
+    def read(self, data: bytes, age_ms: float | None) -> TracedMessage | None:
+        """Decode a message. Return None if the data is not a message, or is a message of another robot."""
         try:
             head = decode_frame(data)
-            kind = _KINDS[head.kind]
+            message_kind = _KINDS[head.kind]
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError, KeyError):
             return None
-        if kind == "answer":
-            asked = self._asks.pop((head.to, head.cid), None)
-            if asked is None:
+        if message_kind == "answer":
+            request = self._asks.pop((head.to, head.cid), None)
+            if request is None:
                 return None
-            sender, receiver = asked
-            return Told(self._name(receiver), self._name(sender), kind, _type_of(head), age_ms)
+            sender, receiver = request
+            return TracedMessage(self._name(receiver), self._name(sender), message_kind, _type_of(head), age_ms)
         if not (head.to.startswith(self._actors) or head.sender.startswith(self._actors)):
             return None
-        if kind == "ask":
+        if message_kind == "ask":
             self._asks[head.reply_to, head.cid] = head.sender, head.to
             while len(self._asks) > _ASKS:
                 self._asks.popitem(last=False)
-        return Told(self._name(head.sender), self._name(head.to), kind, _type_of(head), age_ms)
+        return TracedMessage(self._name(head.sender), self._name(head.to), message_kind, _type_of(head), age_ms)
 
     def _name(self, address: str) -> str:
         return address.removeprefix(self._actors).removeprefix(f"{PREFIX}/node/")
 
 
 def _type_of(head: Frame) -> str:
-    """Return the type of a message. Its body is an array that begins with the name of the type."""
+    """Return the name of a message's type, with which its body begins."""
     try:
         body = _decode_body(head.body)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError, ValueError):
@@ -88,32 +88,32 @@ def trace(robot: str, as_json: bool, count: int | None, seconds: float | None) -
 
 
 def _note_of(robot: str) -> Note:
-    found = {note.robot: note for note in notes()}
-    if robot not in found:
-        raise Problem(f"no robot {robot!r} of this user runs. there are {', '.join(found) or 'none'}")
-    return found[robot]
+    notes_by_robot = {note.robot: note for note in notes()}
+    if robot not in notes_by_robot:
+        raise Problem(f"no robot {robot!r} of this user runs. there are {', '.join(notes_by_robot) or 'none'}")
+    return notes_by_robot[robot]
 
 
 async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | None) -> None:
-    reader, done, left, has_received = Reader(note.robot), trio.Event(), count, False
+    reader, done, remaining, has_received = Reader(note.robot), trio.Event(), count, False
 
     def on_sample(received: Received) -> None:
-        nonlocal left, has_received
+        nonlocal remaining, has_received
         age_ms = round(1e3 * (time.time() - received.sent_s), 2) if received.sent_s else None
         message = None if done.is_set() else reader.read(received.payload, age_ms)
         if message is None:
             return
         has_received = True
         print(json.dumps(msgspec.to_builtins(message)) if as_json else line(message), flush=True)
-        if left is not None:
-            left -= 1
-            if left <= 0:
+        if remaining is not None:
+            remaining -= 1
+            if remaining <= 0:
                 done.set()
 
     async def say_that_it_waits() -> None:
         await trio.sleep(SILENT_S)
         if not has_received:
-            line = f"the actors of {note.robot} tell each other nothing so far; waiting, Ctrl-C ends it"
+            line = f"the processes of {note.robot} have exchanged no message yet. Still waiting, Ctrl-C ends this"
             print(line, file=sys.stderr, flush=True)
 
     session = await PubSub.open(connect=note.endpoints)
@@ -129,6 +129,6 @@ async def _trace(note: Note, as_json: bool, count: int | None, seconds: float | 
         session.close()
 
 
-def line(told: Told) -> str:
-    age = "" if told.age_ms is None else f"{told.age_ms:8.2f} ms"
-    return f"{age:>11}  {told.sender:<36} {_ARROWS[told.kind]} {told.receiver:<36} {told.type}"
+def line(message: TracedMessage) -> str:
+    age = "" if message.age_ms is None else f"{message.age_ms:8.2f} ms"
+    return f"{age:>11}  {message.sender:<36} {_ARROWS[message.kind]} {message.receiver:<36} {message.type}"

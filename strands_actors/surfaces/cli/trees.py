@@ -36,7 +36,8 @@ STATE_STYLES = {
 
 
 def show_trees(as_json: bool) -> int:
-    """Show all trees. Return 1 if a tree does not answer, because the state of its robot is then unknown."""
+    """Show the processes of all robots. Return 1 if a robot does not answer, because its state is then
+    unknown."""
     reports = trio.run(_ask_all)
     code = int(any(report.state == UNREACHABLE for report in reports))
     if as_json:
@@ -61,7 +62,7 @@ async def _ask_all() -> list[TreeReport]:
 
         for note in joined.notes:
             nursery.start_soon(ask, note)
-    for stray in strays():  # trees that cannot be asked
+    for stray in strays():  # These robots have running processes that cannot be reached by messages.
         root = ProcessInfo("root", stray.root, 0)
         reports.setdefault(stray.robot, TreeReport(stray.robot, UNREACHABLE, 0, (root,), ()))
     return [reports[robot] for robot in sorted(reports)]
@@ -71,8 +72,8 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspect
     """Draw a robot's processes and actors.
 
     Args:
-        report: The tree.
-        states: The state of processes by pid; None if all are running.
+        report: The robot's processes and actors.
+        states: The state of each process by pid. None if all are running.
         introspection: Show the actors that only observe, too.
     """
     from rich.text import Text
@@ -105,7 +106,8 @@ def draw(report: TreeReport, states: Mapping[int, str] | None = None, introspect
 
 
 def state_of(state: str, locked_by: str) -> Text:
-    """Return a robot's state for the screen. An e-stop does not hide a state that is not safe."""
+    """Return a robot's state for the screen. A lock by an e-stop is shown alone only if the robot is
+    de-energised. Otherwise the state is shown, too."""
     from rich.text import Text
 
     if not locked_by:

@@ -1,4 +1,5 @@
-"""The interface between a recorder and a camera: the newest picture with its time, or no picture."""
+"""The interface by which a recorder reads cameras. A camera gives its newest picture with the time, or no
+picture."""
 
 from __future__ import annotations
 
@@ -20,13 +21,13 @@ FIRST_S = 5.0
 
 
 class Frame(Protocol):
-    """A picture that its camera considers fresh."""
+    """A picture that is new enough to be recorded."""
 
     @property
-    def image(self) -> NDArray[np.uint8]: ...  # rows, columns, red green blue
+    def image(self) -> NDArray[np.uint8]: ...  # Shape (height, width, 3), in the order red, green, blue.
 
     @property
-    def captured_ns(self) -> int: ...  # CLOCK_MONOTONIC
+    def captured_ns(self) -> int: ...  # Time of the picture, in nanoseconds of CLOCK_MONOTONIC.
 
     @property
     def sequence(self) -> int: ...
@@ -34,7 +35,8 @@ class Frame(Protocol):
 
 class CameraReader(Protocol):
     def newest(self) -> Any:
-        """Return a ``Frame``, or an object without a picture if there is no fresh one. Does not wait."""
+        """Return the newest picture as a ``Frame``, without waiting. If it is too old or missing, return an
+        object that has no ``image`` and explains why."""
         ...
 
     def close(self) -> None: ...
@@ -47,7 +49,7 @@ Attach = Callable[[str, str], CameraReader]
 def attach_camera(robot: str, camera: str) -> CameraReader:
     """Return a reader of a running robot's camera. Raise ``DatasetError`` if there is no such camera."""
     if find_spec(ATTACH) is None:
-        raise DatasetError(f"camera {camera}: this version of strands-actors has no cameras")
+        raise DatasetError(f"camera {camera}: this version of strands-actors does not support cameras")
     attach: Attach = import_module(ATTACH).attach_camera
     try:
         return attach(robot, camera)
@@ -56,7 +58,7 @@ def attach_camera(robot: str, camera: str) -> CameraReader:
 
 
 def frame_of(newest: Any) -> Frame | None:
-    """Return the result of ``newest`` if it is a picture; else None."""
+    """Return a result of ``newest`` if it has a picture, otherwise None."""
     return newest if getattr(newest, "image", None) is not None else None
 
 
@@ -66,7 +68,7 @@ def wait_for_shapes(readers: Mapping[str, CameraReader]) -> Sequence[CameraShape
     Raises:
         DatasetError: A camera has shown no picture within ``FIRST_S``.
     """
-    found = []
+    shapes = []
     deadline = time.monotonic() + FIRST_S
     for name, reader in readers.items():
         while (frame := frame_of(reader.newest())) is None:
@@ -74,5 +76,5 @@ def wait_for_shapes(readers: Mapping[str, CameraReader]) -> Sequence[CameraShape
                 raise DatasetError(f"camera {name} has shown no picture for {FIRST_S:g} s: {reader.newest()}")
             time.sleep(0.02)
         height, width = frame.image.shape[:2]
-        found.append(CameraShape(name, height, width))
-    return found
+        shapes.append(CameraShape(name, height, width))
+    return shapes

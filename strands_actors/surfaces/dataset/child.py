@@ -1,7 +1,7 @@
 """The recorder process of a script (``script``).
 
-Standard input: one command per line, a number and a word. Standard output: one JSON object per line, an
-``Event`` with the number of the command that it answers.
+The script writes commands to standard input. Each line has a number and a word. The recorder writes an
+``Event`` as a line of JSON to standard output. An event that answers a command has the command's number.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ async def _record(order: Order) -> Summary:
 
 
 async def _live() -> None:
-    """Send a heartbeat each second, also while an episode is being saved."""
+    """Send the event ``alive`` each second, even while an episode is being saved."""
     while True:
         _say(Event("alive"))
         await trio.sleep(ALIVE_S)
@@ -41,23 +41,26 @@ async def _record_episodes(order: Order) -> Summary:
     async def controls(command: Command) -> None:
         def obey(line: str) -> None:
             number, _, word = line.partition(" ")
-            command(word, asked=int(number))
+            command(word, command_number=int(number))
 
-        # If the script has ended, do not finish the running episode. It can be repaired.
+        # When the script has ended, stop as on Ctrl-C. The running episode stays unfinished, and can be
+        # repaired.
         await read_words(obey, lambda: signal.raise_signal(signal.SIGINT))
 
     return await record_episodes(order, controls, _say)
 
 
 def _say(event: Event) -> None:
-    with contextlib.suppress(BrokenPipeError):  # the script has ended; the end of standard input ends this process
+    # The script has ended. The end of standard input then ends this process.
+    with contextlib.suppress(BrokenPipeError):
         print(msgspec.json.encode(event).decode(), flush=True)
 
 
 def main() -> int:
     """Run the recorder. The first argument is the ``Order``, in JSON. Return the exit code."""
     order = msgspec.json.decode(sys.argv[1], type=Order)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # the parent process may ignore it
+    # A parent process that ignores SIGINT passes this on to its children.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     give_way()
     try:
         summary = trio.run(_record, order)
@@ -65,7 +68,7 @@ def main() -> int:
         return _fail(_first(group))
     except (RecordingError, OSError) as problem:
         return _fail(problem)
-    _say(Event("ended", text=". ".join(filter(None, (f"{order.robot}: {summary.ended}", summary.left)))))
+    _say(Event("ended", text=". ".join(filter(None, (f"{order.robot}: {summary.ended}", summary.remaining)))))
     return 0
 
 
@@ -75,8 +78,8 @@ def _fail(problem: BaseException) -> int:
 
 
 def _first(group: BaseException) -> BaseException:
-    """Return the first error of an exception group, if its message is meant for users. Otherwise raise
-    it."""
+    """Return the first exception of a group if its message is written for users. Otherwise raise the
+    exception."""
     while isinstance(group, BaseExceptionGroup):
         group = group.exceptions[0]
     if isinstance(group, RecordingError | OSError):

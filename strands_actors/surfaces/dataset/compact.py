@@ -1,4 +1,4 @@
-"""Copy a dataset into few files, and convert one of an older version. See ``copying``."""
+"""Copy a dataset into few files, and convert a dataset of an older version of LeRobot's format."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ def compact(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
         storage: The disk; a test may replace it.
 
     Raises:
-        DatasetError: As ``copy_dataset``, or it has an older version.
+        DatasetError: ``copy_dataset`` has failed, or the dataset has an older version.
     """
     index = _open(root)
     assert index.info is not None
     if index.info.is_older:
         raise DatasetError(
-            f"{root} has version {index.info.codebase_version}. Use `strands-actors dataset convert`"
+            f"{root} has the older version {index.info.codebase_version}. Use `strands-actors dataset convert`"
         )
     return copy_dataset(index, copy, index.info.document, storage)
 
@@ -46,24 +46,24 @@ def convert(root: Path, copy: Path, storage: Storage | None = None) -> Copied:
         storage: The disk; a test may replace it.
 
     Raises:
-        DatasetError: As ``copy_dataset``, or it has version 3 already.
+        DatasetError: ``copy_dataset`` has failed, or the dataset has version 3 already.
     """
     index = _open(root)
     assert index.info is not None
     if not index.info.is_older:
-        raise DatasetError(f"{root} has version {VERSION} already. `strands-actors dataset compact` copies it")
+        raise DatasetError(f"{root} has version {VERSION} already. Use `strands-actors dataset compact` to copy it")
     return copy_dataset(index, copy, _newer(index.info), storage)
 
 
 def _open(root: Path) -> Index:
     index = Index(root)
     if index.info is None:
-        raise DatasetError(f"{root} is no dataset: it has no {INFO}")
+        raise DatasetError(f"{root} is not a dataset, because it has no {INFO}. Give the folder of a dataset")
     return index
 
 
 def _newer(info: Info) -> dict[str, Any]:
-    """Return ``info.json`` in the form of version 3."""
+    """Return the contents of ``info.json``, converted to version 3."""
     features = {key: _feature(feature, info) for key, feature in info.features.items()}
     kept = {key: value for key, value in info.document.items() if key not in OLDER_TOTALS}
     return kept | {
@@ -78,13 +78,13 @@ def _newer(info: Info) -> dict[str, Any]:
 
 
 def _feature(feature: Feature, info: Info) -> dict[str, Any]:
-    found: dict[str, Any] = msgspec.to_builtins(feature)
+    fields: dict[str, Any] = msgspec.to_builtins(feature)
     if feature.units is None:
-        del found["units"]
-    del found["video_info"]
+        del fields["units"]
+    del fields["video_info"]
     if feature.dtype == "video":
-        found["info"] = feature.info or feature.video_info or {}
+        fields["info"] = feature.info or feature.video_info or {}
     else:
-        del found["info"]
-        found["fps"] = info.fps
-    return found
+        del fields["info"]
+        fields["fps"] = info.fps
+    return fields

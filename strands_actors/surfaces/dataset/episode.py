@@ -1,4 +1,4 @@
-"""Build the parts of a finished episode in the dataset: its rows, its figures, its row in the index."""
+"""Build the parts of a finished episode: its rows, its statistics, and its row in the dataset's index."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ from numpy.typing import NDArray
 
 from .layout import VECTORS, FileSlot, Layout
 from .staging import GAP, STALE, Staged
-from .statistics import Figures, PictureFigures, of_column
+from .statistics import PictureStatistics, Statistics, of_column
 from .video import pictures_of
 
-MARKS = b"strands_actors"
-"""Key in the metadata of the index's files. Its value is a JSON object of marks by episode number."""
+QUALITY_KEY = b"strands_actors"
+"""Key in the metadata of the index's files. Its value is a JSON object of the recorder's notes, by episode
+number."""
 
 
-class Marks(msgspec.Struct, frozen=True):
-    """The recorder's notes on an episode.
+class Quality(msgspec.Struct, frozen=True):
+    """The recorder's notes on the quality of an episode.
 
     Attributes:
         gaps: Number of missing frames.
-        stale: By source (the state, or a camera), in how many frames it was older than 1.5 periods.
+        stale: For the robot's state and each camera, the number of frames in which its value was older than
+            1.5 periods.
         repaired: True if the recorder did not finish the episode.
-        began: When it began, as a date.
+        began: Date and time at which the episode began.
         pictures: A checksum of the pictures of each video, by the video's key.
     """
 
@@ -39,28 +41,28 @@ class Marks(msgspec.Struct, frozen=True):
     pictures: dict[str, int] = {}
 
     @property
-    def told(self) -> str:
-        """The defects in words; empty if there are no defects."""
+    def as_text(self) -> str:
+        """The defects as text, for example "3 frames missing"; empty if there are no defects."""
         words = [f"{self.gaps} frames missing"] if self.gaps else []
         words += [f"{name} late in {count} frames" for name, count in self.stale.items()]
         return ", ".join([*words, "repaired"] if self.repaired else words)
 
 
 class Episode(msgspec.Struct, frozen=True):
-    """A counted episode."""
+    """A committed episode."""
 
     index: int
     task: str
     frames: int
-    marks: Marks
+    quality: Quality
 
 
-def marks_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Marks:
-    """Return the marks of a staged episode.
+def quality_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Quality:
+    """Return the recorder's notes on the quality of an episode in its staging folder.
 
     Args:
         staged: The episode.
-        table: Those of its rows that are committed.
+        table: The rows of the episode that are committed.
         pictures: A checksum of the pictures of each video, by the video's key.
     """
     stale = Counter(name for row in table[STALE].to_pylist() for name in row)
@@ -68,7 +70,7 @@ def marks_of(staged: Staged, table: pa.Table, pictures: dict[str, int]) -> Marks
     finished = staged.finished
     if finished is not None:
         gaps += finished.gap + finished.frames - table.num_rows
-    return Marks(gaps, dict(sorted(stale.items())), finished is None, staged.about.began, pictures)
+    return Quality(gaps, dict(sorted(stale.items())), finished is None, staged.about.began, pictures)
 
 
 def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: int) -> dict[str, NDArray[Any]]:
@@ -99,7 +101,7 @@ def _rows(table: pa.Table, name: str, width: int) -> NDArray[np.float32]:
 
 
 def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
-    """Return the data as LeRobot stores it: a vector of length one is a plain number."""
+    """Return the columns as a table in LeRobot's form, in which a vector of length one is a plain number."""
     return pa.table(
         {
             name: pa.array(values.ravel())
@@ -110,31 +112,37 @@ def data_table(columns: Mapping[str, NDArray[Any]]) -> pa.Table:
     )
 
 
-def figures_of(
+def statistics_of(
     staged: Staged, columns: Mapping[str, NDArray[Any]], layout: Layout, videos: Mapping[str, Path]
-) -> dict[str, Figures]:
-    """Return the figures of each feature.
+) -> dict[str, Statistics]:
+    """Return the statistics of each feature of an episode.
 
     Args:
         staged: The episode.
-        columns: Its columns.
+        columns: The columns of the episode.
         layout: The dataset's layout.
-        videos: The final video of each camera. It is decoded if the recorder did not finish the episode.
+        videos: The final video of each camera. It is decoded only if the recorder did not finish the episode.
     """
-    found = {name: of_column(values) for name, values in columns.items()}
+    by_feature = {name: of_column(values) for name, values in columns.items()}
     for camera in layout.cameras:
-        pictures = PictureFigures()
+        pictures = PictureStatistics()
         if staged.finished is not None:
             pictures.take(staged.finished.levels[camera.name], staged.finished.frames)
         else:
             for picture in pictures_of(videos[camera.name]):
                 pictures.add(picture)
-        found[camera.key] = pictures.figures()
-    return found
+        by_feature[camera.key] = pictures.statistics()
+    return by_feature
 
 
 def index_row(
-    episode: int, task: str, first: int, frames: int, slot: FileSlot, layout: Layout, figures: Mapping[str, Figures]
+    episode: int,
+    task: str,
+    first: int,
+    frames: int,
+    slot: FileSlot,
+    layout: Layout,
+    statistics: Mapping[str, Statistics],
 ) -> dict[str, Any]:
     row: dict[str, Any] = {
         "episode_index": episode,
@@ -153,32 +161,33 @@ def index_row(
             f"videos/{camera.key}/to_timestamp": frames / layout.fps,
         }
     row |= {"meta/episodes/chunk_index": slot.chunk, "meta/episodes/file_index": slot.file}
-    for feature, values in figures.items():
+    for feature, values in statistics.items():
         row |= {f"stats/{feature}/{name}": value for name, value in values.items()}
     return row
 
 
-def index_table(rows: list[dict[str, Any]], marks: Mapping[int, Marks]) -> pa.Table:
-    schema = pa.schema([(name, _kind(name, rows[0][name])) for name in rows[0]])
-    encoded = msgspec.json.encode({str(number): mark for number, mark in marks.items()})
-    return pa.Table.from_pylist(rows, schema=schema.with_metadata({MARKS: encoded}))
+def index_table(rows: list[dict[str, Any]], quality: Mapping[int, Quality]) -> pa.Table:
+    schema = pa.schema([(name, _column_type(name, rows[0][name])) for name in rows[0]])
+    encoded = msgspec.json.encode({str(number): each for number, each in quality.items()})
+    return pa.Table.from_pylist(rows, schema=schema.with_metadata({QUALITY_KEY: encoded}))
 
 
-def decode_marks(metadata: Mapping[bytes, bytes]) -> dict[int, Marks]:
-    """Return the marks in the metadata of a file of the index; empty if another program wrote it.
+def decode_quality(metadata: Mapping[bytes, bytes]) -> dict[int, Quality]:
+    """Return the recorder's notes from the metadata of an index file. Empty if another program wrote the file.
 
     Raises:
-        msgspec.MsgspecError: They are damaged.
+        msgspec.MsgspecError: The notes are damaged.
     """
-    return msgspec.json.decode(metadata.get(MARKS, b"{}"), type=dict[int, Marks], strict=False)
+    return msgspec.json.decode(metadata.get(QUALITY_KEY, b"{}"), type=dict[int, Quality], strict=False)
 
 
-def _kind(name: str, value: Any) -> pa.DataType:
-    """Return the type of a column of the index. It depends on the name, so that all episodes have the same."""
+def _column_type(name: str, value: Any) -> pa.DataType:
+    """Return the type of a column of the index. The type follows from the column's name, not from the values,
+    so that it is the same for all episodes."""
     if name == "tasks":
         return pa.list_(pa.string())
     if isinstance(value, list):
-        return pa.list_(_kind(name, value[0]) if value else pa.float64())
+        return pa.list_(_column_type(name, value[0]) if value else pa.float64())
     if isinstance(value, str):
         return pa.string()
     is_count = name.endswith("/count") or not (name.startswith("stats/") or name.endswith("_timestamp"))

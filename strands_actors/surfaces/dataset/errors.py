@@ -6,7 +6,7 @@ from strands_actors.surfaces.recording.errors import RecordingError
 
 
 class DatasetError(RecordingError):
-    """A dataset cannot be recorded, repaired, merged or read. The message is one line and has the reason."""
+    """A dataset cannot be recorded, repaired, merged or read. The message is one line that explains why."""
 
 
 class DamagedError(DatasetError):

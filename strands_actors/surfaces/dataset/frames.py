@@ -1,13 +1,14 @@
-"""Build frames from the robot's journal and the cameras' pictures, one frame per period. Pure.
+"""Build the frames of a dataset, one per period, without I/O.
 
-A frame is due at a certain time ``t``:
+The input is the robot's journal (the list of all messages and readings) and the cameras' pictures. A frame for
+the time ``t`` has:
 
-* Its state is the newest one that was read at ``t`` or before.
-* Its pictures are the newest ones at ``t``.
-* Its action is the target in force at ``t`` plus one period. This is the action that was decided with this
-  state in sight.
+* the newest state that was read at ``t`` or before,
+* the newest pictures at ``t``,
+* as its action, the robot's target at ``t`` plus one period. The operator or policy chose this action when it
+  saw the state at ``t``.
 
-So a frame can be built only when the journal has reached ``t`` plus one period. Until then it waits.
+So a frame waits until the journal has reached ``t`` plus one period.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ class Axes(msgspec.Struct, frozen=True):
     """The robot's axes, in order.
 
     Attributes:
-        keys: Their names.
+        keys: The names of the axes.
         velocities: The axes that are commanded by velocity.
-        units: The unit of each axis; empty if the driver is not known here.
-        optional: The axes that not every robot of this name has.
-        read_only: Joints that are only in the state. Not every robot of this name has them, either.
+        units: The unit of each axis. Empty if this computer does not have the robot's driver.
+        optional: The axes that some robots of this type do not have.
+        read_only: Joints that can be read but not commanded. Some robots of this type do not have them.
         cycle_s: Period of reading the state, in seconds; 0 if not known.
     """
 
@@ -61,7 +62,7 @@ class Axes(msgspec.Struct, frozen=True):
 
     @property
     def state(self) -> tuple[str, ...]:
-        """The names of a state's numbers: the axes, then the read-only joints."""
+        """The names of the values in a state: first the axes, then the read-only joints."""
         return (*self.keys, *(joint.key for joint in self.read_only))
 
     @property
@@ -82,31 +83,32 @@ class Axes(msgspec.Struct, frozen=True):
 
 
 class Due(msgspec.Struct, frozen=True):
-    """The time for which a frame has to be built, with the newest pictures at that time."""
+    """A frame that has to be built: its time, and the newest pictures at that time."""
 
     at_ns: int
     pictures: dict[str, Picture]
-    age_ms: dict[str, float]  # of the pictures
+    age_ms: dict[str, float]  # Age of each picture at that time, in milliseconds.
 
 
-class Made(msgspec.Struct, frozen=True):
+class BuiltFrame(msgspec.Struct, frozen=True):
     row: Row
     pictures: dict[str, Picture]
 
 
-class _Wanted(msgspec.Struct, frozen=True):
-    """The target in force and the requested one. A target of None means that the robot stays in place."""
+class _Goal(msgspec.Struct, frozen=True):
+    """The robot's present target, and the target that was requested. None means that the robot stays in
+    place."""
 
     target: dict[str, float] | None
     requested: dict[str, float]
 
 
-_STAYS = _Wanted(None, {})
+_STAYS = _Goal(None, {})
 Value = TypeVar("Value")
 
 
 class _History(deque[tuple[int, Value]]):
-    """Values by time. A value that comes slightly out of order is inserted at its place."""
+    """Values in the order of their times. A value that arrives late is inserted at its place."""
 
     def put(self, at_ns: int, value: Value) -> None:
         later: list[tuple[int, Value]] = []
@@ -117,8 +119,8 @@ class _History(deque[tuple[int, Value]]):
         while len(self) > 1 and self[1][0] < self[-1][0] - MEMORY_S * NS:
             self.popleft()
 
-    def at(self, at_ns: int) -> tuple[int, Value] | None:
-        """Return the newest value at this time or before, with its time; None if there is no such value."""
+    def value_at(self, at_ns: int) -> tuple[int, Value] | None:
+        """Return the newest value at ``at_ns`` or before, with its time. None if there is no such value."""
         return next((entry for entry in reversed(self) if entry[0] <= at_ns), None)
 
 
@@ -127,15 +129,16 @@ class Assembler:
 
     def __init__(self, axes: Axes, period_s: float) -> None:
         self._axes = axes
-        # Axes and joints that the robot may lack and that were never read.
+        # Axes and joints that were never read. This robot may not have them.
         self._absent = axes.optional.intersection(axes.keys).union(joint.key for joint in axes.read_only)
         self._period_ns = round(period_s * NS)
         self._late_ms = STALE_PERIODS * period_s * 1e3
         self._state_late_ms = STALE_PERIODS * max(period_s, axes.cycle_s) * 1e3
-        self._states: _History[tuple[dict[str, float], int]] = _History()  # with the time of its oldest reading
-        self._wanted: _History[_Wanted] = _History()
+        # Each state with the time of its oldest reading.
+        self._states: _History[tuple[dict[str, float], int]] = _History()
+        self._goals: _History[_Goal] = _History()
         self._lease = 0
-        self._heard_ns = 0
+        self._last_entry_ns = 0
         self._due: deque[Due] = deque()
         self._gap = 0
         self.unread: tuple[str, ...] = ()
@@ -143,55 +146,55 @@ class Assembler:
 
     @property
     def waiting(self) -> int:
-        """Number of frames that are due and not built yet."""
+        """Number of queued frames that are not built yet."""
         return len(self._due)
 
     # -- the journal
 
-    def hear(self, rows: Iterable[JournalRow]) -> None:
-        """Take entries from the wire process's journal."""
+    def add_entries(self, rows: Iterable[JournalRow]) -> None:
+        """Process new entries of the journal of the wire process, which writes to the robot."""
         for _, at_ns, row in rows:
             match row:
                 case Seen():
                     self._see(row)
                 case Command():
                     self._command(at_ns, row)
-                case Safe(what="ordered"):
-                    self._wanted.put(at_ns, _STAYS)
-                case Lifecycle(what="state") if row.mode not in MOVING:
-                    self._wanted.put(at_ns, _STAYS)
+                case Safe(stage="ordered"):
+                    self._goals.put(at_ns, _STAYS)
+                case Lifecycle(event="state") if row.mode not in MOVING:
+                    self._goals.put(at_ns, _STAYS)
                 case Gap():
-                    # Commands within the gap are unknown.
-                    self._wanted.put(max(at_ns, self._heard_ns), _STAYS)
+                    # Commands in the gap of the journal are not known, so assume that the robot stays in place.
+                    self._goals.put(max(at_ns, self._last_entry_ns), _STAYS)
                 case _:
                     continue
-            self._heard_ns = max(self._heard_ns, at_ns)
+            self._last_entry_ns = max(self._last_entry_ns, at_ns)
 
     def _see(self, row: Seen) -> None:
         rows = {joint.key: row.sensors.get(joint.sensor) for joint in self._axes.read_only}
-        known = _numbers(row.position | {key: one[0] for key, one in rows.items() if one})
-        self._absent = self._absent.difference(known)
-        self.unread = tuple(key for key in self._axes.state if key not in known and key not in self._absent)
+        state = _numbers(row.position | {key: sensor[0] for key, sensor in rows.items() if sensor})
+        self._absent = self._absent.difference(state)
+        self.unread = tuple(key for key in self._axes.state if key not in state and key not in self._absent)
         if not self.unread:
-            self._states.put(row.t_ns, (known, row.oldest_ns or row.t_ns))
+            self._states.put(row.t_ns, (state, row.oldest_ns or row.t_ns))
 
     def _command(self, at_ns: int, row: Command) -> None:
-        if row.what == "acquire" and row.outcome == "accepted":
+        if row.type == "acquire" and row.outcome == "accepted":
             self._lease = row.lease
-        if row.what != "setpoint":
+        if row.type != "setpoint":
             return
-        # Ignore refused setpoints under another lease. An accepted setpoint moves the robot in any case: if its
-        # lease is unknown, the journal has a gap where the lease was granted.
+        # Ignore a refused setpoint of a program that does not hold the lease. An accepted setpoint always
+        # counts. If its lease is not known, the lease was granted in a gap of the journal.
         if row.outcome != "accepted" and self._lease and row.lease != self._lease:
             return
-        before = self._wanted[-1][1] if self._wanted else _STAYS
-        asked = {key.removesuffix(".pos"): value for key, value in _numbers(row.action).items()}
+        before = self._goals[-1][1] if self._goals else _STAYS
+        requested = {key.removesuffix(".pos"): value for key, value in _numbers(row.action).items()}
         if row.outcome == "accepted":
             self._lease = row.lease
             target = _numbers(row.target)
-            self._wanted.put(at_ns, _Wanted(target, target | asked))
-        elif before.target is not None or asked:
-            self._wanted.put(at_ns, _Wanted(before.target, before.requested | asked))
+            self._goals.put(at_ns, _Goal(target, target | requested))
+        elif before.target is not None or requested:
+            self._goals.put(at_ns, _Goal(before.target, before.requested | requested))
 
     @property
     def has_all(self) -> bool:
@@ -199,15 +202,16 @@ class Assembler:
         return not self._absent
 
     def leave_out_absent(self) -> Axes:
-        """Drop the optional axes and joints that were never read, from now on. Return the axes that remain."""
+        """From now on, leave out the optional axes and joints that were never read. Return the remaining
+        axes."""
         self._axes = self._axes.without(self._absent)
         self._absent = frozenset()
         return self._axes
 
     def has_state(self, now_ns: int) -> bool:
         """Return True if there is a state that is at most ``LOST_S`` old."""
-        found = self._states.at(now_ns)
-        return found is not None and now_ns - found[1][1] <= LOST_S * NS
+        entry = self._states.value_at(now_ns)
+        return entry is not None and now_ns - entry[1][1] <= LOST_S * NS
 
     # -- frames
 
@@ -215,43 +219,43 @@ class Assembler:
         """Queue a frame.
 
         Args:
-            at_ns: Its time, in nanoseconds of CLOCK_MONOTONIC.
+            at_ns: The time of the frame, in nanoseconds of CLOCK_MONOTONIC.
             pictures: The newest picture of each camera.
             age_ms: The age of each picture, in milliseconds.
         """
         self._due.append(Due(at_ns, dict(pictures), dict(age_ms)))
 
-    def miss(self, count: int = 1) -> None:
-        """Count frames that were due and cannot be built."""
+    def count_missing(self, count: int = 1) -> None:
+        """Count frames that cannot be built as missing."""
         self._gap += count
 
     def take_gap(self) -> int:
-        """Return how many frames are missing since the last one, and reset the count."""
+        """Return how many frames are missing since the last built frame, and reset this number."""
         gap, self._gap = self._gap, 0
         return gap
 
-    def made(self, now_ns: int) -> Iterator[Made]:
+    def frames(self, now_ns: int) -> Iterator[BuiltFrame]:
         """Yield the frames that can be built by now, in order."""
         while self._due:
             due = self._due[0]
             end_ns = due.at_ns + self._period_ns
-            if self._heard_ns < end_ns and now_ns < end_ns + PATIENCE_S * NS:
+            if self._last_entry_ns < end_ns and now_ns < end_ns + PATIENCE_S * NS:
                 return
             self._due.popleft()
-            made = self._make(due, end_ns)
-            if made is None:
+            frame = self._make(due, end_ns)
+            if frame is None:
                 self._gap += 1
             else:
-                yield made
+                yield frame
 
-    def _make(self, due: Due, end_ns: int) -> Made | None:
-        found = self._states.at(due.at_ns)
-        if found is None or due.at_ns - found[1][1] > LOST_S * NS:
+    def _make(self, due: Due, end_ns: int) -> BuiltFrame | None:
+        entry = self._states.value_at(due.at_ns)
+        if entry is None or due.at_ns - entry[1][1] > LOST_S * NS:
             return None
-        state, oldest_ns = found[1]
+        state, oldest_ns = entry[1]
         age_ms = {"state": (due.at_ns - oldest_ns) / 1e6} | due.age_ms
-        wanted = self._wanted.at(end_ns)
-        target, requested = (_STAYS.target, {}) if wanted is None else (wanted[1].target, wanted[1].requested)
+        goal = self._goals.value_at(end_ns)
+        target, requested = (_STAYS.target, {}) if goal is None else (goal[1].target, goal[1].requested)
         stays = {key: 0.0 if key in self._axes.velocities else state[key] for key in self._axes.keys}
         action = stays if target is None else stays | target
         row = Row(
@@ -266,25 +270,25 @@ class Assembler:
                 if age > (self._state_late_ms if name == "state" else self._late_ms)
             ),
         )
-        return Made(row, due.pictures)
+        return BuiltFrame(row, due.pictures)
 
     def _action(self, values: Mapping[str, float]) -> tuple[float, ...]:
         return tuple(values[key] for key in self._axes.keys)
 
     def begin(self) -> None:
-        """Begin an episode: forget the frames that are due for the previous one."""
+        """Begin an episode. Drop the frames of the previous episode that are still queued."""
         self._due.clear()
         self._gap = 0
 
 
 def missed(at_ns: int, last_ns: int, period_ns: int) -> int:
-    """Return how many periods were skipped between two times of frames; 0 if ``last_ns`` is 0."""
+    """Return how many frames are missing between two frames, from their times. 0 if ``last_ns`` is 0."""
     return max(0, round((at_ns - last_ns) / period_ns) - 1) if last_ns else 0
 
 
 def _numbers(values: Mapping[str, object]) -> dict[str, float]:
-    """Return the values that a column of float32 can hold. NaN, which stands for an axis that was never read,
-    is left out, because JSON has no NaN for its statistics."""
+    """Return the values that fit into float32. An axis that was never read has the value NaN, which is left
+    out, because the statistics are JSON and JSON has no NaN."""
     return {
         key: float(value)
         for key, value in values.items()

@@ -1,7 +1,7 @@
-"""Read which episodes a dataset counts: ``info.json``, the index of its episodes, its tasks.
+"""Read which episodes a dataset has, from ``info.json``, the index of the episodes and the list of tasks.
 
-One damaged table does not stop the reading: the lost episodes are listed, and the others are read.
-``check`` verifies the index's statements about data and videos.
+If a table of the index is damaged, its episodes are listed as lost, and the other episodes are read. The data
+and the videos are not read here: ``check`` compares them with the index.
 """
 
 from __future__ import annotations
@@ -15,11 +15,20 @@ import msgspec
 
 from strands_actors.contract.lfs import pointer_reason
 
-from .episode import Episode, Marks, decode_marks
+from .episode import Episode, Quality, decode_quality
 from .errors import DamagedError, DatasetError
 from .info import Info
 from .layout import DATA_PATH, INFO, STATS, TASKS, VIDEO_PATH, FileSlot, is_own_name, read_info, tasks_of
-from .rows import EpisodeRow, OlderFigures, OlderRow, OlderTask, decode_row, older_row, slot_stated, usable_figures
+from .rows import (
+    EpisodeRow,
+    OlderRow,
+    OlderStatistics,
+    OlderTask,
+    decode_row,
+    older_row,
+    slot_stated,
+    usable_statistics,
+)
 from .storage import STAGED_SUFFIX
 from .tables import JSON_DAMAGE, decode_json, read_rows, read_table, refuse_damage
 
@@ -34,17 +43,17 @@ Line = TypeVar("Line")
 
 
 class Index:
-    """The episodes that a dataset counts.
+    """The episodes that a dataset has, by the number of episodes in ``info.json``.
 
     Attributes:
-        info: ``info.json``, or None if there is no such file.
-        rows: The episodes with a readable row, by number.
-        lost: For each counted episode without a readable row, why.
-        marks: The recorder's marks, by the number of the episode.
+        info: The decoded ``info.json``, or None if there is no such file.
+        rows: The episodes with a readable row in the index, by number.
+        lost: The reason why an episode has no readable row in the index, by the episode's number.
+        marks: The recorder's notes on the quality of each episode, by the episode's number.
         tasks: The tasks, in the order of their numbers.
-        files: Every file that a counted episode needs.
-        doubts: Why it is not certain which episodes are counted. With a doubt, nothing may be written or
-            moved.
+        files: Every file that a committed episode needs.
+        doubts: Reasons why it is not certain which episodes the dataset has. If there is a reason, no file may
+            be written or moved.
     """
 
     def __init__(self, root: Path) -> None:
@@ -60,14 +69,14 @@ class Index:
         self.info = read_info(root)
         self.rows: dict[int, EpisodeRow] = {}
         self.lost: dict[int, str] = {}
-        self.marks: dict[int, Marks] = {}
+        self.quality: dict[int, Quality] = {}
         self.tasks: list[str] = []
         self.files: set[Path] = set()
         self.doubts: list[str] = []
         self._unread: list[str] = []
         if self.info is None:
             return
-        self._require_known_paths(self.info)
+        self._require_supported_paths(self.info)
         if self.info.is_older:
             self._read_older(self.info)
         else:
@@ -81,49 +90,50 @@ class Index:
 
     @property
     def total(self) -> int:
-        """Number of counted episodes, including those without a readable row."""
+        """Number of committed episodes, including those without a readable row."""
         return len(self.rows) + len(self.lost)
 
     @property
     def episodes(self) -> list[Episode]:
         return [
-            Episode(number, ", ".join(row.tasks), row.frames, self.marks.get(number, Marks()))
+            Episode(number, ", ".join(row.tasks), row.frames, self.quality.get(number, Quality()))
             for number, row in sorted(self.rows.items())
         ]
 
-    def has_figures(self) -> bool:
-        """Return True if ``stats.json`` has usable figures of each feature for which all episodes have them."""
-        figures = self.figures()
-        stated = set.intersection(*(set(row.figures) for row in self.rows.values())) if self.rows else set()
-        return bool(figures) and all(usable_figures(figures.get(key)) for key in stated)
+    def has_statistics(self) -> bool:
+        """Return True if ``stats.json`` is complete: it has usable statistics of each feature that has
+        statistics in every episode."""
+        statistics = self.statistics()
+        stated = set.intersection(*(set(row.statistics) for row in self.rows.values())) if self.rows else set()
+        return bool(statistics) and all(usable_statistics(statistics.get(key)) for key in stated)
 
-    def figures(self) -> dict[str, Any]:
-        """Return the figures in ``stats.json``; empty if it cannot be read."""
+    def statistics(self) -> dict[str, Any]:
+        """Return the statistics in ``stats.json``. Empty if the file cannot be read."""
         try:
             return decode_json((self.root / STATS).read_bytes(), dict[str, Any])
         except (OSError, *JSON_DAMAGE):
             return {}
 
     def require_certain(self) -> None:
-        """Raise ``DamagedError`` unless it is certain which episodes are counted."""
-        reasons = [*(f"episode {number}: {why}" for number, why in sorted(self.lost.items())), *self.doubts]
+        """Raise ``DamagedError`` unless it is certain which episodes are committed."""
+        reasons = [*(f"episode {number}: {reason}" for number, reason in sorted(self.lost.items())), *self.doubts]
         if reasons:
             more = f" ({len(reasons) - 1} more)" if len(reasons) > 1 else ""
             raise DamagedError(f"{self.root} is damaged, and was not touched: {reasons[0]}{more}. {RESTORE}")
 
-    def uncounted(self) -> list[Path]:
-        """Return the files that no counted episode needs and that LeRobot could read."""
-        found = [
+    def stray_files(self) -> list[Path]:
+        """Return the files that no committed episode needs and that LeRobot could read."""
+        paths = [
             path for path in self.root.glob("meta/*" + STAGED_SUFFIX) if is_own_name(path.relative_to(self.root))
         ]
         for pattern in ("data/*/*.parquet", "meta/episodes/*/*.parquet", "videos/*/*/*.mp4"):
-            found += [path for path in self.root.glob(pattern) if path not in self.files]
-        return sorted(found)
+            paths += [path for path in self.root.glob(pattern) if path not in self.files]
+        return sorted(paths)
 
     def last_slot(self) -> FileSlot | None:
-        """Return the highest number of any file, counted or not, so that the next file replaces no other;
-        None without files."""
-        every = self.files.union(path for path in self.uncounted() if path.suffix != STAGED_SUFFIX)
+        """Return the highest file number in use, or None if there are no files. A new file must have a higher
+        number, so that it replaces no other file."""
+        every = self.files.union(path for path in self.stray_files() if path.suffix != STAGED_SUFFIX)
         names = [path for path in every if is_own_name(path.relative_to(self.root))]
         slots = [FileSlot(int(path.parent.name[6:]), int(path.stem[5:])) for path in names]
         return max(slots, default=None)
@@ -131,33 +141,36 @@ class Index:
     # -- version 3
 
     def _read(self, info: Info) -> None:
-        found: dict[int, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
+        rows_by_number: dict[int, list[tuple[Path, dict[str, Any]]]] = defaultdict(list)
         in_order: list[int] = []
         for path in sorted((self.root / "meta/episodes").glob("*/[!.]*.parquet")):
             try:
                 table = read_rows(path)
                 numbers = msgspec.convert([row.get("episode_index") for row in table.rows], list[int])
-                marks = decode_marks(table.metadata)
+                quality = decode_quality(table.metadata)
             except (DatasetError, msgspec.MsgspecError) as damage:
                 self._unread.append(_describe(path, damage))
                 continue
-            counted = [n for n in numbers if info.total_episodes is None or 0 <= n < info.total_episodes]
-            if 0 < len(counted) < len(numbers):
-                self.doubts.append(f"{path} counts more episodes than {INFO}: its writer did not finish")
+            committed = [n for n in numbers if info.total_episodes is None or 0 <= n < info.total_episodes]
+            if 0 < len(committed) < len(numbers):
+                self.doubts.append(
+                    f"{path} lists more episodes than {INFO}, so the program that wrote it did not finish"
+                )
             for number, row in zip(numbers, table.rows, strict=True):
-                if number in counted:
-                    found[number].append((path, row))
-            self.marks |= marks
-            in_order += counted
-        for number, candidates in found.items():
+                if number in committed:
+                    rows_by_number[number].append((path, row))
+            self.quality |= quality
+            in_order += committed
+        for number, candidates in rows_by_number.items():
             self._choose(info, number, candidates)
-        numbers = sorted(found)
+        numbers = sorted(rows_by_number)
         if in_order != numbers and sorted(in_order) == numbers:
             self.doubts.append(f"{self.root / 'meta/episodes'}: the episodes are out of order: {in_order[:20]}")
         self._read_tasks(info)
 
     def _choose(self, info: Info, number: int, candidates: list[tuple[Path, dict[str, Any]]]) -> None:
-        """Take the row of an episode. If there are several, the right one is in the file that it names."""
+        """Select the row of an episode. If the index has several rows of it, use the row that names the file in
+        which it stands."""
         own = [each for each in candidates if _is_in_its_file(self.root, *each)]
         path, row = (own or candidates)[0]
         if len(own or candidates) > 1:
@@ -170,7 +183,7 @@ class Index:
 
     def _read_tasks(self, info: Info) -> None:
         if not self.rows and not (self.root / TASKS).exists():
-            return  # the dataset was just created
+            return  # A dataset without episodes may have no list of tasks.
         try:
             table = read_table(self.root / TASKS)
             with refuse_damage(self.root / TASKS):
@@ -189,18 +202,20 @@ class Index:
             self.doubts.append(f"{self.root / OLDER_TASKS} does not number its tasks from 0")
         self.tasks = [task.task for task in tasks] if is_numbered and not self._unread else []
         rows = sorted(self._lines(EPISODES, OlderRow), key=lambda row: row.episode_index)
-        has_stats = (self.root / OLDER_STATS).exists()  # version 2.0 has no such file
-        figures = (
-            {line.episode_index: line.stats for line in self._lines(OLDER_STATS, OlderFigures)} if has_stats else {}
+        has_stats = (self.root / OLDER_STATS).exists()  # Version 2.0 has no statistics of episodes.
+        statistics = (
+            {line.episode_index: line.stats for line in self._lines(OLDER_STATS, OlderStatistics)}
+            if has_stats
+            else {}
         )
         first = 0
         for row in rows:
             if row.episode_index in self.rows:
                 self.doubts.append(f"{self.root / EPISODES} has episode {row.episode_index} twice")
-            self.rows[row.episode_index] = older_row(row, first, figures.get(row.episode_index, {}), info)
+            self.rows[row.episode_index] = older_row(row, first, statistics.get(row.episode_index, {}), info)
             first += row.length
 
-    def _lines(self, name: str, kind: type[Line]) -> list[Line]:
+    def _lines(self, name: str, line_type: type[Line]) -> list[Line]:
         path = self.root / name
         try:
             pointer = pointer_reason(path)
@@ -211,39 +226,39 @@ class Index:
         if pointer:
             self._unread.append(pointer)
             return []
-        found = []
+        lines = []
         for number, line in enumerate(data, 1):
             try:
-                found += [decode_json(line, kind)] if line.strip() else []
+                lines += [decode_json(line, line_type)] if line.strip() else []
             except JSON_DAMAGE as damage:
                 self._unread.append(f"{path}, line {number}: {damage}")
-        return found
+        return lines
 
     # -- both
 
-    def _require_known_paths(self, info: Info) -> None:
-        known = OLDER_PATHS if info.is_older else (DATA_PATH, VIDEO_PATH)
-        for stated, path in zip((info.data_path, info.video_path), known, strict=True):
+    def _require_supported_paths(self, info: Info) -> None:
+        supported = OLDER_PATHS if info.is_older else (DATA_PATH, VIDEO_PATH)
+        for stated, path in zip((info.data_path, info.video_path), supported, strict=True):
             if stated is not None and stated != path:
                 raise DatasetError(
-                    f"{self.root / INFO}: files that are called {stated!r} are not read, only {path!r}"
+                    f"{self.root / INFO}: the file names {stated!r} are not supported, only {path!r}"
                 )
 
     def _compare(self, info: Info) -> None:
-        """Compare what ``info.json`` counts with the rows."""
+        """Compare the numbers of episodes, frames and tasks in ``info.json`` with the index."""
         self.doubts += self._unread
         if not self.doubts and len(self.tasks) < (tasks := info.total_tasks or min(1, len(self.rows))):
             self.doubts.append(f"{self.root} has {len(self.tasks)} tasks, and it should have {tasks}")
-        counted = len(self.rows) + len(self.lost)
-        total = counted if info.total_episodes is None else info.total_episodes
+        committed = len(self.rows) + len(self.lost)
+        total = committed if info.total_episodes is None else info.total_episodes
         unread = f" ({'. '.join(self._unread)})" if self._unread else ""
         missing = [
             number for number in range(min(total, MOST)) if number not in self.rows and number not in self.lost
         ]
-        self.lost |= dict.fromkeys(missing[: counted + MOST_LOST], f"the index has no row of it{unread}")
-        if total != counted:
+        self.lost |= dict.fromkeys(missing[: committed + MOST_LOST], f"the index has no row of it{unread}")
+        if total != committed:
             self.doubts.append(
-                f"{self.root}: {INFO} counts {total} episodes, the index has {counted} of them{unread}"
+                f"{self.root}: {INFO} counts {total} episodes, the index has {committed} of them{unread}"
             )
         if not self.lost and info.total_frames is not None and info.total_frames != self.frames:
             frames = f"{INFO} counts {info.total_frames} frames, the index {self.frames}"

@@ -1,6 +1,6 @@
-"""Decode ``meta/info.json`` into structs, once. Any program may have written it. Pure.
+"""Decode and check ``meta/info.json`` of a dataset, which any program may have written. No I/O.
 
-The statements of this file about other files are not trusted. ``check`` opens those files.
+What ``info.json`` states about other files may be wrong. ``check`` compares it with those files.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=10**12)]
 
 
 class Feature(msgspec.Struct, frozen=True):
-    """One column, or one camera. ``names`` may be nested. Version 2.0 has ``video_info``, not ``info``."""
+    """A feature of a dataset: a column of the data, or a camera.
+
+    ``names`` may be nested. Version 2.0 uses the key ``video_info`` instead of ``info``.
+    """
 
     dtype: str
     shape: list[Count]
@@ -35,7 +38,7 @@ class Feature(msgspec.Struct, frozen=True):
 
     @property
     def flat_names(self) -> list[str]:
-        """The names in order, without their nesting."""
+        """The names in order, as a list without nesting."""
         return list(_strings(self.names))
 
     @property
@@ -44,13 +47,13 @@ class Feature(msgspec.Struct, frozen=True):
 
     @property
     def codec(self) -> str:
-        """The codec of a video; empty when it is not stated."""
+        """The codec of a camera's videos; empty if ``info.json`` does not state it."""
         codec = (self.info or self.video_info or {}).get("video.codec")
         return codec if isinstance(codec, str) else ""
 
     @property
     def height_width(self) -> tuple[int, int]:
-        """The size of a picture, with the channels first or last."""
+        """The height and width of a picture. In ``shape`` the channels may be first or last."""
         sides = dict(zip((name[:1].lower() for name in self.flat_names), self.shape, strict=False))
         if {"h", "w"} <= sides.keys():
             return sides["h"], sides["w"]
@@ -73,9 +76,9 @@ class _Fields(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Info(_Fields, frozen=True, kw_only=True):
-    """A dataset's description of itself. A total is None when it is not stated.
+    """The contents of ``info.json``. A total that the file does not state is None.
 
-    ``document`` is the decoded JSON, so that a copy keeps fields that are not known here.
+    ``document`` is the whole decoded JSON. A copy of the dataset keeps its unknown fields.
     """
 
     document: dict[str, Any]
@@ -94,10 +97,10 @@ def decode_info(data: bytes, file: object) -> Info:
 
     Args:
         data: The file's bytes.
-        file: Its path, for messages.
+        file: The file's path, for messages.
 
     Raises:
-        DatasetError: It is not JSON, its version is not known, or a value has a wrong type or range.
+        DatasetError: The file is not JSON, its version is not known, or a value has a wrong type or range.
     """
     try:
         document = msgspec.json.decode(data)
@@ -105,24 +108,26 @@ def decode_info(data: bytes, file: object) -> Info:
         raise DatasetError(f"{file} is damaged: {damage}") from damage
     version = document.get("codebase_version") if isinstance(document, dict) else None
     if version != VERSION and version not in OLDER:
-        raise DatasetError(
-            f"{file}: a dataset of version {shown(version)}. Known are {', '.join((VERSION, *OLDER))}"
-        )
+        raise DatasetError(f"{file}: version {shown(version)} is not supported. Use {', '.join((VERSION, *OLDER))}")
     try:
         info = Info(**msgspec.structs.asdict(msgspec.convert(document, _Fields)), document=document)
     except (msgspec.ValidationError, RecursionError) as wrong:
         raise DatasetError(f"{file}: {wrong}") from wrong
     for key, feature in info.features.items():
         if not is_folder_name(key):
-            raise DatasetError(f"{file}: the feature {shown(key)} is no name of a folder. Rename it")
+            raise DatasetError(
+                f"{file}: the feature name {shown(key)} cannot be the name of a folder. Rename the feature"
+            )
         if feature.dtype == "video" and (len(feature.shape) != 3 or 0 in feature.shape):
-            raise DatasetError(f"{file}: {key} is a video of shape {feature.shape}, not height, width, channels")
+            raise DatasetError(
+                f"{file}: the video {key} has the shape {feature.shape}, not height, width, channels"
+            )
     return info
 
 
 def is_folder_name(name: str) -> bool:
-    """Return True if a name from a file is safe as the name of one folder below the dataset: short,
-    printable, not hidden, and no path."""
+    """Return True if a name from ``info.json`` can safely be the name of a folder in the dataset. It must be
+    short and printable, must not begin with a dot, and must not contain a path."""
     return (
         0 < len(name.encode(errors="replace")) <= LONGEST_NAME
         and name.isprintable()
@@ -136,7 +141,8 @@ def _strings(names: Any) -> Iterator[str]:
         case str():
             yield names
         case dict():
-            for key, value in names.items():  # {"motors": [...]}, or {"pan": 0}
+            # The names may be in a list, as in {"motors": [...]}, or be the keys, as in {"pan": 0}.
+            for key, value in names.items():
                 yield from _strings(value) if isinstance(value, list | dict) else (str(key),)
         case list():
             for value in names:

@@ -1,4 +1,4 @@
-"""Read commands from standard input: single keys of a terminal, else one word per line."""
+"""Read commands from standard input: single keys on a terminal, otherwise one word per line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ STDIN = 0
 
 @contextmanager
 def single_keys(descriptor: int) -> Iterator[None]:
-    """Deliver each key at once and without echo, for the block. Ctrl-C still raises SIGINT."""
+    """Let the terminal deliver each key at once and without echo while the block runs. Ctrl-C still raises
+    SIGINT."""
     before = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
     try:
@@ -35,7 +36,7 @@ def single_keys(descriptor: int) -> Iterator[None]:
 
 
 async def read_keys(command: Callable[[str], None]) -> None:
-    """Call ``command`` with the word of each key that is pressed, until cancelled. Other keys are ignored."""
+    """Call ``command`` with the word in ``KEYS`` for each pressed key, until cancelled. Ignore other keys."""
     async for piece in _pieces(STDIN):
         for key in piece.decode(errors="replace"):
             if key in KEYS:
@@ -43,7 +44,7 @@ async def read_keys(command: Callable[[str], None]) -> None:
 
 
 async def read_words(command: Callable[[str], None], at_end: Callable[[], None]) -> None:
-    """Call ``command`` with each line of standard input, until cancelled or until its end.
+    """Call ``command`` with each line of standard input, until cancelled or until the end of the input.
 
     Args:
         command: Called with each word.

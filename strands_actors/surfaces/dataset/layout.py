@@ -1,6 +1,6 @@
-"""LeRobot's format, version 3: the names of the files and the contents of ``info.json``.
+"""Describe LeRobot's format, version 3: the names of the files, and the contents of ``info.json``.
 
-Pure, except for ``read_info``.
+Only ``read_info`` does I/O.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class CameraShape(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """The contents of every frame of a dataset.
+    """The features that every frame of a dataset has.
 
     Attributes:
         robot_type: The robot, as in ``info.json``.
@@ -72,7 +72,8 @@ class Layout(msgspec.Struct, frozen=True):
         cameras: The cameras.
         codec: The codec of all videos.
         units: The unit of each joint; empty if not known.
-        read_only: (name, unit) of further numbers that only a state has, after ``joints``.
+        read_only: (name, unit) of the joints that can only be read. A state has their values after those of
+            ``joints``.
     """
 
     robot_type: str
@@ -85,7 +86,7 @@ class Layout(msgspec.Struct, frozen=True):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """The sources of a frame, in the order of their ages in it: the robot's state, and each camera."""
+        """The sources of a frame's data: the robot's state, then each camera. ``age_ms`` has this order."""
         return ("state", *(camera.name for camera in self.cameras))
 
     def names_of(self, vector: str) -> tuple[str, ...]:
@@ -94,19 +95,19 @@ class Layout(msgspec.Struct, frozen=True):
         return (*self.joints, *(name for name, _ in self.read_only)) if vector == STATE else self.joints
 
     def units_of(self, vector: str) -> tuple[str, ...]:
-        """Return the unit of each of a vector's numbers; empty if they are not known."""
+        """Return the unit of each value of a vector, such as ``action``. Empty if the units are not known."""
         if vector == AGE or not self.units:
             return ()
         return (*self.units, *(unit for _, unit in self.read_only)) if vector == STATE else self.units
 
     def features(self) -> dict[str, Any]:
-        """Return the features as in ``info.json``."""
+        """Return the features in the form of ``info.json``."""
         features: dict[str, Any] = {}
         for vector in (ACTION, REQUESTED, STATE, AGE):
             names = self.names_of(vector)
             features[vector] = {"dtype": "float32", "shape": [len(names)], "names": list(names)}
             if units := self.units_of(vector):
-                features[vector][UNITS] = list(units)  # LeRobot keeps this key, but does not read it
+                features[vector][UNITS] = list(units)  # LeRobot preserves this key, but does not use it.
         for camera in self.cameras:
             features[camera.key] = {
                 "dtype": "video",
@@ -149,7 +150,10 @@ class Layout(msgspec.Struct, frozen=True):
 
 
 class FileSlot(msgspec.Struct, frozen=True, order=True):
-    """The number of a file, among the data files, the index files, or the videos of one camera."""
+    """The number of a file: its folder ("chunk") and its number in this folder.
+
+    Data files, index files and the videos of each camera are numbered separately.
+    """
 
     chunk: int
     file: int
@@ -174,7 +178,7 @@ class FileSlot(msgspec.Struct, frozen=True, order=True):
 
 
 def is_own_name(path: Path) -> bool:
-    """Return True if a recorder or a copy gives a file this name, or gave it until the commit.
+    """Return True if a path has a name that this package gives to files of a dataset, final or temporary.
 
     Args:
         path: The path, relative to the dataset.
@@ -186,7 +190,7 @@ def read_info(root: Path) -> Info | None:
     """Return the decoded ``info.json``; None if there is no such file.
 
     Raises:
-        DatasetError: It cannot be read or decoded, or is a pointer of Git LFS.
+        DatasetError: The file cannot be read or decoded, or is only a pointer of Git LFS.
     """
     try:
         if pointer := pointer_reason(root / INFO):
@@ -199,13 +203,13 @@ def read_info(root: Path) -> Info | None:
 
 
 def layout_of(info: Info) -> Layout:
-    """Return the layout of a dataset that was recorded here.
+    """Return the layout of a dataset that this package has recorded.
 
     Raises:
-        DatasetError: Its version, its fps or its features are not those of a recording.
+        DatasetError: The dataset has a version, rate or features that a recording of this package cannot have.
     """
     if info.fps != int(info.fps):
-        raise DatasetError(f"it has {info.fps} fps, and a recording has a whole number")
+        raise DatasetError(f"its rate is {info.fps} fps, and a recording needs a whole number")
     cameras = tuple(
         CameraShape(key.removeprefix(CAMERA), *info.features[key].height_width)
         for key in info.videos
@@ -220,38 +224,40 @@ def layout_of(info: Info) -> Layout:
         info.robot_type or "", int(info.fps), joints, cameras, min(codecs, default="av1"), units, read_only
     )
     if difference := difference_of(layout.typed_features(), info.features):
-        raise DatasetError(f"its features are not those of a recording: {difference}")
+        raise DatasetError(f"its features differ from those of a recording: {difference}")
     return layout
 
 
 def _named(info: Info, vector: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names and the units of a vector's numbers."""
+    """Return the name and the unit of each value of a vector, such as ``action``."""
     feature = info.features.get(vector)
     return (tuple(feature.flat_names), tuple(feature.flat_units)) if feature else ((), ())
 
 
 def difference_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
-    """Return the first difference between features that matters to a program; empty if there is no such
-    difference."""
+    """Return the first difference between features that matters to a program that reads the data. Empty if
+    there is no such difference."""
     for key in (*ours, *(key for key in theirs if key not in ours)):
-        mine, other = ours.get(key), theirs.get(key)
-        if mine is None or other is None:
+        mine, counterpart = ours.get(key), theirs.get(key)
+        if mine is None or counterpart is None:
             return f"{key} is only in {'the dataset' if mine is None else 'the recording'}"
-        if (here := _essence(mine)) != (there := _essence(other)):
-            return f"{key} is {there}, not {here}"
-        # A dataset that an older version of this package recorded states no units. Its units are the robot's.
-        if mine.flat_units and other.flat_units and mine.flat_units != other.flat_units:
-            here, there = (", ".join(unit or "no unit" for unit in each.flat_units) for each in (mine, other))
-            return f"{key} is in {there}, not in {here}"
+        if (ours_text := _essence(mine)) != (theirs_text := _essence(counterpart)):
+            return f"{key} is {theirs_text}, not {ours_text}"
+        # Older versions of this package did not write units. Such a dataset has the robot's units.
+        if mine.flat_units and counterpart.flat_units and mine.flat_units != counterpart.flat_units:
+            ours_text, theirs_text = (
+                ", ".join(unit or "no unit" for unit in each.flat_units) for each in (mine, counterpart)
+            )
+            return f"{key} is in {theirs_text}, not in {ours_text}"
     return ""
 
 
 def contradiction_of(ours: Mapping[str, Feature], theirs: Mapping[str, Feature]) -> str:
-    """Return which declared feature a recording would not have, or would have in another form; empty if
-    there is no such feature.
+    """Return the first declared feature that a recording would not have, or would have in another form. Empty
+    if there is no such feature.
 
-    It is for a dataset without episodes. LeRobot declares no ``requested_action`` and no ``age_ms``. The
-    first episode adds them.
+    Use this for a dataset without episodes. Its ``info.json`` may lack the features ``requested_action`` and
+    ``age_ms``, because LeRobot does not know them. The first episode adds them.
 
     Args:
         ours: The features of the recording.
@@ -269,7 +275,8 @@ def _essence(feature: Feature) -> str:
 
 
 def tasks_table(tasks: list[str]) -> pa.Table:
-    """Return the table of tasks as pandas would write it, with the text of each task as the index."""
+    """Return the table of tasks in the form in which pandas writes it: the text of each task is its row's
+    index, as LeRobot expects."""
     table = pa.table(
         {"task_index": pa.array(range(len(tasks)), pa.int64()), "__index_level_0__": pa.array(tasks, pa.string())}
     )
@@ -304,11 +311,12 @@ def tasks_of(table: pa.Table) -> list[str]:
     """Return the tasks in the order of their numbers.
 
     Raises:
-        ValueError: They are not numbered from 0. A damaged table raises pyarrow's errors.
+        ValueError: The tasks are not numbered from 0.
+        pyarrow.ArrowException: The table is damaged.
     """
     text = next((name for name in table.column_names if name != "task_index"), "")
     numbers, tasks = (table[name].to_pylist() for name in ("task_index", text))
     ordered = dict(sorted(zip(numbers, tasks, strict=True)))
     if list(ordered) != list(range(len(tasks))) or not all(isinstance(task, str) for task in tasks):
-        raise ValueError("it does not number its tasks from 0")
+        raise ValueError("the tasks are not numbered from 0")
     return list(ordered.values())

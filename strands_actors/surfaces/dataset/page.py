@@ -1,7 +1,7 @@
-"""Serve the recorder's keys as a web page, for touch and gamepads.
+"""Serve the recorder's keys as a web page, for touch screens and gamepads.
 
-An operator needs it away from the recorder's terminal, if the robot is not led by the page of a
-teleoperation (which has these keys, too).
+The page is for an operator that cannot reach the recorder's terminal. The web page of a teleoperation has these
+keys, too.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ async def serve_keys(
         robot: The robot's name.
         host: The address to listen at.
         port: The TCP port.
-        shown: The state that the page shows.
-        command: Called with the word and the time of each key.
-        tell: Called with the address of the page.
+        shown: The source of the state that the page shows.
+        command: Called with the word of each pressed key and the time of the press.
+        tell: Called with the URL of the page.
 
     Raises:
         OSError: The port cannot be opened.

@@ -1,4 +1,4 @@
-"""Repair a dataset after a crash: make episodes of the unfinished ones in staging."""
+"""Repair a dataset after a crash. An unfinished episode is saved with the frames that are complete."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from .dataset import ASIDE, Dataset
+from .dataset import STRAYS, Dataset
 from .episode import Episode
 from .errors import DatasetError
 from .layout import STAGING, read_info
@@ -17,25 +17,26 @@ from .storage import Storage
 
 
 class Repaired(msgspec.Struct, frozen=True):
-    """The result for one staged episode.
+    """The result of a repair for one episode in staging.
 
     Attributes:
-        folder: Its staging folder, or ``finished`` if it was finished and only had to be committed.
-        episode: Its number in the dataset; -1 if no part of it could be kept.
-        frames: Its number of frames.
-        marks: Its defects, in words.
-        problem: Why it could not be kept; empty if it was.
+        folder: The staging folder of the episode. ``finished`` if the recorder had finished the episode, so
+            that it only had to be committed.
+        episode: The number of the episode in the dataset. -1 if it could not be saved.
+        frames: The number of frames.
+        defects: The defects of the episode as text.
+        problem: Why the episode could not be saved. Empty if it was saved.
     """
 
     folder: str
     episode: int
     frames: int
-    marks: str
+    defects: str = msgspec.field(name="marks")
     problem: str = ""
 
 
 class Damage(msgspec.Struct, frozen=True):
-    """A counted episode that cannot be used."""
+    """An episode of the dataset that cannot be used, and the reason."""
 
     episode: int
     problem: str
@@ -43,39 +44,43 @@ class Damage(msgspec.Struct, frozen=True):
 
 class Report(msgspec.Struct, frozen=True):
     dataset: str
-    swept: list[str]  # uncounted files that LeRobot would have read, now in .staging/uncounted
+    # Files that belonged to no episode but that LeRobot would read. They were moved to .staging/uncounted.
+    moved_strays: list[str] = msgspec.field(name="swept")
     repaired: list[Repaired]
     dropped: list[str]
     total_episodes: int
-    damaged: list[Damage] = []  # can be repaired only by a copy of the file
-    faults: list[str] = []  # defects of the whole dataset
+    # Episodes with damaged files. Only the user can repair them, with a backup of the files.
+    damaged: list[Damage] = []
+    faults: list[str] = []  # Defects that concern the whole dataset.
 
     @property
     def is_sound(self) -> bool:
-        """True if the dataset has no defects any more."""
-        return not self.damaged and not self.faults and not any(one.problem for one in self.repaired)
+        """True if the dataset has no defects after the repair."""
+        return not self.damaged and not self.faults and not any(episode.problem for episode in self.repaired)
 
 
 def require_dataset(root: Path) -> None:
     """Raise ``DatasetError`` if the folder has neither ``info.json`` nor a staging folder."""
     if read_info(root) is None and not (root / STAGING).is_dir():
-        raise DatasetError(f"{root} is no dataset: it has no meta/info.json")
+        raise DatasetError(
+            f"{root} is not a dataset, because it has no meta/info.json. Give the folder of a dataset"
+        )
 
 
 def repair(root: Path, drop: bool = False, storage: Storage | None = None) -> Report:
-    """Commit the episodes in staging: the finished ones, and the complete frames of the unfinished ones.
+    """Save the episodes in staging: finished episodes, and the complete frames of unfinished episodes.
 
-    A damaged counted episode is reported and not changed.
+    A damaged episode of the dataset is reported, and not changed.
 
     Args:
         root: The folder of the dataset.
-        drop: Remove unfinished episodes, and the files that were put aside, instead. Finished episodes
-            are kept in any case.
+        drop: Remove unfinished episodes and the files in ``.staging/uncounted``, instead of saving them.
+            Finished episodes are always saved.
         storage: The disk; a test may replace it.
 
     Raises:
-        DamagedError: It is not certain which episodes are counted. Nothing was touched.
-        DatasetError: It is no dataset, or another process writes into it.
+        DamagedError: It is not certain which episodes the dataset has. No file was changed.
+        DatasetError: The folder is not a dataset, or another process writes into it.
     """
     require_dataset(root)
     dataset = Dataset(root, storage, accept_damage=True)
@@ -88,14 +93,20 @@ def repair(root: Path, drop: bool = False, storage: Storage | None = None) -> Re
                 dropped.append(folder.name)
             else:
                 repaired.append(_repair(dataset, folder))
-        aside = dataset.staging / ASIDE
-        # If an episode is damaged, its missing frames may be in a file that was put aside.
-        if drop and aside.exists() and not dataset.checked.damaged:
-            dropped += sorted(str(path.relative_to(aside)) for path in aside.rglob("*") if path.is_file())
-            dataset.storage.remove(aside)
-        damaged = [Damage(number, why) for number, why in sorted(dataset.checked.damaged.items())]
+        strays = dataset.staging / STRAYS
+        # If an episode is damaged, its missing frames may be in a stray file.
+        if drop and strays.exists() and not dataset.checked.damaged:
+            dropped += sorted(str(path.relative_to(strays)) for path in strays.rglob("*") if path.is_file())
+            dataset.storage.remove(strays)
+        damaged = [Damage(number, reason) for number, reason in sorted(dataset.checked.damaged.items())]
         return Report(
-            str(root), dataset.swept, repaired, dropped, len(dataset.episodes), damaged, dataset.checked.faults
+            str(root),
+            dataset.moved_strays,
+            repaired,
+            dropped,
+            len(dataset.episodes),
+            damaged,
+            dataset.checked.faults,
         )
     finally:
         dataset.close()
@@ -109,16 +120,17 @@ def _repair(dataset: Dataset, folder: Path) -> Repaired:
 
 
 def _repaired(folder: str, episode: Episode) -> Repaired:
-    return Repaired(folder, episode.index, episode.frames, episode.marks.told)
+    return Repaired(folder, episode.index, episode.frames, episode.quality.as_text)
 
 
 def _written(folder: Path) -> float:
-    """Return the time of the last write into a folder, in seconds since the epoch; 0 if it is gone."""
+    """Return the time of the last write into a folder, in seconds since 1970. 0 if the folder does not
+    exist."""
     newest = 0.0
     with contextlib.suppress(FileNotFoundError):
         newest = folder.stat().st_mtime
         for path in folder.iterdir():
-            with contextlib.suppress(FileNotFoundError):  # it was renamed to its final place
+            with contextlib.suppress(FileNotFoundError):  # The file may just have been renamed to its final name.
                 newest = max(newest, path.stat().st_mtime)
     return newest
 
@@ -127,21 +139,21 @@ class Unfinished(msgspec.Struct, frozen=True):
     folder: str
     task: str
     frames: int
-    seconds_since: float  # since the last write into it
+    seconds_since: float  # Time since the last write into the folder, in seconds.
     problem: str = ""
 
 
 def unfinished_in(root: Path) -> list[Unfinished]:
-    """Return the episodes in staging. Nothing is touched, since a recorder may be writing them."""
-    found = []
+    """Return the episodes in staging. No file is changed, since a recorder may be writing an episode."""
+    episodes = []
     for folder in staged_folders(root / STAGING):
         since = round(time.time() - _written(folder), 1)
         try:
             staged = read_staged(folder)
         except DatasetError as problem:
-            if not folder.exists():  # it was committed or discarded meanwhile
+            if not folder.exists():  # The episode has just been committed or discarded.
                 continue
-            found.append(Unfinished(folder.name, "", 0, since, str(problem)))
+            episodes.append(Unfinished(folder.name, "", 0, since, str(problem)))
         else:
-            found.append(Unfinished(folder.name, staged.about.task, staged.table.num_rows, since))
-    return found
+            episodes.append(Unfinished(folder.name, staged.about.task, staged.table.num_rows, since))
+    return episodes

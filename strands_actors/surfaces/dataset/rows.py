@@ -1,4 +1,4 @@
-"""Decode the index of a dataset: one row for each episode. Pure."""
+"""Decode the index of a dataset, which has one row for each episode."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from .errors import DatasetError
 from .info import Count, Info
 from .layout import FileSlot
-from .statistics import Figures
+from .statistics import Statistics
 from .tables import read_table, refuse_damage
 
 Number = Annotated[int, msgspec.Meta(ge=0, le=10**9)]
@@ -24,7 +24,8 @@ NEEDED = ("min", "max", "mean", "std")
 
 
 class VideoSpan(msgspec.Struct, frozen=True):
-    """The start of an episode's pictures: a file, relative to the dataset, and a time in it."""
+    """Where the pictures of an episode begin: the path of a video, relative to the dataset, and a time in
+    it."""
 
     path: Path
     start_s: float
@@ -36,10 +37,10 @@ class EpisodeRow(msgspec.Struct, frozen=True):
     number: int
     tasks: tuple[str, ...]
     frames: int
-    first: int  # the number of its first frame in the dataset
+    first: int  # Number of the episode's first frame, counted over the whole dataset.
     data: Path
     videos: dict[str, VideoSpan]
-    figures: dict[str, Figures]
+    statistics: dict[str, Statistics]
 
 
 class _Row(
@@ -63,7 +64,7 @@ class _Video(msgspec.Struct, frozen=True):
 
 
 class OlderRow(msgspec.Struct, frozen=True):
-    """A line of ``meta/episodes.jsonl``."""
+    """A line of ``meta/episodes.jsonl``, which describes an episode in version 2."""
 
     episode_index: Number
     length: Length
@@ -71,14 +72,14 @@ class OlderRow(msgspec.Struct, frozen=True):
 
 
 class OlderTask(msgspec.Struct, frozen=True):
-    """A line of ``meta/tasks.jsonl``."""
+    """A line of ``meta/tasks.jsonl``, which has a task in version 2."""
 
     task_index: Number
     task: str
 
 
-class OlderFigures(msgspec.Struct, frozen=True):
-    """A line of ``meta/episodes_stats.jsonl``."""
+class OlderStatistics(msgspec.Struct, frozen=True):
+    """A line of ``meta/episodes_stats.jsonl``, which has the statistics of an episode in version 2.1."""
 
     episode_index: Number
     stats: dict[str, dict[str, Any]]
@@ -95,14 +96,16 @@ def decode_row(row: Mapping[str, Any], info: Info) -> EpisodeRow:
         spans = {}
         for key in info.videos:
             prefix = f"videos/{key}/"
-            given = {name.removeprefix(prefix): value for name, value in row.items() if name.startswith(prefix)}
-            video = msgspec.convert(given, _Video)
+            video_fields = {
+                name.removeprefix(prefix): value for name, value in row.items() if name.startswith(prefix)
+            }
+            video = msgspec.convert(video_fields, _Video)
             spans[key] = VideoSpan(FileSlot(video.chunk_index, video.file_index).video(key), video.from_timestamp)
     except msgspec.ValidationError as wrong:
-        raise DatasetError(f"its row of the index is wrong: {wrong}") from wrong
+        raise DatasetError(f"the index is wrong about this episode: {wrong}") from wrong
     if fields.dataset_to_index - fields.dataset_from_index != fields.length:
         raise DatasetError(
-            f"its row of the index contradicts itself: length {fields.length}, "
+            f"the index contradicts itself about this episode: length {fields.length}, "
             f"frames {fields.dataset_from_index} to {fields.dataset_to_index}"
         )
     return EpisodeRow(
@@ -112,7 +115,7 @@ def decode_row(row: Mapping[str, Any], info: Info) -> EpisodeRow:
         fields.dataset_from_index,
         FileSlot(fields.data_chunk, fields.data_file).data,
         spans,
-        figures_in(row),
+        statistics_in(row),
     )
 
 
@@ -133,13 +136,15 @@ def frames_of(root: Path, row: EpisodeRow, without: Collection[str] = ()) -> pa.
 
 
 def slot_stated(row: Mapping[str, Any]) -> FileSlot | None:
-    """Return the file of the index that a row names as its own; None if it names no file."""
+    """Return the index file in which a row should stand, by its own columns. None if it does not state a
+    file."""
     chunk, file = row.get("meta/episodes/chunk_index"), row.get("meta/episodes/file_index")
     return FileSlot(chunk, file) if isinstance(chunk, int) and isinstance(file, int) else None
 
 
-def older_row(row: OlderRow, first: int, figures: Mapping[str, Any], info: Info) -> EpisodeRow:
-    """Return an episode of version 2. It has separate files, and their names follow from its number."""
+def older_row(row: OlderRow, first: int, statistics: Mapping[str, Any], info: Info) -> EpisodeRow:
+    """Return the row of an episode in version 2, where each episode has separate files with its number in their
+    names."""
     chunk = f"chunk-{row.episode_index // info.chunks_size:03d}"
     name = f"episode_{row.episode_index:06d}"
     return EpisodeRow(
@@ -149,22 +154,23 @@ def older_row(row: OlderRow, first: int, figures: Mapping[str, Any], info: Info)
         first,
         Path("data") / chunk / f"{name}.parquet",
         {key: VideoSpan(Path("videos") / chunk / key / f"{name}.mp4", 0.0) for key in info.videos},
-        {feature: usable for feature, values in figures.items() if (usable := usable_figures(values))},
+        {feature: usable for feature, values in statistics.items() if (usable := usable_statistics(values))},
     )
 
 
-def figures_in(row: Mapping[str, Any]) -> dict[str, Figures]:
-    """Return the figures in a row of the index. Figures that cannot be used are left out."""
-    found: dict[str, Figures] = {}
+def statistics_in(row: Mapping[str, Any]) -> dict[str, Statistics]:
+    """Return the usable statistics in a row of the index, by feature."""
+    by_feature: dict[str, Statistics] = {}
     for name, value in row.items():
         if name.startswith("stats/") and value is not None:
-            feature, _, figure = name.removeprefix("stats/").rpartition("/")
-            found.setdefault(feature, {})[figure] = value
-    return {feature: usable for feature, values in found.items() if (usable := usable_figures(values))}
+            feature, _, statistic = name.removeprefix("stats/").rpartition("/")
+            by_feature.setdefault(feature, {})[statistic] = value
+    return {feature: usable for feature, values in by_feature.items() if (usable := usable_statistics(values))}
 
 
-def usable_figures(values: object) -> Figures | None:
-    """Return figures in one shape, as nested lists; None if a needed one is missing or a shape differs."""
+def usable_statistics(values: object) -> Statistics | None:
+    """Return the statistics of a feature as nested lists. Return None if one of ``NEEDED`` is missing, or if
+    they do not all have the same shape."""
     if not isinstance(values, Mapping):
         return None
     try:
@@ -173,7 +179,7 @@ def usable_figures(values: object) -> Figures | None:
         shapes = {array.shape for array in arrays.values()}
         if not set(NEEDED) <= arrays.keys() or len(shapes) != 1 or count.size != 1 or not count[0] >= 1:
             return None
-        if not next(iter(shapes)):  # a single number
+        if not next(iter(shapes)):  # Statistics of a single number may lack the dimension that LeRobot's have.
             arrays = {name: array.reshape(1) for name, array in arrays.items()}
         return {name: array.tolist() for name, array in arrays.items()} | {"count": [int(count[0])]}
     except (ValueError, TypeError, KeyError, OverflowError):

@@ -1,4 +1,5 @@
-"""The recorder process: attach to the robot, open the dataset, and carry out the demonstrator's commands."""
+"""Run the recorder process of a dataset: connect to the robot, open the dataset, and carry out the commands of
+the demonstrator (the person that shows the task)."""
 
 from __future__ import annotations
 
@@ -28,9 +29,9 @@ FPS = (1, 240)
 
 
 class Command(Protocol):
-    """The type of ``DatasetSession.command``."""
+    """The signature of ``DatasetSession.command``."""
 
-    def __call__(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None: ...
+    def __call__(self, word: str, pressed_ns: int = 0, command_number: int = 0) -> None: ...
 
 
 Controls = Callable[[Command], Awaitable[None]]
@@ -38,15 +39,15 @@ Controls = Callable[[Command], Awaitable[None]]
 
 
 class Onlooker:
-    """Keeps the recording's state for operators away from the recorder's terminal."""
+    """Keeps the recording's state for display on web pages, away from the recorder's terminal."""
 
     def __init__(self, tell: Callable[[EpisodeState], None] = lambda state: None) -> None:
         self._tell = tell
         self.state = EpisodeState()
 
-    def hear(self, event: Event) -> None:
-        running = event.what == "started" or (event.what == "refused" and self.state.running)
-        self._show(msgspec.structs.replace(self.state, running=running, said=event.line))
+    def add_event(self, event: Event) -> None:
+        running = event.type == "started" or (event.type == "refused" and self.state.running)
+        self._show(msgspec.structs.replace(self.state, running=running, last_event=event.line))
 
     def show(self, progress: Progress) -> None:
         running = progress.state == State.RECORDING
@@ -62,28 +63,30 @@ class EpisodeSummary(msgspec.Struct, frozen=True):
     frames: int
     seconds: float
     gaps: int
-    marks: str
+    defects: str = msgspec.field(name="marks")
 
 
 class Summary(msgspec.Struct, frozen=True):
     dataset: str
     robot: str
     seconds: float
-    episodes: list[EpisodeSummary]  # of this recording
+    episodes: list[EpisodeSummary]  # The episodes of this recording.
     total_episodes: int
-    swept: list[str]  # files that were not counted when the dataset was opened, now in .staging/uncounted
-    left: str  # the part that is left to repair; empty if the last episode is complete
+    # Files that belonged to no episode when the dataset was opened. They were moved to .staging/uncounted.
+    moved_strays: list[str] = msgspec.field(name="swept")
+    # What remains to be repaired, as text. Empty if the last episode is complete.
+    remaining: str = msgspec.field(name="left")
     ended: str
 
 
 def require_order(order: Order) -> None:
-    """Raise ``DatasetError`` if an order cannot be recorded."""
+    """Check the options of a recording. Raise ``DatasetError`` if an option is wrong."""
     if not isinstance(order.task, str) or not order.task.strip():
-        raise DatasetError("a dataset needs a task: a sentence that says what is shown")
+        raise DatasetError("task is missing. Give a sentence that describes the task")
     if type(order.fps) is not int or not FPS[0] <= order.fps <= FPS[1]:
-        raise DatasetError(f"fps {order.fps!r}: a whole number from {FPS[0]} to {FPS[1]}")
+        raise DatasetError(f"fps is {order.fps!r}. Give a whole number from {FPS[0]} to {FPS[1]}")
     if len(set(order.cameras)) < len(order.cameras):
-        raise DatasetError(f"cameras {', '.join(order.cameras)}: one is named twice")
+        raise DatasetError(f"cameras is {', '.join(order.cameras)}. Give each camera once")
     if order.codec is not None:
         require_codec(order.codec, [])
 
@@ -96,13 +99,13 @@ async def record_episodes(
     attach: Attach = attach_camera,
     storage: Storage | None = None,
 ) -> Summary:
-    """Record episodes until ``quit``, the last episode, Ctrl-C or the end of the robot.
+    """Record episodes until the command ``quit``, the last requested episode, Ctrl-C, or the end of the robot.
 
-    It must run in the main thread, since it receives signals.
+    Call this in the main thread, since it receives signals.
 
     Args:
         order: The options of the recording.
-        controls: Delivers the demonstrator's commands.
+        controls: Function that reads the demonstrator's commands and passes them on.
         tell: Called with each event.
         show: Called with the progress, once per second.
         attach: Opens a camera; a test may replace it.
@@ -137,8 +140,8 @@ async def _record(
             recorder: Recorder[DatasetSession]
             operator = Onlooker(node.ref(addresses.of(order.robot).tasks, Tasks).tell)
 
-            def told(event: Event) -> None:
-                operator.hear(event)
+            def on_event(event: Event) -> None:
+                operator.add_event(event)
                 tell(event)
 
             session = DatasetSession(
@@ -146,8 +149,8 @@ async def _record(
                 dataset,
                 readers,
                 shapes,
-                told,
-                end=lambda why: recorder.end(why),
+                on_event,
+                end=lambda reason: recorder.end(reason),
                 fail=lambda failure: recorder.fail(failure),
             )
             begun = trio.Event()
@@ -167,9 +170,9 @@ async def _record(
                     operator.show(now)
                     show(now)
 
-            async def after(what: Callable[[], Awaitable[None]]) -> None:
+            async def after(run: Callable[[], Awaitable[None]]) -> None:
                 await begun.wait()
-                await what()
+                await run()
 
             async def listen() -> None:
                 async for _ in signals:
@@ -184,12 +187,18 @@ async def _record(
                 ending = await recorder.run(node)
             finally:
                 with trio.CancelScope(shield=True):
-                    left = await session.leave()
+                    remaining = await session.leave()
                 for reader in readers.values():
                     reader.close()
     saved = [
-        EpisodeSummary(one.index, one.frames, round(one.frames / order.fps, 3), one.marks.gaps, one.marks.told)
-        for one in session.saved
+        EpisodeSummary(
+            episode.index,
+            episode.frames,
+            round(episode.frames / order.fps, 3),
+            episode.quality.gaps,
+            episode.quality.as_text,
+        )
+        for episode in session.saved
     ]
     return Summary(
         order.root,
@@ -197,9 +206,9 @@ async def _record(
         ending.seconds,
         saved,
         len(dataset.episodes),
-        dataset.swept,
-        left,
-        ending.why,
+        dataset.moved_strays,
+        remaining,
+        ending.reason,
     )
 
 

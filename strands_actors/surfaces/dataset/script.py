@@ -20,7 +20,7 @@ import msgspec
 
 from strands_actors.contract.shown import shown
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
-from strands_actors.surfaces.recording.given import name_of, path_of, started
+from strands_actors.surfaces.recording.arguments import name_of_robot, name_of_started, path_of
 
 from .errors import DatasetError
 from .run import require_order
@@ -63,29 +63,29 @@ def record_dataset(
                 ...
 
     Args:
-        robot: A robot, or the name of a running one. A robot that is not connected yet is connected, as
-            by its first command.
-        root: The folder of the dataset. A new one is created, and an existing one grows.
+        robot: A robot, or the name of a running robot. A robot that is not connected yet is connected first.
+        root: The folder of the dataset. If a dataset exists in it, the episodes are added.
         task: The task of the episodes, as a sentence.
         fps: Frames per second, from 1 to 240.
         cameras: The names of the robot's cameras.
-        codec: The codec of the videos, ``av1`` or ``mpeg4``. None: that of the dataset, or else ``av1``.
+        codec: The codec of the videos, ``av1`` or ``mpeg4``. None means the codec of the existing videos, or
+            ``av1`` for a new dataset.
 
     Returns:
         The recording, to be used in a ``with`` statement.
 
     Raises:
-        RecordingError: It cannot be recorded. The robot is not affected.
+        RecordingError: An argument is wrong, or the robot cannot be connected. A running robot is not affected.
     """
     func = "record_dataset"
-    name = name_of(func, robot, DatasetError)
+    name = name_of_robot(func, robot, DatasetError)
     folder = os.path.abspath(path_of(func, "root", root, DatasetError))
     named = (cameras,) if isinstance(cameras, str) else cameras
     if not isinstance(named, Sequence) or not all(isinstance(each, str) and each.strip() for each in named):
-        raise DatasetError(f"{func}: cameras is {shown(cameras)}. give the names of the robot's cameras, in a list")
+        raise DatasetError(f"{func}: cameras is {shown(cameras)}. Give the names of the robot's cameras, in a list")
     order = Order(name, folder, task, fps, tuple(named), codec)
     require_order(order)
-    started(func, robot, DatasetError)
+    name_of_started(func, robot, DatasetError)
     return DatasetRecording(order)
 
 
@@ -98,13 +98,14 @@ class DatasetRecording:
     def __init__(self, order: Order) -> None:
         self._order = order
         self._process: subprocess.Popen[bytes] | None = None
-        self._said = bytearray()
-        self._answers: queue.SimpleQueue[Event | None] = queue.SimpleQueue()  # None: its output has ended
-        self._heard = 0  # number of received lines
-        self._ended = ""  # why the recording ended
-        self._asked = 0  # number of the last command
+        self._error_output = bytearray()
+        # Events of the recorder. None means that its output has ended.
+        self._answers: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._line_count = 0  # Number of lines that the recorder has sent.
+        self._ended = ""  # The reason why the recording ended.
+        self._command_number = 0  # Number of the last command, counted from 1.
         self.saved: list[dict[str, object]] = []
-        """The saved episodes: ``episode`` (its number), ``frames`` and ``marks`` of each."""
+        """The saved episodes: ``episode`` (its number), ``frames`` and ``marks`` (its defects as text) of each."""
 
     def __enter__(self) -> DatasetRecording:
         self._process = subprocess.Popen(
@@ -114,10 +115,10 @@ class DatasetRecording:
             stderr=subprocess.PIPE,
             env=environment(),
         )
-        # Read its output all the time, so that the recorder never waits for a full pipe.
+        # Read the recorder's output all the time, so that the recorder never waits for a full pipe.
         self._listeners = [
             threading.Thread(target=listen, args=(self._process,), daemon=True)
-            for listen in (self._listen, self._hear)
+            for listen in (self._read_errors, self._read_events)
         ]
         for listener in self._listeners:
             listener.start()
@@ -129,41 +130,42 @@ class DatasetRecording:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the recording. A running episode is not finished, but can be repaired."""
+        """End the recording. An episode that is still running stays unfinished, and can be repaired."""
         process = self._process
-        if process is None:  # the recorder was ended after a timeout, or has ended
+        if process is None:  # The recorder has already ended, or was killed after a timeout.
             return
         process.send_signal(signal.SIGINT)
         self._wait_for_its_end()
-        why = self._why() if process.returncode else ""
+        failure = self._failure() if process.returncode else ""
         self._close()
-        if why and kind is None:  # an error of the block is more important
-            raise DatasetError(why)
+        if failure and error_type is None:  # Do not hide an exception of the block.
+            raise DatasetError(failure)
 
     def start(self) -> None:
         """Begin an episode.
 
         Raises:
-            RecordingError: It cannot begin: a camera has no picture, or the disk is full.
+            RecordingError: The episode cannot begin, for example because a camera has no picture or the disk
+                is full.
         """
         self._tell("start", "started")
 
     def finish(self) -> None:
-        """Finish the episode, and wait until it is counted and on the disk.
+        """Finish the episode, and wait until it is saved on the disk.
 
         Raises:
-            RecordingError: It could not be saved.
+            RecordingError: The episode could not be saved.
         """
         event = self._tell("finish", "saved")
-        self.saved.append({"episode": event.episode, "frames": event.frames, "marks": event.marks})
+        self.saved.append({"episode": event.episode, "frames": event.frames, "marks": event.defects})
 
     def discard(self) -> None:
-        """Remove the running episode.
+        """Remove the running episode without saving it.
 
         Raises:
-            RecordingError: No episode runs, or the recorder has ended.
+            RecordingError: No episode is running, or the recorder has ended.
         """
         self._tell("discard", "discarded")
 
@@ -174,55 +176,57 @@ class DatasetRecording:
         try:
             yield
         except BaseException:
-            with contextlib.suppress(DatasetError):  # the block's own error is more important
+            with contextlib.suppress(DatasetError):  # Do not hide the exception of the block.
                 self.discard()
             raise
         self.finish()
 
     def _tell(self, word: str, answer: str) -> Event:
-        self._asked += 1
+        self._command_number += 1
         if self._process is None or self._process.stdin is None:
-            raise DatasetError(self._ended or f"{word}: nothing is recorded outside the with block")
+            raise DatasetError(self._ended or f"{word}: the recording is not open. Call it inside the with block")
         try:
-            self._process.stdin.write(f"{self._asked} {word}\n".encode())
+            self._process.stdin.write(f"{self._command_number} {word}\n".encode())
             self._process.stdin.flush()
         except BrokenPipeError:
             return self._raise_reason()
         return self._wait_for(answer, ANSWER_S, SILENT_S)
 
-    def _wait_for(self, what: str, within_s: float, silent_s: float) -> Event:
-        """Return the answer to the last command. Events with other numbers belong to the keys of a page."""
+    def _wait_for(self, event_type: str, within_s: float, silent_s: float) -> Event:
+        """Wait for the answer to the last command and return it. Ignore events with other numbers, which come
+        from keys on a web page."""
         waited_s = silence_s = 0.0
-        heard = self._heard
+        line_count = self._line_count
         while waited_s < within_s and silence_s < silent_s:
             try:
                 event = self._answers.get(timeout=SLICE_S)
             except queue.Empty:
-                # Count time in slices. A suspended script has not listened, so that time must not count.
+                # Count the waiting time in short slices. If this script is suspended, the time of the
+                # suspension is then not counted as silence of the recorder.
                 waited_s += SLICE_S
-                silence_s = silence_s + SLICE_S if self._heard == heard else 0.0
-                heard = self._heard
+                silence_s = silence_s + SLICE_S if self._line_count == line_count else 0.0
+                line_count = self._line_count
                 continue
             if event is None:
                 return self._raise_reason()
-            if event.asked != self._asked:
+            if event.command_number != self._command_number:
                 continue
-            if event.what == what:
+            if event.type == event_type:
                 return event
-            if event.what == "refused":
+            if event.type == "refused":
                 raise DatasetError(event.text)
-        return self._give_up(f"does not answer: nothing was {what} within {min(waited_s, within_s):g} s")
+        return self._give_up(f"did not answer ({event_type}) within {min(waited_s, within_s):g} s")
 
-    def _give_up(self, why: str) -> NoReturn:
-        """Kill the recorder, because its state is unknown, and raise. Its dataset can be repaired
+    def _give_up(self, failure: str) -> NoReturn:
+        """Kill a recorder that does not answer, and raise ``DatasetError``. The dataset can be repaired
         afterwards."""
         self._kill()
-        self._ended = f"the recorder {why}, and was ended. {self._remedy()}"
+        self._ended = f"the recorder {failure}, so it was killed. {self._remedy()}"
         raise DatasetError(self._ended)
 
     def _raise_reason(self) -> NoReturn:
         self._wait_for_its_end()
-        self._ended = self._why()
+        self._ended = self._failure()
         self._close()
         raise DatasetError(self._ended)
 
@@ -235,27 +239,31 @@ class DatasetRecording:
             self._end_it()
         self._join()
 
-    def _why(self) -> str:
+    def _failure(self) -> str:
         assert self._process is not None
-        said = self._said.decode(errors="replace").strip()
-        return said or self._ended or f"the recorder ended with code {self._process.returncode}. {self._remedy()}"
+        error_output = self._error_output.decode(errors="replace").strip()
+        return (
+            error_output
+            or self._ended
+            or f"the recorder ended with code {self._process.returncode}. {self._remedy()}"
+        )
 
     def _remedy(self) -> str:
-        return f"`strands-actors dataset repair {self._order.root}` makes an episode of what it has recorded"
+        return f"Save the recorded frames with `strands-actors dataset repair {self._order.root}`"
 
-    def _listen(self, process: subprocess.Popen[bytes]) -> None:
+    def _read_errors(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stderr is not None
         while piece := process.stderr.read1(4096):  # type: ignore[attr-defined]
-            self._said += piece
+            self._error_output += piece
 
-    def _hear(self, process: subprocess.Popen[bytes]) -> None:
+    def _read_events(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
         for line in process.stdout:
-            self._heard += 1
+            self._line_count += 1
             event = msgspec.json.decode(line, type=Event)
-            if event.what == "ended":
+            if event.type == "ended":
                 self._ended = event.text
-            elif event.asked or event.what == "ready":
+            elif event.command_number or event.type == "ready":
                 self._answers.put(event)
         self._answers.put(None)
 
@@ -267,7 +275,8 @@ class DatasetRecording:
     def _end_it(self) -> None:
         assert self._process is not None
         self._process.kill()
-        with contextlib.suppress(subprocess.TimeoutExpired):  # a hanging disk may delay its end
+        # A killed process may wait for a disk that does not answer.
+        with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(KILL_S)
         self._join()
 

@@ -1,10 +1,11 @@
 """Record episodes of one robot. The demonstrator's commands begin and end them.
 
-The session is the sink of a recorder, which delivers the robot's journal. Each period it takes the newest
-picture of each camera and queues a frame (``frames``). Built frames go to a worker thread, which encodes and
-writes them. If the worker is too slow, frames are dropped, and the episode counts them as gaps.
+A recorder delivers the robot's journal (its internal messages) to the session. Each period, the session takes
+the newest picture of each camera and queues a frame. The module ``frames`` builds the frames. A worker thread
+encodes and writes them. If the worker is too slow, frames are dropped, and the episode counts them as gaps.
 
-States: IDLE (between episodes), RECORDING, and FINISHING (the last frames still wait for the journal).
+The states are IDLE (between episodes), RECORDING, and FINISHING (the last frames wait for entries of the
+journal).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from .cameras import CameraReader, frame_of
 from .dataset import Dataset
 from .episode import Episode
 from .errors import DatasetError
-from .frames import Assembler, Axes, Made, missed
+from .frames import Assembler, Axes, BuiltFrame, missed
 from .layout import CameraShape, Layout
 from .staging import Picture, StagedEpisode, new_folder
 from .video import VideoError
@@ -60,9 +61,10 @@ class Order(msgspec.Struct, frozen=True):
         task: The task of the episodes, as a sentence.
         fps: Frames per second.
         cameras: Names of the cameras.
-        codec: The codec of the videos. None: that of the dataset, or else the default.
-        episodes: End after so many episodes. None: no limit.
-        seconds: Begin each episode automatically, and end it after this time. None: on command.
+        codec: The codec of the videos. None means the codec of the existing videos, or the default for a new
+            dataset.
+        episodes: Number of episodes after which the recording ends. None means no limit.
+        seconds: Length of an episode, if episodes begin and end automatically. None means on command.
     """
 
     robot: str
@@ -82,35 +84,36 @@ class State(enum.StrEnum):
 
 
 class Event(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An event of a recording.
+    """An event of a recording, for the operator or a script.
 
     Attributes:
-        what: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``alive`` is a
+        type: ``ready``, ``started``, ``saved``, ``discarded``, ``refused`` or ``ended``; ``alive`` is a
             heartbeat.
         episode: The number of the episode.
-        frames: Its number of frames.
-        marks: Its defects, in words.
-        text: A message.
-        asked: The number of the command that this answers; 0 if the command had no number.
+        frames: The number of frames in the episode.
+        defects: The defects of the episode as text.
+        text: A message for the user.
+        command_number: The number of the command that this event answers. 0 if the event answers no numbered
+            command.
     """
 
-    what: str
+    type: str = msgspec.field(name="what")
     episode: int = -1
     frames: int = 0
-    marks: str = ""
+    defects: str = msgspec.field(default="", name="marks")
     text: str = ""
-    asked: int = 0
+    command_number: int = msgspec.field(default=0, name="asked")
 
     @property
     def line(self) -> str:
-        """The event as a line of text."""
-        match self.what:
+        """The event as a line of text for the user."""
+        match self.type:
             case "ready":
                 return f"recording {self.text}"
             case "started":
                 return f"episode {self.episode}: recording"
             case "saved":
-                return f"episode {self.episode}: {self.frames} frames, {self.marks or 'nothing missing'}; saved"
+                return f"episode {self.episode}: {self.frames} frames, {self.defects or 'nothing missing'}; saved"
             case "discarded":
                 return f"episode {self.episode}: discarded"
             case _:
@@ -125,22 +128,22 @@ class Progress(msgspec.Struct, frozen=True):
     seconds: float
     fps: float
     gaps: int
-    late: int  # frames with a stale state or picture
+    late: int  # Number of frames with a state or a picture that is too old.
     free_bytes: int
 
     @property
     def line(self) -> str:
-        """The progress as a line of text."""
+        """The progress as a line of text for the user."""
         done = f"{self.done}{'' if self.of is None else f'/{self.of}'} saved"
-        left = f"{self.free_bytes / 1e9:.1f} GB left"
+        free = f"{self.free_bytes / 1e9:.1f} GB left"
         if self.state == State.IDLE:
-            return f"{done}, {left}"
+            return f"{done}, {free}"
         late = f", {self.late} late" if self.late else ""
-        return f"{done}, {self.state} {self.seconds:.0f} s, {self.fps:.0f} fps, {self.gaps} gaps{late}, {left}"
+        return f"{done}, {self.state} {self.seconds:.0f} s, {self.fps:.0f} fps, {self.gaps} gaps{late}, {free}"
 
 
 class DatasetSession:
-    """One recording. It is the sink of a ``Recorder``."""
+    """One recording of episodes. A ``Recorder`` delivers the robot's journal to it."""
 
     def __init__(
         self,
@@ -166,20 +169,20 @@ class DatasetSession:
         self._worker = Worker(max(2, min(QUEUE_FRAMES, QUEUE_BYTES // size)))
         self._state = State.IDLE
         self.is_ready = self._leaving = self._has_ended = False
-        self._number = len(dataset.episodes)  # of the running episode, or the next
-        self._finish_asked = 0  # the number of the command that finishes the episode
+        self._number = len(dataset.episodes)  # Number of the running episode, or of the next episode.
+        self._finish_command_number = 0  # Number of the command that has ended the running episode.
         self._finished = 0
-        self._episode: StagedEpisode | None = None  # used in the worker's thread
+        self._episode: StagedEpisode | None = None  # Used in the worker's thread, and by ``leave`` at the end.
         self._shown: dict[str, tuple[Picture, int]] = {}
         self._began_ns = self._last_ns = self._first_ns = 0
-        self._frames = self._gaps = self._late = 0  # of the running episode
-        self._seen = 0  # frames since the last call of ``progress``
+        self._frames = self._gaps = self._late = 0  # Counters of the running episode.
+        self._frames_since = 0  # Number of frames since the last call of ``progress``.
         self.saved: list[Episode] = []
 
     # -- the sink
 
     def open_sink(self, attached: Attached) -> DatasetSession:
-        self._kind = f"strands_{attached.driver['robot']}"
+        self._robot_type = f"strands_{attached.driver['robot']}"
         self._view = View("wire", attached.axes, 0)
         self._assembler = Assembler(axes_of(attached), self._period_ns / NS)
         self._opened_ns = self._clock.now_ns()
@@ -192,34 +195,37 @@ class DatasetSession:
     def add(self, source: str, batch: Batch) -> None:
         entries = decode_entries(msgspec.msgpack.encode(batch.entries))
         if source == "wire":
-            self._assembler.hear(self._view.rows(entries))
+            self._assembler.add_entries(self._view.rows(entries))
             return
         for key in keys_pressed(entries):
             self.command(key.word, key.t_ns)
 
-    def lost(self, source: str, why: str) -> None:
+    def lost(self, source: str, reason: str) -> None:
         if source == "wire":
-            self._assembler.hear(self._view.lost(self._clock.now_ns(), why))
+            self._assembler.add_entries(self._view.lost(self._clock.now_ns(), reason))
 
     def flush(self) -> None:
-        """Do nothing. Everything pending is already in the worker."""
+        """Do nothing. All built frames are already queued for the worker thread."""
 
     def close(self) -> None:
-        """Do nothing. The worker may still write: see ``leave``."""
+        """Do nothing. The worker thread may still write, and ``leave`` waits for it."""
 
     # -- the demonstrator's commands
 
-    def command(self, word: str, pressed_ns: int = 0, asked: int = 0) -> None:
-        """Carry out a command. The result is an ``Event``.
+    def command(self, word: str, pressed_ns: int = 0, command_number: int = 0) -> None:
+        """Carry out a command of the demonstrator. The result is reported as an ``Event``.
 
         Args:
             word: ``start``, ``finish``, ``discard``, ``again`` or ``quit``; ``toggle`` starts or finishes.
             pressed_ns: When a remote operator pressed the key, in nanoseconds of CLOCK_MONOTONIC; 0 for
                 a local command.
-            asked: The number of the command, which its event repeats; 0 for a command without a number.
+            asked: The number of the command. The event that answers the command has the same number. 0 means no
+                number.
         """
         if pressed_ns and (late_ns := self._clock.now_ns() - pressed_ns) > PRESSED_NS:
-            self._refuse(f"{word}: that was pressed {late_ns / NS:.1f} s ago. press it again", asked)
+            self._refuse(
+                f"{word}: the key press arrived {late_ns / NS:.1f} s late. press the key again", command_number
+            )
             return
         if word == "toggle":
             word = "finish" if self._state is State.RECORDING else "start"
@@ -231,39 +237,41 @@ class DatasetSession:
             "quit": self._quit,
         }.get(word)
         if do is None:
-            self._refuse(f"there is no command {word[:40]!r}. use start, finish, discard, again or quit", asked)
+            self._refuse(
+                f"there is no command {word[:40]!r}. Use start, finish, discard, again or quit", command_number
+            )
         else:
-            do(asked)
+            do(command_number)
 
-    def _refuse(self, why: str, asked: int) -> None:
-        self._tell(Event("refused", self._number, text=why, asked=asked))
+    def _refuse(self, reason: str, command_number: int) -> None:
+        self._tell(Event("refused", self._number, text=reason, command_number=command_number))
 
-    def _start(self, asked: int = 0) -> None:
-        if why := self._cannot_start():
-            self._refuse(f"start: {why}", asked)
+    def _start(self, command_number: int = 0) -> None:
+        if reason := self._cannot_start():
+            self._refuse(f"start: {reason}", command_number)
             return
         self._assembler.begin()
         self._state = State.RECORDING
         self._began_ns = self._clock.now_ns()
         self._last_ns = self._frames = self._gaps = self._late = 0
         self._worker.put(self._open_episode)
-        self._tell(Event("started", self._number, asked=asked))
+        self._tell(Event("started", self._number, command_number=command_number))
 
     def _cannot_start(self) -> str:
         if self._leaving:
             return "the recording ends"
         if self._state is State.RECORDING:
-            return "an episode runs. finish or discard it first"
+            return "an episode is running. finish or discard it first"
         if self._state is State.FINISHING:
-            return "the last frames of an episode are still on their way"
+            return "the last frames of the previous episode are still being saved. Try again"
         if self._order.episodes is not None and self._finished >= self._order.episodes:
             return "the last episode is being saved"
         if not self._assembler.has_state(self._clock.now_ns()):
             return self._nothing_read()
         if not self.is_ready:
-            return f"it is not known yet which axes {self._order.robot} has. try again in {ABSENT_S:g} s"
+            return f"it is not known yet which axes {self._order.robot} has. Try again in {ABSENT_S:g} s"
         if dark := [name for name, reader in self._cameras.items() if frame_of(reader.newest()) is None]:
-            return f"no picture of {', '.join(dark)}"
+            return f"no new picture of {', '.join(dark)}. Check the camera"
         try:
             free = self._dataset.free_bytes()
         except (DatasetError, OSError) as problem:
@@ -272,34 +280,35 @@ class DatasetSession:
             return f"the disk has {free / 1e6:.0f} MB left, an episode needs {LEAST_FREE_BYTES / 1e6:.0f}"
         return ""
 
-    def _finish(self, asked: int = 0) -> None:
+    def _finish(self, command_number: int = 0) -> None:
         if self._state is not State.RECORDING:
-            self._refuse("finish: no episode runs", asked)
+            self._refuse("finish: no episode is running", command_number)
             return
         self._state = State.FINISHING
-        self._finish_asked = asked
+        self._finish_command_number = command_number
 
-    def _discard(self, asked: int = 0) -> None:
+    def _discard(self, command_number: int = 0) -> None:
         if self._state is State.IDLE:
-            self._refuse("discard: no episode runs", asked)
+            self._refuse("discard: no episode is running", command_number)
             return
-        if self._state is State.FINISHING and self._finish_asked:  # a script waits for the answer
-            self._refuse("finish: the episode was discarded meanwhile", self._finish_asked)
+        # A script still waits for the answer to its command ``finish``.
+        if self._state is State.FINISHING and self._finish_command_number:
+            self._refuse("finish: the episode was discarded meanwhile", self._finish_command_number)
         self._state = State.IDLE
         self._assembler.begin()
         self._worker.put(self._drop_episode)
-        self._tell(Event("discarded", self._number, asked=asked))
+        self._tell(Event("discarded", self._number, command_number=command_number))
 
-    def _again(self, asked: int = 0) -> None:
+    def _again(self, command_number: int = 0) -> None:
         if self._state is not State.IDLE:
-            self._discard(asked)
-        self._start(asked)
+            self._discard(command_number)
+        self._start(command_number)
 
-    def _quit(self, asked: int = 0) -> None:
+    def _quit(self, command_number: int = 0) -> None:
         """End the recording. A running episode is finished first."""
         self._leaving = True
         if self._state is State.RECORDING:
-            self._finish(asked)
+            self._finish(command_number)
         elif self._state is State.IDLE:
             self._worker.put(lambda: trio.from_thread.run_sync(self._end, "done"))
 
@@ -312,7 +321,7 @@ class DatasetSession:
                 self.tick(now_ns)
 
     async def work(self) -> None:
-        """Run the worker, until cancelled. Its errors end the recording."""
+        """Run the worker that writes frames, until cancelled. An error of the worker ends the recording."""
         try:
             await self._worker.run()
         except (OSError, DatasetError) as failure:
@@ -328,13 +337,13 @@ class DatasetSession:
             return
         if self._state is State.RECORDING:
             self._due(now_ns)
-        for made in self._assembler.made(now_ns):
-            self._queue(made)
+        for frame in self._assembler.frames(now_ns):
+            self._queue(frame)
         if self._state is State.FINISHING and not self._assembler.waiting:
             self._state = State.IDLE
-            gap, asked = self._assembler.take_gap(), self._finish_asked
+            gap, command_number = self._assembler.take_gap(), self._finish_command_number
             self._gaps += gap
-            self._worker.put(lambda: self._save_episode(gap, asked))
+            self._worker.put(lambda: self._save_episode(gap, command_number))
             self._number += 1
             self._finished += 1
             if self._leaving:
@@ -361,7 +370,7 @@ class DatasetSession:
         codec = self._dataset.codec_for(self._order.codec)
         return self._dataset.require(
             Layout(
-                self._kind,
+                self._robot_type,
                 self._order.fps,
                 axes.joints,
                 self._shapes,
@@ -373,7 +382,7 @@ class DatasetSession:
 
     def _nothing_read(self) -> str:
         unread = ", ".join(self._assembler.unread)
-        return f"nothing is read of {f'{unread} of ' if unread else ''}{self._order.robot}"
+        return f"no readings of {f'{unread} of ' if unread else ''}{self._order.robot}. Check the robot"
 
     def _by_itself(self, now_ns: int, seconds: float) -> None:
         if self._state is State.RECORDING and now_ns - self._began_ns >= seconds * NS:
@@ -382,32 +391,32 @@ class DatasetSession:
             self._start()
 
     def _due(self, now_ns: int) -> None:
-        self._assembler.miss(missed(now_ns, self._last_ns, self._period_ns))
+        self._assembler.count_missing(missed(now_ns, self._last_ns, self._period_ns))
         self._last_ns = now_ns
         pictures, age_ms = {}, {}
         for name, reader in self._cameras.items():
             frame = frame_of(reader.newest())
             shown = self._shown.get(name)
             if frame is not None and (shown is None or frame.captured_ns != shown[1]):
-                # Copy the picture: a reader may return shared memory that the camera overwrites.
+                # Copy the picture, because the camera may overwrite the memory in which it is.
                 shown = self._shown[name] = np.array(frame.image), frame.captured_ns
             if shown is None:
-                # The camera had a picture when the episode began, and has lost it.
-                self._assembler.miss()
+                # The camera has no picture any more. An episode begins only if each camera has one.
+                self._assembler.count_missing()
                 return
             pictures[name], captured_ns = shown
             age_ms[name] = max(0.0, (now_ns - captured_ns) / 1e6)
         self._assembler.due(now_ns, pictures, age_ms)
 
-    def _queue(self, made: Made) -> None:
+    def _queue(self, frame: BuiltFrame) -> None:
         if self._worker.is_full:
-            self._assembler.miss(made.row.gap + 1)
+            self._assembler.count_missing(frame.row.gap + 1)
             return
         self._frames += 1
-        self._seen += 1
-        self._gaps += made.row.gap
-        self._late += bool(made.row.stale)
-        self._worker.put(lambda: self._write(made), frames=1)
+        self._frames_since += 1
+        self._gaps += frame.row.gap
+        self._late += bool(frame.row.stale)
+        self._worker.put(lambda: self._write(frame), frames=1)
 
     # -- in the worker's thread
 
@@ -415,9 +424,9 @@ class DatasetSession:
         folder = new_folder(self._dataset.staging)
         self._episode = StagedEpisode(self._dataset.storage, folder, self._layout, self._order.task)
 
-    def _write(self, made: Made) -> None:
+    def _write(self, frame: BuiltFrame) -> None:
         assert self._episode is not None
-        self._episode.add(made.row, made.pictures)
+        self._episode.add(frame.row, frame.pictures)
 
     def _drop_episode(self) -> None:
         assert self._episode is not None
@@ -425,62 +434,67 @@ class DatasetSession:
         self._dataset.storage.remove(self._episode.folder)
         self._episode = None
 
-    def _save_episode(self, gap: int, asked: int) -> None:
+    def _save_episode(self, gap: int, command_number: int) -> None:
         assert self._episode is not None
         episode, self._episode = self._episode, None
         if not episode.frames:
             episode.abandon()
             self._dataset.storage.remove(episode.folder)
-            trio.from_thread.run_sync(self._not_saved, asked)
+            trio.from_thread.run_sync(self._not_saved, command_number)
             return
         episode.finish(gap)
-        trio.from_thread.run_sync(self._saved, self._dataset.commit(episode.folder), asked)
+        trio.from_thread.run_sync(self._saved, self._dataset.commit(episode.folder), command_number)
 
-    def _not_saved(self, asked: int) -> None:
+    def _not_saved(self, command_number: int) -> None:
         self._number -= 1
         self._finished -= 1
-        self._refuse("finish: the episode had no frame, and is not kept", asked)
+        self._refuse("finish: the episode had no frames, so it was not saved", command_number)
 
-    def _saved(self, episode: Episode, asked: int) -> None:
+    def _saved(self, episode: Episode, command_number: int) -> None:
         self.saved.append(episode)
-        self._tell(Event("saved", episode.index, episode.frames, episode.marks.told, asked=asked))
+        self._tell(
+            Event("saved", episode.index, episode.frames, episode.quality.as_text, command_number=command_number)
+        )
         if self._order.episodes is not None and len(self.saved) >= self._order.episodes and not self._leaving:
             self._quit()
 
     # -- progress, and the end
 
     def progress(self) -> Progress:
-        """Return the progress. It is called once per second, so the frames since the last call are the rate.
+        """Return the progress. Call this once per second: the frames since the last call are shown as the rate.
 
         Raises:
-            DatasetError: The dataset's folder is no longer the one that was opened.
+            DatasetError: The dataset's folder was moved, or its disk unmounted.
             OSError: The disk does not answer.
         """
         runs = self._state is not State.IDLE
-        seen, self._seen = self._seen, 0
+        frames, self._frames_since = self._frames_since, 0
         return Progress(
             str(self._state),
             self._number,
             len(self.saved),
             self._order.episodes,
             (self._clock.now_ns() - self._began_ns) / NS if runs else 0.0,
-            float(seen),
+            float(frames),
             self._gaps,
             self._late,
             self._dataset.free_bytes(),
         )
 
     async def leave(self) -> str:
-        """Wait until the worker has finished its queue, for ``LEAVE_S`` at most.
+        """Wait until the worker has written all queued frames, for ``LEAVE_S`` at most.
 
         Returns:
-            What is left to repair, in words; empty if the last episode is complete.
+            What remains to be repaired, as text. Empty if the last episode is complete.
         """
-        self._has_ended = True  # no more frames are queued
+        self._has_ended = True  # From now on, queue no frames.
         with trio.move_on_after(LEAVE_S) as scope:
             await self._worker.drain()
         if scope.cancelled_caught:
-            return f"the disk took longer than {LEAVE_S:g} s: what is left of the last episode can be repaired"
+            return (
+                f"the disk took longer than {LEAVE_S:g} s. "
+                "repair the last episode with `strands-actors dataset repair`"
+            )
         if self._episode is not None:
             self._episode.abandon()
             return f"the running episode was not finished. `strands-actors dataset repair {self._order.root}`"
@@ -488,7 +502,7 @@ class DatasetSession:
 
 
 def axes_of(attached: Attached) -> Axes:
-    """Return the robot's axes. Without the robot's driver on this computer, their units and modes are not
+    """Return the robot's axes. If the robot's driver is not installed here, their units and modes are not
     known."""
     try:
         driver = driver_from(attached)

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from .check import check
-from .episode import Episode, Marks
+from .episode import Episode, Quality
 from .index import Index
 from .info import VERSION, Feature
 from .layout import ACTION, CAMERA, STAGING, is_own_name
@@ -25,8 +25,8 @@ class ShownEpisode(msgspec.Struct, frozen=True):
     late: dict[str, int]
     repaired: bool
     began: str
-    marks: str  # its defects in words; empty if there are no defects
-    damaged: str = ""  # why it cannot be used; then `frames` counts the readable ones
+    defects: str = msgspec.field(name="marks")  # The defects of the episode as text. Empty if there are no defects.
+    damaged: str = ""  # Why the episode cannot be used. If so, `frames` is the number of readable frames.
 
 
 class Shown(msgspec.Struct, frozen=True):
@@ -34,49 +34,50 @@ class Shown(msgspec.Struct, frozen=True):
     robot_type: str
     fps: int | float
     joints: list[str]
-    cameras: dict[str, str]  # size and codec
+    cameras: dict[str, str]  # Size and codec of each camera's pictures, as text.
     total_episodes: int
     total_frames: int
     bytes: int
     episodes: list[ShownEpisode]
-    good: list[int]  # episodes without defects: train on these, --dataset.episodes
-    uncounted: list[str]  # files that LeRobot would read although they are not counted; `repair` puts them aside
-    strange: list[str]  # the same with other names than ours; they are never touched
+    good: list[int]  # Episodes without defects. Use them for training, with LeRobot's option --dataset.episodes.
+    # Files of no episode that LeRobot would read nevertheless. `repair` moves them to .staging.
+    stray_files: list[str] = msgspec.field(name="uncounted")
+    strange: list[str]  # The same, with names that this package does not use. `repair` does not move them.
     unfinished: list[Unfinished]
     version: str = VERSION
-    damaged: list[int] = []  # episodes that cannot be used
-    faults: list[str] = []  # defects of the whole dataset
+    damaged: list[int] = []  # Numbers of the episodes that cannot be used.
+    faults: list[str] = []  # Defects that concern the whole dataset.
 
 
 def show(root: Path) -> Shown:
-    """Open every file of the counted episodes, and describe the dataset.
+    """Read every file of the dataset's episodes, and describe the dataset.
 
     Raises:
-        DatasetError: It has no usable ``info.json``.
+        DatasetError: The folder has no usable ``info.json``.
     """
     require_dataset(root)
     index = Index(root)
-    found = check(index)
+    result = check(index)
     info = index.info
     fps = info.fps if info else 0.0
-    uncounted = [path.relative_to(root) for path in index.uncounted()]
-    rows = {one.index: one for one in index.episodes}
+    strays = [path.relative_to(root) for path in index.stray_files()]
+    rows = {episode.index: episode for episode in index.episodes}
     episodes = []
-    for number in sorted(rows.keys() | found.damaged.keys()):
-        one = rows.get(number, Episode(number, "", 0, Marks()))
-        frames = found.frames.get(number, 0)
+    for number in sorted(rows.keys() | result.damaged.keys()):
+        episode = rows.get(number, Episode(number, "", 0, Quality()))
+        frames = result.frames.get(number, 0)
         episodes.append(
             ShownEpisode(
                 number,
-                one.task,
+                episode.task,
                 frames,
                 round(frames / fps, 3) if fps else 0.0,
-                one.marks.gaps,
-                one.marks.stale,
-                one.marks.repaired,
-                one.marks.began,
-                one.marks.told,
-                found.damaged.get(number, ""),
+                episode.quality.gaps,
+                episode.quality.stale,
+                episode.quality.repaired,
+                episode.quality.began,
+                episode.quality.as_text,
+                result.damaged.get(number, ""),
             )
         )
     action = info.features.get(ACTION) if info else None
@@ -87,21 +88,21 @@ def show(root: Path) -> Shown:
         action.flat_names if action else [],
         {key.removeprefix(CAMERA): _camera(info.features[key]) for key in info.videos} if info else {},
         len(episodes),
-        sum(one.frames for one in episodes),
+        sum(episode.frames for episode in episodes),
         _bytes(root),
         episodes,
-        [one.episode for one in episodes if not one.marks and not one.damaged],
-        [str(path) for path in uncounted if is_own_name(path)],
-        [str(path) for path in uncounted if not is_own_name(path)],
+        [episode.episode for episode in episodes if not episode.defects and not episode.damaged],
+        [str(path) for path in strays if is_own_name(path)],
+        [str(path) for path in strays if not is_own_name(path)],
         unfinished_in(root),
         info.codebase_version if info else VERSION,
-        sorted(found.damaged),
-        found.faults,
+        sorted(result.damaged),
+        result.faults,
     )
 
 
 def as_shown(number: float) -> int | float:
-    """Return a whole number as an int, and any other unchanged."""
+    """Return a whole number as an int, and another number unchanged."""
     return int(number) if number == int(number) else number
 
 
@@ -111,8 +112,8 @@ def _camera(feature: Feature) -> str:
 
 
 def _bytes(root: Path) -> int:
-    """Return the size of all files. A file may vanish meanwhile (a recorder runs), and a link may be
-    broken."""
+    """Return the total size of all files, without files that a running recorder removes meanwhile and broken
+    links."""
     total = 0
     for folder, below, names in os.walk(root):
         below[:] = [name for name in below if name != STAGING.name]

@@ -1,4 +1,5 @@
-"""Write the running episode as streams. If the recorder is killed, they can be read up to the last write.
+"""Write the running episode into a staging folder, as streams. If the recorder is killed, the streams can be
+read up to the last write.
 
 An episode's folder has ``episode.json`` (layout, task and date), ``frames.arrows`` (an Arrow stream, with one
 batch per half second), a fragmented MP4 for each camera and, after the episode was finished,
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from .errors import DatasetError
 from .layout import ACTION, AGE, REQUESTED, STATE, Layout
-from .statistics import PictureFigures
+from .statistics import PictureStatistics
 from .storage import Storage
 from .video import FRAGMENT_S, Encoder, require_codec
 
@@ -37,8 +38,8 @@ class Row(msgspec.Struct, frozen=True):
 
     Attributes:
         state: The measured positions, and the values of read-only joints.
-        action: The target in force.
-        requested: The target that the caller requested.
+        action: The target that was in effect.
+        requested: The target that the program requested.
         age_ms: The age of each of ``Layout.sources``, in milliseconds.
         gap: Number of missing frames before this one.
         stale: The sources that are older than allowed.
@@ -55,7 +56,7 @@ class Row(msgspec.Struct, frozen=True):
 class About(msgspec.Struct, frozen=True):
     layout: Layout
     task: str
-    began: str  # a date
+    began: str  # Date and time at which the episode began.
 
 
 class Finished(msgspec.Struct, frozen=True):
@@ -63,8 +64,8 @@ class Finished(msgspec.Struct, frozen=True):
 
     Attributes:
         frames: Number of frames.
-        gap: Number of missing frames after the last one.
-        levels: For each camera, how often each level of each colour occurred.
+        gap: Number of missing frames after the last frame.
+        levels: For each camera, a histogram of each colour with 256 levels.
     """
 
     frames: int
@@ -90,9 +91,9 @@ def schema_of(layout: Layout) -> pa.Schema:
 
 
 class StagedEpisode:
-    """The writer of one episode.
+    """Writes one episode into its staging folder.
 
-    Any method may raise ``OSError``. After that, as after a kill, the written part can be repaired.
+    Any method may raise ``OSError``. The part that was written before can then be repaired, as after a kill.
     """
 
     def __init__(self, storage: Storage, folder: Path, layout: Layout, task: str) -> None:
@@ -108,14 +109,14 @@ class StagedEpisode:
         self._file = storage.create(folder / FRAMES)
         self._stream = pa.ipc.new_stream(pa.PythonFile(self._file, "w"), schema_of(layout))
         self._encoders: dict[str, Encoder] = {}
-        self._levels: dict[str, PictureFigures] = {}
+        self._levels: dict[str, PictureStatistics] = {}
         for camera in layout.cameras:
             self._encoders[camera.name] = Encoder(folder / f"{camera.name}.mp4", camera, layout.fps, layout.codec)
-            self._levels[camera.name] = PictureFigures()
+            self._levels[camera.name] = PictureStatistics()
         self._threads = ThreadPoolExecutor(max(1, len(layout.cameras)), "encoder")
 
     def add(self, row: Row, pictures: Mapping[str, Picture]) -> None:
-        """Write one frame. The pictures of its cameras are encoded in parallel."""
+        """Write one frame. The pictures of the cameras are encoded in parallel."""
         for _ in self._threads.map(self._encode, pictures.items()):
             pass
         self._rows.append(row)
@@ -123,8 +124,8 @@ class StagedEpisode:
         if len(self._rows) >= self._batch:
             self._write()
 
-    def _encode(self, one: tuple[str, Picture]) -> None:
-        camera, picture = one
+    def _encode(self, named_picture: tuple[str, Picture]) -> None:
+        camera, picture = named_picture
         self._levels[camera].add(picture)
         self._encoders[camera].add(picture)
 
@@ -147,10 +148,10 @@ class StagedEpisode:
         self._file.flush()
 
     def finish(self, gap: int = 0) -> None:
-        """Complete the episode. When this returns, it is on the disk.
+        """Complete the episode, and wait until it is on the disk.
 
         Args:
-            gap: Number of missing frames after the last one.
+            gap: Number of missing frames after the last frame.
         """
         if self._rows:
             self._write()
@@ -159,7 +160,7 @@ class StagedEpisode:
         for camera, encoder in self._encoders.items():
             encoder.finish()
             self._storage.sync_path(self.folder / f"{camera}.mp4")
-        levels = {camera: figures.seen.tolist() for camera, figures in self._levels.items()}
+        levels = {camera: statistics.histogram.tolist() for camera, statistics in self._levels.items()}
         self._storage.write(self.folder / FINISHED, msgspec.json.encode(Finished(self.frames, gap, levels)))
         self._storage.sync_path(self.folder)
         self.abandon()
@@ -176,7 +177,7 @@ def read_staged(folder: Path) -> Staged:
     """Read an episode from its staging folder.
 
     Raises:
-        DatasetError: It is no such folder, or it is damaged.
+        DatasetError: The folder has no episode, or it is damaged.
     """
     try:
         about = msgspec.json.decode((folder / ABOUT).read_bytes(), type=About)
@@ -184,27 +185,27 @@ def read_staged(folder: Path) -> Staged:
         if (folder / FINISHED).exists():
             finished = msgspec.json.decode((folder / FINISHED).read_bytes(), type=Finished)
     except (OSError, msgspec.MsgspecError) as damage:
-        raise DatasetError(f"{folder} is no episode: {' '.join(str(damage).split())}") from damage
+        raise DatasetError(f"{folder} has no readable episode: {' '.join(str(damage).split())}") from damage
     return Staged(folder, about, finished, _read_frames(folder / FRAMES, about.layout))
 
 
 def _read_frames(path: Path, layout: Layout) -> pa.Table:
-    """Return all complete batches."""
+    """Return the frames of all batches that were written completely."""
     batches: list[pa.RecordBatch] = []
     schema = schema_of(layout)
     try:
         with path.open("rb") as file, pa.ipc.open_stream(file) as stream:
             if not stream.schema.equals(schema):
-                raise DatasetError(f"{path} has other columns than its episode")
+                raise DatasetError(f"{path} has other columns than its episode.json describes")
             for batch in stream:
                 batches.append(batch)
     except (pa.ArrowInvalid, FileNotFoundError, EOFError, OSError):
-        pass  # the recorder was killed here
+        pass  # The recorder was killed while it wrote the next batch.
     return pa.Table.from_batches(batches, schema)
 
 
 def staged_folders(staging: Path) -> Sequence[Path]:
-    """Return the folders of the staged episodes, oldest first."""
+    """Return the folders of the episodes in staging, oldest first."""
     return sorted(path for path in staging.glob("episode-*") if path.is_dir())
 
 

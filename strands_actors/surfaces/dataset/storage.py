@@ -1,4 +1,4 @@
-"""Write the files of a dataset, so that after a crash each is complete or missing."""
+"""Write the files of a dataset. After a crash, each file is either complete or missing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REMOVED = "removed-"
 
 
 class Storage:
-    """All writes of a dataset. Tests replace it."""
+    """Carries out all writes to the disk. Tests replace this class."""
 
     def create(self, path: Path) -> IO[bytes]:
         """Open a new file for writing, and create its folder."""
@@ -34,7 +34,7 @@ class Storage:
         os.replace(staged, final)
 
     def sync_path(self, path: Path) -> None:
-        """Wait until a file, or the entries of a folder, are on the disk."""
+        """Wait until a file, or the list of names in a folder, is on the disk."""
         descriptor = os.open(path, os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -42,7 +42,7 @@ class Storage:
             os.close(descriptor)
 
     def write(self, path: Path, data: bytes) -> None:
-        """Write a whole file: first under a staged name in the same folder, then rename it."""
+        """Write a whole file under a temporary name in the same folder, then rename it."""
         staged = path.with_name(path.name + STAGED_SUFFIX)
         with self.create(staged) as file:
             file.write(data)
@@ -50,12 +50,12 @@ class Storage:
         self.place(staged, path)
 
     def remove(self, path: Path) -> None:
-        """Remove a file or a folder, if it exists. A folder is renamed first, so that a half-removed one is
-        not taken for a complete one."""
+        """Remove a file or a folder, if it exists. Rename a folder first, so that after a crash a
+        half-removed folder is not mistaken for a complete one."""
         if path.is_dir():
-            gone = path.with_name(REMOVED + path.name)
-            os.replace(path, gone)
-            shutil.rmtree(gone)
+            renamed = path.with_name(REMOVED + path.name)
+            os.replace(path, renamed)
+            shutil.rmtree(renamed)
         else:
             path.unlink(missing_ok=True)
 
@@ -71,17 +71,17 @@ class Lock:
         """Take the lock.
 
         Raises:
-            DatasetError: Another process holds it.
+            DatasetError: Another process has locked the folder.
         """
         self._descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(self._descriptor)
-            raise DatasetError(f"{folder}: another process writes into it. end that one first") from None
+            raise DatasetError(f"another process writes into {folder}. End that process first") from None
 
     def is_of(self, folder: Path) -> bool:
-        """Return True if ``folder`` is still the locked folder. It may have been moved, or its disk
+        """Return True if the path still leads to the locked folder. False if the folder was moved, or its disk
         unmounted."""
         try:
             return os.path.samestat(os.stat(folder), os.fstat(self._descriptor))

@@ -1,6 +1,6 @@
 """Read parquet files that any program may have written or damaged.
 
-Any defect of a file raises a ``DatasetError`` with a message of one line.
+Any defect of a file raises ``DatasetError`` with a message of one line.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ JSON_DAMAGE = (msgspec.MsgspecError, ValueError, RecursionError)
 
 
 class Rows(msgspec.Struct, frozen=True):
-    """A small table as Python objects, with the metadata of its schema."""
+    """A small parquet table: its rows as Python objects, and the metadata of its schema."""
 
     rows: list[dict[str, Any]]
     metadata: dict[bytes, bytes]
@@ -60,7 +60,7 @@ def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
         without: Columns that are left out, for example large pictures.
 
     Raises:
-        DatasetError: It is missing or damaged.
+        DatasetError: The file is missing or damaged.
     """
     table, unread = read_groups(path, without)
     if unread:
@@ -69,17 +69,18 @@ def read_table(path: Path, without: Collection[str] = ()) -> pa.Table:
 
 
 def read_groups(path: Path, without: Collection[str] = ()) -> tuple[pa.Table, str]:
-    """Read the undamaged groups of rows. A copied dataset has one group for each episode.
+    """Read the row groups of a parquet file that are not damaged. A copied dataset has one group for each
+    episode.
 
     Args:
         path: The parquet file.
         without: Columns that are left out, for example large pictures.
 
     Returns:
-        The rows, and why others cannot be read; empty if all were read.
+        The readable rows, and the reason why other rows cannot be read. The reason is empty if all were read.
 
     Raises:
-        DatasetError: It is missing, or it has no readable footer.
+        DatasetError: The file is missing, or its footer is not readable.
     """
     unread = ""
     tables = []
@@ -95,12 +96,12 @@ def read_groups(path: Path, without: Collection[str] = ()) -> tuple[pa.Table, st
         tables = tables or [schema.empty_table().select(names)]
         table = pa.concat_tables(tables)
         if not unread and table.num_rows != file.metadata.num_rows:
-            raise ValueError(f"{table.num_rows} rows, its footer counts {file.metadata.num_rows}")
+            raise ValueError(f"it has {table.num_rows} rows, but its footer states {file.metadata.num_rows}")
         return table, unread
 
 
 def read_schema(path: Path) -> pa.Schema:
-    """Return the columns of a table. Raise ``DatasetError`` if it is missing or damaged."""
+    """Return the columns of a parquet file. Raise ``DatasetError`` if the file is missing or damaged."""
     with refuse_damage(path), pq.ParquetFile(path) as file:
         return file.schema_arrow
 
@@ -109,78 +110,86 @@ def _read_group(file: pq.ParquetFile, group: int, names: list[str]) -> pa.Table:
     table = file.read_row_group(group, columns=names)
     table.validate(full=True)
     if table.num_rows != file.metadata.row_group(group).num_rows:
-        raise ValueError(f"{table.num_rows} rows, its footer counts {file.metadata.row_group(group).num_rows}")
+        raise ValueError(
+            f"it has {table.num_rows} rows, but its footer states {file.metadata.row_group(group).num_rows}"
+        )
     return table
 
 
 def read_rows(path: Path) -> Rows:
-    """Read a whole table. Raise ``DatasetError`` if it is missing or damaged."""
+    """Read a whole parquet file. Raise ``DatasetError`` if the file is missing or damaged."""
     table = read_table(path)
     with refuse_damage(path):
         return Rows(table.to_pylist(), dict(table.schema.metadata or {}))
 
 
 def integers(table: pa.Table, name: str) -> NDArray[np.int64]:
-    """Return a column of whole numbers, with -1 for a missing value. A damaged column raises pyarrow's
-    errors."""
+    """Return a column of whole numbers, with -1 for a missing value. If the column is damaged, pyarrow raises
+    its exceptions."""
     return np.asarray(table[name].cast(pa.int64()).fill_null(-1).to_numpy(), dtype=np.int64)
 
 
 class Numbers(msgspec.Struct, frozen=True):
-    """For each row of a column, the count of its numbers and of those that are not null."""
+    """Counts for each row of a column: ``elements`` is the number of elements, ``valid`` the number of elements
+    that are not null."""
 
-    counted: NDArray[np.int64]
+    elements: NDArray[np.int64]
     valid: NDArray[np.int64]
 
 
 def numbers_in(column: pa.ChunkedArray) -> Numbers | None:
-    """Count the numbers of each row, in lists of any depth. Return None if the column holds no numbers."""
+    """Count the numbers in each row of a column, even in nested lists. Return None if the column does not hold
+    numbers."""
     rows, row = len(column), np.arange(len(column))
     while is_list(column.type):
         row = row[pc.list_parent_indices(column).to_numpy()]
         column = pc.list_flatten(column)
-    kind = column.type
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+    value_type = column.type
+    if not (pa.types.is_integer(value_type) or pa.types.is_floating(value_type) or pa.types.is_boolean(value_type)):
         return None
     valid = pc.is_valid(column).to_numpy()
     return Numbers(np.bincount(row, minlength=rows), np.bincount(row[valid], minlength=rows))
 
 
-def is_list(kind: pa.DataType) -> bool:
-    return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
+def is_list(data_type: pa.DataType) -> bool:
+    return bool(
+        pa.types.is_list(data_type) or pa.types.is_large_list(data_type) or pa.types.is_fixed_size_list(data_type)
+    )
 
 
-def is_same(one: pa.Table, other: pa.Table) -> bool:
+def is_same(first: pa.Table, second: pa.Table) -> bool:
     """Return True if two tables have the same values. Two NaN count as equal."""
-    return one.schema.equals(other.schema) and all(map(_is_same, one.columns, other.columns))
+    return first.schema.equals(second.schema) and all(map(_is_same, first.columns, second.columns))
 
 
-def _is_same(one: pa.ChunkedArray, other: pa.ChunkedArray) -> bool:
-    if one.equals(other):
+def _is_same(first: pa.ChunkedArray, second: pa.ChunkedArray) -> bool:
+    if first.equals(second):
         return True
-    while is_list(one.type):
-        if not pc.list_value_length(one).equals(pc.list_value_length(other)):
+    while is_list(first.type):
+        if not pc.list_value_length(first).equals(pc.list_value_length(second)):
             return False
-        one, other = pc.list_flatten(one), pc.list_flatten(other)
-    if not pa.types.is_floating(one.type) or not pc.is_valid(one).equals(pc.is_valid(other)):
+        first, second = pc.list_flatten(first), pc.list_flatten(second)
+    if not pa.types.is_floating(first.type) or not pc.is_valid(first).equals(pc.is_valid(second)):
         return False
-    return np.array_equal(one.to_numpy(), other.to_numpy(), equal_nan=True)
+    return np.array_equal(first.to_numpy(), second.to_numpy(), equal_nan=True)
 
 
-def decode_json(data: bytes, kind: type[Decoded]) -> Decoded:
-    """Decode JSON as Python's ``json`` writes it, with NaN and Infinity. Raise one of ``JSON_DAMAGE``."""
+def decode_json(data: bytes, expected: type[Decoded]) -> Decoded:
+    """Decode JSON that may contain NaN and Infinity, as Python's ``json`` writes them. Raise one of
+    ``JSON_DAMAGE`` for damaged data."""
     try:
-        return msgspec.json.decode(data, type=kind)
+        return msgspec.json.decode(data, type=expected)
     except msgspec.ValidationError:
         raise
     except msgspec.DecodeError:
-        return msgspec.convert(json.loads(data), kind)
+        return msgspec.convert(json.loads(data), expected)
 
 
 def parquet(*tables: pa.Table) -> Callable[[IO[bytes]], object]:
     """Return a function that writes tables of one schema into an open file.
 
-    Each table becomes one group of rows, and each page has a checksum. Damage then costs one table only.
+    Each table becomes one row group, and each page gets a checksum. So damage of the file affects only one
+    table.
     """
 
     def write(file: IO[bytes]) -> None:

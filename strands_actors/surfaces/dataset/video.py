@@ -1,4 +1,5 @@
-"""Encode pictures into MP4 files, cut and join these, and decode them. No encoder is under the GPL (``CODECS``)."""
+"""Encode pictures into MP4 files, cut and join such files, and decode them. The encoders in ``CODECS`` are not
+under the GPL."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ from .errors import DatasetError
 from .layout import CameraShape
 from .tables import unreadable
 
-os.environ.setdefault("SVT_LOG", "1")  # errors only, otherwise the encoder prints a banner
+os.environ.setdefault("SVT_LOG", "1")  # Log only errors. Otherwise the encoder prints a banner.
 
 import av
 from av.container import OutputContainer
@@ -44,24 +45,25 @@ QUALITY_UNIT = 118
 
 
 class Codec(msgspec.Struct, frozen=True):
-    """A codec with its encoder. ``name`` is the codec's name in ``info.json`` and of the decoders."""
+    """A video codec and the encoder for it. ``name`` is the name in ``info.json`` and for decoders."""
 
     name: str
     encoder: str
     options: dict[str, str]
-    least: int  # pixels of the smaller side
+    least: int  # Least width and height of a picture, in pixels.
 
 
 CODECS = {
     "av1": Codec(
         "av1",
-        "libsvtav1",  # BSD; LeRobot's own default
-        {"preset": "13", "crf": "30", "svtav1-params": "lp=1:pred-struct=1"},  # no delay: each frame leaves at once
+        "libsvtav1",  # This encoder has the BSD license, and is LeRobot's default.
+        # Pred-struct=1 means low delay: the encoder returns each frame at once.
+        {"preset": "13", "crf": "30", "svtav1-params": "lp=1:pred-struct=1"},
         64,
     ),
     "mpeg4": Codec(
         "mpeg4", "mpeg4", {"flags": "+qscale", "global_quality": str(4 * QUALITY_UNIT)}, 16
-    ),  # FFmpeg's own encoder, LGPL: takes a third of the time, files are larger
+    ),  # FFmpeg's encoder (LGPL) takes a third of the time, and its files are larger.
 }
 DEFAULT = "av1"
 
@@ -70,16 +72,16 @@ def require_codec(name: str, cameras: Sequence[CameraShape]) -> Codec:
     """Return a codec by name.
 
     Raises:
-        DatasetError: There is no such codec, or it cannot encode pictures of a camera's size.
+        DatasetError: The codec is not known, or it cannot encode pictures of a camera's size.
     """
     if not isinstance(name, str) or name not in CODECS:
-        raise DatasetError(f"there is no codec {shown(name)}. use {' or '.join(CODECS)}")
+        raise DatasetError(f"there is no codec {shown(name)}. Use {' or '.join(CODECS)}")
     codec = CODECS[name]
     for camera in cameras:
         if camera.height % 2 or camera.width % 2 or min(camera.height, camera.width) < codec.least:
             raise DatasetError(
-                f"{camera.name}: pictures of {camera.width}x{camera.height}. "
-                f"{name} needs even sides of {codec.least} pixels or more"
+                f"camera {camera.name} has pictures of {camera.width}x{camera.height}, "
+                f"but {name} needs an even width and height of {codec.least} pixels or more. Use another size"
             )
     return codec
 
@@ -97,22 +99,26 @@ class Encoder:
         options = {
             "movflags": "empty_moov+default_base_moof",
             "frag_duration": str(int(FRAGMENT_S * 1e6)),
-            "flush_packets": "1",  # a fragment in a buffer of this process would be lost with it
+            # Write each fragment at once. If this process is killed, buffered data would be lost.
+            "flush_packets": "1",
         }
         self._container = _writer(path, fps, options)
         self._stream = cast(VideoStream, self._container.add_stream(spec.encoder, rate=fps, options=spec.options))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, PIXELS
         self._stream.time_base = self._base
         self._stream.gop_size = KEY_EVERY
-        # Under the user root, SVT-AV1 sets its threads and this one to SCHED_FIFO 99.
+        # If the user is root, SVT-AV1 gives its threads and this thread the real-time priority SCHED_FIFO 99.
+        # Undo this.
         with run_as_before():
-            # This creates the file, and the encoder refuses unsuitable options now.
+            # Create the file now, so that unsuitable options raise an exception here.
             self._container.start_encoding()
         self.frames = 0
 
     def add(self, picture: NDArray[np.uint8]) -> None:
         if picture.shape != self._shape:
-            raise DatasetError(f"a picture of {picture.shape}; the camera began with {self._shape}")
+            raise DatasetError(
+                f"a picture has the shape {picture.shape}, but the camera's first picture had {self._shape}"
+            )
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
         frame.pts, frame.time_base = self.frames, self._base
         self.frames += 1
@@ -123,29 +129,30 @@ class Encoder:
         self._container.close()
 
     def abandon(self) -> None:
-        """Close the file. The written fragments stay."""
-        with contextlib.suppress(OSError):  # a full disk: nothing more can be written
+        """Close the file. The fragments that were written stay readable."""
+        with contextlib.suppress(OSError):  # If the disk is full, the rest cannot be written.
             self._container.close()
 
 
 def _writer(path: Path, timescale: int, options: dict[str, str]) -> OutputContainer:
-    # Pass a path, so that the library writes the file itself. If it wrote into a Python file object and were
-    # left open, it would end the process.
+    # Pass a path, so that the library writes the file itself. With a Python file object, a container that is
+    # not closed would crash the process.
     return av.open(str(path), "w", format="mp4", options=options | {"video_track_timescale": str(timescale)})
 
 
 class Pictures(msgspec.Struct, frozen=True):
-    """The pictures of a video file, as its index counts them and its length confirms."""
+    """The number, size and codec of the pictures in a video file."""
 
     count: int
     height: int
     width: int
     codec: str
-    seconds: float  # from the first picture to the last
+    seconds: float  # Time from the first picture to the last, in seconds.
 
 
 class Span(msgspec.Struct, frozen=True):
-    """The pictures of one episode in a video."""
+    """The pictures of one episode in a video: the file, the number of the first picture, and the number of
+    pictures."""
 
     path: Path
     first: int
@@ -165,21 +172,25 @@ def _reading(path: Path) -> Iterator[tuple[Any, VideoStream]]:
             if not container.streams.video:
                 raise DatasetError(f"{path} has no pictures")
             if container.streams.video[0].codec_context is None:
-                raise DatasetError(f"{path} has pictures of a codec that is not known")
+                raise DatasetError(f"{path} has a codec that is not known")
             yield container, container.streams.video[0]
     except FileNotFoundError as missing:
         raise DatasetError(f"{path} is missing") from missing
     except (VideoError, OSError, ValueError, OverflowError, MemoryError) as damage:
-        if getattr(damage, "errno", None) in DISK:  # an error of the file that is being written
+        # The disk of the file that is being written has failed, so the video is not damaged.
+        if getattr(damage, "errno", None) in DISK:
             raise
         raise DatasetError(unreadable(path, damage)) from damage
 
 
 def look(path: Path) -> Pictures:
-    """Read a video's index, and its end. So an index that counts more pictures than the file has is noticed.
+    """Return the number, size and codec of a video's pictures.
+
+    The end of the file is read, too. So it is noticed if the video's index lists more pictures than the file
+    has.
 
     Raises:
-        DatasetError: It is missing or damaged.
+        DatasetError: The video is missing or damaged.
     """
     with _reading(path) as (container, stream):
         size = stream.height, stream.width, stream.codec_context.codec.canonical_name
@@ -188,15 +199,15 @@ def look(path: Path) -> Pictures:
         last = max((packet.pts or 0 for packet in _packets(container)), default=None)
         if stream.frames and last is not None:
             return Pictures(stream.frames, *size, float((last - start) * base))
-    with _reading(path) as (container, stream):  # a fragmented file, or a truncated one
+    with _reading(path) as (container, stream):  # The file is fragmented or truncated, so count its packets.
         times = [packet.pts or 0 for packet in _packets(container)]
         seconds = float((max(times, default=start) - start) * base)
         return Pictures(len(times), *size, seconds)
 
 
 def remux(source: Path, path: Path, fps: int, frames: int) -> int:
-    """Copy the first ``frames`` frames into an ordinary MP4, with its index at the beginning. They are not
-    encoded again. Return their checksum."""
+    """Copy the first ``frames`` frames of a fragmented MP4 into an ordinary MP4, without encoding them again.
+    Return a checksum of the frames."""
     return concatenate([Span(source, 0, frames)], path, fps)[0]
 
 
@@ -207,7 +218,7 @@ def concatenate(spans: Sequence[Span], path: Path, fps: float) -> list[int]:
         A checksum of the pictures of each span.
 
     Raises:
-        DatasetError: A source is damaged, has too few pictures, or cannot be cut there.
+        DatasetError: A source is damaged, has too few pictures, or has no key frame at the beginning of a span.
     """
     rate = rate_of(fps)
     sums = []
@@ -237,26 +248,26 @@ def checksums(path: Path, spans: Sequence[tuple[int, int]], fps: float) -> list[
 
     Args:
         path: The video.
-        spans: For each span, the number of its first picture and its number of pictures, in ascending
-            order.
+        spans: For each span, the number of its first picture and how many pictures it has. In ascending order.
         fps: Pictures per second.
 
     Returns:
-        For each span, the checksum that ``concatenate`` has returned for it; None if a picture is missing.
+        For each span, the same checksum as ``concatenate`` returns. None if a picture is missing.
     """
-    found: list[int | None] = [None] * len(spans)
+    sums: list[int | None] = [None] * len(spans)
     with contextlib.suppress(DatasetError), _reading(path) as (container, stream):
         packets = _packets(container)
-        for at, (first, count) in enumerate(spans):
+        for index, (first, count) in enumerate(spans):
             checksum = 0
             for _, packet in _numbered(packets, stream, Span(path, first, count), rate_of(fps)):
                 checksum = zlib.crc32(packet, checksum)
-            found[at] = checksum
-    return found
+            sums[index] = checksum
+    return sums
 
 
 def _numbered(packets: Iterator[Any], stream: VideoStream, span: Span, rate: Fraction) -> Iterator[tuple[int, Any]]:
-    """Yield the packets of a span in decoding order, each with the number of its picture in the span."""
+    """Yield the packets (encoded pictures) of a span in decoding order, each with the number of its picture in
+    the span."""
     base, start = stream.time_base or Fraction(1), stream.start_time or 0
     missing = set(range(span.frames))
     for packet in packets:
@@ -264,13 +275,16 @@ def _numbered(packets: Iterator[Any], stream: VideoStream, span: Span, rate: Fra
         if number not in missing:
             continue
         if len(missing) == span.frames and not packet.is_keyframe:
-            raise DatasetError(f"{span.path} cannot be cut at picture {span.first}: it is no key frame")
+            raise DatasetError(
+                f"{span.path} cannot be cut at picture {span.first}, because this is not a key frame"
+            )
         missing.discard(number)
         yield number, packet
         if not missing:
             return
     raise DatasetError(
-        f"{span.path} has {span.frames - len(missing)} pictures of {span.frames} from {span.first} on"
+        f"{span.path} has only {span.frames - len(missing)} of "
+        f"the {span.frames} pictures from number {span.first} on"
     )
 
 
@@ -279,7 +293,7 @@ def _packets(container: Any) -> Iterator[Any]:
     off."""
     try:
         for packet in container.demux(video=0):
-            if packet.is_corrupt:  # the file was cut off within this packet
+            if packet.is_corrupt:  # The file ends within this packet.
                 return
             if packet.size:
                 yield packet
@@ -288,7 +302,8 @@ def _packets(container: Any) -> Iterator[Any]:
 
 
 def count_frames(path: Path) -> int:
-    """Return how many frames can be read; 0 if the file is no video, or not yet one."""
+    """Return how many frames can be read. 0 if the file is not a video, or does not have a complete frame
+    yet."""
     try:
         with contextlib.closing(av.open(str(path))) as container:
             return sum(1 for _ in _packets(container)) if container.streams.video else 0
@@ -297,7 +312,7 @@ def count_frames(path: Path) -> int:
 
 
 def setup_of(path: Path) -> bytes:
-    """Return the decoder's setup data, the size and the codec. Videos can be joined only if these are
+    """Return the setup data for the decoder, with the size and the codec. Videos can be joined only if this is
     equal."""
     with _reading(path) as (_, stream):
         setup = bytes(stream.codec_context.extradata or b"")

@@ -1,5 +1,5 @@
-"""Run jobs that may wait for a disk or an encoder, in a thread and in order. So listening to the robot never
-waits for them."""
+"""Run jobs in a thread, one after the other. A job may wait for the disk or an encoder, and the event loop that
+receives the robot's messages must not wait."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ Job = Callable[[], None]
 
 
 class Worker:
-    """A queue of jobs, done one after the other.
+    """A queue of jobs that are done one after the other.
 
-    The number of waiting frames should not exceed ``most``. The caller looks at ``is_full`` before it queues
-    a frame.
+    The queue should have at most ``most`` frames. So check ``is_full`` before queueing a frame.
     """
 
     def __init__(self, most: int) -> None:
@@ -41,7 +40,7 @@ class Worker:
         self._send.send_nowait((job, frames))
 
     async def run(self) -> None:
-        """Run the jobs, until cancelled. An error of a job is raised, and later jobs are not run."""
+        """Run the queued jobs, until cancelled. If a job raises, raise its exception and run no more jobs."""
         try:
             async for job, frames in self._receive:
                 await trio.to_thread.run_sync(job, abandon_on_cancel=True)

@@ -1,6 +1,7 @@
-"""The stop drill proves on your own robot that it can be stopped, and keeps a certificate of that.
+"""The stop drill causes faults on your robot, checks that each of them stops the robot, and keeps a
+certificate.
 
-``strands-actors drill so101 --port /dev/ttyACM0`` runs it. ``Robot(..., require_drill="30d")`` refuses
-motion without a certificate that is recent and matches the robot's configuration and the code that keeps
-it safe.
+``strands-actors drill so101 --port /dev/ttyACM0`` runs the drill. ``Robot(..., require_drill="30d")`` refuses
+motion unless there is a certificate that is at most 30 days old. The certificate must be of the same robot
+configuration and the same code.
 """

@@ -1,8 +1,8 @@
-"""Certificates of drills: their content and files, and the check if one allows motion now.
+"""Certificates of drills: write them, find them, and check if a certificate allows motion now.
 
-A certificate belongs to a configuration: the driver and its options, the port, the timing and the table of
-fallbacks, and the code that stops the robot. After any change to these, even to a single line of a
-supervisor, it no longer matches.
+A certificate is valid for one configuration: the driver with its options, the port, the timing, the safe
+states, and the code that stops the robot. After any change to these, even to one line of code, the
+certificate no longer matches.
 """
 
 from __future__ import annotations
@@ -30,31 +30,33 @@ TWIN = "twin"
 _UNITS_S = {"m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
 
 
-class Figure(msgspec.Struct, frozen=True):
-    """The result of one step of a drill. Times are in milliseconds. None: it cannot be measured here."""
+class StepResult(msgspec.Struct, frozen=True):
+    """The result of one step of a drill. Times are in milliseconds. None means that a value cannot be
+    measured on this robot."""
 
     step: str
     passed: bool
     safe_state: str
-    safe_ms: float | None  # from the fault to the first safe frame, by the twin's wire log
-    confirmed_ms: float | None  # from the fault until every motor was read back
-    bound_ms: float  # of the safe frame
-    setpoints_after: int | None  # by the twin's wire log
+    # Time from the fault to the first safe frame. Only on a simulated robot, which logs all frames.
+    safe_ms: float | None
+    confirmed_ms: float | None  # Time from the fault until every motor was read and was safe.
+    bound_ms: float  # Longest allowed time to the first safe frame.
+    setpoints_after: int | None  # Setpoints after the safe frame. Only on a simulated robot.
     detail: str
     proves: tuple[str, ...] = ()
 
 
 class Certificate(msgspec.Struct, frozen=True):
-    """A drill that was passed.
+    """The certificate of a drill that was passed.
 
     Attributes:
-        robot: The kind of the robot.
-        driver: Its driver class, as ``module:class``.
-        port: The port; ``TWIN`` for a twin.
+        robot: The type of the robot.
+        driver: The driver class, as ``module:class``.
+        port: The port of the robot; ``TWIN`` for a simulated robot.
         config: The hash of the configuration (``config_of``).
-        date: ISO 8601, UTC.
+        date: Date and time of the drill, in ISO 8601, UTC.
         versions: Versions of this package, Python and the system.
-        figures: The results of the steps.
+        results: The results of the steps. In the file they have the key ``figures``.
     """
 
     robot: str
@@ -63,7 +65,7 @@ class Certificate(msgspec.Struct, frozen=True):
     config: str
     date: str
     versions: dict[str, str]
-    figures: list[Figure]
+    results: list[StepResult] = msgspec.field(name="figures")
 
 
 def config_of(driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any]) -> str:
@@ -72,11 +74,11 @@ def config_of(driver_class: type[Driver], robot: str, port: str, options: Mappin
     Args:
         driver_class: The driver.
         robot: The kind of the robot.
-        port: The port as it is given to ``Robot``; ``TWIN`` for any twin.
+        port: The port in the form of the argument of ``Robot``; ``TWIN`` for any simulated robot.
         options: The options of the driver.
     """
     driver = driver_class(robot, "" if port == TWIN else port, options)
-    left_out = {"tool_name", *driver_class.SECRETS}  # A password could be guessed from a hash that contains it.
+    left_out = {"tool_name", *driver_class.SECRETS}  # Leave out secrets: a password could be guessed from the hash.
     facts = {
         "driver": f"{driver_class.__module__}:{driver_class.__qualname__}",
         "robot": robot,
@@ -91,8 +93,8 @@ def config_of(driver_class: type[Driver], robot: str, port: str, options: Mappin
 
 
 def _digest_of_code(driver_class: type[Driver]) -> str:
-    """Return the digest of the kernel, the supervisors, the driver's own folder, and the code that it shares
-    with other drivers."""
+    """Return the hash of all code that stops the robot: the kernel, the supervisors, the driver's folder, and
+    the code that drivers share."""
     digest = hashlib.sha256()
     for path in sorted(_code(driver_class)):
         digest.update(path.name.encode() + path.read_bytes())
@@ -118,7 +120,7 @@ def path_of(robot: str, config: str) -> Path:
 
 
 def keep(certificate: Certificate) -> Path:
-    """Write a certificate and return its path. Raise ``OSError`` if that fails."""
+    """Write a certificate and return its path. Raise ``OSError`` if it cannot be written."""
     path = path_of(certificate.robot, certificate.config)
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(".tmp")
@@ -133,7 +135,7 @@ def revoke(robot: str, config: str) -> None:
 
 
 def find(robot: str, config: str) -> Certificate | None:
-    """Return the certificate of a configuration; None if there is no readable one."""
+    """Return the certificate of a configuration. None if there is no certificate, or it cannot be read."""
     try:
         return msgspec.json.decode(path_of(robot, config).read_bytes(), type=Certificate)
     except (FileNotFoundError, msgspec.DecodeError):
@@ -144,18 +146,18 @@ def find(robot: str, config: str) -> Certificate | None:
 
 
 def parse_age_s(text: str) -> float:
-    """Return an age such as ``"30d"`` in seconds. Units are m, h, d and w. Raise ``ValueError`` for another
-    text."""
+    """Return an age such as ``"30d"`` in seconds. The units are m, h, d and w. Raise ``ValueError`` for a
+    text of another form."""
     match = re.fullmatch(r"(\d+)\s*([mhdw])", str(text).strip())
     if match is None or int(match[1]) == 0:
-        raise ValueError(f"require_drill is {text!r}. give an age such as '12h', '30d' or '8w'")
+        raise ValueError(f"require_drill is {text!r}. Give an age such as '12h', '30d' or '8w'")
     return float(int(match[1]) * _UNITS_S[match[2]])
 
 
 def clause(
     driver_class: type[Driver], robot: str, port: str, options: Mapping[str, Any], max_age_s: float
 ) -> dict[str, Any]:
-    """Return the condition that the robot's gate applies to motion.
+    """Return the condition under which the robot's gate (the actor that checks commands) accepts motion.
 
     Args:
         driver_class: The driver.
@@ -165,8 +167,8 @@ def clause(
         max_age_s: Largest age of a certificate, in seconds.
 
     Returns:
-        ``until_ns``: the end of permitted motion in CLOCK_MONOTONIC nanoseconds, 0 for no motion;
-        ``reason`` and ``remedy`` of the refusal afterwards.
+        A dict. ``until_ns`` is the time until which motion is accepted, in nanoseconds of CLOCK_MONOTONIC,
+        and 0 if no motion is accepted. ``reason`` and ``remedy`` are the text of the refusal afterwards.
     """
     config = config_of(driver_class, robot, port, options)
     how = f"strands-actors drill {robot} {'--twin' if port == TWIN else f'--port {port}'}"

@@ -1,4 +1,4 @@
-"""The policy of a drill. It commands every axis to its first observed position."""
+"""The policy of a drill. It commands every axis to stay at the position that it had at the beginning."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 
 
 class Still:
-    """Send setpoints at the control rate, without motion."""
+    """A policy that returns the first observed position of every axis again and again."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = axes
-        self._here: dict[str, float] = {}
+        self._first_position: dict[str, float] = {}
 
     def step(self, observation: Mapping[str, float]) -> dict[str, float]:
-        if not self._here:
-            self._here = {axis: observation[axis] for axis in self._axes}
-        return dict(self._here)
+        if not self._first_position:
+            self._first_position = {axis: observation[axis] for axis in self._axes}
+        return dict(self._first_position)

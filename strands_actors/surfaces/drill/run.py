@@ -1,4 +1,4 @@
-"""Run a whole drill: connect, check that the robot is at rest, take five steps, write a certificate."""
+"""Run a whole drill: connect, check that the robot is at rest, carry out the steps, write a certificate."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from strands_actors.kernel.node import AskTimeout, Unreachable
 from strands_actors.testing.twin import Twin
 from strands_actors.version import __version__
 
-from .certificate import TWIN, Certificate, Figure, config_of, keep, revoke
+from .certificate import TWIN, Certificate, StepResult, config_of, keep, revoke
 from .steps import Drill, Failed
 
 REST_S = 0.5
@@ -40,12 +40,12 @@ class Outcome(NamedTuple):
     """The result of a drill.
 
     Attributes:
-        figures: The results of the steps.
+        results: The results of the steps.
         certificate: The certificate; None if the drill was not passed.
         path: The file of the certificate; None if the drill was not passed.
     """
 
-    figures: list[Figure]
+    results: list[StepResult]
     certificate: Certificate | None
     path: Path | None
 
@@ -59,15 +59,15 @@ async def run_drill(
     port: str | None,
     options: dict[str, Any],
     tell: Callable[[str], Awaitable[None]],
-    done: Callable[[Figure], None] = lambda _: None,
+    done: Callable[[StepResult], None] = lambda _: None,
 ) -> Outcome:
     """Run a drill. A drill that fails removes the certificate of this configuration.
 
     Args:
         robot: The kind of the robot.
-        port: The robot's port. None: a twin of it.
+        port: The robot's port. None drills a simulated robot.
         options: The options of the robot.
-        tell: Tells the operator what to do.
+        tell: Called with each instruction for the operator.
         done: Called after each step.
 
     Raises:
@@ -75,24 +75,25 @@ async def run_drill(
         ConnectionError: The robot cannot be reached.
         Failed: The robot is not at rest, or cannot be read.
     """
-    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)  # Raises for a mistake.
+    # Raise ValueError for a wrong argument before anything is started.
+    plan(robot, "real", port=port, transport="twin" if port is None else None, **options)
     with _behind(robot, port) as (twin, address):
         try:
             drilled = await completed(plan(robot, "real", port=address, **options))
         except WireDown as down:
             raise ConnectionError(str(down)) from None
         config = config_of(drilled.driver_class, drilled.robot, TWIN if twin else address, drilled.options)
-        figures: list[Figure] = []
+        results: list[StepResult] = []
         async with open_tree(drilled) as tree:
             await _must_rest(tree, tell)
             for step in Drill(tree, twin, tell).steps.values():
-                figures.append(await _try(step, tree.driver))
-                done(figures[-1])
-    if not all(figure.passed for figure in figures):
+                results.append(await _try(step, tree.driver))
+                done(results[-1])
+    if not all(result.passed for result in results):
         revoke(drilled.robot, config)
-        return Outcome(figures, None, None)
-    certificate = _certificate(drilled, TWIN if twin else address, config, figures)
-    return Outcome(figures, certificate, keep(certificate))
+        return Outcome(results, None, None)
+    certificate = _certificate(drilled, TWIN if twin else address, config, results)
+    return Outcome(results, certificate, keep(certificate))
 
 
 @contextlib.contextmanager
@@ -104,34 +105,34 @@ def _behind(robot: str, port: str | None) -> Iterator[tuple[Twin | None, str]]:
         yield twin, twin.port
 
 
-async def _try(step: Callable[[], Awaitable[Figure]], driver: Driver) -> Figure:
-    """Take a step. A step that cannot be carried out counts as failed."""
+async def _try(step: Callable[[], Awaitable[StepResult]], driver: Driver) -> StepResult:
+    """Carry out a step. A step that cannot be carried out counts as failed."""
     name = step.__name__.replace("_", " ")
     try:
         return await step()
     except* (Failed, NotConnected, AskTimeout, Unreachable) as failures:
-        why = "; ".join(str(failure) for failure in failures.exceptions)
-    return Figure(name, False, driver.fallbacks[Reason.STOP], None, None, driver.bound_s * 1e3, None, why)
+        reason = "; ".join(str(failure) for failure in failures.exceptions)
+    return StepResult(name, False, driver.fallbacks[Reason.STOP], None, None, driver.bound_s * 1e3, None, reason)
 
 
 async def _must_rest(tree: RobotTree, tell: Callable[[str], Awaitable[None]]) -> None:
-    why = await _moving_parts(tree)
-    if why:
-        await tell(f"{why}. Waiting until it rests.")
+    motion = await _moving_parts(tree)
+    if motion:
+        await tell(f"{motion}. Waiting until it rests.")
     with trio.move_on_after(REST_WITHIN_S):
-        while why:
-            why = await _moving_parts(tree)
-    if why:
-        raise Failed(f"{why}. bring the robot to rest first")
+        while motion:
+            motion = await _moving_parts(tree)
+    if motion:
+        raise Failed(f"{motion}. Bring the robot to rest first")
 
 
 async def _moving_parts(tree: RobotTree) -> str:
     before = await tree.observe()
     await trio.sleep(REST_S)
     after = await tree.observe()
-    for seen in (before, after):
-        if isinstance(seen, Refused):
-            raise Failed(seen.text)
+    for observation in (before, after):
+        if isinstance(observation, Refused):
+            raise Failed(observation.text)
     assert not isinstance(before, Refused) and not isinstance(after, Refused)
     unit = tree.driver.unit
     limit = next((far for name, far in REST.items() if unit.startswith(name)), REST_ELSE)
@@ -141,7 +142,7 @@ async def _moving_parts(tree: RobotTree) -> str:
     return ""
 
 
-def _certificate(drilled: Plan, port: str, config: str, figures: list[Figure]) -> Certificate:
+def _certificate(drilled: Plan, port: str, config: str, results: list[StepResult]) -> Certificate:
     versions = {
         "strands-actors": __version__,
         "python": platform.python_version(),
@@ -149,4 +150,4 @@ def _certificate(drilled: Plan, port: str, config: str, figures: list[Figure]) -
     }
     date = datetime.now(UTC).isoformat(timespec="seconds")
     driver = f"{drilled.driver_class.__module__}:{drilled.driver_class.__qualname__}"
-    return Certificate(drilled.robot, driver, port, config, date, versions, figures)
+    return Certificate(drilled.robot, driver, port, config, date, versions, results)

@@ -3,11 +3,12 @@
 Each step sends setpoints that move nothing, causes one fault (or a stop), and waits for the proof that the
 robot is safe.
 
-The proof is a reading of every motor that shows the safe state which the driver declares. On a twin there
-is also the wire's log: it shows when the first safe frame was sent, and that no setpoint followed.
+The proof is a reading of every motor: each must be in the safe state that the driver declares. A simulated
+robot also logs all frames that are sent to it. The log must show that the first safe frame was sent in time,
+and that no setpoint followed.
 
     step          fault                                    the robot is stopped by
-    stop          none, an ordered stop                    the gate
+    stop          no fault, a stop is ordered              the gate (the actor that checks commands)
     policy kill   SIGKILL of the policy process            the root, through the gate
     wire kill     SIGKILL of the wire process              the guardian's stop channel
     root freeze   SIGSTOP of the root process              the wire process, which then exits
@@ -41,7 +42,7 @@ from strands_actors.supervisors.wire.transport import BACKOFF_S
 from strands_actors.testing.twin import Twin
 from strands_actors.testing.wirelog import WireLog
 
-from .certificate import Figure
+from .certificate import StepResult
 
 PROVIDER = "strands_actors.surfaces.drill.policy:Still"
 STEPS_BEFORE = 5
@@ -62,7 +63,7 @@ Ask = Callable[[str], Awaitable[None]]
 
 
 class Failed(Exception):
-    """The step could not be carried out, or did not show its proof."""
+    """A step could not be carried out, or did not prove that the robot is safe."""
 
 
 def runs_policies(driver: Driver) -> bool:
@@ -74,9 +75,9 @@ class Drill:
     """A drill on a connected robot.
 
     Args:
-        tree: The robot.
-        twin: The twin, if the robot is one.
-        tell: Tells the operator what to do.
+        tree: The connected robot.
+        twin: The simulated robot. None for a real robot.
+        tell: Called with each instruction for the operator.
     """
 
     def __init__(self, tree: RobotTree, twin: Twin | None, tell: Ask) -> None:
@@ -86,10 +87,10 @@ class Drill:
         self._driver = tree.driver
 
     @property
-    def steps(self) -> dict[str, Callable[[], Awaitable[Figure]]]:
-        """Return the steps by name, in their order. A robot without policy processes has no
-        ``policy kill``."""
-        steps: dict[str, Callable[[], Awaitable[Figure]]] = {
+    def steps(self) -> dict[str, Callable[[], Awaitable[StepResult]]]:
+        """Return the steps by name, in their order. The step ``policy kill`` is missing if the robot does not
+        run policies in a separate process."""
+        steps: dict[str, Callable[[], Awaitable[StepResult]]] = {
             "stop": self.stop,
             "policy kill": self.policy_kill,
             "wire kill": self.wire_kill,
@@ -102,30 +103,30 @@ class Drill:
 
     # -- the steps
 
-    async def stop(self) -> Figure:
+    async def stop(self) -> StepResult:
         async with self._writing():
             began_ns = monotonic_ns()
             report = _report_in(await self._tree.stop())
         bound_s = self._driver.bound_s
         return await self._judge("stop", Reason.STOP, began_ns, bound_s, report, ("SAF-002", "SAF-005"))
 
-    async def policy_kill(self) -> Figure:
+    async def policy_kill(self) -> StepResult:
         async with self._writing():
             began_ns = self._signal("policy", await self._pid("policy"), signal.SIGKILL)
             report = await self._report_of(began_ns, Reason.POLICY)
         proves = ("SAF-002", "SAF-003", "SAF-006")
         return await self._judge("policy kill", Reason.POLICY, began_ns, self._driver.bound_s, report, proves)
 
-    async def wire_kill(self) -> Figure:
+    async def wire_kill(self) -> StepResult:
         async with self._writing():
             began_ns = self._signal("wire", await self._pid("wire"), signal.SIGKILL)
             report = await self._report_of(began_ns, Reason.WIRE)
         proves = ("SAF-002", "SAF-003", "SAF-008")
         return await self._judge("wire kill", Reason.WIRE, began_ns, self._driver.bound_s, report, proves)
 
-    async def root_freeze(self) -> Figure:
-        """Freeze the root. The wire process then makes the robot safe by itself and ends. Its exit code shows
-        if every motor has confirmed."""
+    async def root_freeze(self) -> StepResult:
+        """Freeze the root process. The wire process must then stop the robot by itself and end. Its exit code
+        shows if every motor has confirmed the stop."""
         async with self._writing():
             root, wire = await self._pid("root"), await self._pid("wire")
             began_ns = self._signal("root", root, signal.SIGSTOP)
@@ -134,7 +135,8 @@ class Drill:
                     await wait_for_end_of(wire)
                 ended_ns, code = monotonic_ns(), exit_code(wire)
             finally:
-                # The frozen root does not know that its wire has ended, and no other process kills it.
+                # The frozen root process cannot notice that the wire process has ended, and no other process
+                # kills it.
                 os.kill(root, signal.SIGKILL)
         bound_s = self._driver.timing.heartbeat_ttl_s + self._driver.bound_s
         if waiting.cancelled_caught:
@@ -145,9 +147,12 @@ class Drill:
             "root freeze", Reason.ROOT, began_ns, bound_s, report, ("SAF-002", "SAF-003", "SAF-004")
         )
 
-    async def link_loss(self) -> Figure:
-        """Pull the cable and put it back. The measured time begins at the last check that saw the link. So
-        the bound is the time without a cable plus ``RETURN_S``."""
+    async def link_loss(self) -> StepResult:
+        """Let the cable be pulled and put back.
+
+        A stop can be confirmed only after the cable is back. The measured time begins at the last moment at
+        which the link was seen, so the bound is the time without a cable plus ``RETURN_S``.
+        """
         async with self._writing():
             if self._twin is not None:
                 began_ns = monotonic_ns()
@@ -161,26 +166,26 @@ class Drill:
                 await self._tell("It is noticed. Put the cable back.")
                 await self._until_linked(HAND_S)
                 back_ns = monotonic_ns()
-            # An SDK that does not survive the loss of its link ends the wire process, and the root may see
-            # that first. So Reason.WIRE counts, too.
+            # With some SDKs, the loss of the link ends the wire process. Then the root process may report the
+            # stop with Reason.WIRE, so accept this reason, too.
             report = await self._report_of(began_ns, Reason.LINK, Reason.WIRE)
         proves = ("SAF-002", "SAF-008", "SAF-012")
         reason = report.reason if report is not None else Reason.LINK
         bound_s = (back_ns - began_ns) / NS + RETURN_S
         return await self._judge("link loss", reason, began_ns, bound_s, report, proves)
 
-    # -- before and after
+    # -- before and after each step
 
     @contextlib.asynccontextmanager
     async def _writing(self) -> AsyncIterator[None]:
-        """Energise the robot, and send setpoints that keep it in place. Raise ``Failed`` if that is not
-        possible."""
+        """Energise the robot, and send setpoints that keep it in place while the block runs. Raise ``Failed``
+        if this is not possible."""
         tree = self._tree
         status = await tree.status()
         if status is None or status.mode != Mode.ARMED:
             answer = await self._resume()
             if not isinstance(answer, Resumed):
-                raise Failed(f"it cannot be energised: {answer.text}")
+                raise Failed(f"the robot cannot be energised: {answer.text}")
         if self._driver.BEFORE_MOTION:
             prepared = await tree.perform(self._driver.BEFORE_MOTION, {})
             if isinstance(prepared, Refused):
@@ -193,50 +198,50 @@ class Drill:
             return
         started = await tree.rollouts.start_task(PROVIDER, {"axes": list(self._driver.axes)}, "drill", 3600.0, None)
         if isinstance(started, Refused):
-            raise Failed(f"no policy starts: {started.text}")
+            raise Failed(f"the policy cannot be started: {started.text}")
         with trio.move_on_after(PATIENCE_S):
             while (task := await tree.rollouts.task()).running and task.steps < STEPS_BEFORE:  # noqa: ASYNC110  # remote
                 await trio.sleep(0.02)
         if task.steps < STEPS_BEFORE:
-            raise Failed(f"the policy writes nothing: {task.exit_reason} {task.refusal or task.exit_detail}")
+            raise Failed(f"the policy sends no setpoints: {task.exit_reason} {task.refusal or task.exit_detail}")
         yield
 
     async def _resume(self) -> Resumed | Refused:
-        """Resume the robot, with retries for up to ``PATIENCE_S``, since a wire that has just restarted needs
+        """Resume the robot. Try for up to ``PATIENCE_S``, since a wire process that was just restarted needs
         time."""
-        answer: Resumed | Refused = Refused(Code.NO_ANSWER, f"no answer within {PATIENCE_S:g} s")
+        answer: Resumed | Refused = Refused(Code.NO_ANSWER, f"the robot was not resumed within {PATIENCE_S:g} s")
         with trio.move_on_after(PATIENCE_S):
             while True:
                 try:
                     answer = await self._tree.resume()
-                except NotConnected as why:
-                    answer = Refused(Code.NOT_CONNECTED, str(why))
+                except NotConnected as error:
+                    answer = Refused(Code.NOT_CONNECTED, str(error))
                 if isinstance(answer, Resumed):
                     break
                 await trio.sleep(0.1)
         return answer
 
     async def _send_still(self, task_status: trio.TaskStatus[None]) -> None:
-        """Send setpoints for one axis at its present position. The others are held.
+        """Send setpoints that keep one axis at its present position. The other axes are held, too.
 
-        When a robot lies down, some axes lean on their end stops, outside the permitted range. So the next
-        axis is tried until one is accepted. ``started()`` is called after ``STEPS_BEFORE`` accepted
-        setpoints. Raise ``Failed`` if no axis is accepted.
+        When a robot lies down, some axes lean on their end stops, outside the permitted range, and their
+        setpoints are refused. So the axes are tried one after the other. ``started()`` is called after
+        ``STEPS_BEFORE`` accepted setpoints. Raise ``Failed`` if no axis is accepted.
         """
         observation = await self._tree.observe()
         if isinstance(observation, Refused):
             raise Failed(observation.text)
         axes = iter(self._driver.as_json(observation.position).items())
-        here = dict(axes) if self._driver.WHOLE_ACTIONS else dict([next(axes)])
+        positions = dict(axes) if self._driver.WHOLE_ACTIONS else dict([next(axes)])
         accepted = 0
         while True:
-            answer = await self._tree.send_action(here)
+            answer = await self._tree.send_action(positions)
             if not isinstance(answer, Refused):
                 accepted += 1
                 if accepted == STEPS_BEFORE:
                     task_status.started()
             elif not accepted and (next_axis := next(axes, None)):
-                here = dict([next_axis])
+                positions = dict([next_axis])
             elif accepted < STEPS_BEFORE:
                 raise Failed(answer.text)
             await trio.sleep(1 / self._driver.timing.control_hz)
@@ -249,16 +254,16 @@ class Drill:
         bound_s: float,
         report: StopReport | Refused | None,
         proves: tuple[str, ...],
-    ) -> Figure:
-        """Judge a step: by the motors' report, then by the mode (no motion before a resume), and on a twin by
-        the wire's log."""
+    ) -> StepResult:
+        """Decide if a step was passed: by the report of the motors, by the mode (no motion before a resume),
+        and for a simulated robot by its log of frames."""
         if report is None:
-            return self._failed(step, reason, bound_s, f"nobody reported a safe state within {PATIENCE_S:g} s")
+            return self._failed(step, reason, bound_s, f"no process reported a safe state within {PATIENCE_S:g} s")
         if isinstance(report, Refused):
             return self._failed(step, reason, bound_s, report.text)
         confirmed_ms = (report.at_ns - began_ns) / 1e6
         if confirmed_ms < 0:
-            problem = f"its proof is from {-confirmed_ms:.0f} ms before the fault"
+            problem = f"the stop was reported {-confirmed_ms:.0f} ms before the fault"
             return self._failed(step, reason, bound_s, problem)
         if not report.confirmed:
             named = ", ".join(report.unconfirmed) or "a motor"
@@ -269,45 +274,51 @@ class Drill:
         safe_state = self._driver.fallbacks[reason]
         if report.safe_state != safe_state:
             return self._failed(
-                step, reason, bound_s, f"brought to {report.safe_state}, declared is {safe_state}", confirmed_ms
+                step,
+                reason,
+                bound_s,
+                f"the robot was brought to {report.safe_state}, but {safe_state} is declared",
+                confirmed_ms,
             )
         await trio.sleep(SETTLE_S)
         if not self._driver.energised(safe_state) and (problem := await self._moves()):
             return self._failed(step, reason, bound_s, problem, confirmed_ms)
         motors = f"{len(report.motors)} motors read back" if report.motors else "read back by the wire process"
         by = " by the stop channel" if report.path == "stop_channel" else ""
-        figure = Figure(step, True, safe_state, None, confirmed_ms, bound_s * 1e3, None, motors + by, proves)
-        return figure if self._twin is None else self._with_log(figure, self._twin.log, began_ns)
+        result = StepResult(step, True, safe_state, None, confirmed_ms, bound_s * 1e3, None, motors + by, proves)
+        return result if self._twin is None else self._with_log(result, self._twin.log, began_ns)
 
-    def _with_log(self, figure: Figure, log: WireLog, began_ns: int) -> Figure:
+    def _with_log(self, result: StepResult, log: WireLog, began_ns: int) -> StepResult:
         safe = next(
-            (entry for entry in log.host("safe", began_ns) if entry.safe_state in (None, figure.safe_state)), None
+            (entry for entry in log.host("safe", began_ns) if entry.safe_state in (None, result.safe_state)), None
         )
         if safe is None:
             return replace(
-                figure, passed=False, detail=f"no frame on the wire brings all motors to {figure.safe_state}"
+                result, passed=False, detail=f"no frame on the wire brings all motors to {result.safe_state}"
             )
         safe_ms, after = (safe.t_ns - began_ns) / 1e6, log.setpoints_after_safe(began_ns)
-        figure = replace(figure, safe_ms=round(safe_ms, 1), setpoints_after=after)
+        result = replace(result, safe_ms=round(safe_ms, 1), setpoints_after=after)
         if after:
-            return replace(figure, passed=False, detail=f"{after} setpoints after the safe frame")
-        if safe_ms > figure.bound_ms:
-            return replace(figure, passed=False, detail=f"safe after {safe_ms:.0f} ms, past the bound")
-        return figure
+            return replace(result, passed=False, detail=f"{after} setpoints after the safe frame")
+        if safe_ms > result.bound_ms:
+            return replace(result, passed=False, detail=f"safe after {safe_ms:.0f} ms, later than the bound")
+        return result
 
     def _failed(
         self, step: str, reason: Reason, bound_s: float, problem: str, confirmed_ms: float | None = None
-    ) -> Figure:
-        return Figure(step, False, self._driver.fallbacks[reason], None, confirmed_ms, bound_s * 1e3, None, problem)
+    ) -> StepResult:
+        return StepResult(
+            step, False, self._driver.fallbacks[reason], None, confirmed_ms, bound_s * 1e3, None, problem
+        )
 
     async def _moves(self) -> str:
-        """Return an error text if the robot is armed without a resume."""
+        """Return an error text if the robot was energised again without a resume."""
         status = await self._tree.status()
         if status is not None and status.mode in (Mode.ARMED, Mode.ARMING):
-            return "it was armed again by itself"
+            return "the robot was energised again without a resume"
         return ""
 
-    # -- observations of the tree
+    # -- read the state of the robot's processes
 
     async def _pid(self, role: str) -> int:
         report = await self._tree.describe()
@@ -325,9 +336,9 @@ class Drill:
         return began_ns
 
     async def _report_of(self, since_ns: int, *reasons: Reason) -> StopReport | None:
-        """Return the gate's or the root's report of a stop for one of these reasons. Wait for a confirmed one,
-        and return an unconfirmed one otherwise. While the cable is out, gate and root try to stop the robot,
-        and no stop can be confirmed."""
+        """Wait up to ``PATIENCE_S`` for the report of a stop for one of these reasons. Return a confirmed
+        report if there is one, else an unconfirmed report, else None. While the cable is out, no stop can be
+        confirmed."""
         best = None
         with trio.move_on_after(PATIENCE_S):
             while best is None or not best.confirmed:
@@ -339,17 +350,17 @@ class Drill:
         return best
 
     async def _until_mode(self, within_s: float, *modes: Mode) -> int:
-        """Wait until the robot is in one of these modes. Return the time of the last check that saw another
+        """Wait until the robot is in one of these modes. Return the last time at which it was in another
         mode."""
         before_ns = monotonic_ns()
         with trio.move_on_after(within_s):
             while True:
-                asked_ns = monotonic_ns()
+                requested_ns = monotonic_ns()
                 status = await self._tree.status()
                 if status is not None and status.mode in modes:
                     return before_ns
                 if status is not None:
-                    before_ns = asked_ns
+                    before_ns = requested_ns
                 await trio.sleep(0.02)
         raise Failed(f"the robot's link was not lost within {within_s:g} s")
 
@@ -364,10 +375,10 @@ class Drill:
 
 
 def _report_in(result: StopResult) -> StopReport | Refused:
-    """Return the report of a stop, or a refusal if there is no report."""
+    """Return the report of a stop. If the stop has no report, return a refusal with the reason."""
     match result:
-        case Confirmed(NothingRan(why)):
-            return Refused(Code.NOTHING_RAN, why, verb="stop")
+        case Confirmed(NothingRan(reason)):
+            return Refused(Code.NOTHING_RAN, reason, verb="stop")
         case Confirmed(StopReport() as report) | Unconfirmed(report):
             return report
         case Unreachable(refusal):
@@ -379,7 +390,7 @@ def _report_in(result: StopResult) -> StopReport | Refused:
 
 
 def exit_code(pid: int) -> int | None:
-    """Return the exit code of a process that has ended and is not reaped yet, from the last field of
+    """Return the exit code of an ended process whose parent has not collected it yet. It is the last field of
     /proc/PID/stat. None if it cannot be read."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()

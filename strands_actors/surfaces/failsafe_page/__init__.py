@@ -1,9 +1,9 @@
-"""Make the page on which a reader plays events against the failsafe machine.
+"""Make the interactive page of the failsafe state machine, on which a reader tries out events.
 
     python -m strands_actors.surfaces.failsafe_page > docs/failsafe.html
 
-The page is one file. This module computes the result of each event in each mode with ``failsafe.step``,
-and the page only looks it up.
+The page is a single file. This module computes the result of each event in each mode with ``failsafe.step``.
+The page has these results as a table, and no logic of the state machine.
 """
 
 from __future__ import annotations
@@ -47,7 +47,6 @@ EVENTS: dict[str, str] = {
     Event.SAFE_CONFIRMED: "every motor was read back safe",
     Event.SAFE_UNCONFIRMED: "a motor was silent, or not safe",
     Event.LINK_LOST: "the cable, the socket or the bus is gone",
-    Event.GIVE_UP: "the wire process broke too often",
 }
 
 ACTIONS: dict[Action, str] = {
@@ -83,8 +82,11 @@ STORIES: dict[str, tuple[str, ...]] = {
 
 
 def data() -> dict[str, Any]:
-    """Return the machine as plain data: for every mode and event the next mode, whether the epoch
-    rises, the action, and the effect on the lock (``keeps``, ``locks`` or ``lifts``)."""
+    """Return the state machine as plain data.
+
+    For every mode and event the data has the next mode, whether the epoch rises, the action, and the effect
+    on the lock (``keeps``, ``locks`` or ``lifts``).
+    """
     start = State()
     return {
         "start": {"mode": start.mode, "epoch": start.epoch, "locked_by": start.locked_by},
@@ -121,5 +123,5 @@ def _cell(mode: Mode, event: str) -> dict[str, Any]:
 
 def page() -> str:
     template = resources.files(__package__).joinpath("template.html").read_text(encoding="utf-8")
-    # "</" would end the script element; in JSON "<\\/" is the same string.
+    # In HTML, "</" would end the script element. In JSON, "<\\/" is the same string.
     return template.replace("{{DATA}}", json.dumps(data(), indent=1).replace("</", "<\\/"))

@@ -1,4 +1,4 @@
-"""``python -m strands_actors.surfaces.failsafe_page > docs/failsafe.html``"""
+"""Print the page: ``python -m strands_actors.surfaces.failsafe_page > docs/failsafe.html``."""
 
 from __future__ import annotations
 

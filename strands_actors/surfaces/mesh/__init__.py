@@ -1,13 +1,13 @@
 """Watch, command and stop robots from other processes and hosts.
 
-MeshConfig    how a robot can be reached; by default only its own user on this host can
+MeshConfig    how other programs reach a robot; by default only programs of its user on this host do
 open_mesh     join the mesh as a client: subscribe, send commands, stop (on trio)
 control       hold the lease of a robot on the mesh (on trio)
 
 For programs without trio:
 
 estop         stop every robot on the mesh
-estop_button  the same, joined in advance; the thread that presses it sends the order
+estop_button  like estop, but connected in advance, so that a press sends the stop at once
 get_peers     list the robots
 tell          have one robot run a policy
 broadcast     ask all robots for a reading, or stop them all

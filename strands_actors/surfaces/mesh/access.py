@@ -1,11 +1,11 @@
 """The access rules of a robot on the mesh, in zenoh's form.
 
-Zenoh denies everything that no rule allows, below the interpreter. So a flood of forged commands costs
-the robot almost nothing.
+Zenoh denies everything that no rule allows, in native code. So a flood of forged commands costs the robot
+almost no processor time.
 
-Zenoh does not give a robot the identity of the sender of a put or a query. So a command that moves the
-robot must be a query on a key that ends with the sender's name, and the rules allow each operator only its
-own name there. A put can only stop and read. Each operator receives only the answers to its own name.
+Zenoh does not tell a robot which peer sent a put or a query. So a command that moves the robot must be a
+query on a key that ends with the sender's name. The rules allow each operator only keys with its own name. A
+put can only stop the robot or read its state. Each operator receives only the answers to its own queries.
 """
 
 from __future__ import annotations
@@ -27,9 +27,10 @@ from strands_actors.supervisors.mesh.schemas import (
 TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT_KEY)
 
 
-def questions(who: str) -> tuple[str, ...]:
-    """Return the keys on which a peer of this name sends queries: commands, and to the gateway."""
-    return command_key("*", who), key("*", f"actor/gateway/from/{who}")
+def questions(name: str) -> tuple[str, ...]:
+    """Return the keys on which a peer of this name may send queries: commands in JSON, and messages to the
+    robot's gateway."""
+    return command_key("*", name), key("*", f"actor/gateway/from/{name}")
 
 
 QUESTIONS = questions("*")
@@ -53,7 +54,7 @@ class Rule(NamedTuple):
 
     id: str
     messages: tuple[str, ...]
-    flow: str  # ingress: from the peer; egress: to the peer; empty: both
+    flow: str  # "ingress" is from the peer to the robot, "egress" from the robot to the peer, "" both.
     keys: tuple[str, ...]
 
 
@@ -88,12 +89,12 @@ other senders, which contain leases."""
 
 
 def own_prefix(name: str) -> str:
-    """Return the prefix of the names of all senders and nodes of a certificate's holder."""
+    """Return the prefix that all senders and nodes of a certificate's holder must have in their names."""
     return f"{name}."
 
 
 def answers(name: str) -> tuple[Rule, ...]:
-    """Return the rules for the queries of one operator, and the answers to it."""
+    """Return the rules that allow the queries of one operator, and the answers to this operator."""
     own = f"{own_prefix(name)}$*"
     keys = (key(own, "response/**"), key("node", f"{own}/**"))
     return (
@@ -132,8 +133,8 @@ def access_control(
 
     Args:
         viewers: Common names of the certificates that may read telemetry.
-        operators: Common names of those that may also command.
-        anybody: Also allow everything to peers without a certificate.
+        operators: Common names of the certificates that may also command.
+        anybody: True also allows everything to peers without a certificate.
     """
     rules = list({rule.id: rule for rule in (*VIEW, *OPERATE, *HERE)}.values())
     granted: list[_Granted] = [(f"viewer {name}", {"cert_common_names": [name]}, VIEW) for name in viewers]
@@ -150,8 +151,8 @@ def access_control(
 
 
 def only(robot: str) -> dict[str, Any]:
-    """Return the rules of a caller for one robot. Another peer at the robot's address can neither send
-    nor receive anything."""
+    """Return the access rules of a program that communicates with one robot only. They exclude any other peer
+    at the robot's address."""
     everything = Rule("everything", EVERYTHING, "", ("**",))
     return _control([everything], [(robot, {"cert_common_names": [robot]}, (everything,))])
 
@@ -170,6 +171,6 @@ def _control(rules: Sequence[Rule], granted: Sequence[_Granted]) -> dict[str, An
             }
             for rule in rules
         ],
-        "subjects": [{"id": who, **by} for who, by, _ in granted],
-        "policies": [{"rules": [rule.id for rule in allowed], "subjects": [who]} for who, _, allowed in granted],
+        "subjects": [{"id": name, **by} for name, by, _ in granted],
+        "policies": [{"rules": [rule.id for rule in allowed], "subjects": [name]} for name, _, allowed in granted],
     }

@@ -1,6 +1,6 @@
 """Read the common name in a certificate, which identifies its holder on the mesh.
 
-This needs no library, since robots and scripts need only this field.
+Robots and scripts need only this field, so this module reads it without a library for certificates.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator
 
 _PEM = re.compile(rb"-----BEGIN CERTIFICATE-----(.*?)-----END CERTIFICATE-----", re.DOTALL)
-_COMMON_NAME = bytes((0x55, 0x04, 0x03))  # the object identifier 2.5.4.3
+_COMMON_NAME = bytes((0x55, 0x04, 0x03))  # The object identifier 2.5.4.3, in DER.
 _EXPLICIT_VERSION = 0xA0
 _SUBJECT_AT = 4
 """Index of the subject, after serial number, algorithm, issuer and validity (RFC 5280, 4.1)."""
@@ -27,11 +27,13 @@ def common_name(path: str) -> str:
     with open(path, "rb") as file:
         match = _PEM.search(file.read(MAX_BYTES))
     if match is None:
-        raise ValueError(f"{path} is no certificate in PEM")
+        raise ValueError(f"{path} is not a certificate in PEM format")
     try:
         return _common_name(binascii.a2b_base64(match.group(1)))
     except (ValueError, IndexError, StopIteration) as error:
-        raise ValueError(f"{path} is no certificate with a common name ({error or 'cut off'})") from None
+        raise ValueError(
+            f"{path} is not a certificate with a common name ({error or 'the file is cut off'})"
+        ) from None
 
 
 def _common_name(der: bytes) -> str:
@@ -42,14 +44,14 @@ def _common_name(der: bytes) -> str:
         del fields[0]
     for _, group in _elements(fields[_SUBJECT_AT][1]):
         for _, pair in _elements(group):
-            (_, kind), (_, value), *_ = _elements(pair)
-            if kind == _COMMON_NAME:
+            (_, attribute), (_, value), *_ = _elements(pair)
+            if attribute == _COMMON_NAME:
                 return value.decode()
-    raise ValueError("it has none")
+    raise ValueError("the common name is missing")
 
 
 def _elements(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yield tag and content of each element of a sequence in DER."""
+    """Yield the tag and the content of each element of a DER sequence (the binary form of a certificate)."""
     index = 0
     while index < len(data):
         tag, length = data[index], data[index + 1]

@@ -54,13 +54,13 @@ _COMMAND = schema("command")
 
 
 class Reading(msgspec.Struct, frozen=True):
-    """A reading of a robot's clock.
+    """A reading of a robot's clock, with bounds of its offset from this host's clock.
 
     Attributes:
-        name: The robot's name of the reading.
-        lowest_ns: Lower bound of the offset between the robot's clock and this host's.
-        highest_ns: Upper bound of it.
-        at_ns: When it was read, on this host's clock.
+        name: The name that the robot has given to this reading. Commands with a deadline repeat it.
+        lowest_ns: Lower bound of the robot's clock minus this host's clock, in nanoseconds.
+        highest_ns: Upper bound of the robot's clock minus this host's clock, in nanoseconds.
+        at_ns: The time of the reading on this host's clock, in nanoseconds.
     """
 
     name: str
@@ -69,7 +69,8 @@ class Reading(msgspec.Struct, frozen=True):
     at_ns: int
 
     def deadline(self, at_ns: int) -> int:
-        """Convert a time of this host's clock to the robot's clock. The result is never too late."""
+        """Convert a deadline from this host's clock to the robot's clock. The result may be too early, never
+        too late."""
         return at_ns + self.lowest_ns
 
 
@@ -78,10 +79,10 @@ class Pressed(NamedTuple):
 
     turn: str
     by: str
-    robot: str  # "*": every robot
+    robot: str  # Name of the robot to stop, or "*" for every robot.
     answers: trio.MemoryReceiveChannel[Response]
-    appeared: trio.Event  # set when another robot appears
-    sessions: list[PubSub]  # over which the order was sent
+    appeared: trio.Event  # Set when another robot appears.
+    sessions: list[PubSub]  # The sessions over which the stop was sent.
 
 
 class MeshClient:
@@ -117,11 +118,12 @@ class MeshClient:
 
     @property
     def robots(self) -> list[str]:
-        """Return the robots on the mesh, and those of this user that should be there."""
+        """Return the robots on the mesh, and this user's running robots that have not appeared yet."""
         return self.sessions.robots
 
     async def settle(self, within_s: float = LOOK_S) -> None:
-        """Wait until every expected robot has appeared, and others have had time to appear."""
+        """Wait until all running robots of this user have appeared. Robots on other hosts get ``within_s`` to
+        appear."""
         await self.sessions.settle(within_s)
 
     def is_there(self, robot: str) -> bool:
@@ -140,7 +142,7 @@ class MeshClient:
         return await self._ask(robot, mesh_json.key(robot, "cmd"), {"command": command}, within_s)
 
     async def stop(self, robot: str, by: str = "", within_s: float = STOP_S) -> Outcome:
-        """Stop one robot. This does not use the robot's command key, which may be flooded."""
+        """Stop one robot. The stop has a separate key, because the robot's command key may be flooded."""
         body = {"command": mesh_json.Stop(by=signed(by))}
         answer = await self._ask(robot, mesh_json.BROADCAST_KEY, body, within_s)
         if isinstance(answer, Refused):
@@ -158,7 +160,7 @@ class MeshClient:
         )
 
     async def post(self, robot: str, command: Command) -> None:
-        """Send one command without an answer."""
+        """Send one command, and do not wait for an answer."""
         via = self.sessions.via.get(robot)
         if via is not None:
             self._send(via, mesh_json.key(robot, "cmd"), robot, self._new_turn(), {"command": command})
@@ -174,12 +176,12 @@ class MeshClient:
 
         Args:
             robot: The robot.
-            make: Returns the command, from the name of the reading of the robot's clock and the deadline
-                on that clock.
+            make: Returns the command. It gets the name of a clock reading, and the deadline on the robot's
+                clock.
             ttl_s: Seconds from now to the deadline. The robot does not carry out the command later.
             within_s: How long to wait for the result.
         """
-        answer: dict[str, Any] | Refused = Refused(Code.CLOCK, "the robot's clock is not known")
+        answer: dict[str, Any] | Refused = Refused(Code.CLOCK, "the robot's clock could not be read")
         for _ in range(2):
             clock = await self.clock(robot)
             if isinstance(clock, Refused):
@@ -188,62 +190,65 @@ class MeshClient:
             answer = await self.request(robot, make(clock.name, deadline_ns), within_s)
             if not isinstance(answer, Refused) or answer.code != Code.CLOCK:
                 break
-            self.forget_clock(robot)  # The robot has restarted.
+            self.forget_clock(robot)  # The robot has restarted, so the old reading is no longer valid.
         return answer
 
     async def clock(self, robot: str) -> Reading | Refused:
         """Return a reading of the robot's clock.
 
-        The query may have waited at the robot, but the answer is sent at once. So the time of the answer's
-        way back bounds the error of ``deadline``.
+        The robot reads its clock when it sends the answer. So a deadline is too early by at most the time that
+        the answer takes to arrive.
         """
         last_reading = self._clocks.get(robot)
         if last_reading is not None and self.now_ns() - last_reading.at_ns < CLOCK_AGE_S * NS:
             return last_reading
-        asked_ns = self.now_ns()
+        requested_ns = self.now_ns()
         answer = await self.request(robot, mesh_json.Sync())
         answered_ns = self.now_ns()
         if isinstance(answer, Refused):
             return answer
         robot_ns = int(answer["robot_ns"])
-        reading = Reading(str(answer["clock"]), robot_ns - answered_ns, robot_ns - asked_ns, answered_ns)
+        reading = Reading(str(answer["clock"]), robot_ns - answered_ns, robot_ns - requested_ns, answered_ns)
         self._clocks[robot] = reading
         return reading
 
     def forget_clock(self, robot: str) -> None:
-        """Drop the reading of a robot's clock, for example because the robot does not know it any more."""
+        """Drop the reading of a robot's clock, for example because the robot has restarted and no longer
+        accepts it."""
         self._clocks.pop(robot, None)
 
     async def _ask(self, robot: str, key: str, body: dict[str, Any], within_s: float) -> dict[str, Any] | Refused:
         via = await self.sessions.until_there(robot)
         if via is None:
             names = ", ".join(self.sessions.via) or "none"
-            return Refused(Code.UNREACHABLE, f"{robot} is not on the mesh", f"these are: {names}")
+            return Refused(
+                Code.UNREACHABLE, f"{robot} is not on the mesh", f"check the name. robots on the mesh: {names}"
+            )
         with self._turn() as (turn, answers):
             self._send(via, key, robot, turn, body)
             with trio.move_on_after(within_s) as patience:
                 async for response in answers:
                     if response.final:
                         return result_of(response)
-                    # An interim answer shows that the robot has received the command. It gives the time
-                    # that the robot may need, which depends on its driver.
+                    # An interim answer confirms that the robot has received the command. It states how long
+                    # the robot may still need, which depends on the driver.
                     longer_s = float((response.result or {}).get("within_s", 0.0))
                     patience.deadline = max(patience.deadline, trio.current_time() + longer_s)
         return Refused(
             Code.NO_ANSWER,
             busy.explained(f"{robot} gave no answer within {within_s:g} s"),
-            "is it frozen, or denied to you?",
+            "check that the robot's program runs, and that your certificate may command it",
         )
 
     def _send(self, via: PubSub, key: str, robot: str, turn: str, body: dict[str, Any]) -> None:
-        """Send a body. A command for one robot goes as a query, so that only this robot and this client
-        receive the command and the answer, which may contain a lease."""
+        """Send a message to robots. A command for one robot is sent as a query, so that only the robot gets the
+        command and only this client gets the answer, which may contain a lease."""
         if key != mesh_json.key(robot, "cmd"):
             via.put(key, self._enveloped(robot, turn, body), _COMMAND)
             return
         envelope = self._enveloped(robot, turn, {"proof": self._proof, **body})
-        asked = mesh_json.command_key(robot, self.sender)
-        via.ask(asked, envelope, _COMMAND, lambda received: self._on_answer(via, robot, received))
+        query_key = mesh_json.command_key(robot, self.sender)
+        via.ask(query_key, envelope, _COMMAND, lambda received: self._on_answer(via, robot, received))
 
     def _enveloped(self, robot: str, turn: str, body: dict[str, Any]) -> bytes:
         envelope = {"sender_id": self.sender, "turn_id": turn, "target_id": robot, "timestamp": time.time(), **body}
@@ -273,7 +278,7 @@ class MeshClient:
         try:
             response = _decode_response(received.payload)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
-            return  # No query waits for an answer that cannot be read.
+            return  # An answer that cannot be decoded belongs to no query of this client.
         waiting = self._waiting.get(response.turn_id)
         if waiting is None or response.responder_id != robot:
             return
@@ -284,8 +289,8 @@ class MeshClient:
     # -- e-stop
 
     async def estop(self, by: str = "", within_s: float = ESTOP_ANSWER_S, robot: str = "*") -> list[Outcome]:
-        """Stop every robot on the mesh, or only ``robot``, and lock it until it is resumed. A wrong
-        ``within_s`` or ``by`` does not keep the order from being sent.
+        """Stop every robot on the mesh, or only ``robot``, and lock it until it is resumed. The stop is sent
+        even if ``within_s`` or ``by`` is wrong.
 
         Args:
             by: The name that the robots report as the origin of the stop. Default: this program.
@@ -302,28 +307,31 @@ class MeshClient:
             await trio.sleep(AWAY_S)
             return await self.outcomes(pressed, within_s)
         finally:
-            self._waiting.pop(pressed.turn, None)  # in case of a cancellation before ``outcomes``
+            # ``outcomes`` also does this, but may never run if this task is cancelled.
+            self._waiting.pop(pressed.turn, None)
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
-        """Send the order of an ``estop`` in this call, from any thread, even if the loop is blocked. Then
-        wait ``AWAY_S``, and call ``outcomes``."""
+        """Send an e-stop from any thread, even if the event loop is blocked. It has been sent when this
+        returns. Then wait ``AWAY_S``, and call ``outcomes`` for the results."""
         by = signed(by)
         turn, answers = self._open_turn()
         return Pressed(turn, by, robot, answers, *self._order_estop(turn, by, robot))
 
     def _order_estop(self, turn: str, by: str, robot: str) -> tuple[trio.Event, list[PubSub]]:
-        """Send the order over all present sessions. Return an event that is set when another robot appears,
-        and these sessions."""
+        """Send the e-stop over all present sessions. Return an event that is set when another robot appears,
+        and the list of the sessions."""
         appeared, sessions = self.sessions.appeared, self.sessions.all
         order = self._enveloped(robot, turn, {"by": by})
         for session in sessions:
-            with contextlib.suppress(zenoh.ZError):  # The loop has closed it, since its robot has ended.
+            # The session of a robot that has ended may just have been closed.
+            with contextlib.suppress(zenoh.ZError):
                 session.put(mesh_json.ESTOP_KEY, order, _COMMAND)
         return appeared, sessions
 
     async def outcomes(self, pressed: Pressed, within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
-        """Return the results of a pressed e-stop, as ``estop`` does, ``within_s`` after it was pressed."""
-        found: dict[str, Outcome] = {}
+        """Return the result of each robot for an e-stop that ``press`` has sent, at most ``within_s`` after
+        ``press``."""
+        outcomes: dict[str, Outcome] = {}
         turn, by, robot, answers, appeared, sessions = pressed
         settled_at = self.sessions.opened_at + LOOK_S
         try:
@@ -331,47 +339,46 @@ class MeshClient:
                 while True:
                     await self.sessions.look()
                     if self.sessions.all == sessions:
-                        await self._collect(found, answers, appeared, settled_at, robot)
+                        await self._collect(outcomes, answers, appeared, settled_at, robot)
                         if not appeared.is_set():
                             break
-                    # When a robot appears, order all robots again. One order too many does no harm.
+                    # When a robot appears, send the stop to all robots again. A second stop does no harm.
                     appeared, sessions = self._order_estop(turn, by, robot)
         finally:
             self._waiting.pop(turn, None)
         for stray in strays():
             if robot in ("*", stray.robot):
-                found.setdefault(stray.robot, Outcome(stray.robot, "unreachable", stray.text))
-        for missing in self._meant(robot):
-            why = self.sessions.problems.get(missing, "")
-            detail = busy.explained(f"it did not answer. {why}" if why else "it did not answer")
-            found.setdefault(missing, Outcome(missing, "unreachable", detail))
-        not_connected = (Outcome(end, "unreachable", why) for end, why in self.sessions.not_connected())
-        return [*(found[name] for name in sorted(found)), *self.not_looked_for(), *not_connected]
+                outcomes.setdefault(stray.robot, Outcome(stray.robot, "unreachable", stray.text))
+        for missing in self._addressed(robot):
+            reason = self.sessions.problems.get(missing, "")
+            detail = busy.explained(f"it did not answer. {reason}" if reason else "it did not answer")
+            outcomes.setdefault(missing, Outcome(missing, "unreachable", detail))
+        not_connected = (Outcome(end, "unreachable", reason) for end, reason in self.sessions.not_connected())
+        return [*(outcomes[name] for name in sorted(outcomes)), *self.not_looked_for(), *not_connected]
 
     def not_looked_for(self) -> list[Outcome]:
-        """Return an outcome for each group of robots that could not be looked for."""
+        """Return an outcome for each group of robots for which the search failed, with the reason."""
         reasons = {
             EVERYBODY: self.sessions.problems.get(EVERYBODY),
             OTHERS: self.unusable,
             **self.sessions.unjoined,
         }
-        return [Outcome(group, "unreachable", why) for group, why in reasons.items() if why]
+        return [Outcome(group, "unreachable", reason) for group, reason in reasons.items() if reason]
 
-    def _meant(self, robot: str) -> set[str]:
+    def _addressed(self, robot: str) -> set[str]:
         return {name for name in self.robots if robot in ("*", name)}
 
     async def _collect(
         self,
-        found: dict[str, Outcome],
+        outcomes: dict[str, Outcome],
         answers: trio.MemoryReceiveChannel[Response],
         appeared: trio.Event,
         settled_at: float,
         robot: str,
     ) -> None:
-        """Collect answers until all robots have answered and no other can be expected, or until another
-        robot appears."""
+        """Collect answers until every expected robot has answered, or until another robot appears."""
         remote = self._reaches_hosts
-        done = {robot for robot, outcome in found.items() if outcome.outcome == "safe"}
+        done = {robot for robot, outcome in outcomes.items() if outcome.outcome == "safe"}
         async with trio.open_nursery() as nursery:
 
             async def watch() -> None:
@@ -379,12 +386,12 @@ class MeshClient:
                 nursery.cancel_scope.cancel()
 
             nursery.start_soon(watch)
-            while not (done >= self._meant(robot) and (not remote or trio.current_time() >= settled_at)):
+            while not (done >= self._addressed(robot) and (not remote or trio.current_time() >= settled_at)):
                 response = await answers.receive()
                 outcome = outcome_of(response.responder_id, response.result or {"detail": response.error})
-                earlier = found.get(outcome.robot)
+                earlier = outcomes.get(outcome.robot)
                 if earlier is None or earlier.outcome != "safe":
-                    found[outcome.robot] = outcome
+                    outcomes[outcome.robot] = outcome
                 if response.final:
                     done.add(outcome.robot)
             nursery.cancel_scope.cancel()
@@ -402,8 +409,8 @@ async def open_mesh(
         config: The configuration, or the path of its file. Default: the file that
             ``STRANDS_ACTORS_MESH`` names.
         now_ns: This host's clock, in nanoseconds. Tests pass another one.
-        to_stop: Join the robots of this user even if the configuration cannot be used. The outcomes of an
-            e-stop then report it.
+        to_stop: Connect to this user's robots even if the configuration cannot be used. The outcomes of an
+            e-stop then report the error of the configuration.
 
     Raises:
         ValueError: The configuration cannot be used, and ``to_stop`` is False.
@@ -411,10 +418,10 @@ async def open_mesh(
     unusable = ""
     try:
         config = MeshConfig.of(config)
-    except Exception as error:  # A mistake in a file must not keep a robot from being stopped.
+    except Exception as error:  # An error in the configuration must not prevent a stop.
         if not to_stop:
             raise
-        config, unusable = MeshConfig(), f"they were not looked for: {error}"
+        config, unusable = MeshConfig(), f"no search was made, because the configuration is wrong: {error}"
     async with open_background() as nursery:
         client = MeshClient(config, nursery, now_ns)
         client.unusable = unusable

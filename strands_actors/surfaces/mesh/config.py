@@ -1,4 +1,4 @@
-"""Configure how a robot can be reached. By default this is a unix socket of its user, and nothing else.
+"""Configure how other programs reach a robot. By default a robot listens only on a unix socket of its user.
 
     MeshConfig(
         listen="tls/0.0.0.0:7447",
@@ -6,9 +6,9 @@
         access=Access(viewers=["viewer"], operators=["operator"]),
     )
 
-or the same as TOML, in a file that ``STRANDS_ACTORS_MESH`` or ``--mesh`` names. A connection to another
-host needs TLS with certificates on both ends. The name in a certificate identifies a robot, or decides
-the rights of its holder.
+The same settings may stand in a TOML file that ``STRANDS_ACTORS_MESH`` or ``--mesh`` names. A connection to
+another host needs TLS, with a certificate on both ends. The name in a robot's certificate is the robot's
+name. The name in another certificate decides if its holder may watch or command.
 """
 
 from __future__ import annotations
@@ -54,27 +54,27 @@ class Access(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     operators: Names = ("operator",)
 
 
-class _Words(NamedTuple):
-    """Words of the messages about a missing setting, for Python or TOML."""
+class _Hints(NamedTuple):
+    """How a message refers to a setting: in the syntax of Python or of TOML."""
 
     tls: str
-    insecure: str
+    set_insecure: str
 
 
-_IN_PYTHON = _Words("mesh=MeshConfig(..., tls=TLS(ca, certificate, key))", "insecure=True there")
-_IN_TOML = _Words("a table [tls] with ca, certificate and key", "insecure = true")
+_IN_PYTHON = _Hints("mesh=MeshConfig(..., tls=TLS(ca, certificate, key))", "insecure=True there")
+_IN_TOML = _Hints("a table [tls] with ca, certificate and key", "insecure = true")
 
 
 class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How a robot can be reached, or how to reach robots.
+    """How other programs reach a robot, or how a program reaches robots.
 
     Attributes:
         listen: Zenoh endpoints to listen on, one or several.
         connect: Zenoh endpoints to connect to, one or several.
-        tls: The certificates.
-        access: The rights of certificates.
-        insecure: Allow endpoints without TLS. Every program that reaches the port can then command the
-            robot; on 127.0.0.1, every user of this host.
+        tls: The files of this program's certificate and key.
+        access: Which certificates may watch the robot, and which may command it.
+        insecure: Allow endpoints without TLS. Then every program that can connect to the port can command the
+            robot. With 127.0.0.1 these are the programs of all users of this host.
     """
 
     listen: Names = ()
@@ -84,23 +84,24 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     insecure: bool = False
 
     @classmethod
-    def of(cls, given: MeshConfig | str | os.PathLike[str] | None) -> MeshConfig:
+    def of(cls, mesh: MeshConfig | str | os.PathLike[str] | None) -> MeshConfig:
         """Return the checked configuration for a ``mesh=`` argument.
 
         Args:
-            given: A configuration, the path of its file, or None for the environment's.
+            mesh: A configuration, the path of its file, or None for the file that ``STRANDS_ACTORS_MESH``
+                names.
 
         Raises:
-            ValueError: It cannot be used.
+            ValueError: The configuration cannot be used.
         """
-        if given is None:
+        if mesh is None:
             config = cls.from_environment()
-        elif isinstance(given, cls):
-            config = given
-        elif isinstance(given, str | os.PathLike):
-            config = cls.load(given)
+        elif isinstance(mesh, cls):
+            config = mesh
+        elif isinstance(mesh, str | os.PathLike):
+            config = cls.load(mesh)
         else:
-            raise ValueError(f"mesh: it is {shown(given)}. give MeshConfig(...), or the path of its TOML file")
+            raise ValueError(f"mesh is {shown(mesh)}. Give MeshConfig(...), or the path of a TOML file")
         config.check()
         return config
 
@@ -114,14 +115,14 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         try:
             file = Path(path)
         except TypeError:
-            raise ValueError(f"mesh: the file is {shown(path)}. give its path, as text") from None
+            raise ValueError(f"mesh: the file is {shown(path)}. Give the path of a TOML file, as text") from None
         try:
             config = msgspec.toml.decode(file.read_bytes(), type=cls)
         except OSError as error:
             raise ValueError(f"mesh: {path} cannot be read: {error.strerror}") from error
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
-            raise ValueError(f"mesh: {path}: {error}{_keys_there(error)}") from error
-        config._check_endpoints(_IN_TOML)  # Checked here, so that the message uses the words of TOML.
+            raise ValueError(f"mesh: {path}: {error}{_valid_keys(error)}") from error
+        config._check_endpoints(_IN_TOML)  # Check here, so that a message refers to settings in TOML syntax.
         if config.tls is not None:
             ours = {name: str(file.parent / value) for name, value in msgspec.structs.asdict(config.tls).items()}
             config = msgspec.structs.replace(config, tls=TLS(**ours))
@@ -129,8 +130,8 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @classmethod
     def from_environment(cls) -> MeshConfig:
-        """Read the file that ``STRANDS_ACTORS_MESH`` names. Without it, only this user's own sockets are
-        used."""
+        """Read the file that ``STRANDS_ACTORS_MESH`` names. If the variable is not set, return the default:
+        only sockets of this user."""
         path = os.environ.get(ENVIRONMENT)
         return cls.load(path) if path else cls()
 
@@ -146,16 +147,17 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Check the whole configuration.
 
         Raises:
-            ValueError: It cannot be used. The text names a value that would be accepted.
+            ValueError: The configuration cannot be used. The message names an accepted value.
         """
         self._check_types()
         self._check_endpoints(_IN_PYTHON)
         if self.tls is None:
             return
-        for what, path in msgspec.structs.asdict(self.tls).items():
+        for file_name, path in msgspec.structs.asdict(self.tls).items():
             if not os.access(path, os.R_OK):
                 raise ValueError(
-                    f"mesh: the {what} {path} cannot be read. `strands-actors mesh keys DIR` makes a set of them"
+                    f"mesh: the {file_name} {path} cannot be read. "
+                    "Make certificates with `strands-actors mesh keys DIR`"
                 )
 
         _check_key(self.tls.key)
@@ -166,8 +168,8 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         _check_access(_list(self.access.viewers), _list(self.access.operators))
 
     def _check_types(self) -> None:
-        """Check the types of a configuration made in Python, where ``insecure="false"`` would count as
-        true."""
+        """Check the types of a configuration that was made in Python. Otherwise the text ``insecure="false"``
+        would count as true."""
         endpoints = "an endpoint like 'tls/0.0.0.0:7447', or a list of them"
         rows: list[tuple[str, object, bool, str]] = [
             ("listen", self.listen, _are_names(self.listen), endpoints),
@@ -186,60 +188,62 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             ]
         for name, value, fits, accepted in rows:
             if not fits:
-                raise ValueError(f"mesh: {name} is {shown(value)}. give {accepted}")
+                raise ValueError(f"mesh: {name} is {shown(value)}. Give {accepted}")
 
-    def _check_endpoints(self, words: _Words) -> None:
+    def _check_endpoints(self, hints: _Hints) -> None:
         for endpoint in (*self.listens, *self.connects):
-            self._check_endpoint(endpoint, words)
+            self._check_endpoint(endpoint, hints)
 
-    def _check_endpoint(self, endpoint: str, words: _Words) -> None:
+    def _check_endpoint(self, endpoint: str, hints: _Hints) -> None:
         protocol, _, address = endpoint.partition("/")
         fits = _has_port(address) if protocol in ("tcp", "tls") else protocol == SOCKET and address
         if not fits:
-            raise ValueError(f"mesh: {endpoint!r} is no endpoint. give one like tls/0.0.0.0:7447")
+            raise ValueError(f"mesh: {endpoint!r} is not an endpoint. Give an endpoint such as tls/0.0.0.0:7447")
         if protocol == "tls" and self.tls is None:
-            raise ValueError(f"mesh: {endpoint} needs certificates: {words.tls}")
+            raise ValueError(f"mesh: {endpoint} needs certificates. Give {hints.tls}")
         if protocol == "tcp" and self.tls is not None:
-            raise ValueError(f"mesh: {endpoint} beside TLS would be a way around it. use tls/ for all endpoints")
+            raise ValueError(f"mesh: {endpoint} would accept commands without TLS. Use tls/ for all endpoints")
         if protocol == "tcp" and not self.insecure:
             risk = (
-                "is open to every user of this host, who"
+                "has no TLS, so every user of this host"
                 if _is_loopback(address)
-                else "leaves this host, and anybody there"
+                else "has no TLS, so everyone in its network"
             )
             raise ValueError(
-                f"mesh: {endpoint} {risk} could move the robot. use tls/ and {words.tls}, or say {words.insecure}"
+                f"mesh: {endpoint} {risk} could move the robot. "
+                f"Use tls/ and {hints.tls}, or set {hints.set_insecure}"
             )
 
     @property
     def identity(self) -> str:
-        """Return the name in this program's certificate; empty without one."""
+        """Return the name in this program's certificate, or an empty text if there is no certificate."""
         return "" if self.tls is None else common_name(self.tls.certificate)
 
     @property
     def own_prefix(self) -> str:
-        """Return the prefix of the names of this program's senders and nodes. Robots answer only names
-        with it."""
+        """Return the prefix that the names of this program's senders and nodes must have. Robots answer no
+        other names."""
         return own_prefix(self.identity) if self.tls is not None else ""
 
     def check_robot(self, robot: str) -> None:
-        """Check that the certificate is of this robot. Otherwise peers would reject its answers.
+        """Check that the certificate has this robot's name. Otherwise peers would reject the robot's answers.
 
         Raises:
-            ValueError: It is of another name.
+            ValueError: The certificate has another name.
         """
         if self.tls is not None and self.identity != robot:
             raise ValueError(
-                f"mesh: {self.tls.certificate} is the certificate of {self.identity!r}, this robot is {robot!r}: "
-                f"nobody would believe its answers. `strands-actors mesh keys DIR --robot {robot}` makes one"
+                f"mesh: {self.tls.certificate} is the certificate of {self.identity!r}, "
+                f"but this robot is {robot!r}. "
+                f"Make a certificate with `strands-actors mesh keys DIR --robot {robot}`"
             )
 
     def settings_for(self, robot: str) -> dict[str, Any]:
-        """As ``settings``, for a caller that communicates with this robot only."""
+        """Return zenoh's settings for a program that communicates with this robot only."""
         return {} if self.tls is None else {**self.settings(), "access_control": only(robot)}
 
     def settings(self) -> dict[str, Any]:
-        """Return settings of zenoh, by their paths."""
+        """Return zenoh's settings for these certificates, by the path of each setting."""
         if self.tls is None:
             return {}
         ca, certificate, key = (os.path.abspath(path) for path in msgspec.structs.astuple(self.tls))
@@ -254,50 +258,55 @@ class MeshConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
     def robot_settings(self) -> dict[str, Any]:
-        """As ``settings``, with the access rules of a robot."""
+        """Return zenoh's settings for a robot, with its access rules."""
         if self.tls is None:
             return {"access_control": access_control(anybody=self.insecure)}
         rules = access_control(_list(self.access.viewers), _list(self.access.operators))
         return {**self.settings(), "access_control": rules}
 
 
-def _keys_there(error: Exception) -> str:
-    """Return the list of valid keys for the message about an unknown key; empty for other errors."""
+def _valid_keys(error: Exception) -> str:
+    """Return a text with the valid keys, if the error is about an unknown key. Otherwise return an empty
+    text."""
     text = str(error)
     if "unknown field" not in text:
         return ""
-    kind = TLS if "$.tls" in text else Access if "$.access" in text else MeshConfig
-    return f". there are {', '.join(kind.__struct_fields__)}"
+    config_class = TLS if "$.tls" in text else Access if "$.access" in text else MeshConfig
+    return f". there are {', '.join(config_class.__struct_fields__)}"
 
 
 def _check_key(path: str) -> None:
-    """Raise ``ValueError`` if other users than its owner can read the private key. A key that root owns
-    may also be readable by its group, since this user may be in it."""
+    """Raise ``ValueError`` if other users can read the private key. A key that the user root owns may be
+    readable by its group, since this user may be a member."""
     status = os.stat(path)
     others = 0o037 if status.st_uid == 0 and os.getuid() != 0 else 0o077
     if status.st_mode & others:
         raise ValueError(
-            f"mesh: the key {path} can be read by others (mode {status.st_mode & 0o777:03o}), who then are you. "
-            f"chmod 600 {path}"
+            f"mesh: other users can read the private key {path} (mode {status.st_mode & 0o777:03o}). "
+            f"Run chmod 600 {path}"
         )
 
 
 def _check_access(viewers: list[str], operators: list[str]) -> None:
     for name in (*viewers, *operators):
         if not is_name(name):
-            raise ValueError(f"mesh: access: {name!r} is no name: give letters, digits, _ . and -, 64 at most")
+            raise ValueError(
+                f"mesh: access: the name {name!r} is not valid. Use at most 64 letters, digits, _ . and -"
+            )
     for name in operators:
         if len(name) > MAX_OPERATOR:
-            raise ValueError(f"mesh: access: {name!r} is longer than {MAX_OPERATOR} characters")
-        for other in operators:
-            if other.startswith(own_prefix(name)):
-                raise ValueError(f"mesh: access: {name} could hear what {other} is answered: give it another name")
+            raise ValueError(f"mesh: access: the name {name!r} is too long. Use at most {MAX_OPERATOR} characters")
+        for operator in operators:
+            if operator.startswith(own_prefix(name)):
+                raise ValueError(
+                    f"mesh: access: {name} could receive answers to {operator}. Give {name} another name"
+                )
 
 
-def _are_names(given: object) -> bool:
+def _are_names(value: object) -> bool:
     """Return True for a text, or a collection of texts."""
-    several = isinstance(given, Sequence | AbstractSet) and all(isinstance(each, str) for each in given)
-    return isinstance(given, str) or several
+    several = isinstance(value, Sequence | AbstractSet) and all(isinstance(each, str) for each in value)
+    return isinstance(value, str) or several
 
 
 def _list(names: str | Sequence[str]) -> list[str]:
@@ -305,7 +314,7 @@ def _list(names: str | Sequence[str]) -> list[str]:
 
 
 def _has_port(address: str) -> bool:
-    """Return True for ``host:port``, which zenoh's settings of a link may follow."""
+    """Return True if an address is ``host:port``. Zenoh's link settings (``?...`` or ``#...``) may follow."""
     host, _, port = re.split("[?#]", address, maxsplit=1)[0].rpartition(":")
     return bool(host) and port.isascii() and port.isdigit() and int(port) <= 65535
 

@@ -1,5 +1,5 @@
-"""A caller's reference to the gate of a robot on another host. It gives each command a deadline on the
-robot's clock."""
+"""Send messages to the gate (the actor that checks commands) of a robot on another host. Each command gets a
+deadline on the robot's clock."""
 
 from __future__ import annotations
 
@@ -22,41 +22,42 @@ COMMAND_S = 1.0
 """A command that has not reached the robot within this time is not carried out."""
 BEAT_S = 0.5
 """A heartbeat that takes longer to arrive does not keep the lease."""
-_NOT_KNOWN = Refused(Code.CLOCK, "the robot's clock is not known: nothing is sent before it is", "is it reachable?")
+_NOT_KNOWN = Refused(
+    Code.CLOCK, "the robot's clock is not known, so no command was sent", "check the network to the robot"
+)
 
 
 class GatewayRef:
-    """A ``Ref`` of the gate. If the robot refuses a command because it does not know the session (it has
-    restarted), the clock is read again and the command is sent once more."""
+    """A reference to the robot's gate. A robot that has restarted does not know the old session, and refuses
+    its commands. Then the clock is read again, and the command is sent once more."""
 
     def __init__(self, node: Node, robot: str, sender: str) -> None:
-        at = addresses.of(robot)
-        self.address = at.gateway
+        actors = addresses.of(robot)
+        self.address = actors.gateway
         self.clock = RobotClock()
-        self.told: Synced | None = None
         """The robot's last answer to ``Sync``."""
         self._now_ns = node.clock.now_ns
-        self._gateway = node.ref(at.gateway, Gateway, sender)
-        self._stop = node.ref(at.gateway_stop, GatewayStop, sender)
+        self._gateway = node.ref(actors.gateway, Gateway, sender)
+        self._stop = node.ref(actors.gateway_stop, GatewayStop, sender)
         self._session = ""
 
     # -- the robot's clock
 
     async def sync(self, deadline_s: float) -> Message | None:
-        """Read the robot's clock. Raises the same as ``ask``."""
-        asked_ns = self._now_ns()
-        return self._synced(await self._gateway.ask(Sync(self._session), deadline_s), asked_ns)
+        """Read the robot's clock. Raise the same exceptions as ``ask``."""
+        requested_ns = self._now_ns()
+        return self._synced(await self._gateway.ask(Sync(self._session), deadline_s), requested_ns)
 
     def _sync_here(self, deadline_s: float) -> Message | None:
-        asked_ns = self._now_ns()
-        return self._synced(self._gateway.ask_here(Sync(self._session), deadline_s), asked_ns)
+        requested_ns = self._now_ns()
+        return self._synced(self._gateway.ask_here(Sync(self._session), deadline_s), requested_ns)
 
-    def _synced(self, answer: Message | None, asked_ns: int) -> Message | None:
+    def _synced(self, answer: Message | None, requested_ns: int) -> Message | None:
         if isinstance(answer, Synced):
             if answer.session != self._session:
                 self.clock.forget()
-            self._session, self.told = answer.session, answer
-            self.clock.read(answer.robot_ns, asked_ns, self._now_ns())
+            self._session = answer.session
+            self.clock.read(answer.robot_ns, requested_ns, self._now_ns())
         return answer
 
     # -- as a Ref
@@ -93,7 +94,8 @@ class GatewayRef:
         return outgoing if isinstance(outgoing, Refused) else self._gateway.ask_here(outgoing, deadline_s)
 
     def _outgoing(self, message: Message) -> Message:
-        """Return the message to send, with its times on the robot's clock; a refusal if that is unknown."""
+        """Return the message with its times converted to the robot's clock. Return a refusal if the robot's
+        clock is not known."""
         if not isinstance(message, Datable):
             return message
         now_ns = self._now_ns()

@@ -36,13 +36,14 @@ def make(
     days: int = DAYS,
     robots: Sequence[str] = (),
 ) -> list[Path]:
-    """Write a certificate and key for each name, signed by the authority in ``directory``. The authority is
-    made if there is none.
+    """Write a certificate and a private key for each name, signed by the authority in ``directory``.
+
+    If ``directory`` has no authority, make one.
 
     Args:
-        directory: Where to write.
+        directory: The folder for the files.
         names: Names of viewers and operators.
-        hosts: Names and addresses of the robots' hosts, in addition to this host's.
+        hosts: Names and addresses of the robots' hosts. This host's names are added.
         days: Validity in days.
         robots: Names of robots on the mesh.
 
@@ -55,13 +56,13 @@ def make(
     """
     for name in (*names, *robots):
         if not is_name(name) or name == "ca":
-            raise ValueError(f"{name!r} is no name: give letters, digits, _ . and -, 64 at most")
+            raise ValueError(f"the name {name!r} is not valid. Use at most 64 letters, digits, _ . and -")
     if both := sorted({*names} & {*robots}):
-        raise ValueError(f"{both[0]} is a robot's name, so nobody else's")
+        raise ValueError(f"{both[0]} is the name of a robot and of an operator or viewer. Use different names")
     leaves = [directory / f"{name}.{ending}" for name in (*names, *robots) for ending in ("pem", "key")]
-    there = [str(file) for file in leaves if file.exists()]
-    if there:
-        raise FileExistsError(f"{there[0]} is already there: name another directory, or others")
+    existing = [str(file) for file in leaves if file.exists()]
+    if existing:
+        raise FileExistsError(f"{existing[0]} exists already. Use another directory, or other names")
     directory.mkdir(mode=0o700, parents=True, exist_ok=True)
     end = datetime.datetime.now(datetime.UTC) + datetime.timedelta(days=days)
     authority = [directory / "ca.pem", directory / "ca.key"]
@@ -90,7 +91,7 @@ def _read_authority(certificate: Path, key: Path) -> tuple[x509.Certificate, _Ke
     except (OSError, ValueError, TypeError) as error:
         raise FileExistsError(f"{certificate.parent} has an authority that cannot be used: {error}") from error
     if not isinstance(private_key, ec.EllipticCurvePrivateKey):
-        raise FileExistsError(f"{key} is no key of ours: name another directory")
+        raise FileExistsError(f"{key} was not made by this command. Use another directory")
     return ca, private_key
 
 
@@ -112,10 +113,10 @@ def _leaf(
     alternatives: Sequence[x509.GeneralName],
     end: datetime.datetime,
 ) -> x509.Certificate:
-    """Return a certificate. ``alternatives`` are the addresses of its holder as a server; without any, it
-    can be a client only."""
+    """Return a certificate. ``alternatives`` are the addresses at which its holder is a server. Without
+    addresses, the certificate is valid for a client only."""
     uses = [ExtendedKeyUsageOID.CLIENT_AUTH]
-    if alternatives:  # A robot keeps CLIENT_AUTH, since it may also connect to others.
+    if alternatives:  # A robot is a server, but may also connect to other robots as a client.
         uses.insert(0, ExtendedKeyUsageOID.SERVER_AUTH)
     builder = (
         _builder(_name(name), ca.subject, key, end)
@@ -129,7 +130,7 @@ def _leaf(
 
 
 def _builder(subject: x509.Name, issuer: x509.Name, key: _Key, end: datetime.datetime) -> x509.CertificateBuilder:
-    # The validity begins a day ago, since the clocks of other hosts may be behind.
+    # The certificate is valid from yesterday, because the clocks of other hosts may be behind.
     begin = datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=1)
     return (
         x509.CertificateBuilder()

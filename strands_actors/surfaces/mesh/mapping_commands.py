@@ -29,46 +29,46 @@ Command = Mapping[str, Any] | str
 
 
 async def send(mesh: MeshClient, robot: str, command: Command) -> dict[str, Any] | Refused:
-    """Send a command and return its result. A command that moves the robot gets a deadline here: it begins
-    within ``BEGIN_S``, or never."""
-    given, kind = _read(command)
-    if isinstance(kind, Refused):
-        return kind
-    if kind is mesh_json.Stop:
-        return _result_of([await mesh.stop(robot, _by(given))], robot)
-    if kind is mesh_json.Estop:
-        return _result_of(await mesh.estop(_by(given), robot=robot), robot)
-    if kind is mesh_json.Resume:
-        return await mesh.resume(robot, _by(given))
-    if not issubclass(kind, mesh_json.Dated):
-        return await mesh.request(robot, given)
+    """Send a command and return its result. A command that moves the robot gets a deadline. If it cannot
+    begin within ``BEGIN_S``, it is not carried out."""
+    checked, command_class = _read(command)
+    if isinstance(command_class, Refused):
+        return command_class
+    if command_class is mesh_json.Stop:
+        return _result_of([await mesh.stop(robot, _by(checked))], robot)
+    if command_class is mesh_json.Estop:
+        return _result_of(await mesh.estop(_by(checked), robot=robot), robot)
+    if command_class is mesh_json.Resume:
+        return await mesh.resume(robot, _by(checked))
+    if not issubclass(command_class, mesh_json.Dated):
+        return await mesh.request(robot, checked)
 
     def make(clock: str, deadline_ns: int) -> dict[str, Any]:
-        return {**given, "clock": clock, "deadline_ns": deadline_ns}
+        return {**checked, "clock": clock, "deadline_ns": deadline_ns}
 
     return await mesh.dated(robot, make, BEGIN_S, BEGIN_S + ANSWER_S)
 
 
 async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str, Any] | Refused] | Refused:
-    """Ask all robots for a reading, or stop all. Return the answers by robot. A command that moves a robot
-    is refused; it goes to one robot at a time."""
+    """Ask all robots for a reading, or stop all robots. Return the answers by robot. A command that moves
+    robots is refused, because such a command must name one robot."""
     offered = [name for name, each in mesh_json.ACTIONS.items() if each in TO_ALL]
-    given, kind = _read(command, offered)
-    if isinstance(kind, Refused):
-        return kind
-    if kind not in TO_ALL:
-        why = f"broadcast: {given['action']} is for one robot at a time"
-        return Refused(Code.ONE_ROBOT, why, f"to all send {', '.join(offered)}; what moves one, send to that one")
+    checked, command_class = _read(command, offered)
+    if isinstance(command_class, Refused):
+        return command_class
+    if command_class not in TO_ALL:
+        reason = f"broadcast: {checked['action']} cannot be sent to all robots at once"
+        return Refused(Code.ONE_ROBOT, reason, f"send one of {', '.join(offered)} to all robots, or name one robot")
     answers: dict[str, dict[str, Any] | Refused] = {}
 
     async def ask(robot: str) -> None:
-        answers[robot] = await send(mesh, robot, given)
+        answers[robot] = await send(mesh, robot, checked)
 
     await mesh.settle()
     async with trio.open_nursery() as nursery:
         for robot in mesh.robots:
             nursery.start_soon(ask, robot)
-    lost = mesh.not_looked_for() if kind is mesh_json.Stop else []
+    lost = mesh.not_looked_for() if command_class is mesh_json.Stop else []
     return {
         **dict(sorted(answers.items())),
         **{each.robot: Refused(Code.UNREACHABLE, each.detail) for each in lost},
@@ -76,54 +76,63 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
 
 
 def stops(command: Command) -> bool:
-    """Return True if a command is a stop, which must be sent in any case."""
+    """Return True if a command is a stop. A stop is sent even if the mesh configuration is wrong."""
     return _read(command)[1] is mesh_json.Stop
 
 
 async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str, Any]]:
     """Return the robots on the mesh. Each row has ``peer_id``, ``type``, ``age`` (seconds), ``reachable``,
     and the robot's own presence message."""
-    heard: dict[str, tuple[float, dict[str, Any]]] = {}
+    presences: dict[str, tuple[float, dict[str, Any]]] = {}
 
     def hear(received: Received) -> None:
-        with contextlib.suppress(msgspec.DecodeError):  # The robot is there, but its message is unreadable.
+        # Ignore a presence message that cannot be decoded. The robot is listed nevertheless.
+        with contextlib.suppress(msgspec.DecodeError):
             presence = msgspec.json.decode(received.payload, type=dict[str, Any])
-            heard[received.key.split("/")[1]] = trio.current_time(), presence
+            presences[received.key.split("/")[1]] = trio.current_time(), presence
 
     mesh.subscribe(mesh_json.key("*", "presence"), hear)
     await mesh.settle()
     with trio.move_on_after(within_s):
-        while not set(mesh.robots) <= set(heard):  # noqa: ASYNC110  # they come one by one
+        while not set(mesh.robots) <= set(presences):  # noqa: ASYNC110  # they come one by one
             await trio.sleep(LOOK_S)
     now, rows = trio.current_time(), []
-    for robot in sorted({*mesh.robots, *heard}):
-        at, presence = heard.get(robot, (now, {}))
-        kind = presence.get("robot_type", "robot")
-        rows.append({**presence, "peer_id": robot, "type": kind, "age": now - at, "reachable": robot in heard})
+    for robot in sorted({*mesh.robots, *presences}):
+        received_s, presence = presences.get(robot, (now, {}))
+        robot_type = presence.get("robot_type", "robot")
+        rows.append(
+            {
+                **presence,
+                "peer_id": robot,
+                "type": robot_type,
+                "age": now - received_s,
+                "reachable": robot in presences,
+            }
+        )
     return rows
 
 
 def _read(
     command: Command, offered: Sequence[str] = tuple(mesh_json.ACTIONS)
 ) -> tuple[dict[str, Any], type[mesh_json.Command] | Refused]:
-    """Return the command with its action, and its type, or a refusal. ``offered`` are the actions that
-    the refusal lists."""
-    unchecked: object = command  # Programs may pass any type.
+    """Return the command as a dict, with the class of its action. For an unknown action, return a refusal in
+    place of the class. The refusal lists the actions in ``offered``."""
+    unchecked: object = command  # The type is only a hint. A program may pass anything.
     if not isinstance(unchecked, Mapping | str):
-        why = f"the command is {shown(unchecked)}"
-        return {}, Refused(Code.MALFORMED, why, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
-    given = {"action": command} if isinstance(command, str) else {"action": "status", **command}
-    action = str(given["action"])
-    kind = mesh_json.ACTIONS.get(action)
-    return given, kind or no_action(action, offered)
+        reason = f"the command is {shown(unchecked)}"
+        return {}, Refused(Code.MALFORMED, reason, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
+    checked = {"action": command} if isinstance(command, str) else {"action": "status", **command}
+    action = str(checked["action"])
+    command_class = mesh_json.ACTIONS.get(action)
+    return checked, command_class or no_action(action, offered)
 
 
-def _by(given: Mapping[str, Any]) -> Any:
-    return given.get("by")
+def _by(command: Mapping[str, Any]) -> Any:
+    return command.get("by")
 
 
 def _result_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
-    """Return the result for a robot that is safe, and otherwise a refusal."""
+    """Return the result of a stop for one robot: a dict if the robot is safe, otherwise a refusal."""
     outcome = next((each for each in outcomes if each.robot == robot), None)
     if outcome is None:
         return Refused(Code.UNREACHABLE, f"{robot} is not on the mesh")
@@ -133,8 +142,8 @@ def _result_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
             return result
         case "unconfirmed":
             named = ", ".join(str(motor.get("axis")) for motor in outcome.motors if motor.get("safe") is not True)
-            why = f"{robot}: not confirmed by {named or 'the robot'}"
-            return Refused(Code.UNCONFIRMED, f"{why} ({outcome.detail})" if outcome.detail else why, REMEDY)
+            reason = f"{robot}: not confirmed by {named or 'the robot'}"
+            return Refused(Code.UNCONFIRMED, f"{reason} ({outcome.detail})" if outcome.detail else reason, REMEDY)
         case "unreachable":
             return Refused(Code.UNREACHABLE, outcome.detail, REMEDY)
         case _:

@@ -24,16 +24,17 @@ class Outcome(msgspec.Struct, frozen=True):
     """The result of a stop for one robot.
 
     Attributes:
-        robot: Its name.
+        robot: The name of the robot.
         outcome: ``safe``; ``unconfirmed``: the stop was ordered, and not every motor has confirmed it;
             ``unreachable``: there was no answer from the robot.
-        detail: Why it is not safe.
-        safe_state: The safe state.
-        path: Which process has made it safe.
+        detail: Why the robot is not confirmed safe. Empty if it is.
+        safe_state: The safe state that the robot was brought to, for example limp or hold.
+        path: The connection by which the robot was stopped: ``wire``, or ``stop_channel`` of the root process.
         locked: True after an e-stop, until a resume.
-        took_ms: Time on the robot from its order to the last motor's confirmation.
+        took_ms: Time in milliseconds from the order of the stop to the last motor's confirmation, measured on
+            the robot.
         motors: The report of each motor.
-        note: Why the lock of an e-stop ends with the tree; empty if it does not.
+        note: Why the lock of an e-stop ends when the robot's processes end. Empty if the lock outlives them.
     """
 
     robot: str
@@ -57,17 +58,19 @@ def result_of(response: Response) -> dict[str, Any] | Refused:
 
 
 def outcome_of(robot: str, result: Mapping[str, Any]) -> Outcome:
-    """Return the outcome of any answer. Never raises, so that a bad answer does not hide the outcomes of
-    other robots. ``safe`` needs a confirmation of each motor."""
+    """Convert an answer of a robot to an outcome. The outcome is ``safe`` only if every motor has confirmed it.
+
+    A malformed answer raises no exception, so that it does not hide the outcomes of other robots.
+    """
     listed = result.get("motors")
     motors = tuple(motor for motor in listed if isinstance(motor, dict)) if isinstance(listed, list | tuple) else ()
     detail = str(result.get("detail", ""))
     says_safe = result.get("outcome") == "safe"
-    # A robot that had nothing to do reports its safe state, and no motor.
+    # A robot that had no motor to stop reports its safe state, but no motors.
     has_evidence = bool(motors or result.get("safe_state"))
     safe = says_safe and has_evidence and all(motor.get("safe") is True for motor in motors)
     if says_safe and not has_evidence:
-        detail = "it says that it is safe, and of no motor that it was read back"
+        detail = "the robot reported safe, but did not report that any motor was read"
     elif not detail and not safe:
         detail = ", ".join(
             f"{motor.get('axis')}: {motor.get('detail')}" for motor in motors if not motor.get("safe")

@@ -1,4 +1,5 @@
-"""Reach a robot by its name: one of this user, or one at an endpoint of the configuration."""
+"""Connect to a running robot by its name. It may belong to this user, or be at an endpoint of the mesh
+configuration."""
 
 from __future__ import annotations
 
@@ -28,31 +29,34 @@ LOOK_S = 1.0
 
 @contextlib.asynccontextmanager
 async def reach(robot: str, config: MeshConfig) -> AsyncIterator[RobotTree]:
-    """Open the tree of a robot that another program has started.
+    """Connect to a robot that another program has started.
 
-    Nothing is armed. At the end of the block the robot is stopped only if the lease is still held.
+    The robot's motors are not energised. At the end of the block the robot is stopped only if this program
+    still holds the lease (the right to command).
 
     Raises:
-        ConnectionError: The robot was not found, or it has refused.
+        ConnectionError: The robot was not found, or it has refused the connection.
     """
-    at, kind = await _find(robot, config)
-    robot_plan = plan(kind, "real", at=at, mesh=config, tool_name=robot)
+    endpoint, robot_type = await _find(robot, config)
+    robot_plan = plan(robot_type, "real", at=endpoint, mesh=config, tool_name=robot)
     async with open_tree(robot_plan, arm=False) as tree:
         yield tree
 
 
 async def _find(robot: str, config: MeshConfig) -> tuple[str, str]:
     """Return the robot's endpoint and kind."""
-    here = {note.robot: note.mesh[0] for note in notes() if note.mesh}
-    if robot in here:
-        synced = await _ask(robot, here[robot], MeshConfig(), LOOK_S)
+    local_endpoints = {note.robot: note.mesh[0] for note in notes() if note.mesh}
+    if robot in local_endpoints:
+        synced = await _ask(robot, local_endpoints[robot], MeshConfig(), LOOK_S)
         if synced is not None:
-            return here[robot], synced.kind
+            return local_endpoints[robot], synced.kind
     for endpoint in config.connects:
         synced = await _ask(robot, endpoint, config, 5 * LOOK_S)
         if synced is not None:
             return endpoint, synced.kind
-    raise ConnectionError(f"{robot} is not on the mesh. these are: {', '.join(here) or 'none'} on this host")
+    raise ConnectionError(
+        f"{robot} is not on the mesh. robots on this host: {', '.join(local_endpoints) or 'none'}"
+    )
 
 
 async def _ask(robot: str, endpoint: str, config: MeshConfig, within_s: float) -> Synced | None:

@@ -3,9 +3,9 @@
     async with open_mesh(config) as mesh, control(mesh, "so101") as arm:
         await arm.send_action({"shoulder_pan": 10.0})
 
-The block holds the lease while it runs and its loop is not blocked. A link that is cut ends the lease: the
-robot holds when the last setpoint expires (a latched one: a second later), and accepts no command from
-the mesh before a ``resume``.
+The block holds the lease (the right to command) while it runs, unless its event loop is blocked. If the
+connection is cut, the lease ends. The robot then holds its position when the last setpoint expires, or a
+second later if that setpoint has no end. It accepts no command from the mesh before a ``resume``.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ class RemoteRobot:
     """A robot whose lease this program holds. ``control`` makes it.
 
     Attributes:
-        robot: Its name.
-        axes: Its axes, once the lease is held.
-        unit: The unit of its axes.
-        oneshot_ttl_s: Longest lifetime of a single command, in seconds. None: until the lease ends.
+        robot: The name of the robot.
+        axes: The axes of the robot. Empty before the lease is held.
+        unit: The unit of the axes.
+        oneshot_ttl_s: Longest lifetime of a single command, in seconds. None means until the lease ends.
     """
 
     def __init__(self, mesh: MeshClient, robot: str) -> None:
@@ -72,7 +72,7 @@ class RemoteRobot:
         Args:
             targets: Targets by joint, in the driver's units.
             ttl_s: Lifetime of the target in seconds. Default: ``oneshot_ttl_s``.
-            period_s: Period of the stream to which the target belongs, in seconds; 0 for a single one.
+            period_s: Period of the stream of targets, in seconds; 0 for a single target.
         """
         ttl_s = self.oneshot_ttl_s if ttl_s is None else ttl_s
 
@@ -107,7 +107,8 @@ class RemoteRobot:
         return answer if isinstance(answer, Refused) else await self.acquire()
 
     async def release(self) -> Outcome:
-        """Release the lease, and return the result. If a target is in force, the robot holds."""
+        """Release the lease, and return the result. If the robot is moving to a target, it holds its
+        position."""
         lease, self._lease = self._lease, 0
         answer = await self._mesh.request(self.robot, mesh_json.Release(lease), RELEASE_S)
         if isinstance(answer, Refused):
@@ -115,7 +116,7 @@ class RemoteRobot:
         return outcome_of(self.robot, answer)
 
     async def beat(self) -> None:
-        """Keep the lease, until cancelled."""
+        """Send heartbeats that keep the lease, until cancelled."""
         while True:
             await trio.sleep(BEAT_S)
             if self._lease:
@@ -142,7 +143,7 @@ async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIt
         resume: Energise the robot first.
 
     Raises:
-        PermissionError: The robot has refused. The text is its refusal.
+        PermissionError: The robot has refused. The message is the robot's refusal.
     """
     remote = RemoteRobot(mesh, robot)
     refused = await (remote.resume() if resume else remote.acquire())

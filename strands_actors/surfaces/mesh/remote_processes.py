@@ -1,7 +1,8 @@
-"""The processes of a robot on another host, for a caller that reaches them over the mesh.
+"""Connect a robot handle to a robot on another host.
 
-This caller neither starts nor ends them; it only ends its own connection. Only the robot's answer shows
-that the robot has stopped. Without an answer, the result of a stop is ``Unreachable``.
+The handle neither starts nor ends the robot's processes. It only opens and closes a connection to them. Only
+an answer of the robot proves that the robot has stopped. Without an answer, the result of a stop is
+``Unreachable``.
 """
 
 from __future__ import annotations
@@ -61,19 +62,19 @@ class RemoteProcesses(Processes):
     def alive(self) -> bool:
         return self.started
 
-    async def start(self, beside: Callable[[], Awaitable[None]]) -> None:
+    async def start(self, background: Callable[[], Awaitable[None]]) -> None:
         mesh = self.plan.mesh
         try:
             session = await ZenohMesh.open(connect=mesh.connects, settings=mesh.settings_for(self.robot))
         except zenoh.ZError as error:
-            raise NotConnected(f"{self.plan.at}: {short(error)}") from error
+            raise NotConnected(f"{self.plan.host_address}: {short(error)}") from error
         session.attach(self.node, f"{addresses.of(self.robot).gateway}/**/alive")
-        # The answers contain a session and leases, so no other peer may receive them.
+        # The answers contain a session and leases, so only this caller may receive them.
         session.ask_privately(addresses.of(self.robot).gateway)
         session.serve_threads()
         self.gate = GatewayRef(self.node, self.robot, f"{self.node.address}/{self.robot}")
         self._scope = trio.CancelScope()
-        self.nursery.start_soon(self._serve, session, self._scope, beside)
+        self.nursery.start_soon(self._serve, session, self._scope, background)
         try:
             await self._reach()
         except BaseException:
@@ -81,22 +82,22 @@ class RemoteProcesses(Processes):
             raise
 
     async def _serve(
-        self, session: ZenohMesh, scope: trio.CancelScope, beside: Callable[[], Awaitable[None]]
+        self, session: ZenohMesh, scope: trio.CancelScope, background: Callable[[], Awaitable[None]]
     ) -> None:
         try:
             with scope:
                 async with trio.open_nursery() as nursery:
                     await nursery.start(self.node.run)
                     await nursery.start(session.run)
-                    nursery.start_soon(beside)
+                    nursery.start_soon(background)
                     nursery.start_soon(self._keep_clock)
         finally:
             with trio.CancelScope(shield=True):
                 await trio.to_thread.run_sync(session.close)
 
     async def _reach(self) -> None:
-        """Wait until the robot's clock was read. Raise ``NotConnected``."""
-        failure = "nobody there is called so, or this certificate is no operator's"
+        """Wait until the robot's clock was read. Raise ``NotConnected`` if the robot does not answer."""
+        failure = "no robot of this name runs there, or this certificate may not command"
         with trio.move_on_after(REACH_S):
             while True:
                 try:
@@ -110,13 +111,15 @@ class RemoteProcesses(Processes):
                 if isinstance(answer, Synced):
                     self._check(answer)
                     return
-                failure = answer.text if isinstance(answer, Refused) else "its answer cannot be read"
+                failure = answer.text if isinstance(answer, Refused) else "the robot's answer cannot be decoded"
                 await trio.sleep(0.05)
-        raise NotConnected(f"{self.robot} at {self.plan.at} does not answer: {failure}")
+        raise NotConnected(f"{self.robot} at {self.plan.host_address} does not answer: {failure}")
 
     def _check(self, synced: Synced) -> None:
         if synced.kind != self.driver.robot or synced.axes != tuple(self.driver.axes):
-            raise NotConnected(f"{self.robot} at {self.plan.at} is a {synced.kind}, not a {self.driver.robot}")
+            raise NotConnected(
+                f"{self.robot} at {self.plan.host_address} is a {synced.kind}, not a {self.driver.robot}"
+            )
 
     async def _keep_clock(self) -> None:
         waits = iter(SYNC_S)
@@ -131,43 +134,44 @@ class RemoteProcesses(Processes):
             self._scope = None
 
     async def end(self, lease: Lease | None) -> StopResult:
-        """Stop the robot if this caller has the lease, release it, and disconnect. Otherwise the robot
-        continues with the commands of others."""
+        """If this caller holds the lease, stop the robot and release the lease. Then disconnect. Without the
+        lease the robot is not stopped, because another program may be commanding it."""
         result: StopResult = stop_result.Confirmed(stop_result.NothingRan("nothing was commanded from here"))
         if self.started and lease is not None:
             try:
-                # The reason is not CLEANUP, which would end the tree. The tree is not this caller's.
+                # The reason CLEANUP would end the robot's processes, which this caller did not start.
                 answer = await self.gate.ask(Stop(Reason.STOP, self.holder), self.patience.stop_s)
                 result = stop_result.of_answer("cleanup", answer, self.driver.axes)
             except (AskTimeout, Unreachable) as failure:
-                result = self._not_heard("cleanup", failure)
-            with contextlib.suppress(AskTimeout, Unreachable):  # Without a release the lease lapses.
+                result = self._unreachable("cleanup", failure)
+            with contextlib.suppress(AskTimeout, Unreachable):  # If the release fails, the lease ends by itself.
                 await self.gate.ask(Release(lease.id), self.patience.ask_s)
         self._leave()
         return result
 
     async def make_safe(self, reason: Reason, by: str, lock: bool) -> StopResult:
-        return self._not_heard("stop", None)
+        return self._unreachable("stop", None)
 
-    async def late(self, verb: str, timeout: AskTimeout) -> Refused:
-        """Return the refusal for a command without an answer in time. The command has a deadline, so it is
-        not carried out late, but it may have been carried out in time."""
-        why = f"{timeout}. it may have been done, and will not be done later"
-        return Refused(Code.TIMEOUT, why, "look at get_status()", verb=verb)
+    async def cancel_late_request(self, verb: str, timeout: AskTimeout) -> Refused:
+        """Return the refusal of a command that was not answered in time. The robot may have carried out the
+        command before its deadline, but will not carry it out later."""
+        reason = f"{timeout}. the command may have been carried out, and will not be carried out later"
+        return Refused(Code.TIMEOUT, reason, "check with get_status()", verb=verb)
 
-    def _not_heard(self, verb: str, failure: Exception | None) -> stop_result.Unreachable:
-        why = f"{self.robot} at {self.plan.at} does not answer{f' ({failure})' if failure else ''}"
-        known = "whether it has stopped is not known here. without us it holds when its setpoint or lease expires"
+    def _unreachable(self, verb: str, failure: Exception | None) -> stop_result.Unreachable:
+        reason = f"{self.robot} at {self.plan.host_address} does not answer{f' ({failure})' if failure else ''}"
+        consequence = "it is not known if it has stopped. it holds its position when its setpoint or lease expires"
         return stop_result.Unreachable(
-            Refused(Code.UNREACHABLE, f"{why}: {known}", "look at the robot", verb=verb), self.driver.axes
+            Refused(Code.UNREACHABLE, f"{reason}: {consequence}", "look if the robot has stopped", verb=verb),
+            self.driver.axes,
         )
 
-    async def revive(self, lift: bool, beside: Callable[[], Awaitable[None]]) -> Refused | None:
+    async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
         if not self.started:
-            await self.start(beside)
+            await self.start(background)
         elif await self.status() is None:
-            why = f"{self.robot} at {self.plan.at} does not answer"
-            return Refused(Code.UNREACHABLE, why, "try again", verb=RESUME)
+            reason = f"{self.robot} at {self.plan.host_address} does not answer"
+            return Refused(Code.UNREACHABLE, reason, "try again", verb=RESUME)
         return None
 
     async def describe(self) -> TreeReport | None:
@@ -180,4 +184,4 @@ class RemoteProcesses(Processes):
         return answer if isinstance(answer, TreeReport) else None
 
     async def require_mesh(self) -> None:
-        """Do nothing, since the robot was reached over the mesh."""
+        """Do nothing. The connection over the mesh already exists."""

@@ -1,7 +1,7 @@
 """Estimate a robot's clock from another host.
 
 Each reading bounds the offset between the two clocks. Deadlines use the lower bound, so they are never
-later on the robot than intended. Pure: no clock, no I/O.
+later on the robot than intended. The functions read no clock and do no I/O.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _KEPT = 16
 
 
 class Bounds(NamedTuple):
-    """Bounds of the offset: the robot's clock minus this host's clock."""
+    """Lower and upper bound of the offset (the robot's clock minus this host's clock), in nanoseconds."""
 
     lowest_ns: int
     highest_ns: int
@@ -32,43 +32,44 @@ class _Reading(NamedTuple):
 
 
 class RobotClock:
-    """The clock of one robot. Of several readings the tightest bounds count, so read it often.
+    """The clock of one robot, estimated from several readings.
 
-    An older reading that contradicts a newer one is dropped: one of the two computers was suspended in
-    between, and its clock stood still.
+    Each reading gives bounds of the offset, and the tightest bounds are used. So more readings make the
+    estimate better. An older reading that contradicts a newer one is dropped, because one of the two
+    computers was suspended in between, and its clock did not run.
     """
 
     def __init__(self) -> None:
         self._readings: deque[_Reading] = deque(maxlen=_KEPT)
 
-    def read(self, robot_ns: int, asked_ns: int, answered_ns: int) -> None:
-        """Add a reading: the robot's clock was ``robot_ns`` at some time between ``asked_ns`` and
-        ``answered_ns`` of this host's clock."""
-        self._readings.append(_Reading(Bounds(robot_ns - answered_ns, robot_ns - asked_ns), answered_ns))
+    def read(self, robot_ns: int, requested_ns: int, answered_ns: int) -> None:
+        """Add a reading. The robot's clock was ``robot_ns`` at some time between ``requested_ns`` and
+        ``answered_ns`` on this host's clock."""
+        self._readings.append(_Reading(Bounds(robot_ns - answered_ns, robot_ns - requested_ns), answered_ns))
         while (both := _bounds(self._readings, answered_ns)).lowest_ns > both.highest_ns:
-            self._readings.popleft()  # The loop ends: a single reading has no contradiction.
+            self._readings.popleft()  # The loop ends at the latest when one reading is left.
 
     def forget(self) -> None:
         """Drop all readings, because the robot has restarted or is another one."""
         self._readings.clear()
 
     def bounds(self, now_ns: int) -> Bounds | None:
-        """Return the present bounds; None without a recent reading."""
+        """Return the bounds of the offset now, or None if there is no recent reading."""
         good = [reading for reading in self._readings if now_ns - reading.at_ns < GOOD_NS]
         if not good:
             return None
         return _bounds(good, now_ns)
 
     def deadline(self, at_ns: int, now_ns: int) -> int | None:
-        """Convert a time of this host's clock to the robot's clock. The result is never too late. None
-        without a recent reading."""
+        """Convert a deadline from this host's clock to the robot's clock. The result may be too early, never
+        too late. Return None if there is no recent reading."""
         bounds = self.bounds(now_ns)
         return None if bounds is None else at_ns + bounds.lowest_ns
 
 
 def _bounds(readings: Collection[_Reading], now_ns: int) -> Bounds:
-    """Return the intersection of all readings. The lowest is above the highest if they contradict each
-    other."""
+    """Return the bounds on which all readings agree. If readings contradict each other, ``lowest_ns`` is above
+    ``highest_ns``."""
     drifts = [round(DRIFT * max(0, now_ns - reading.at_ns)) for reading in readings]
     return Bounds(
         max(reading.bounds.lowest_ns - drift for reading, drift in zip(readings, drifts, strict=True)),

@@ -1,10 +1,11 @@
-"""The zenoh sessions of a client of the mesh.
+"""The zenoh sessions (connections) of a client of the mesh.
 
 There is one session for each robot of this user, and one for each endpoint in the configuration. So a
 frozen robot does not block the others.
 
-Messages of a robot are accepted only from its own session. A session belongs to the robot that owns the
-socket at its other end, or the certificate. Robots that start later are joined within ``LOOK_S``.
+Messages of a robot are accepted only from the robot's own session. On a local socket, this is the session of
+the robot that owns the socket. With TLS, it is the session of the robot that the certificate names. The client
+connects to a robot that starts later within ``LOOK_S``.
 """
 
 from __future__ import annotations
@@ -71,18 +72,18 @@ class Sessions:
 
     @property
     def robots(self) -> list[str]:
-        """Return the robots on the mesh, and those of this user that should be there."""
+        """Return the robots on the mesh, and this user's running robots that have not appeared yet."""
         return sorted({*self.via, *self._expected})
 
     async def settle(self, within_s: float = LOOK_S) -> None:
-        """Wait until every expected robot has appeared. With endpoints in the configuration, wait
-        ``within_s`` in any case, since other robots may appear."""
+        """Wait until all running robots of this user have appeared. If the configuration has endpoints,
+        always wait ``within_s``, since it is not known which robots are there."""
         with trio.move_on_at(self.opened_at + within_s):
             while self._config.connects or not self._expected <= set(self.via):
                 await self.appeared.wait()
 
     async def until_there(self, robot: str) -> PubSub | None:
-        """Wait up to ``LOOK_S`` for a robot and return its session; None if it has not appeared."""
+        """Wait up to ``LOOK_S`` for a robot and return its session, or None if the robot has not appeared."""
         with trio.move_on_after(LOOK_S):
             while robot not in self.via:
                 await self.appeared.wait()
@@ -106,55 +107,61 @@ class Sessions:
     # -- joining and leaving
 
     async def look(self) -> None:
-        """Join robots of this user that have started, and leave those that have ended. An error is kept in
-        ``problems`` for the outcomes of an e-stop, and does not block the other robots."""
+        """Connect to this user's robots that have started, and disconnect from robots that have ended.
+
+        An error with one robot does not block the others. It is kept in ``problems``, and the outcomes of an
+        e-stop report it.
+        """
         async with self._looking:
             problems: dict[str, str] = {}
             try:
                 await self._look(problems)
-            except Exception as error:  # An e-stop must still reach the robots that are joined already.
-                problems[EVERYBODY] = f"they cannot be looked for: {describe(error)}"
+            except Exception as error:  # An e-stop must still reach the robots that are connected already.
+                problems[EVERYBODY] = f"the list of running robots cannot be read: {describe(error)}"
             self.problems = problems
 
     async def _look(self, problems: dict[str, str]) -> None:
         noted = {note.mesh[0]: note for note in notes() if note.mesh}
         self._expected = {note.robot for note in noted.values()}
         for endpoint, session in list(self._open.items()):
-            # A note may have been deleted while its robot runs.
+            # A robot's note file may have been deleted while the robot runs. So check the connection, too.
             if session in self._of_note and endpoint not in noted and not session.connections:
                 self._leave(self._open.pop(endpoint))
         for endpoint, note in noted.items():
             if note.problem:
                 problems[note.robot] = note.problem
             if endpoint not in self._open:
-                # This takes a millisecond. If it were cancelled halfway, the session would receive nothing.
+                # This takes 1 ms and must not be cancelled. A session that is opened only halfway receives
+                # nothing.
                 with trio.CancelScope(shield=True):
                     try:
                         session = await PubSub.open(connect=[endpoint])
-                    except (zenoh.ZError, OSError, RuntimeError) as error:  # out of descriptors or threads
-                        problems[note.robot] = f"it cannot be joined: {error}"
+                    # For example, file descriptors or threads have run out.
+                    except (zenoh.ZError, OSError, RuntimeError) as error:
+                        problems[note.robot] = f"no connection to the robot: {error}"
                     else:
                         self._of_note[session] = note.robot
                         await self._join(endpoint, session)
 
     async def join_configured(self, go_on: bool = False) -> None:
-        """Join the endpoints of the configuration.
+        """Connect to the endpoints of the configuration.
 
         Args:
-            go_on: Keep a failure in ``unjoined`` for the outcomes, and join the other endpoints.
+            go_on: After a failure, connect to the other endpoints. ``unjoined`` keeps the reason of the
+                failure.
 
         Raises:
-            ValueError: An endpoint cannot be joined, for example for its certificate, and ``go_on`` is
-                False.
+            ValueError: A connection failed, for example because of a certificate, and ``go_on`` is False.
         """
         for endpoint in dict.fromkeys(self._config.connects):
             try:
                 session = await PubSub.open(connect=[endpoint], settings=self._config.settings())
-            except (zenoh.ZError, OSError, RuntimeError) as error:  # no certificate, descriptor or thread
-                why = f"mesh: {endpoint}: {short(error) if isinstance(error, zenoh.ZError) else error}"
+            # For example, a certificate is missing, or file descriptors or threads have run out.
+            except (zenoh.ZError, OSError, RuntimeError) as error:
+                reason = f"mesh: {endpoint}: {short(error) if isinstance(error, zenoh.ZError) else error}"
                 if not go_on:
-                    raise ValueError(why) from error
-                self.unjoined[endpoint] = why
+                    raise ValueError(reason) from error
+                self.unjoined[endpoint] = reason
             else:
                 await self._join(endpoint, session)
 
@@ -168,12 +175,12 @@ class Sessions:
         await self._nursery.start(session.run)
 
     def speaks_for(self, session: PubSub, robot: str) -> bool:
-        """Return True if messages that come over this session may be of that robot."""
+        """Return True if this session may carry messages of this robot."""
         if session in self._of_note:
             return self._of_note[session] == robot
         if self._config.tls is not None:
             return session.names == {robot}
-        # Without TLS there is no proof: the session that first used a name owns it.
+        # Without TLS, no certificate proves a name. So the session that first used a name owns it.
         return self.via.get(robot, session) is session
 
     def _leave(self, session: PubSub) -> None:
@@ -200,11 +207,13 @@ class Sessions:
                 del self.via[robot]
             return
         if not mesh_json.is_name(robot):
-            self._impostors[endpoint] = f"who is there says to be {shown(robot)}, which is no name"
+            self._impostors[endpoint] = (
+                f"the program at this endpoint uses {shown(robot)} as a robot's name, which is not valid"
+            )
             return
         if not self.speaks_for(session, robot):
-            who = " and ".join(sorted(name for name in session.names if name)) or "another robot"
-            self._impostors[endpoint] = f"who is there says to be {robot}, and is {who}"
+            owner = " and ".join(sorted(name for name in session.names if name)) or "another robot"
+            self._impostors[endpoint] = f"the program at this endpoint claims to be {robot}, but it is {owner}"
             return
         self._impostors.pop(endpoint, None)
         self.via[robot] = session
@@ -212,16 +221,16 @@ class Sessions:
         appeared.set()
 
     def not_connected(self) -> list[tuple[str, str]]:
-        """Return each endpoint of the configuration at which no robot has proved its name, and why."""
+        """Return the endpoints of the configuration at which no robot was found, each with the reason."""
         rows = []
         for endpoint in dict.fromkeys(self._config.connects):
             if endpoint in self.unjoined:
-                continue  # ``MeshClient.not_looked_for`` reports these.
+                continue  # ``MeshClient.not_looked_for`` reports these endpoints.
             session = self._open[endpoint]
-            if (why := self._impostors.get(endpoint)) is not None:
-                rows.append((endpoint, why))
+            if (reason := self._impostors.get(endpoint)) is not None:
+                rows.append((endpoint, reason))
             elif not session.connections:
-                rows.append((endpoint, "it is not connected: who is there is not known"))
+                rows.append((endpoint, "there is no connection to this endpoint"))
             elif not any(via is session for via in self.via.values()):
-                rows.append((endpoint, "it is connected, and no robot answers there"))
+                rows.append((endpoint, "the endpoint is connected, but no robot answers there"))
         return rows

@@ -1,6 +1,6 @@
-"""Derive the origin of an order and the time to wait for its answers from any argument.
+"""Make usable values of the arguments of a stop: its origin, and the time to wait for answers.
 
-A wrong argument must not keep a robot from being stopped.
+A wrong argument must not prevent a stop.
 """
 
 from __future__ import annotations
@@ -14,21 +14,20 @@ from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, MAX_TEXT
 
 
 def signed(by: object) -> str:
-    """Return the origin of an order as a text that can be sent and is no longer than a robot accepts.
+    """Return the origin of a stop as a text that a robot accepts.
 
     Args:
         by: The origin. Empty or None stands for this program.
     """
     try:
         text = "" if by is None else str(by)
-    except Exception:  # An object may fail to give its text.
+    except Exception:  # The ``__str__`` of an object may raise anything.
         text = type(by).__name__
     return harmless(text)[:MAX_TEXT] or program()
 
 
 def program() -> str:
-    """Return a readable name of this program. A name of numbers alone would look like one of the robot's
-    own processes."""
+    """Return a name of this program that a person can read, for example "a program (pick.py, process 12)"."""
     script = Path(sys.argv[0] if sys.argv else "")
     name = script.parent.name if script.name == "__main__.py" else script.name
     if name in ("", "-", "-c", "-m"):
@@ -39,8 +38,8 @@ def program() -> str:
 def patience_s(within_s: object) -> float:
     """Return how long to wait for the results of an e-stop.
 
-    It is at least the time in which every robot has received the order: a session that is closed earlier
-    loses it.
+    The time is at least ``ESTOP_ANSWER_S``, in which every robot receives the stop. If a session were closed
+    earlier, the stop could be lost.
 
     Args:
         within_s: The requested time. A value that is not a number counts as 0.
@@ -49,4 +48,4 @@ def patience_s(within_s: object) -> float:
         requested_s = float(within_s)  # type: ignore[arg-type]  # whatever it is
     except (TypeError, ValueError, OverflowError):
         return ESTOP_ANSWER_S
-    return max(ESTOP_ANSWER_S, requested_s)  # This order returns the first argument for NaN.
+    return max(ESTOP_ANSWER_S, requested_s)  # ``max`` returns its first argument if the second is NaN.

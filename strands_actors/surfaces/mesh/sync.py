@@ -39,8 +39,8 @@ _log = logging.getLogger("strands_actors")
 def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) -> list[Outcome]:
     """Stop every robot on the mesh, and lock each one until it is resumed. Call it from any thread.
 
-    A wrong argument does not keep the order from being sent. With a ``mesh`` that cannot be used, the
-    order reaches the robots of this user, and one outcome reports that others were not looked for.
+    The stop is sent even if an argument is wrong. If ``mesh`` cannot be used, the stop reaches only the robots
+    of this user, and one outcome reports that no robots of other hosts were reached.
 
     Args:
         mesh: How to reach robots on other hosts.
@@ -59,8 +59,8 @@ def estop(*, mesh: Mesh = None, by: str = "", within_s: float = ESTOP_ANSWER_S) 
 
 
 def _estop_from_child(mesh: Mesh) -> list[Outcome]:
-    """Send the e-stop by the command line. A process that was forked from one that runs robots cannot
-    open a session itself."""
+    """Send the e-stop by running the command line. A process that was forked from a program with robots cannot
+    open a zenoh session."""
     named = ("--mesh", os.fspath(mesh)) if isinstance(mesh, str | os.PathLike) else ()
     result = command_line("estop", *named, within_s=STOP_S)
     if "robots" not in result:
@@ -69,36 +69,36 @@ def _estop_from_child(mesh: Mesh) -> list[Outcome]:
     rows = [{key: value for key, value in row.items() if key in fields} for row in result["robots"]]
     outcomes = [msgspec.convert({"outcome": UNREACHABLE, **row}, Outcome) for row in rows]
     if isinstance(mesh, MeshConfig):
-        why = "a forked process cannot use a MeshConfig. give the path of its file"
-        outcomes.append(Outcome(OTHERS, UNREACHABLE, why))
+        reason = "a forked process cannot use a MeshConfig. Give the path of its file"
+        outcomes.append(Outcome(OTHERS, UNREACHABLE, reason))
     return outcomes
 
 
 def _check_name(verb: str, robot: object) -> None:
     if not isinstance(robot, str):
-        raise TypeError(f"{verb}: the robot is {shown(robot)}. give the name of one, as text")
+        raise TypeError(f"{verb}: the robot is {shown(robot)}. Give the name of a robot, as text")
 
 
 @contextlib.contextmanager
 def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], list[Outcome]]]:
-    """Join the mesh now, for a program that may have to stop robots at any moment.
+    """Connect to the mesh in advance, for a program that may have to stop robots at any moment.
 
-    The block begins when the known robots have appeared, or after half a second, and stays joined. A
-    ``mesh`` that cannot be used is logged at once, and reported in the outcomes of each press.
+    The block begins when the known robots have appeared, or after half a second. It stays connected until its
+    end. If ``mesh`` cannot be used, this is logged at once and reported in the outcomes of each press.
 
     Args:
         mesh: How to reach robots on other hosts.
         by: The name that the robots report as the origin of the stop. Default: this program.
 
     Yields:
-        A function like ``estop``. Call it from any thread, any number of times. It sends the order in the
-        calling thread before it waits for anything.
+        A function like ``estop``. Call it from any thread, any number of times. The calling thread sends the
+        stop itself, before it waits for anything.
     """
     joined: Future[MeshClient] = Future()
 
     async def stay() -> None:
         async with open_mesh(mesh, to_stop=True) as client:
-            await client.settle()  # Otherwise the first order could be sent before a robot is connected.
+            await client.settle()  # Otherwise the first press could come before a robot is connected.
             for lost in client.not_looked_for():
                 _log.warning("estop_button: %s: %s", lost.robot, lost.detail)
             joined.set_result(client)
@@ -108,12 +108,12 @@ def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], li
     either: list[Future[Any]] = [joined, staying]
     wait(either, return_when=FIRST_COMPLETED)
     if staying.done():
-        staying.result()  # Raises the reason.
+        staying.result()  # This raises the exception that ended the connection.
     client = joined.result()
 
     def press() -> list[Outcome]:
         if staying.done():
-            raise RuntimeError("the button's block has been left. Press it inside, or call estop()")
+            raise RuntimeError("the with block of estop_button has ended. Press inside the block, or call estop()")
         pressed = client.press(by)
         time.sleep(AWAY_S)
         return portal().call(client.outcomes, pressed)
@@ -158,7 +158,7 @@ def tell(robot: str, instruction: str, *, mesh: Mesh = None, **options: Any) -> 
         if option not in OPTIONS:
             close = closest(option, OPTIONS)
             hint = f" ({close[0]!r}?)" if close else ""
-            raise TypeError(f"tell: there is no option {option!r}{hint}. there are {', '.join(OPTIONS)}")
+            raise TypeError(f"tell: there is no option {option!r}{hint}. Use {', '.join(OPTIONS)}")
 
     async def run() -> dict[str, Any] | Refused:
         async with open_mesh(mesh) as client:
@@ -177,7 +177,7 @@ def broadcast(command: Mapping[str, Any] | str, *, mesh: Mesh = None) -> list[di
         One row per robot: ``responder_id``, and ``result`` or ``error``.
 
     Raises:
-        PermissionError: The command may be sent to one robot at a time only.
+        PermissionError: The command cannot be sent to all robots at once.
     """
 
     async def run() -> dict[str, dict[str, Any] | Refused] | Refused:

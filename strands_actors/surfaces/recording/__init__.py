@@ -1,5 +1,6 @@
-"""Record a robot and replay the recording: every command, refusal, observation, safe frame and change of
-state.
+"""Record a robot, and replay the recording to check each decision again.
+
+A recording has every command, refusal, observation, stop and change of state.
 
 with record(robot, "run.mcap"):
     robot.send_action({"shoulder_pan": 10.0})
@@ -32,7 +33,7 @@ __all__ = ["Difference", "Outcome", "Recording", "RecordingError", "read", "reco
 
 
 def __getattr__(name: str) -> Any:
-    # The modules are imported on first use. A recorder of episodes does not need the packages of MCAP files.
+    # Import each module on first use, because a recorder of datasets does not need the packages for MCAP files.
     if name in _WHERE:
         return getattr(import_module(f"{__name__}.{_WHERE[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -30,31 +30,32 @@ OF_THIS_PACKAGE = (PLAIN, MODEL, SIMULATION)
 
 
 def driver_class_of(description: dict[str, object]) -> type[Driver]:
-    """Return the registered driver class of a robot. A class that is only named in a file is never loaded,
-    since a file must not decide which code runs.
+    """Return the driver class that is registered here for a recorded robot.
+
+    A class is never loaded because a file names it, since a file must not decide which code runs.
 
     Args:
         description: The robot and its driver, as the recording has them.
 
     Raises:
-        RecordingError: The driver is not installed, or is another one here.
+        RecordingError: The driver is not installed, or another driver is registered for the robot.
     """
     robot, named = str(description.get("robot")), description.get("class")
     if named in OF_THIS_PACKAGE:
         if named == SIMULATION:
-            _require_known(robot, description.get("options"))
+            _require_registered(robot, description.get("options"))
         own: type[Driver] = load(named)
         return own
     registered = get_native_driver_class(robot)
     if registered is None or not issubclass(registered, Driver):
-        raise RecordingError(f"there is no driver for {robot} here. install the package that has it")
-    where = describe_driver(registered, robot, "", {})["class"]
-    if where != named:
-        raise RecordingError(f"{robot} was driven by {named}, here it is {where}")
+        raise RecordingError(f"no driver for {robot} is installed. Install the package that has it")
+    class_name = describe_driver(registered, robot, "", {})["class"]
+    if class_name != named:
+        raise RecordingError(f"{robot} was recorded with the driver {named}, but here its driver is {class_name}")
     return registered
 
 
-def _require_known(robot: str, options: object) -> None:
+def _require_registered(robot: str, options: object) -> None:
     """Raise ``RecordingError`` unless the driver of the simulated robot is registered here under the same
     name."""
     simulated = options.get("class") if isinstance(options, Mapping) else None
@@ -69,19 +70,21 @@ def driver_from(attached: Attached) -> Driver:
     """Build the driver of a recorded robot.
 
     Raises:
-        RecordingError: The driver is not here, or does not accept the recorded options.
+        RecordingError: The driver is not installed, or it does not accept the recorded options.
     """
     description = attached.driver
     driver_class = driver_class_of(description)
-    kind = str(description["robot"])
+    robot_type = str(description["robot"])
     try:
-        return driver_class(kind, str(description["port"]), dict(description["options"]))
+        return driver_class(robot_type, str(description["port"]), dict(description["options"]))
     except (KeyError, TypeError, ValueError, OSError) as error:
-        raise RecordingError(f"what it says of {shown(kind)} makes no driver: {shown(error, 200)}") from error
+        raise RecordingError(
+            f"the driver of {shown(robot_type)} does not accept the recorded options: {shown(error, 200)}"
+        ) from error
 
 
 def fingerprint(driver_class: type[Driver]) -> str:
-    """Return the fingerprint of the gate, the watchdog and the driver with its tables, in twelve hexadecimal
+    """Return a hash of the code that makes decisions (gate, watchdog and driver), as twelve hexadecimal
     digits."""
     digest = hashlib.sha256()
     for path in _sources(driver_class):

@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class RecordingError(Exception):
-    """Something cannot be recorded, read or replayed. The text is one line with the reason."""
+    """Something cannot be recorded, read or replayed. The message is one line that explains why."""

@@ -1,4 +1,5 @@
-"""Write and read the file of a recording: MCAP, with JSON rows, their schemas, and the journal for replays."""
+"""Write and read the MCAP file of a recording. It has JSON rows for people, their schemas, and the journal (the
+robot's internal messages) for replays."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ import msgspec
 
 from strands_actors.contract.extras import require
 
-require("record", "a recording")  # This error names the extra. The imports below would only name a module.
+# If a package is missing, this error names the extra to install. The imports below would name only a module.
+require("record", "a recording")
 
 import zstandard  # noqa: E402
 from mcap.exceptions import McapError  # noqa: E402
@@ -28,8 +30,8 @@ from strands_actors.contract.shown import harmless, shown  # noqa: E402
 from strands_actors.supervisors.instrument import FORMAT, Attached, Batch, Entry  # noqa: E402
 from strands_actors.version import __version__  # noqa: E402
 
+from .arguments import path_of  # noqa: E402
 from .errors import RecordingError  # noqa: E402
-from .given import path_of  # noqa: E402
 from .rows import CHANNELS, SCHEMA_NAMES, Gap, Journal, schema  # noqa: E402
 from .views import Row, View, decode_entries  # noqa: E402
 
@@ -53,9 +55,9 @@ class Info(msgspec.Struct, frozen=True):
         format: The format of the journal.
         version: The version of this package.
         robot: The name of the robot.
-        code: The fingerprint of the code that made the decisions.
-        wall_ns: Wall-clock time minus the robot's clock.
-        attached: The robot's description of itself.
+        code: The fingerprint of the code that made the decisions (``code.fingerprint``).
+        wall_ns: Wall-clock time minus the robot's clock, in nanoseconds.
+        attached: The robot's answer to the recorder, which describes its driver and axes.
     """
 
     format: int
@@ -71,17 +73,17 @@ class Info(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct):
-    """The wire's journal and its gaps, in the order of the file, for a replay."""
+    """A recording as a replay needs it: the journal of the wire process and its gaps, in their order."""
 
     info: Info
     parts: list[Journal | Gap]
 
 
 class RecordingFile:
-    """Write a recording. Only its owner can read the file, since it has every message to the robot.
+    """Write a recording. Only the user can read the file, since it has every message to the robot.
 
     Args:
-        path: The new file. An existing one is not overwritten.
+        path: The new file. An existing file is not overwritten.
         info: The description of the recording.
 
     Raises:
@@ -113,9 +115,9 @@ class RecordingFile:
             self._write("journal", time.monotonic_ns(), journal)
         self._rows(self._views[source].rows(decode_entries(data)))
 
-    def lost(self, source: str, why: str) -> None:
-        """Note that a source has stopped sending."""
-        self._rows(self._views[source].lost(time.monotonic_ns(), why))
+    def lost(self, source: str, reason: str) -> None:
+        """Record that a process has stopped sending its journal."""
+        self._rows(self._views[source].lost(time.monotonic_ns(), reason))
 
     def flush(self) -> None:
         self._stream.flush()
@@ -170,12 +172,12 @@ _DAMAGE: tuple[type[Exception], ...] = (
 
 def _read(path: Path, stream: IO[bytes]) -> Recording:
     if stream.read(len(END)) != END:
-        raise RecordingError(f"{path} is no MCAP file")
+        raise RecordingError(f"{path} is not an MCAP file")
     stream.seek(0, 2)
     size = stream.tell()
     stream.seek(max(0, size - len(END)))
     if size < 2 * len(END) or stream.read() != END:
-        raise RecordingError(f"{path} is truncated: its end is missing. did the recorder finish?")
+        raise RecordingError(f"{path} is truncated, probably because the recorder was killed")
     stream.seek(0)
     info: Info | None = None
     topics: dict[int, str] = {}
@@ -193,15 +195,15 @@ def _read(path: Path, stream: IO[bytes]) -> Recording:
                     parts.append(journal)
             elif topic == "gap":
                 gap = msgspec.json.decode(record.data, type=Gap)
-                if gap.source == "wire" and gap.missing < 0:  # Other gaps are entries of the journal.
+                if gap.source == "wire" and gap.missing < 0:  # Gaps of a known length are also in the journal.
                     parts.append(gap)
     if info is None:
-        raise RecordingError(f"{path} is no recording of strands-actors")
+        raise RecordingError(f"{path} is not a recording of strands-actors")
     return Recording(info, parts)
 
 
 def _records(path: Path, stream: IO[bytes], size: int) -> Iterator[McapRecord]:
-    """Yield the records of a file. The sizes of decompressed chunks have limits, so that a small file cannot
+    """Yield the records of a file. Limit the size of decompressed chunks, so that a small malicious file cannot
     fill the memory."""
     most = max(FLOOR_BYTES, MOST_COMPRESSED * size)
     for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
@@ -212,12 +214,10 @@ def _records(path: Path, stream: IO[bytes], size: int) -> Iterator[McapRecord]:
         if record.compression == "zstd":
             length = max(length, zstandard.frame_content_size(record.data))
         elif record.compression:
-            raise RecordingError(f"{path}: a chunk is compressed by {shown(record.compression)}, ours are by zstd")
+            raise RecordingError(f"{path}: the compression {shown(record.compression)} is not supported, only zstd")
         most -= length
         if length > MAX_CHUNK_BYTES or most < 0:
-            raise RecordingError(
-                f"{path} is damaged: {size} bytes would become more than any recording of that size"
-            )
+            raise RecordingError(f"{path} is damaged: its {size} bytes would decompress to too many bytes")
         yield from breakup_chunk(record, validate_crc=True)
 
 
@@ -226,7 +226,7 @@ def _info(path: Path, metadata: dict[str, str]) -> Info:
     if plain.get("format") != FORMAT:
         written, form = (harmless(str(plain.get(name))[:40]) for name in ("version", "format"))
         raise RecordingError(
-            f"{path} has format {form}, written by strands-actors {written}; this one reads {FORMAT}"
+            f"{path} has format {form}, written by strands-actors {written}. this version reads format {FORMAT}"
         )
     return msgspec.json.decode(metadata["info"], type=Info)
 

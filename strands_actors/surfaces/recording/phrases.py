@@ -1,4 +1,4 @@
-"""Show an encoded message as text: its name, and its fields by name."""
+"""Convert an encoded message to text: the name of its class, and the name and value of each field."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
 """Replay a recording: feed the recorded messages to a gate and a watchdog, with the recorded times, and
 compare every decision.
 
-A step is one message to an actor, with all its effects: the answer, the messages that the actor sent (to
-the transport, the guardian, the watchdog), and the deferred answers that it settled. Effects are compared
-byte by byte.
+A step is one message to an actor with all its effects. Effects are the answer, the messages that the actor
+sends (to the transport, the guardian, the watchdog), and answers to earlier messages. Effects are compared byte
+by byte.
 
-An actor is replayed from its first recorded memory on. A gap ends that: the steps up to the actor's next
-memory are skipped.
+The recording also has snapshots of each actor's state ("memory"). The replay of an actor begins with its first
+memory. After a gap in the recording, the steps up to the actor's next memory are skipped.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.frames import protocol_of
 from strands_actors.kernel.health.heartbeat import Heartbeat
-from strands_actors.kernel.health.processor import Standing
+from strands_actors.kernel.health.processor import ProcessorUse
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.gate import failsafe
 from strands_actors.supervisors.gate.gate import Gate
@@ -29,10 +29,10 @@ from strands_actors.supervisors.gate.memory import GateMemory
 from strands_actors.supervisors.instrument import Entry, Kind
 from strands_actors.supervisors.wire.watchdog import Watchdog, WatchdogMemory
 
+from .arguments import path_of
 from .code import build_driver
 from .errors import RecordingError
 from .file import Recording, entries_of, read
-from .given import path_of
 from .phrases import in_words
 from .replay_context import Effect, ReplayContext, ReplayDeferred, answer_effect
 from .rows import Gap
@@ -41,10 +41,10 @@ _EFFECTS = frozenset({Kind.ANSWERED, Kind.DEFERRED, Kind.SETTLED, Kind.SENT, Kin
 
 
 class Difference(msgspec.Struct):
-    """The first step with different effects."""
+    """The first step of a replay with other effects than in the recording."""
 
     step: int
-    at_s: float  # since the beginning of the recording
+    at_s: float  # Time of the step, in seconds from the beginning of the recording.
     actor: str
     message: str
     recorded: list[str]
@@ -58,7 +58,7 @@ class Outcome(msgspec.Struct):
         equal: True if all steps had the recorded effects.
         steps: Number of messages that were replayed.
         effects: Number of effects that were compared.
-        skipped: Number of messages that were skipped, at a gap or before a memory.
+        skipped: Number of messages that could not be replayed, because the actor's memory was not known.
         gaps: Number of gaps.
         seconds: Length of the replayed part.
         difference: The first difference; None if there is no difference.
@@ -74,7 +74,7 @@ class Outcome(msgspec.Struct):
 
 
 class _Player:
-    """One actor in a replay context, and the step whose effects are being collected."""
+    """One actor of a replay, and the recorded effects of its present step."""
 
     def __init__(self, actor: Actor, context: ReplayContext, effects: list[Effect], world: list[bytes]) -> None:
         self.actor = actor
@@ -82,18 +82,18 @@ class _Player:
         self.decode = protocol_of(type(actor)).decode
         self._effects = effects
         self._world = world
-        self.taken: Entry | None = None
+        self.entry: Entry | None = None
         self.recorded: list[Effect] = []
 
     def play(self) -> list[Effect]:
-        """Give the taken message to the actor, and return its effects."""
-        assert self.taken is not None
+        """Pass the message of the present step to the actor, and return the effects."""
+        assert self.entry is not None
         self._effects.clear()
-        # The actor reads the recorded values of the world again.
-        self._world[:] = [body for kind, _, _, body in self.recorded if kind == Kind.SAW]
-        self.context.received_ns = self.taken.at_ns
-        self.context.was_asked = bool(self.taken.number)
-        answer = self.actor.receive(self.decode(self.taken.body))
+        # Values that the actor reads from outside, such as heartbeats, also come from the recording.
+        self._world[:] = [body for entry_kind, _, _, body in self.recorded if entry_kind == Kind.SAW]
+        self.context.received_ns = self.entry.at_ns
+        self.context.is_request = bool(self.entry.number)
+        answer = self.actor.receive(self.decode(self.entry.body))
         return self._effects + answer_effect(answer)
 
 
@@ -108,7 +108,7 @@ class Replay:
     def __init__(self, recording: Recording, driver: Driver | None = None) -> None:
         self._recording = recording
         self._driver = driver or build_driver(recording.info)
-        self._at = addresses.of(recording.info.robot)
+        self._actors = addresses.of(recording.info.robot)
         self._players: dict[str, _Player] = {}
         self._began_ns = self._now_ns = 0
         self._steps = self._compared = self._skipped = self._gaps = 0
@@ -142,69 +142,76 @@ class Replay:
         if entry.at_ns:
             self._began_ns = self._began_ns or entry.at_ns
             self._now_ns = entry.at_ns
-        kind = entry.kind
-        if kind == Kind.GAP:
+        entry_kind = entry.kind
+        if entry_kind == Kind.GAP:
             self._break_off()
             return None
         player = self._players.get(entry.actor)
-        if kind in _EFFECTS:
-            if player is not None and player.taken is not None:
-                player.recorded.append((kind, entry.number, entry.to, bytes(entry.body)))
+        if entry_kind in _EFFECTS:
+            if player is not None and player.entry is not None:
+                player.recorded.append((entry_kind, entry.number, entry.to, bytes(entry.body)))
             return None
-        if kind not in (Kind.TOOK, Kind.MEMORY):
+        if entry_kind not in (Kind.TOOK, Kind.MEMORY):
             return None
         difference = self._finish(entry.actor)
-        if kind == Kind.MEMORY:
+        if entry_kind == Kind.MEMORY:
             self._players[entry.actor] = self._remember(entry)
         elif player is None:
             self._skipped += 1
         else:
-            player.taken = entry
+            player.entry = entry
         return difference
 
     def _finish(self, actor: str) -> Difference | None:
-        """Play the step of an actor, which is now complete, and return the difference if there is one."""
+        """Replay an actor's step when all its recorded effects are known. Return the difference, or None."""
         player = self._players.get(actor)
-        if player is None or player.taken is None:
+        if player is None or player.entry is None:
             return None
-        taken, recorded = player.taken, player.recorded
+        entry, recorded = player.entry, player.recorded
         try:
             replayed = player.play()
-        except Exception as error:  # Any exception is a difference, since the recording has none.
+        except Exception as error:  # The recorded step raised no exception, so any exception is a difference.
             replayed = [(Kind.NOTED, 0, "", msgspec.msgpack.encode(f"raised {describe(error)}"))]
-        player.taken, player.recorded = None, []
+        player.entry, player.recorded = None, []
         self._steps += 1
         self._compared += len(recorded)
         if replayed == recorded:
             return None
         return Difference(
             self._steps,
-            round((taken.at_ns - self._began_ns) / 1e9, 6),
+            round((entry.at_ns - self._began_ns) / 1e9, 6),
             actor,
-            in_words(bytes(taken.body)),
+            in_words(bytes(entry.body)),
             [effect_in_words(effect) for effect in recorded],
             [effect_in_words(effect) for effect in replayed],
         )
 
     def _break_off(self) -> None:
-        """Drop all actors up to their next memories. Their last steps may be incomplete, so skip these."""
+        """Handle a gap in the recording: drop all actors until their next memories. The present step of an
+        actor may be incomplete, so it is skipped."""
         self._gaps += 1
-        self._skipped += sum(player.taken is not None for player in self._players.values())
+        self._skipped += sum(player.entry is not None for player in self._players.values())
         self._players.clear()
 
     def _remember(self, entry: Entry) -> _Player:
         effects: list[Effect] = []
         world: list[bytes] = []
-        context = ReplayContext(self._at.address(entry.actor), effects)
+        context = ReplayContext(self._actors.address(entry.actor), effects)
         context.deferrals = entry.number
         actor: Gate | Watchdog
         if entry.actor == "gate":
-            actor = Gate(self._driver, self._at.transport, self._at.watchdog, self._at.guardian, failsafe.State())
+            actor = Gate(
+                self._driver,
+                self._actors.transport,
+                self._actors.watchdog,
+                self._actors.guardian,
+                failsafe.State(),
+            )
         else:
             actor = Watchdog(
                 self._driver.timing,
-                self._at.gate,
-                self._at.transport,
+                self._actors.gate,
+                self._actors.transport,
                 lambda _: None,
                 _RecordedHeartbeat(world),
                 lambda: _standing(world),
@@ -212,10 +219,10 @@ class Replay:
         actor.context = context
         _run_now(actor.started)
 
-        def thing(kind: type, value: Any) -> Any:
-            if kind is Deferred:
+        def thing(expected_type: type, value: Any) -> Any:
+            if expected_type is Deferred:
                 return ReplayDeferred(effects, value)
-            raise NotImplementedError(kind)
+            raise NotImplementedError(expected_type)
 
         if isinstance(actor, Gate):
             actor.recall(msgspec.msgpack.decode(entry.body, type=GateMemory, dec_hook=thing))
@@ -225,7 +232,7 @@ class Replay:
 
 
 class _RecordedHeartbeat(Heartbeat):
-    """The recorded heartbeats of the root, for the watchdog."""
+    """Gives the recorded heartbeats of the root process to the watchdog."""
 
     __slots__ = ("_world",)
 
@@ -233,34 +240,34 @@ class _RecordedHeartbeat(Heartbeat):
         self._world = world
 
     def beat(self, now_ns: int) -> None:
-        """Do nothing, since the context notes the effects."""
+        """Do nothing. The replay context records the effects."""
 
     @property
-    def heard_ns(self) -> int:
-        seen = msgspec.msgpack.decode(self._world[0]) if self._world else None
-        if not isinstance(seen, int):
-            return 0  # There is no new heartbeat. Only new ones are in the recording.
+    def last_received_ns(self) -> int:
+        recorded_ns = msgspec.msgpack.decode(self._world[0]) if self._world else None
+        if not isinstance(recorded_ns, int):
+            return 0  # Only new heartbeats are recorded. So in this step there was no new heartbeat.
         del self._world[0]
-        return seen
+        return recorded_ns
 
 
-def _standing(world: list[bytes]) -> Standing | None:
-    return msgspec.msgpack.decode(world.pop(0), type=Standing | None) if world else None
+def _standing(world: list[bytes]) -> ProcessorUse | None:
+    return msgspec.msgpack.decode(world.pop(0), type=ProcessorUse | None) if world else None
 
 
 def _run_now(started: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    """Run a coroutine that does not wait. Raise ``RuntimeError`` if it does."""
+    """Run a coroutine that must not wait for anything. Raise ``RuntimeError`` if it waits."""
     try:
         started().send(None)
     except StopIteration:
         return
-    raise RuntimeError("an actor that waits before its first message cannot be replayed")
+    raise RuntimeError("an actor that waits for something when it starts cannot be replayed")
 
 
 def effect_in_words(effect: Effect) -> str:
-    kind, number, to, body = effect
+    effect_kind, number, to, body = effect
     text = in_words(body)
-    match kind:
+    match effect_kind:
         case Kind.SENT:
             return f"tells {to}: {text}"
         case Kind.ANSWERED:
@@ -286,7 +293,8 @@ def replay(recording: Recording | str | os.PathLike[str], driver: Driver | None 
         The result, with the first difference if there is one.
 
     Raises:
-        RecordingError: Its driver is not here, it is of another version, or ``read`` has failed.
+        RecordingError: The robot's driver is not installed, the recording is of an unsupported version, or
+            ``read`` has failed.
         OSError: The file cannot be read.
     """
     if not isinstance(recording, Recording):
@@ -295,4 +303,6 @@ def replay(recording: Recording | str | os.PathLike[str], driver: Driver | None 
         return Replay(recording, driver).run()
     except msgspec.MsgspecError as error:
         written = recording.info.version
-        raise RecordingError(f"what strands-actors {written} wrote cannot be read here: {error}") from error
+        raise RecordingError(
+            f"the recording of strands-actors {written} cannot be decoded by this version: {error}"
+        ) from error

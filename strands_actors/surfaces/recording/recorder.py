@@ -1,11 +1,11 @@
-"""The recorder attaches to a running robot and passes its journal to a sink.
+"""The recorder connects to a running robot and passes the robot's journal to a sink.
 
-It runs in a separate process. The sink is a file to view and replay (``to_file``), or episodes for training
-(``surfaces.dataset``).
+The journal is the list of all internal messages of a robot. The recorder runs in a separate process. The sink
+is a file to view and replay (``to_file``), or a dataset for training (``surfaces.dataset``).
 
-The robot never waits for the recorder. If the recorder is slow, frozen or dead, the robot's instruments
-fill up or close by themselves. If a process of the robot ends, the recorder notes that in the sink, and
-attaches again when the next one is there.
+The robot never waits for the recorder. If the recorder is slow, frozen or dead, the actors that send the
+journal ("instruments") drop entries or disconnect. If a process of the robot ends, the recorder notes this in
+the sink, and connects to the next process that replaces it.
 """
 
 from __future__ import annotations
@@ -56,20 +56,20 @@ FLUSH_S = 1.0
 
 
 class Sink(Protocol):
-    """Receives the recorded batches in order.
+    """The receiver of the recorded batches, in order.
 
-    A method may raise ``OSError`` or ``RecordingError``. That ends the recording with this reason, and
-    nothing else.
+    If a method raises ``OSError`` or ``RecordingError``, the recording ends for this reason. The robot is not
+    affected.
     """
 
     def add(self, source: str, batch: Batch) -> None: ...
 
-    def lost(self, source: str, why: str) -> None:
-        """Note that a source has stopped sending."""
+    def lost(self, source: str, reason: str) -> None:
+        """Record that a process has stopped sending its journal."""
         ...
 
     def flush(self) -> None:
-        """Called once a second."""
+        """Write buffered data. The recorder calls this once a second."""
         ...
 
     def close(self) -> None: ...
@@ -82,18 +82,18 @@ class Ending(msgspec.Struct, frozen=True):
     """The length of a recording, and why it ended."""
 
     seconds: float
-    why: str
+    reason: str
 
 
 class Source(Actor):
-    """Receive the journal of one process from its instrument, and stay attached to it.
+    """Receive the journal of one process of the robot, and connect again after each loss.
 
     Args:
         name: The process: ``wire`` or ``root``.
-        instrument: The address of its instrument.
-        on_batch: Called with each batch, in order.
-        on_attached: Called with each answer to an attach.
-        on_lost: Called with the reason when the attachment is lost.
+        instrument: The address of the actor that sends the journal of this process.
+        on_batch: Called with each batch of entries, in order.
+        on_attached: Called with each answer to a request to attach.
+        on_lost: Called with the reason when the connection is lost.
     """
 
     def __init__(
@@ -112,9 +112,9 @@ class Source(Actor):
         self._session = os.getpid() << 20
         self._number = 0
         self._lost = trio.Event()
-        self._why = ""
+        self._reason = ""
         self.attached = False
-        self.heard_at = trio.current_time()
+        self.last_received_at = trio.current_time()
 
     async def started(self) -> None:
         self._instrument = self.context.ref(self._instrument_address, InstrumentKeeper)
@@ -128,12 +128,12 @@ class Source(Actor):
                 self._lose(f"batches {self._number + 1} to {message.number - 1} did not arrive")
                 return
             self._number = message.number
-            self.heard_at = trio.current_time()
+            self.last_received_at = trio.current_time()
             self._on_batch(self._name, message)
             self._instrument.tell(Acknowledge(self._session, message.number))
 
-    def _lose(self, why: str) -> None:
-        self._why = why
+    def _lose(self, reason: str) -> None:
+        self._reason = reason
         self._lost.set()
 
     async def _keep_attached(self) -> None:
@@ -145,14 +145,15 @@ class Source(Actor):
                 continue
             await self._until_lost()
             self.attached = False
-            self._on_lost(self._name, self._why)
+            self._on_lost(self._name, self._reason)
 
     async def _attach(self) -> Attached | Taken | Refused:
         while True:
             self._session += 1
             self._number = 0
             self._lost = trio.Event()
-            self.attached = True  # The first batch may arrive before the answer.
+            # Set this before the answer arrives, because the first batch may arrive earlier than the answer.
+            self.attached = True
             try:
                 answer = await self._instrument.ask(
                     Attach(self.context.address, self._session, f"process {os.getpid()}", pid=os.getpid()),
@@ -168,24 +169,28 @@ class Source(Actor):
 
     async def _until_lost(self) -> None:
         self.context.watch(self._instrument_address)
-        self.heard_at = trio.current_time()
+        self.last_received_at = trio.current_time()
         while not self._lost.is_set():
-            heard_at = self.heard_at
+            last_received_at = self.last_received_at
             with trio.move_on_after(SILENT_S):
                 await self._lost.wait()
-            if not self._lost.is_set() and self.heard_at == heard_at:
-                self._lose(f"nothing came from the {self._name} process for {SILENT_S:g} s")
+            if not self._lost.is_set() and self.last_received_at == last_received_at:
+                self._lose(f"the {self._name} process has sent nothing for {SILENT_S:g} s")
 
     async def detach(self) -> None:
-        """Detach from the instrument, which first sends its remaining entries."""
+        """Disconnect. The robot's process first sends its remaining entries."""
         if self.attached:
             try:
                 answer = await self._instrument.ask(Detach(self._session), DETACH_S)
             except (AskTimeout, Unreachable):
                 answer = None
             if not isinstance(answer, Detached):
-                why = answer.reason if isinstance(answer, Refused) else "it did not say good-bye"
-                self._on_lost(self._name, why)
+                reason = (
+                    answer.reason
+                    if isinstance(answer, Refused)
+                    else "the process did not confirm the end of its journal"
+                )
+                self._on_lost(self._name, reason)
 
 
 class Recorder(Generic[SomeSink]):
@@ -193,8 +198,9 @@ class Recorder(Generic[SomeSink]):
 
     Args:
         robot: The name of the robot.
-        open_sink: Makes the sink. It is called when wire and root have answered, with the wire's answer.
-        on_progress: Called once a second, with the seconds so far and the sink.
+        open_sink: Makes the sink. It is called with the wire process's answer, once both processes have
+            answered.
+        on_progress: Called once a second, with the length of the recording in seconds and the sink.
     """
 
     def __init__(
@@ -206,26 +212,27 @@ class Recorder(Generic[SomeSink]):
         self._robot = robot
         self._open_sink = open_sink
         self._on_progress = on_progress
-        self._present: dict[str, Attached] = {}  # answers by source, until all sources have answered
-        self._early: list[tuple[str, Batch]] = []  # batches that came before all sources had answered
+        # The answers of the processes, by name. The recording begins when both have answered.
+        self._present: dict[str, Attached] = {}
+        self._early: list[tuple[str, Batch]] = []  # Batches that have arrived before both processes had answered.
         self._sink: SomeSink | None = None
         self._failure: Exception | None = None
         self._ended = ""
-        self._refused = ""  # the robot's last refusal
+        self._refused = ""  # The reason of the robot's last refusal.
         self._over = trio.Event()
         self._sources: list[Source] = []
         self._began = trio.current_time()
 
-    def end(self, why: str) -> None:
-        """End the recording. The first reason counts."""
-        self._ended = self._ended or why
+    def end(self, reason: str) -> None:
+        """End the recording. Only the first reason is kept."""
+        self._ended = self._ended or reason
         self._over.set()
 
     async def run(self, node: Node, seconds: float | None = None) -> Ending:
-        """Record until ``seconds`` are over, ``end`` is called, or the robot has ended.
+        """Record for ``seconds``, or until ``end`` is called or the robot has ended.
 
         Args:
-            node: A node that is joined to the robot (``visit``).
+            node: A connection to the robot, from ``visit``.
             seconds: How long to record; None for no limit.
 
         Raises:
@@ -240,8 +247,8 @@ class Recorder(Generic[SomeSink]):
                 with trio.move_on_after(float("inf") if seconds is None else seconds):
                     await self._over.wait()
                 self.end(f"{seconds} s are over")
-                # Detach after a failure, too. Otherwise the robot would refuse the next recorder, because
-                # this one is attached.
+                # Detach even after a failure. Otherwise the robot would refuse the next recorder, because it
+                # serves only one recorder at a time.
                 with trio.move_on_after(float("inf") if self._failure is None else LEAVE_S):
                     async with trio.open_nursery() as leaving:
                         for source in self._sources:
@@ -250,7 +257,7 @@ class Recorder(Generic[SomeSink]):
         finally:
             self._close()
         if self._sink is None:
-            raise RecordingError(f"{self._robot}: {self._ended} before anything was recorded")
+            raise RecordingError(f"{self._robot}: the recording ended before it began ({self._ended})")
         return Ending(round(trio.current_time() - self._began, 3), self._ended)
 
     def _cell(self, node: Node, name: str) -> Cell:
@@ -274,8 +281,8 @@ class Recorder(Generic[SomeSink]):
             self._written(self._sink.flush)
             self._on_progress(now - self._began, self._sink)
             if not any(source.attached for source in self._sources):
-                heard_at = max(source.heard_at for source in self._sources)
-                if now > heard_at + GONE_S:
+                last_received_at = max(source.last_received_at for source in self._sources)
+                if now > last_received_at + GONE_S:
                     self.end(GONE)
 
     # -- from the sources
@@ -283,7 +290,7 @@ class Recorder(Generic[SomeSink]):
     def _attached(self, name: str, answer: Attached | Taken | Refused) -> None:
         if isinstance(answer, Taken | Refused):
             self._refused = f"{self._robot}: {answer.text}"
-            # If the attached recorder was killed, the robot drops it in a moment. Ask again until then.
+            # If the other recorder was killed, the robot soon notices this. Ask again until then.
             if self._sink is None and not _is_of_the_dead(answer):
                 self.fail(RecordingError(self._refused))
         elif self._sink is None and self._failure is None:
@@ -303,16 +310,17 @@ class Recorder(Generic[SomeSink]):
         else:
             self._written(self._sink.add, name, batch)
 
-    def _lost(self, name: str, why: str) -> None:
+    def _lost(self, name: str, reason: str) -> None:
         self._present.pop(name, None)
         self._early = [(source, batch) for source, batch in self._early if source != name]
         if self._sink is not None:
-            self._written(self._sink.lost, name, why)
+            self._written(self._sink.lost, name, reason)
 
     # -- the sink
 
     def _written(self, write: Callable[..., None], *args: object) -> None:
-        """Write to the sink. A failure, such as a full disk, ends only the recording."""
+        """Write to the sink. A failure such as a full disk ends the recording, and does not affect the
+        robot."""
         if self._failure is None:
             try:
                 write(*args)
@@ -335,7 +343,7 @@ class Recorder(Generic[SomeSink]):
 
 
 def _is_of_the_dead(answer: Taken | Refused) -> bool:
-    """Return True if the recorder that is attached to the robot has ended."""
+    """Return True if a robot refuses because of another recorder whose process has ended."""
     if not isinstance(answer, Taken) or not answer.pid:
         return False
     return not exists(answer.pid) or life_of(answer.pid).dying
@@ -343,8 +351,8 @@ def _is_of_the_dead(answer: Taken | Refused) -> bool:
 
 @asynccontextmanager
 async def visit(robot: str) -> AsyncIterator[Node]:
-    """Open a node that is joined to a running robot. Raise ``RecordingError`` if no robot of this user has
-    that name."""
+    """Open a connection to a running robot of this user. Raise ``RecordingError`` if no robot of this name
+    runs."""
     running = {note.robot: note for note in notes()}
     if robot not in running:
         listed = f". there are {', '.join(running)}" if running else ""

@@ -1,4 +1,5 @@
-"""The context of an actor in a replay. It supplies recorded messages and times, and notes all effects.
+"""The surroundings of an actor in a replay. The context supplies recorded messages and times, and collects all
+effects.
 
 No message leaves the replay. There is no clock, so an actor that reads one fails.
 """
@@ -42,10 +43,10 @@ class ReplayRef(Ref):
 
 
 class ReplayTicker(Ticker):
-    """A ticker that does not run, since the recording has its ticks."""
+    """A ticker that never ticks, since its ticks are recorded messages."""
 
     def brought(self) -> None:
-        """Do nothing. The message that replaced a tick is in the recording."""
+        """Do nothing. The message that came in place of a tick is recorded."""
 
 
 class ReplayContext(Context):
@@ -53,12 +54,12 @@ class ReplayContext(Context):
         self.address = address
         self.received_ns = 0
         self.deferrals = 0
-        self.was_asked = False
+        self.is_request = False
         self._effects = effects
 
     @property
-    def asked(self) -> bool:
-        return self.was_asked
+    def expects_answer(self) -> bool:
+        return self.is_request
 
     @property
     def me(self) -> Ref:
@@ -75,21 +76,21 @@ class ReplayContext(Context):
         self._effects.append((Kind.SAW, 0, "", encode(value)))
 
     def note(self, message: Message) -> None:
-        """Do nothing, since a note is not a decision."""
+        """Do nothing, since a note in the journal is not a decision."""
 
     def watch(self, address: str) -> None:
-        """Do nothing, since a ``Down`` would be in the recording."""
+        """Do nothing. If the watched actor has ended, the message ``Down`` is recorded."""
 
     def every(self, period_s: float, make: Callable[[int], Message]) -> Ticker:
-        """Return a ticker that does not run. Its ticks are in the recording."""
+        """Return a ticker that never ticks, since its ticks are recorded messages."""
         return ReplayTicker(VirtualClock(), period_s)
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
-        """Do nothing. The work of a task is not a decision; the message that starts it is replayed."""
+        """Do nothing. A background task makes no decisions, so its work is not replayed."""
 
 
 def answer_effect(answer: object) -> list[Effect]:
-    """Return the effect of an answer, in the form of a journal."""
+    """Return the effect of an answer, in the same form as in the journal."""
     if answer is None:
         return []
     if isinstance(answer, Deferred):

@@ -1,9 +1,7 @@
-"""The rows of a recording that people read: flat JSON, in channels that Foxglove can plot and list.
+"""The rows of a recording for people: flat JSON, in channels that Foxglove can plot and list.
 
-Pure: rows are derived from journal entries. The channel ``journal`` has the original entries, which a
-replay needs.
-
-The docstring of a row is the description in its JSON schema.
+The rows are derived from the entries of the robot's journal. The channel ``journal`` has the entries
+themselves, which a replay needs. The docstring of a row becomes the description in its JSON schema.
 """
 
 from __future__ import annotations
@@ -16,22 +14,24 @@ import msgspec
 class Command(msgspec.Struct):
     """A command to the robot, and its outcome."""
 
-    what: str  # setpoint, stop, resume, acquire or release
+    type: str = msgspec.field(
+        name="what"
+    )  # The kind of command: setpoint, stop, e-stop, resume, acquire or release.
     by: str
-    outcome: str  # accepted, refused, or later (the answer is in safe or lifecycle)
+    outcome: str  # "accepted", "refused" or "later": then the result is in a later row of "safe" or "lifecycle".
     lease: int = 0
     epoch: int = 0
     deadline_ns: int = 0
     latched: bool = False
     action: dict[str, Any] = {}
-    target: dict[str, float | None] = {}  # the resulting target of all axes
-    code: str = ""  # of a refusal
+    target: dict[str, float | None] = {}  # The accepted target of each axis, in the driver's units.
+    code: str = ""  # The code of the refusal. Empty if the command was not refused.
     reason: str = ""
     remedy: str = ""
 
 
 class Refusal(msgspec.Struct):
-    what: str
+    request: str = msgspec.field(name="what")
     code: str
     reason: str
     remedy: str
@@ -40,14 +40,14 @@ class Refusal(msgspec.Struct):
 
 
 class Seen(msgspec.Struct):
-    """An observation by axis, in the driver's units; null for an axis that was not read."""
+    """A reading of all axes, in the driver's units. The value of an axis that was not read is null."""
 
     t_ns: int
     position: dict[str, float | None]
     velocity: dict[str, float | None]
     sensors: dict[str, list[float | None]]
     faults: dict[str, str]
-    oldest_ns: int = 0  # when the oldest of these positions was read
+    oldest_ns: int = 0  # Time at which the oldest of these positions was read.
 
 
 class Motor(msgspec.Struct):
@@ -60,13 +60,13 @@ class Motor(msgspec.Struct):
 
 
 class Safe(msgspec.Struct):
-    """The order of a safe state, or its result."""
+    """A stop: the order to bring the robot to a safe state, or the result of the order."""
 
-    what: str  # ordered or done
+    stage: str = msgspec.field(name="what")  # "ordered" for the order, "done" for the result.
     safe_state: str
     reason: str
     epoch: int
-    path: str  # wire, or stop_channel (the connection of the root)
+    path: str  # The connection that was used: "wire", or "stop_channel" of the root process.
     confirmed: bool
     took_ms: float
     motors: list[Motor]
@@ -75,7 +75,7 @@ class Safe(msgspec.Struct):
 class Lifecycle(msgspec.Struct):
     """A change of the robot's state, its lease, its link or its processes."""
 
-    what: str
+    event: str = msgspec.field(name="what")
     mode: str = ""
     epoch: int = 0
     locked_by: str = ""
@@ -85,18 +85,19 @@ class Lifecycle(msgspec.Struct):
 
 
 class Gap(msgspec.Struct):
-    """A place where ``missing`` entries are missing; -1 for an unknown number."""
+    """A place where entries of the journal are missing. ``missing`` is their number, or -1 if it is not
+    known."""
 
-    source: str  # wire or root
+    source: str  # The process that sent the journal: "wire" or "root".
     missing: int
-    why: str
+    reason: str = msgspec.field(name="why")
 
 
 class Log(msgspec.Struct):
     """A line for Foxglove's log panel."""
 
-    timestamp: dict[str, int]  # sec, nsec
-    level: int  # 2 info, 3 warning, 4 error
+    timestamp: dict[str, int]  # With the keys "sec" and "nsec", as Foxglove requires.
+    level: int  # Foxglove's level: 2 is info, 3 is warning, 4 is error.
     message: str
     name: str
     file: str = ""
@@ -128,7 +129,7 @@ SCHEMA_NAMES = {"log": "foxglove.Log"}
 
 
 def schema(row: type[msgspec.Struct]) -> dict[str, Any]:
-    """Return the JSON schema of a row, with an object at its root and without references."""
+    """Return the JSON schema of a row. Its root is an object, and references are replaced by their contents."""
     (root,), parts = msgspec.json.schema_components((row,), ref_template="{name}")
     plain: dict[str, Any] = _resolved(root, parts)
     return plain

@@ -14,8 +14,8 @@ import trio
 
 from strands_actors.kernel.processes.interpreter import PYTHON, environment
 
+from .arguments import name_of_started, path_of
 from .errors import RecordingError
-from .given import path_of, started
 from .to_file import record_until_stopped
 
 END_S = 15.0
@@ -32,15 +32,14 @@ def record(robot: str | Named, path: str | Path) -> Iterator[None]:
     """Record a robot while the block runs. A failure of the recorder does not affect the robot.
 
     Args:
-        robot: The robot, or the name of one that runs. An object that is not connected yet is connected
-            first, as its first command would do.
+        robot: A robot, or the name of a running robot. A robot that is not connected yet is connected first.
         path: The new file.
 
     Raises:
-        RecordingError: It cannot be recorded, or the recorder has failed.
+        RecordingError: The robot cannot be recorded, or the recorder has failed.
     """
     path = path_of("record", "path", path)
-    name = started("record", robot)
+    name = name_of_started("record", robot)
     process = subprocess.Popen(
         [*PYTHON, "-m", __name__, name, str(path)],
         stdin=subprocess.DEVNULL,
@@ -52,7 +51,7 @@ def record(robot: str | Named, path: str | Path) -> Iterator[None]:
     try:
         assert process.stdout is not None
         if process.stdout.readline().strip() != STARTED:
-            raise RecordingError(_why(process))
+            raise RecordingError(_error_text(process))
         yield
     finally:
         process.send_signal(signal.SIGINT)
@@ -66,7 +65,7 @@ def record(robot: str | Named, path: str | Path) -> Iterator[None]:
         raise RecordingError(error_text.strip() or f"the recorder ended with code {process.returncode}")
 
 
-def _why(process: subprocess.Popen[str]) -> str:
+def _error_text(process: subprocess.Popen[str]) -> str:
     _, error_text = process.communicate(timeout=END_S)
     return error_text.strip() or f"the recorder ended with code {process.returncode}"
 
@@ -74,13 +73,14 @@ def _why(process: subprocess.Popen[str]) -> str:
 def main() -> int:
     """Run the recorder's process. Its arguments are the robot's name and the path."""
     name, path = sys.argv[1:]
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # It is inherited as ignored from some parents.
+    # A parent process that ignores SIGINT passes this on to its children.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def started() -> None:
+    def on_started() -> None:
         print(STARTED, flush=True)
 
     try:
-        trio.run(record_until_stopped, name, Path(path), None, started, lambda seconds, file: None)
+        trio.run(record_until_stopped, name, Path(path), None, on_started, lambda seconds, file: None)
     except (RecordingError, OSError) as problem:
         print(" ".join(str(problem).split()), file=sys.stderr)
         return 1

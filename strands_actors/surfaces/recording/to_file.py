@@ -20,7 +20,7 @@ from .recorder import Ending, Recorder, visit
 
 
 class Summary(msgspec.Struct):
-    """The result of a recording: its size, and the number of rows of each kind."""
+    """A summary of a recording: its length, its size, and the number of rows of each kind."""
 
     path: str
     robot: str
@@ -31,7 +31,7 @@ class Summary(msgspec.Struct):
     observations: int
     safe: int
     gaps: int
-    ended: str  # why the recording ended
+    ended: str  # The reason why the recording ended.
 
 
 async def record_until_stopped(
@@ -41,14 +41,15 @@ async def record_until_stopped(
     on_started: Callable[[], None],
     on_progress: Callable[[float, RecordingFile], None],
 ) -> Summary:
-    """Record until Ctrl-C, SIGTERM, or an end of ``Recorder.run``. Call it in the main thread.
+    """Record until Ctrl-C or SIGTERM, for ``seconds``, or until the robot has ended. Call this in the main
+    thread.
 
     Args:
         robot: The name of a running robot.
         path: The new file.
         seconds: How long to record; None for no limit.
         on_started: Called when the file is open.
-        on_progress: Called once a second, with the seconds so far and the file.
+        on_progress: Called once a second, with the length of the recording in seconds and the file.
 
     Raises:
         RecordingError: The robot cannot be recorded, or the file cannot be made.
@@ -76,22 +77,22 @@ async def record_until_stopped(
 
 
 def _require_free(path: Path) -> None:
-    """Raise ``RecordingError`` if the file cannot be made. This is checked before the robot is asked, which
-    serves only one recorder at a time."""
+    """Raise ``RecordingError`` if the file cannot be made. Check this before connecting to the robot, because a
+    robot serves only one recorder at a time."""
     if path.exists():
-        raise RecordingError(f"{path} is there already. give another name, or remove it")
+        raise RecordingError(f"{path} exists already. Give another name, or remove it")
     folder = path.absolute().parent
     if not folder.is_dir():
-        raise RecordingError(f"there is no folder {folder} for {path.name}")
+        raise RecordingError(f"the folder {folder} does not exist. Make it, or give another path")
     if not os.access(folder, os.W_OK):
-        raise RecordingError(f"{folder} cannot be written to. name another folder")
+        raise RecordingError(f"the folder {folder} is not writable. Use another folder")
 
 
 def _fingerprint(attached: Attached) -> str:
     try:
         return fingerprint(driver_class_of(attached.driver))
     except RecordingError:
-        return ""  # The driver class is not registered. The file has rows, but cannot be replayed.
+        return ""  # The driver is not installed here. The recording can be viewed, but not replayed.
 
 
 def _summary(robot: str, file: RecordingFile, ending: Ending) -> Summary:
@@ -106,5 +107,5 @@ def _summary(robot: str, file: RecordingFile, ending: Ending) -> Summary:
         counts["observation"],
         counts["safe"],
         counts["gap"],
-        ending.why,
+        ending.reason,
     )

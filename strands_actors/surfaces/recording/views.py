@@ -1,4 +1,4 @@
-"""Turn the journal of a process into rows that people read. Pure."""
+"""Turn the journal of a process into rows for people, without I/O."""
 
 from __future__ import annotations
 
@@ -52,24 +52,24 @@ _SHOWN = (
     StopTask, Happened, StopReport, Refused, Accepted, Lease, EpisodeKey,
 )  # fmt: skip
 
-_BY_TAG = {kind.__name__: msgspec.msgpack.Decoder(kind).decode for kind in _SHOWN}
+_BY_TAG = {message_type.__name__: msgspec.msgpack.Decoder(message_type).decode for message_type in _SHOWN}
 
 
 def keys_pressed(entries: Iterable[Entry]) -> Iterator[EpisodeKey]:
-    """Yield the keys by which the operator of a teleoperation controls a recorder of episodes. They are in
-    the root's journal."""
+    """Yield the operator's keys that begin and end episodes of a dataset, from the journal of the root process.
+    The operator presses them on the page of a teleoperation."""
     for entry in entries:
         if entry.kind == Kind.NOTED and isinstance(message := _decode(entry.body), EpisodeKey):
             yield message
 
 
 class View:
-    """The rows of one process's journal.
+    """Builds rows from the journal of one process.
 
     Args:
         source: The process: ``wire`` or ``root``.
         axes: The axes of the robot.
-        wall_ns: Wall-clock time minus the robot's clock.
+        wall_ns: Wall-clock time minus the robot's clock, in nanoseconds.
     """
 
     def __init__(self, source: str, axes: Sequence[str], wall_ns: int) -> None:
@@ -77,14 +77,14 @@ class View:
         self._axes = axes
         self._wall_ns = wall_ns
         self._at_ns = 0
-        self._asked = ""  # the newest command
-        self._command: Command | None = None  # its row, while the outcome is missing
-        # The sender of each acquire with a deferred answer, by actor and number.
+        self._last_command = ""  # The kind of the newest command.
+        self._command: Command | None = None  # The row of the newest command, until its outcome is known.
+        # The senders that have asked for a lease and still wait, by actor and number of the deferred answer.
         self._waiting: dict[tuple[str, int], str] = {}
 
     def rows(self, entries: Iterable[Entry]) -> Iterator[Row]:
         for entry in entries:
-            if entry.kind == Kind.DEFERRED and self._command is not None and self._command.what == "acquire":
+            if entry.kind == Kind.DEFERRED and self._command is not None and self._command.type == "acquire":
                 self._waiting[entry.actor, entry.number] = self._command.by
             if entry.kind in (Kind.TOOK, Kind.DEFERRED, Kind.GAP):
                 yield from self._timed(self._end_command())
@@ -92,14 +92,14 @@ class View:
                 self._at_ns = entry.at_ns
             yield from self._timed(self._show(entry))
 
-    def lost(self, at_ns: int, why: str) -> Iterator[Row]:
-        """Yield the rows for a source that has stopped sending. Its last entries may be missing."""
+    def lost(self, at_ns: int, reason: str) -> Iterator[Row]:
+        """Yield a gap for a process that has stopped sending, because its last entries may be missing."""
         yield from self._timed(self._end_command())
         self._at_ns = at_ns
-        yield from self._timed([("gap", Gap(self._source, -1, why))])
+        yield from self._timed([("gap", Gap(self._source, -1, reason))])
 
     def end(self) -> Iterator[Row]:
-        """Yield the last row, which would otherwise wait for the next entry."""
+        """Yield the row of the last command. It still waits for an outcome that will not come."""
         yield from self._timed(self._end_command())
 
     def _timed(self, shown: Iterable[tuple[str, msgspec.Struct]]) -> Iterator[Row]:
@@ -109,30 +109,30 @@ class View:
                 yield "log", self._at_ns, line
 
     def _show(self, entry: Entry) -> Iterator[tuple[str, msgspec.Struct]]:
-        kind = entry.kind
-        if kind == Kind.GAP:
+        entry_kind = entry.kind
+        if entry_kind == Kind.GAP:
             yield "gap", Gap(self._source, entry.number, "the recorder was slower than the robot")
             return
         message = _decode(entry.body)
         if message is None:
             return
-        if kind == Kind.TOOK:
-            yield from self._taken(message)
-        elif kind == Kind.ANSWERED:
+        if entry_kind == Kind.TOOK:
+            yield from self._received(message)
+        elif entry_kind == Kind.ANSWERED:
             yield from self._answered(message)
-        elif kind == Kind.SENT:
+        elif entry_kind == Kind.SENT:
             yield from self._sent(entry.actor, message)
-        elif kind == Kind.REFUSED and isinstance(message, Refused):
+        elif entry_kind == Kind.REFUSED and isinstance(message, Refused):
             yield "refusal", _refusal(f"{entry.to} to {entry.actor}", message)
-        elif kind == Kind.NOTED:
+        elif entry_kind == Kind.NOTED:
             yield from self._noted(message)
-        elif kind == Kind.SETTLED:
+        elif entry_kind == Kind.SETTLED:
             yield from self._settled(entry, message)
 
     # -- commands and their outcomes
 
-    def _taken(self, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
-        self._asked = ""
+    def _received(self, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
+        self._last_command = ""
         match message:
             case Setpoint():
                 self._ask(_setpoint(message, self._axes))
@@ -149,7 +149,7 @@ class View:
                 self._ask(Command("release", "", "accepted", message.lease))
                 yield from self._end_command()
             case Observed():
-                yield "observation", self._seen(message.observation)
+                yield "observation", self._observation(message.observation)
             case SafeDone():
                 yield "safe", _done(message.report)
             case ArmDone():
@@ -159,14 +159,14 @@ class View:
                     yield "lifecycle", Lifecycle("armed", epoch=message.epoch)
             case LinkUp():
                 yield "lifecycle", Lifecycle("the link is up")
-                yield "observation", self._seen(message.observation)
+                yield "observation", self._observation(message.observation)
             case LinkLost():
-                yield "lifecycle", Lifecycle("the link is down", detail=message.why)
+                yield "lifecycle", Lifecycle("the link is down", detail=message.cause)
             case Fence() | Shutdown():
-                what = "fence" if isinstance(message, Fence) else "shutdown"
-                yield "lifecycle", Lifecycle(what, cause=message.reason, detail=message.by)
+                event = "fence" if isinstance(message, Fence) else "shutdown"
+                yield "lifecycle", Lifecycle(event, cause=message.reason, detail=message.by)
             case Renew():
-                yield "lifecycle", Lifecycle("the wire process asks for a new one", detail=message.why)
+                yield "lifecycle", Lifecycle("the wire process asks for a new one", detail=message.cause)
             case StartTask():
                 yield "lifecycle", Lifecycle("task started", detail=message.provider)
             case StopTask():
@@ -190,10 +190,11 @@ class View:
                     pass
         yield from self._end_command()
         if isinstance(answer, Refused):
-            yield "refusal", _refusal(self._asked, answer)
+            yield "refusal", _refusal(self._last_command, answer)
 
     def _settled(self, entry: Entry, answer: Message) -> Iterator[tuple[str, msgspec.Struct]]:
-        holder = self._waiting.pop((entry.actor, entry.number), "")  # It is also empty after a gap.
+        # The sender is unknown ("") if the request was in a gap of the journal.
+        holder = self._waiting.pop((entry.actor, entry.number), "")
         if isinstance(answer, Lease):
             yield "command", Command("acquire", holder, "accepted", answer.id, answer.epoch)
             yield "lifecycle", Lifecycle("lease granted", epoch=answer.epoch, detail=holder)
@@ -201,7 +202,7 @@ class View:
             yield "refusal", _refusal("resume", answer)
 
     def _ask(self, command: Command) -> None:
-        self._asked, self._command = command.what, command
+        self._last_command, self._command = command.type, command
 
     def _end_command(self) -> Iterator[tuple[str, msgspec.Struct]]:
         if self._command is not None:
@@ -212,13 +213,16 @@ class View:
 
     def _sent(self, actor: str, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
         if isinstance(message, MakeSafe):
-            yield "safe", Safe("ordered", message.safe_state, message.reason, message.epoch, "wire", False, 0.0, [])
+            yield (
+                "safe",
+                Safe("ordered", message.safe_state, message.reason, message.epoch, "wire", False, 0.0, []),
+            )
         elif isinstance(message, StateIs) and actor == "gate":
             yield "lifecycle", _state(message)
 
     def _noted(self, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
         if isinstance(message, Happened):
-            yield "lifecycle", Lifecycle(message.what, detail=message.detail, pid=message.pid)
+            yield "lifecycle", Lifecycle(message.event, detail=message.detail, pid=message.pid)
         elif isinstance(message, StateIs):
             yield "lifecycle", _state(message)
         elif isinstance(message, StopReport):
@@ -228,7 +232,7 @@ class View:
 
     # -- rows
 
-    def _seen(self, observation: Observation) -> Seen:
+    def _observation(self, observation: Observation) -> Seen:
         return Seen(
             observation.t_ns,
             self._by_axis(observation.position),
@@ -239,7 +243,9 @@ class View:
         )
 
     def _by_axis(self, values: Sequence[float]) -> dict[str, float | None]:
-        return dict(zip(self._axes, values, strict=False))  # A target may have further values: speed, force.
+        return dict(
+            zip(self._axes, values, strict=False)
+        )  # Ignore values after the axes, such as a speed or a force.
 
     def _log(self, channel: str, row: msgspec.Struct) -> Log | None:
         line = _log_line(row)
@@ -251,11 +257,11 @@ class View:
 
 
 def _log_line(row: msgspec.Struct) -> tuple[int, str] | None:
-    """Return the level and the text of a row in the log; None if it has no line."""
+    """Return the level and the text of a row for the log. None if the row is not logged."""
     match row:
         case Refusal():
-            return WARNING, f"{row.what} refused ({row.code}): {row.reason}"
-        case Safe(what="ordered"):
+            return WARNING, f"{row.request} refused ({row.code}): {row.reason}"
+        case Safe(stage="ordered"):
             return WARNING, f"{row.safe_state} ordered: {row.reason}, epoch {row.epoch}"
         case Safe():
             missing = ", ".join(motor.axis for motor in row.motors if not motor.safe)
@@ -266,11 +272,11 @@ def _log_line(row: msgspec.Struct) -> tuple[int, str] | None:
             about = ", ".join(text for text in (row.cause, row.detail) if text)
             pid = f" (process {row.pid})" if row.pid else ""
             state = f" {row.mode}, epoch {row.epoch}" if row.mode else ""
-            return INFO, f"{row.what}{state}{pid}{f': {about}' if about else ''}"
+            return INFO, f"{row.event}{state}{pid}{f': {about}' if about else ''}"
         case Gap():
-            return WARNING, f"gap: {row.why}"
-        case Command() if row.what not in ("setpoint", "acquire"):
-            return INFO, f"{row.what}{f' ({row.by})' if row.by else ''}"
+            return WARNING, f"gap: {row.reason}"
+        case Command() if row.type not in ("setpoint", "acquire"):
+            return INFO, f"{row.type}{f' ({row.by})' if row.by else ''}"
         case _:
             return None
 
@@ -306,26 +312,27 @@ def _done(report: StopReport) -> Safe:
     )
 
 
-def _refusal(what: str, refusal: Refused) -> Refusal:
-    return Refusal(what, refusal.code, refusal.reason, refusal.remedy, refusal.offered, refusal.limit)
+def _refusal(request: str, refusal: Refused) -> Refusal:
+    return Refusal(request, refusal.code, refusal.reason, refusal.remedy, refusal.offered, refusal.limit)
 
 
 def _decode(body: msgspec.Raw) -> Message | None:
-    """Return the message if it is shown to people; None otherwise."""
+    """Return the decoded message if its class has rows for people, otherwise None."""
     decode: Callable[[Any], Message] | None = _BY_TAG.get(tag_of(body))
     return None if decode is None else decode(body)
 
 
 def tag_of(body: msgspec.Raw) -> str:
-    """Return the class name at the head of an encoded message; empty for anything else."""
+    """Return the class name at the beginning of an encoded message. Empty if the bytes are not a message."""
     data = memoryview(body)
     if len(data) < 2:
         return ""
     head = data[0]
-    at = 1 if 0x90 <= head <= 0x9F else 3 if head == 0xDC else 0  # a msgpack array of up to 15, of up to 65535
-    if not at or len(data) <= at:
+    # In msgpack, 0x90 to 0x9F begin an array of at most 15 elements, and 0xDC one of at most 65535.
+    position = 1 if 0x90 <= head <= 0x9F else 3 if head == 0xDC else 0
+    if not position or len(data) <= position:
         return ""
-    size = data[at]
-    if 0xA0 <= size <= 0xBF:  # a string of up to 31 bytes
-        return bytes(data[at + 1 : at + 1 + (size & 0x1F)]).decode(errors="replace")
+    size = data[position]
+    if 0xA0 <= size <= 0xBF:  # In msgpack, 0xA0 to 0xBF begin a string of at most 31 bytes.
+        return bytes(data[position + 1 : position + 1 + (size & 0x1F)]).decode(errors="replace")
     return ""

@@ -1,1 +1,1 @@
-"""The web page of an operator, for touch and gamepads (by the browser's API), over one WebSocket."""
+"""The web page by which an operator moves a robot, by touch or with a gamepad, over one WebSocket."""

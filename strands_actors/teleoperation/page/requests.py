@@ -1,10 +1,10 @@
 """Parse the requests of a browser, and decide which are allowed. Pure.
 
-A foreign page that is open in the same browser can reach this port, too. So three things are checked:
+Another web page that is open in the same browser can send requests to this port, too. So three things are checked:
 
 * The address must have the token.
-* The host must be the served one. A foreign name that resolves to this address is another host.
-* A WebSocket must come from this very page (its origin).
+* The Host header must be one of this server's addresses. Another name that resolves to this address is refused.
+* The Origin header of a WebSocket request must be the address of this page.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ MAX_HEAD = 8192
 HEAD_END = b"\r\n\r\n"
 
 
-class Asked(NamedTuple):
-    """The head of a request."""
+class RequestHead(NamedTuple):
+    """The head of an HTTP request: method, path, token and headers."""
 
     method: str
     path: str
@@ -31,8 +31,8 @@ class Asked(NamedTuple):
         return self.headers.get("upgrade", "").lower() == "websocket"
 
 
-def parse(head: bytes) -> Asked | None:
-    """Return the head of a request, from its bytes without ``HEAD_END``; None if it is not valid."""
+def parse(head: bytes) -> RequestHead | None:
+    """Parse the head of an HTTP request, from its bytes without ``HEAD_END``. Return None if it is not valid."""
     try:
         line, *rows = head.decode("latin-1").split("\r\n")
         method, target, version = line.split(" ")
@@ -44,45 +44,45 @@ def parse(head: bytes) -> Asked | None:
     headers: dict[str, str] = {}
     for row in rows:
         name, colon, value = row.partition(":")
-        # A repeated header is refused, since its meaning is ambiguous.
+        # A header that occurs twice makes the request invalid, because its meaning is ambiguous.
         if not colon or name.lower() in headers:
             return None
         headers[name.lower()] = value.strip()
-    return Asked(method, parts.path, parse_qs(parts.query).get("token", [""])[-1], headers)
+    return RequestHead(method, parts.path, parse_qs(parts.query).get("token", [""])[-1], headers)
 
 
-def refuse(asked: Asked | None, token: str, hosts: Collection[str]) -> tuple[int, str] | None:
+def refuse(request: RequestHead | None, token: str, hosts: Collection[str]) -> tuple[int, str] | None:
     """Return the HTTP status and text of a refusal; None if the request is allowed.
 
     Args:
-        asked: The request; None if it is not valid.
+        request: The request; None if it is not valid.
         token: The token of the page.
         hosts: Accepted values of the Host header, ``name:port``.
     """
-    if asked is None:
-        return 400, "no request"
-    host = asked.headers.get("host", "").lower()
+    if request is None:
+        return 400, "this is not a valid request"
+    host = request.headers.get("host", "").lower()
     if host not in hosts:
-        return 421, "another host"
-    if not hmac.compare_digest(asked.token.encode(), token.encode()):
+        return 421, "the host name is not the one of this page"
+    if not hmac.compare_digest(request.token.encode(), token.encode()):
         return 403, "the address needs its token"
-    if asked.method != "GET":
-        return 405, "only GET"
-    if asked.path == "/" and not asked.wants_websocket:
+    if request.method != "GET":
+        return 405, "only the method GET is allowed"
+    if request.path == "/" and not request.wants_websocket:
         return None
-    if asked.path != "/operate" or not asked.wants_websocket:
-        return 404, "nothing there"
-    if asked.headers.get("origin", "").lower() != f"http://{host}":
-        return 403, "another origin"
+    if request.path != "/operate" or not request.wants_websocket:
+        return 404, "there is no such page"
+    if request.headers.get("origin", "").lower() != f"http://{host}":
+        return 403, "the request comes from another page"
     return None
 
 
 class Lateness:
     """Measure the delay of messages without a common clock.
 
-    The message with the smallest difference of receive time and sender's time counts as the fastest so far.
-    The delay of a message is its difference minus that. Messages that were stuck in a network arrive late
-    and all at once, and must not count as new.
+    For each message, the difference between the time of receipt and the sender's time is computed. The smallest
+    difference so far counts as no delay. The delay of a message is its difference minus the smallest one. Messages
+    that were stuck in a network arrive late and all at once, and must not count as new.
     """
 
     def __init__(self) -> None:

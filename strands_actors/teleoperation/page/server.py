@@ -1,4 +1,4 @@
-"""Serve the page to one operator at a time, in the process of the teleoperation."""
+"""Serve the operator's web page, to one operator at a time. This runs in the process of the teleoperation."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _log = logging.getLogger("strands_actors")
 
 HEAD_S = 5.0
 SEND_S = 1.0
-TELL_S = 0.1
+STATUS_PERIOD_S = 0.1
 SILENT_S = 2.0
 """A page without a message for so long counts as gone. Its connection could stay for ever, for example if a
 phone sleeps or a network is lost."""
 MAX_MESSAGE = 4096
 STOPPED_SHOWN_S = 20.0
 """How long a page shows the result of its stop."""
-ASKED = "asked, not confirmed yet"
+STOP_REQUESTED = "asked, not confirmed yet"
 MOST_STRANGERS = 16
 """Greatest number of clients that have not sent the token."""
 LONGEST_MS = 1e12
@@ -45,14 +45,14 @@ REASONS = {400: "Bad Request", 403: "Forbidden", 404: "Not Found", 405: "Method 
            421: "Misdirected Request"}  # fmt: skip
 
 
-class Told(msgspec.Struct):
-    """A message of the page, which sends 30 per second.
+class PageMessage(msgspec.Struct):
+    """A message of the operator's page, which sends 30 messages per second.
 
     Attributes:
         held: True if the dead-man is held.
-        at_ms: Time by the page's clock.
-        rates: Rate by axis, -1 to 1.
-        episode: The key of the recorder that was pressed; empty for no key.
+        at_ms: Time at which the page sent the message, by the browser's clock (ms).
+        rates: Speed by axis, as a share of its jog speed (-1 to 1).
+        episode: The button of the recorder that was pressed; empty for no button.
         stop: True if the stop button was pressed.
     """
 
@@ -79,10 +79,10 @@ class Page:
 
     Args:
         clock: The clock.
-        operate: Takes the operator's input.
-        press: Takes the time and the name of a key of the recorder.
-        stop: Stops the robot, and returns the result as text.
-        status: Returns the data that the page shows.
+        operate: Function that is called with the operator's input.
+        press: Function that is called with the time and the name when a button of the recorder is pressed.
+        stop: Function that stops the robot, and returns the result as text.
+        status: Function that returns the data that the page shows.
         axes: Names of the axes that can be moved.
         title: Title of the page.
     """
@@ -111,20 +111,21 @@ class Page:
         self._hosts: frozenset[str] = frozenset()
         self._operated = False
 
-    async def serve(self, host: str, port: int, tell: Callable[[str], None]) -> None:
-        """Serve the page until cancelled. Raise ``OSError``.
+    async def serve(self, host: str, port: int, publish_address: Callable[[str], None]) -> None:
+        """Serve the page until cancelled. Raise ``OSError`` if the port cannot be opened.
 
         Args:
             host: Address to listen at.
             port: Port to listen at; 0 for a free one.
-            tell: Takes the address of the page, which contains the token.
+            publish_address: Function that is called with the address of the page, which contains the token.
         """
         (listener, *_) = await trio.open_tcp_listeners(port, host=host)
         number = listener.socket.getsockname()[1]
         names = {host, "localhost"} if host.startswith("127.") else {host}
-        self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)  # as browsers send them
-        tell(f"http://{host}:{number}/?token={self._token}")
-        # A stop runs in this nursery, so that it continues if the page that requested it disconnects.
+        # Browsers send the host name in lower case.
+        self._hosts = frozenset(f"{name.lower()}:{number}" for name in names)
+        publish_address(f"http://{host}:{number}/?token={self._token}")
+        # A stop runs in this nursery. So it continues even if the page that requested it disconnects.
         async with trio.open_nursery() as self._stops:
             await serve_clients(self._answer, listener, MOST_STRANGERS, SEND_S)
 
@@ -136,11 +137,11 @@ class Page:
                 data += more
                 if not more or len(data) > MAX_HEAD:
                     return
-        asked = parse(data.partition(HEAD_END)[0])
-        refusal = refuse(asked, self._token, self._hosts)
+        request = parse(data.partition(HEAD_END)[0])
+        refusal = refuse(request, self._token, self._hosts)
         if refusal is None:
             client.admit()
-        if refusal is None and asked is not None and asked.wants_websocket:
+        if refusal is None and request is not None and request.wants_websocket:
             if not self._operated:
                 self._operated = True
                 try:
@@ -149,7 +150,7 @@ class Page:
                     self._operated = False
                     self._operate(Operate(self._clock.now_ns(), False))
                 return
-            refusal = 409, "somebody else operates it"
+            refusal = 409, "another browser operates the robot. Close its page first"
         if refusal is not None:
             await _respond(client, refusal[0], "text/plain", refusal[1].encode())
             return
@@ -164,7 +165,9 @@ class Page:
         await _respond(client, 200, "text/html; charset=utf-8", body, policy)
 
     async def _converse(self, client: Client, data: bytes) -> None:
-        """Talk to one page until it disconnects. The caller then releases the dead-man."""
+        """Exchange messages with one page until it disconnects. Afterwards the caller of this method releases the
+        dead-man.
+        """
         end = WSConnection(ConnectionType.SERVER)
         operator = _Operator()
         async with trio.open_nursery() as nursery:
@@ -174,13 +177,13 @@ class Page:
                     for event in end.events():
                         if isinstance(event, Request):
                             await client.send(end.send(AcceptConnection()))
-                            nursery.start_soon(self._tell, client, end, nursery.cancel_scope)
+                            nursery.start_soon(self._send_status, client, end, nursery.cancel_scope)
                         elif isinstance(event, Ping):
                             await client.send(end.send(event.response()))
                         elif isinstance(event, Message):
                             if not isinstance(event, TextMessage):
                                 return
-                            operator.text += event.data  # The network may have split a message.
+                            operator.text += event.data  # the network may have split the message
                             if len(operator.text) > MAX_MESSAGE:
                                 return
                             if event.message_finished:
@@ -195,14 +198,14 @@ class Page:
                     if not data:
                         return
             except (ProtocolError, msgspec.MsgspecError, RecursionError, UnicodeError):
-                return  # Our page never sends such data.
+                return  # This package's page never sends such data, so disconnect.
             finally:
                 nursery.cancel_scope.cancel()
 
     def _take(self, text: str, operator: _Operator) -> None:
         now_ns = self._clock.now_ns()
         try:
-            message = msgspec.json.decode(text, type=Told)
+            message = msgspec.json.decode(text, type=PageMessage)
         except (msgspec.MsgspecError, RecursionError):
             if asks_for_stop(text):
                 self._begin_stop()
@@ -218,13 +221,13 @@ class Page:
 
     def _begin_stop(self) -> None:
         if not self._stopping:
-            self._stopping, self._stopped = True, ASKED
+            self._stopping, self._stopped = True, STOP_REQUESTED
             self._stops.start_soon(self._stop_robot)
 
     async def _stop_robot(self) -> None:
         try:
             self._stopped = await self._stop()
-        except Exception as failure:  # The server keeps running, so the operator can press again.
+        except Exception as failure:  # keep the server running, so that the operator can press stop again
             _log.exception("the page's stop failed")
             self._stopped = f"NOT CONFIRMED: {failure!r}. cut its power if it still moves"
         self._stopping = False
@@ -234,21 +237,21 @@ class Page:
         is_old = not self._stopping and self._clock.now_ns() - self._stopped_ns > STOPPED_SHOWN_S * NS
         return {**self._status(), "stopped": "" if is_old else self._stopped}
 
-    async def _tell(self, client: Client, end: WSConnection, scope: trio.CancelScope) -> None:
-        """Send the shown data repeatedly. A page that does not read it counts as gone."""
+    async def _send_status(self, client: Client, end: WSConnection, scope: trio.CancelScope) -> None:
+        """Send the data that the page shows, again and again. A page that does not read them is disconnected."""
         try:
             while True:
                 await client.send(end.send(TextMessage(json.dumps(self._shown()))))
-                await trio.sleep(TELL_S)
+                await trio.sleep(STATUS_PERIOD_S)
         except (*GONE, ProtocolError):
             scope.cancel()
 
 
-async def _respond(client: Client, code: int, kind: str, body: bytes, policy: str = "") -> None:
+async def _respond(client: Client, code: int, content_type: str, body: bytes, policy: str = "") -> None:
     reason = REASONS.get(code, "OK")
     rows = [
         f"HTTP/1.1 {code} {reason}",
-        f"Content-Type: {kind}",
+        f"Content-Type: {content_type}",
         f"Content-Length: {len(body)}",
         "Cache-Control: no-store",
         "Referrer-Policy: no-referrer",
@@ -260,7 +263,9 @@ async def _respond(client: Client, code: int, kind: str, body: bytes, policy: st
 
 
 def write_address(path: Path, text: str) -> None:
-    """Write an address to a file that only the user can read. The file appears complete, or not at all."""
+    """Write the page's address to a file that only the user can read. Other programs never see a part of the
+    address.
+    """
     new = path.with_suffix(f".{os.getpid()}.new")
     with contextlib.suppress(FileNotFoundError):
         new.unlink()

@@ -1,4 +1,4 @@
-"""SAF-014: test the commands that a T1 is not sent: each gate and each condition by itself, with its message.
+"""SAF-014: test the commands that are refused for a T1: each gate and each condition by itself, with its message.
 No I/O."""
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def test_a_number_or_a_dict_with_q(value: object) -> None:
 @pytest.mark.parametrize("joint", ["left_knee_pitch", "waist", "head_yaw", "right_crank_up", "left_hip_roll.pos"])
 def test_a_motor_of_the_onboard_controller(joint: str) -> None:
     answer = refused({"left_elbow_pitch": 0.0, joint: 0.0})
-    assert answer.code == "not_ours" and "is owned by the onboard controller" in answer.reason
+    assert answer.code == "not_ours" and "is moved only by the onboard controller" in answer.reason
     assert all(key in (answer.limit or "") for key in KEYS)
     assert "(slot 14)" in refused({"left_knee_pitch": 0.0}).reason
     assert "rotate_head" in refused({"head_yaw": 0.0}).text
@@ -139,7 +139,7 @@ def test_the_base_is_no_joint() -> None:
         ({"left_elbow_pitch": 0.3}, "too_fast"),
     ],
 )
-def test_what_no_arm_can_do(action: Any, code: str) -> None:
+def test_impossible_arm_commands_are_refused(action: Any, code: str) -> None:
     assert refused(action).code == code
 
 
@@ -151,20 +151,20 @@ def test_a_single_command_steps_no_further_than_a_stream() -> None:
 def test_the_upper_body_must_have_been_handed_over() -> None:
     for ours in ((0.0,), None):
         answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(upper_body=ours)))
-        assert answer.text == ("the upper body belongs to the onboard controller. call enable_upper_body() first")
+        assert answer.text == ("the onboard controller still has the upper body. Call enable_upper_body() first")
 
 
 @pytest.mark.parametrize("fall", [Fall.IS_FALLING, Fall.HAS_FALLEN, Fall.IS_GETTING_UP])
 def test_a_robot_that_is_not_ready(fall: Fall) -> None:
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(fall_state=(float(fall), NOW_S))))
-    assert answer.text == f"the robot reports {fall.name}. arm writes resume at IS_READY"
+    assert answer.text == f"the robot reports {fall.name}. Wait until the robot has got up (IS_READY)"
 
 
 def test_a_fall_state_that_is_old_or_unknown() -> None:
     old = observation(fall_state=(0.0, NOW_S - 1.1))
     assert refused({"left_elbow_pitch": 0.0}, state(seen=old)).code == "fall_stale"
     condition = t1().conditions[0].check
-    assert condition(old, NOW_NS) is None, "it ends nothing yet"
+    assert condition(old, NOW_NS) is None, "an old fall state does not end the motion yet"
     lost = condition(observation(fall_state=(0.0, NOW_S - 3.1)), NOW_NS)
     assert lost is not None and lost.code == "fall_stale"
     unknown = observation(fall_state=None)
@@ -173,14 +173,14 @@ def test_a_fall_state_that_is_old_or_unknown() -> None:
 
 def test_custom_mode_is_not_for_us() -> None:
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(mode=(float(Mode.CUSTOM), NOW_S))))
-    assert answer.code == "custom_mode" and "the legs would let go" in answer.reason
+    assert answer.code == "custom_mode" and "the legs would lose their torque" in answer.reason
 
 
 def test_saf_012_a_mode_that_is_old_or_unknown() -> None:
     """The robot may be in custom mode by now."""
     old = observation(mode=(float(Mode.WALKING), NOW_S - 1.1))
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=old))
-    assert answer.code == "mode_stale" and "its mode is 1.1 s old (limit 1.0 s)" in answer.reason
+    assert answer.code == "mode_stale" and "the last report of the mode is 1.1 s old (limit 1.0 s)" in answer.reason
     assert refused({"left_elbow_pitch": 0.0}, state(seen=observation(mode=None))).code == "mode_unknown"
     late = observation(mode=(float(Mode.WALKING), NOW_S - 0.9))
     assert isinstance(verdict(t1(), {"left_elbow_pitch": 0.0}, state(seen=late)), Candidate)
@@ -192,7 +192,7 @@ def test_a_state_that_is_old_or_unknown() -> None:
     unknown = observation()
     unknown = Observation(0, unknown.position, (0,) * 8, (), unknown.sensors)
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=unknown))
-    assert answer.code == "no_state" and "frame width and hold positions unknown" in answer.reason
+    assert answer.code == "no_state" and "no state has arrived yet" in answer.reason
 
 
 def test_a_robot_with_too_few_motors() -> None:
@@ -201,7 +201,7 @@ def test_a_robot_with_too_few_motors() -> None:
     assert isinstance(verdict(t1(), {"left_elbow_pitch": 0.0}, state(seen=observation(motors=(10.0,)))), Candidate)
 
 
-def test_a_fall_ends_what_is_live_and_what_is_held() -> None:
+def test_a_fall_ends_live_and_held_commands() -> None:
     for condition in t1().conditions:
         assert condition.always and condition.reason is Reason.FAULT and condition.safe_state == SafeState.STOP
 
@@ -216,7 +216,9 @@ def test_saf_011_it_goes_on_from_where_it_is() -> None:
 def test_it_goes_on_from_its_goal_where_it_hangs_from_it_by_its_weight() -> None:
     goal = (HERE[0] + 0.05, HERE[1] + 0.5, *HERE[2:])
     target = t1().first_target(observation(goal_rad=goal))
-    assert target == (HERE[0] + 0.05, HERE[1], *HERE[2:]), "not from one that it is far away from"
+    assert target == (HERE[0] + 0.05, HERE[1], *HERE[2:]), (
+        "the new target does not start at a goal that is far away"
+    )
 
 
 # -- services and options
@@ -243,12 +245,12 @@ def test_it_goes_on_from_its_goal_where_it_hangs_from_it_by_its_weight() -> None
         ("dance", {}, "unknown_service"),
     ],
 )
-def test_what_no_service_takes(service: str, arguments: dict[str, Any], code: str) -> None:
+def test_invalid_service_arguments_are_refused(service: str, arguments: dict[str, Any], code: str) -> None:
     answer = t1().check_service(service, arguments)
     assert answer is not None and answer.code == code
 
 
-def test_a_mode_that_is_unknown_is_answered_with_those_there_are() -> None:
+def test_an_unknown_mode_is_refused_with_the_known_ones() -> None:
     answer = t1().check_service("change_mode", {"mode": "run"})
     assert answer is not None and answer.limit == "damping, prepare, walking, soccer"
 
@@ -265,7 +267,7 @@ def test_a_mode_that_is_unknown_is_answered_with_those_there_are() -> None:
         ("enable_upper_body", {"on": False}),
     ],
 )
-def test_what_a_service_takes(service: str, arguments: dict[str, Any]) -> None:
+def test_valid_service_arguments_are_accepted(service: str, arguments: dict[str, Any]) -> None:
     assert t1().check_service(service, arguments) is None
 
 

@@ -20,7 +20,7 @@ from strands_actors.drivers.booster.config import BoosterConfig
 from strands_actors.drivers.booster.link import Link
 from strands_actors.drivers.booster.robots import model_of
 from strands_actors.drivers.booster.rpc import Api, Mode, Response
-from strands_actors.drivers.booster.stopping import _Way
+from strands_actors.drivers.booster.stopping import _StopProcedure
 from strands_actors.drivers.booster.wire import BoosterSession, BoosterWire
 from strands_actors.drivers.common.rtps import CDR
 from strands_actors.kernel.clock import NS, MonotonicClock
@@ -73,7 +73,7 @@ def session() -> Iterator[BoosterSession]:
     """Return the session of a robot that reported its mode at the time 0 and handed over its arms."""
     session = BoosterSession(NOBODY, MonotonicClock())
     session.note_mode(Mode.WALKING, 0)
-    session.ours = Mode.WALKING
+    session.handover_mode = Mode.WALKING
     yield session
     session.link.close()
 
@@ -81,18 +81,20 @@ def session() -> Iterator[BoosterSession]:
 # -- answers that count
 
 
-def test_saf_012_a_mode_that_is_not_told_any_more_takes_the_arms_away(session: BoosterSession) -> None:
+def test_saf_012_a_mode_that_is_no_longer_reported_takes_the_arms_away(session: BoosterSession) -> None:
     service = Service(session.link)
     session.poll(round(0.95 * NS))
     assert session.mode is Mode.WALKING and session.has_arms
     session.poll(round(1.05 * NS))
     assert session.mode is None and not session.has_arms
     assert "mode" not in session.observation().sensors
-    assert (Api.UPPER_BODY, rpc.upper_body(False)) in service.asked, "it has them back, if it was not known"
+    assert (Api.UPPER_BODY, rpc.upper_body(False)) in service.asked, (
+        "the arms are returned, in case the robot did not have them"
+    )
 
 
 @pytest.mark.parametrize(("status", "body"), [(500, ""), (-1, WALKING), (rpc.OK, "?"), (rpc.OK, "{}")])
-def test_saf_012_an_answer_that_tells_no_mode_says_that_it_may_be_any(
+def test_saf_012_an_answer_without_a_mode_makes_the_mode_unknown(
     session: BoosterSession, status: int, body: str
 ) -> None:
     service = Service(session.link)
@@ -101,7 +103,7 @@ def test_saf_012_an_answer_that_tells_no_mode_says_that_it_may_be_any(
     assert session.mode is None and not session.has_arms
     session.poll(NS)
     service.answer(Api.GET_MODE, rpc.OK, WALKING)
-    assert session.mode is Mode.WALKING and not session.has_arms, "they have to be asked for again"
+    assert session.mode is Mode.WALKING and not session.has_arms, "the wire must request the arms again"
 
 
 def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: BoosterSession) -> None:
@@ -118,19 +120,19 @@ def test_saf_012_a_mode_is_as_old_as_the_question_for_it(session: BoosterSession
     ("has_arms", "answered", "times"),
     [(True, rpc.OK, 17), (False, rpc.OK, 5), (True, None, 5), (True, rpc.TOO_FREQUENT, 5)],
 )
-def test_the_mode_is_asked_more_often_while_the_arms_are_ours(
+def test_the_mode_is_requested_more_often_while_we_control_the_arms(
     session: BoosterSession, has_arms: bool, answered: int | None, times: int
 ) -> None:
     """This depends on the answers: a robot that is silent, or complains of too many requests, gets fewer."""
     service = Service(session.link)
-    session.ours = Mode.WALKING if has_arms else None
+    session.handover_mode = Mode.WALKING if has_arms else None
     for at in range(1, 101):
         before = service.count(Api.GET_MODE)
         session.poll(at * TICK_NS)
         if answered is not None and service.count(Api.GET_MODE) > before:
             service.answer(Api.GET_MODE, answered, WALKING)
     assert service.count(Api.GET_MODE) == times
-    assert session.mode is Mode.WALKING, "not yet old"
+    assert session.mode is Mode.WALKING, "the mode is not yet old"
 
 
 def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
@@ -143,7 +145,7 @@ def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
         (0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * count, (1.0,) * count, (0.0,) * count, (30,) * count
     )
     began_ns = time.monotonic_ns()
-    way = _Way(link, "hold", True)
+    way = _StopProcedure(link, "hold", True)
     modes = iter([WALKING, CUSTOM])
     for at in range(100):
         now_ns = began_ns + at * NS // 500
@@ -155,8 +157,8 @@ def test_saf_012_a_hold_ends_when_the_mode_becomes_custom() -> None:
             service.answer(Api.GET_MODE, rpc.OK, mode)
             until_then = len(held)
     link.close()
-    assert next(modes, None) is None, "it was asked again"
-    assert 0 < until_then == len(held), "and none leaves behind that answer"
+    assert next(modes, None) is None, "the mode was requested again"
+    assert 0 < until_then == len(held), "no hold frame is sent after that answer"
 
 
 # -- the consequences
@@ -169,7 +171,7 @@ def test_saf_012_a_robot_that_answers_with_errors_is_stopped(robot: T1) -> None:
         safe = first_safe(robot.log, began_ns, "stop")
         until(lambda: state(robot.robot) == "disarmed", "it is disarmed")
     robot.log.no_setpoint_after_safe(safe.t_ns)
-    assert "does not tell its mode" in status(robot.robot)["cause"]
+    assert "does not report the mode" in status(robot.robot)["cause"]
     assert robot.events("upper_body") == ["host", "back"]
     assert robot.robot.resume()["status"] == "error"
     robot.twin.command("answer GET_MODE -")
@@ -189,12 +191,12 @@ def test_saf_012_a_robot_that_answers_everything_but_its_mode_is_stopped(robot: 
     finally:
         over.set()
         asker.join()
-    assert "its mode" in status(robot.robot)["cause"]
+    assert "the mode" in status(robot.robot)["cause"]
     robot.log.no_setpoint_after_safe(first_safe(robot.log, began_ns, "stop").t_ns)
     assert robot.events("upper_body") == ["host", "back"]
 
 
-def test_saf_002_nothing_is_sent_to_the_arms_once_the_robot_has_told_another_mode(robot: T1) -> None:
+def test_saf_002_nothing_is_sent_to_the_arms_after_a_report_of_another_mode(robot: T1) -> None:
     """Frames that leave between the change and the answer cannot be called back."""
     robot.enable()
     robot.elbow(0.1)
@@ -209,8 +211,8 @@ def test_saf_002_nothing_is_sent_to_the_arms_once_the_robot_has_told_another_mod
         if entry.sender == "robot" and (entry.kind, entry.data) == ("mode", b"custom")
     )
     question = next(entry for entry, _ in robot.requests(Api.GET_MODE, changed_ns))
-    assert len(robot.commands(question.t_ns)) <= 3, "what was on its way"
-    assert asked and told / asked < 12, "it is asked every few commands"
+    assert len(robot.commands(question.t_ns)) <= 3, "only commands that were under way are sent"
+    assert asked and told / asked < 12, "the mode is requested once every few commands"
 
 
 # -- the return of the arms
@@ -256,7 +258,7 @@ async def takes(wire: BoosterWire) -> None:
 
 @pytest.mark.parametrize("safe_state", ["hold", "stop"])
 def test_saf_009_a_hand_over_that_a_hold_cuts_short_is_taken_back(tmp_path: Path, safe_state: str) -> None:
-    """The transport does the same: it cancels the service, then makes the robot safe."""
+    """Like the transport, cancel the service, then make the robot safe."""
     with twin(tmp_path) as served:
 
         async def cut(wire: BoosterWire) -> None:
@@ -275,7 +277,7 @@ def test_saf_009_a_hand_over_that_a_hold_cuts_short_is_taken_back(tmp_path: Path
 
 
 @pytest.mark.parametrize("service", ["enable_upper_body", "disable_upper_body"])
-def test_saf_010_what_was_not_answered_is_taken_back_until_it_is(tmp_path: Path, service: str) -> None:
+def test_saf_010_an_unanswered_hand_over_is_taken_back_until_it_is_answered(tmp_path: Path, service: str) -> None:
     with twin(tmp_path) as served:
 
         async def ask(wire: BoosterWire) -> None:
@@ -292,7 +294,7 @@ def test_saf_010_what_was_not_answered_is_taken_back_until_it_is(tmp_path: Path,
         with_wire(served, ask)
 
 
-def test_arms_that_a_refused_change_of_mode_leaves_with_nobody_are_given_back(tmp_path: Path) -> None:
+def test_arms_without_an_owner_after_a_refused_mode_change_are_returned(tmp_path: Path) -> None:
     with twin(tmp_path) as served:
 
         async def change(wire: BoosterWire) -> None:
@@ -306,7 +308,7 @@ def test_arms_that_a_refused_change_of_mode_leaves_with_nobody_are_given_back(tm
         with_wire(served, change)
 
 
-def test_a_hand_over_that_is_asked_for_again_is_not_taken_back(tmp_path: Path) -> None:
+def test_a_repeated_hand_over_is_not_taken_back(tmp_path: Path) -> None:
     with twin(tmp_path) as served:
 
         async def again(wire: BoosterWire) -> None:

@@ -60,7 +60,7 @@ def test_a_command_has_its_numbers_where_the_robot_looks_for_them() -> None:
     assert p.decode_command(body) == COMMAND
 
 
-def test_what_is_not_commanded_is_zero() -> None:
+def test_slots_without_a_command_are_zero() -> None:
     body = p.encode_command(COMMAND)
     for slot in set(range(MOTORS)) - {2, 9}:
         assert body[8 + 28 * slot : 36 + 28 * slot] == bytes(28)
@@ -89,7 +89,7 @@ def test_the_small_topics() -> None:
 
 
 @pytest.mark.parametrize(("soc", "percent"), [(80.0, 80.0), (0.5, 50.0), (1.0, 100.0), (0.0, 0.0), (1.5, 1.5)])
-def test_a_charge_of_unknown_scale_is_told_in_percent(soc: float, percent: float) -> None:
+def test_a_charge_of_unknown_scale_is_reported_in_percent(soc: float, percent: float) -> None:
     assert Battery(0, 0, soc, 0).percent == percent
 
 
@@ -124,7 +124,7 @@ def test_headers_of_both_generations_are_read(header: dict[str, object], wants_a
     theirs = json.dumps(header)
     text = theirs.encode() + b"\0"
     other = request[:8] + struct.pack("<I", len(text)) + text + bytes(-len(text) % 4) + request[-8:]
-    assert ours.encode() in request, "ours has the fields of both"
+    assert ours.encode() in request, "our request has the header fields of both generations"
     assert rpc.decode_request(other).wants_answer is wants_answer
 
 
@@ -133,7 +133,7 @@ def test_a_request_and_its_answer_survive_the_wire() -> None:
     assert rpc.decode_request(rpc.encode_request(request)) == request
     response = Response("number", 409, "")
     assert rpc.decode_response(rpc.encode_response(response)) == response
-    assert response.why == "conflict (409)" and Response("", 0).why == "" and "(7)" in Response("", 7).why
+    assert response.error == "conflict (409)" and Response("", 0).error == "" and "(7)" in Response("", 7).error
 
 
 def test_bodies_are_those_of_the_sdk() -> None:
@@ -169,12 +169,12 @@ def test_bodies_are_those_of_the_sdk() -> None:
         (rpc.parsed, "[" * 100_000),
     ],
 )
-def test_what_is_none_is_refused(decode: Callable[[object], object], body: object) -> None:
+def test_invalid_values_are_refused(decode: Callable[[object], object], body: object) -> None:
     with pytest.raises(MalformedFrame):
         decode(body)
 
 
-def test_damaged_frames_raise_nothing_but_the_codec_s_own() -> None:
+def test_damaged_frames_raise_only_the_codecs_error() -> None:
     """Bits are flipped, bytes are cut, added and moved. Only the codec's error is raised, and memory does not
     grow."""
     whole: list[tuple[Callable[[bytes], object], bytes]] = [

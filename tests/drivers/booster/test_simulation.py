@@ -20,7 +20,7 @@ def test_a_simulated_t1_stands_and_moves_its_arms(run_dir: Path) -> None:
         )
         assert sim.get_observation()["right_elbow_pitch"] < -0.4
         assert "finite" in why(sim.send_action({"left_elbow_pitch": float("nan")}))
-        assert "owned by the onboard controller" in why(sim.send_action({"waist": 0.1}))
+        assert "moved only by the onboard controller" in why(sim.send_action({"waist": 0.1}))
         json_of(sim.stop())
         until(lambda: state(sim) == "disarmed", "it is stopped")
-        assert sim.get_observation()["left_elbow_pitch"] > 0.4, "a stop lets nothing fall"
+        assert sim.get_observation()["left_elbow_pitch"] > 0.4, "the arms do not fall after a stop"

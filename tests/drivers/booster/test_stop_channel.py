@@ -1,4 +1,4 @@
-"""Test the root's participant alone, with a twin: what it sends, in which order, and its reports."""
+"""Test the root's participant alone, with a twin: its messages, their order, and its reports."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def with_channel(served: TwinProcess, act: Callable[[BoosterStopChannel], Awaita
 
 def frames(served: TwinProcess) -> list[str]:
     """Return the host's messages in order: the name of an order, or ``hold`` for a LowCmd."""
-    told: list[str] = []
+    reported: list[str] = []
     for entry in WireLog(served.log_path).entries():
         if entry.sender != "host":
             continue
@@ -64,9 +64,9 @@ def frames(served: TwinProcess) -> list[str]:
             name = "hold" if entry.kind == "safe" else "setpoint"
         else:
             name = rpc.Api(rpc.decode_request(entry.data).api).name
-        if told[-1:] != [name]:
-            told.append(name)
-    return told
+        if reported[-1:] != [name]:
+            reported.append(name)
+    return reported
 
 
 def test_the_base_stands_the_arms_are_held_then_given_back(tmp_path: Path) -> None:
@@ -88,10 +88,10 @@ def test_in_custom_mode_it_sends_no_frame(tmp_path: Path) -> None:
             return await channel.make_safe("stop")
 
         reports = with_channel(served, twice)
-        assert all(report.safe for report in reports), "nothing comes of a Move there"
-        told = frames(served)
-        assert told[0] == "MOVE" and "UPPER_BODY" in told
-        assert "hold" not in told and "setpoint" not in told
+        assert all(report.safe for report in reports), "a Move has no effect in this mode"
+        reported = frames(served)
+        assert reported[0] == "MOVE" and "UPPER_BODY" in reported
+        assert "hold" not in reported and "setpoint" not in reported
         kinds = [entry.kind for entry in WireLog(served.log_path).entries()]
         assert "fall" not in kinds
 
@@ -101,7 +101,7 @@ def test_a_zero_that_is_refused_counts_where_the_robot_cannot_walk(tmp_path: Pat
     with twin(tmp_path, mode=mode) as served:
         reports = with_channel(served, lambda channel: channel.make_safe("stop"))
         assert all(report.safe for report in reports)
-        assert "UPPER_BODY" in frames(served), "the arms are given back all the same"
+        assert "UPPER_BODY" in frames(served), "the arms are returned all the same"
 
 
 def test_an_estop_s_state_is_damping(tmp_path: Path) -> None:
@@ -120,11 +120,11 @@ def test_saf_005_a_robot_that_does_not_answer_is_not_confirmed(tmp_path: Path) -
             try:
                 began_s = time.monotonic()
                 reports = await channel.make_safe("stop")
-                assert time.monotonic() - began_s < 2.0, "it never hangs"
+                assert time.monotonic() - began_s < 2.0, "the stop ends in time"
             finally:
                 os.kill(served.process.pid, signal.SIGCONT)
             again = await channel.make_safe("stop")
-            assert all(report.safe for report in again), "it is tried again"
+            assert all(report.safe for report in again), "the stop is tried again"
             return reports
 
         reports = with_channel(served, stop)

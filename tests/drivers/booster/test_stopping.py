@@ -1,4 +1,4 @@
-"""Test a hold by itself: what is sent, accepted and reported. The test defines the motion of the arms. The
+"""Test a hold by itself: frames, accepted answers and reports. The test defines the motion of the arms. The
 tests run in virtual time, without a peer."""
 
 from __future__ import annotations
@@ -132,14 +132,14 @@ def test_saf_012_a_state_that_cannot_be_read_renews_no_age() -> None:
         arms.readable = False
         while (now_s := trio.current_time()) * NS - known_ns <= (SILENT_S + 0.1) * NS:
             arms.say()
-            assert session.link.state_ns == known_ns, "of the state that is shown"
-            session.link.calls.heard_ns = round(now_s * NS)
+            assert session.link.state_ns == known_ns, "the time is that of the shown state"
+            session.link.calls.last_answer_ns = round(now_s * NS)
             await trio.sleep(0.02)
         now_ns = round(trio.current_time() * NS)
         seen = session.observation()
         assert seen.t_ns == known_ns and seen.position[0] == pytest.approx(known_rad)
-        assert now_ns - seen.t_ns > STATE_TTL_S * NS, "so the gate refuses it"
-        assert session.silent_s(now_ns) > SILENT_S, "and the link counts as lost"
+        assert now_ns - seen.t_ns > STATE_TTL_S * NS, "the state is old, so the gate refuses commands"
+        assert session.silent_s(now_ns) > SILENT_S, "the link counts as lost"
         arms.readable = True
         arms.say()
         assert session.link.state_ns == now_ns
@@ -159,9 +159,9 @@ def test_saf_012_arms_are_not_held_where_they_were_when_a_state_could_be_read() 
                 arms.say()
                 await trio.sleep(0.01)
             _, reports = await held(link, arms)
-            assert arms.frames == [], "it would swing them back"
+            assert arms.frames == [], "a hold at an old position would swing the arms back"
             assert not any(report.written or report.safe for report in reports)
-            assert {report.detail for report in reports} == {"where it is is not known"}
+            assert {report.detail for report in reports} == {"the position is not known"}
 
     run_virtual(test)
 
@@ -209,21 +209,21 @@ def test_saf_005_arms_that_turn_on_are_not_held(rad_s: float) -> None:
             took_s, reports = await held(link, arms)
             assert arms.frames and all(report.written for report in reports)
             assert not any(report.acknowledged or report.safe for report in reports)
-            assert {report.detail for report in reports} == {"it still turns"}
+            assert {report.detail for report in reports} == {"the joint still turns"}
             assert took_s == pytest.approx(AT_MOST_S, abs=0.01)
 
     run_virtual(test)
 
 
-def test_saf_005_a_hold_that_nobody_takes_is_not_written() -> None:
+def test_saf_005_a_hold_without_a_receiver_is_not_reported_as_written() -> None:
     async def test() -> None:
         async with linked() as link:
             arms = Arms(link, here)
             arms.takes_after_s = math.inf
             _, reports = await held(link, arms)
             assert not any(report.written or report.acknowledged or report.safe for report in reports)
-            assert {report.detail for report in reports} == {"the robot takes no commands"}
-            assert {report.target for report in reports} == {None}, "they keep what they were told before"
+            assert {report.detail for report in reports} == {"the robot receives no commands"}
+            assert {report.target for report in reports} == {None}, "the arms keep their earlier targets"
 
     run_virtual(test)
 
@@ -234,10 +234,10 @@ def test_saf_005_a_hold_that_leaves_late_is_of_where_the_arms_are_then() -> None
             arms = Arms(link, lambda now_s: 2.0 * now_s, lambda held_s: 0.0)
             arms.takes_after_s = trio.current_time() + 0.4
             took_s, reports = await held(link, arms)
-            first_s, told = arms.frames[0]
-            assert told == pytest.approx(2.0 * first_s, abs=2.0 * 0.01)
-            assert [report.target for report in reports] == pytest.approx([told] * len(reports))
+            first_s, reported = arms.frames[0]
+            assert reported == pytest.approx(2.0 * first_s, abs=2.0 * 0.01)
+            assert [report.target for report in reports] == pytest.approx([reported] * len(reports))
             assert all(report.safe for report in reports)
-            assert took_s >= 0.4 + HOLD_S, "it is sent for so long"
+            assert took_s >= 0.4 + HOLD_S, "the hold is sent for this long"
 
     run_virtual(test)

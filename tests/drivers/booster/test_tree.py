@@ -138,12 +138,12 @@ def test_connecting_and_arming_write_no_command(robot: T1) -> None:
     assert (facts["motors"], facts["mode"]) == (23, "walking")
 
 
-def test_saf_014_what_is_refused_is_not_written(robot: T1) -> None:
+def test_saf_014_a_refused_command_is_not_written(robot: T1) -> None:
     here = robot.robot.get_observation()["left_elbow_pitch"]
     assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": here}))
     robot.enable()
     for action, words in (
-        ({"left_knee_pitch": 0.4}, "(slot 14) is owned by the onboard controller"),
+        ({"left_knee_pitch": 0.4}, "(slot 14) is moved only by the onboard controller"),
         ({"head_yaw": 0.1}, "call rotate_head"),
         ({"vx": 0.1}, "call move(vx, vy, vyaw)"),
         ({"left_elbow_pitch": {"kp": 60.0}}, "has no q"),
@@ -177,9 +177,11 @@ def test_a_command_moves_one_joint_and_every_other_slot_is_zero(robot: T1) -> No
             assert (motor.mode, motor.kp, motor.kd, motor.tau) == (10, 60.0, 3.0, 0.0)
         else:
             assert motor == IDLE
-    assert first.motors[5].q == pytest.approx(here["left_elbow_yaw"], abs=1e-3), "what is not named stays"
+    assert first.motors[5].q == pytest.approx(here["left_elbow_yaw"], abs=1e-3), (
+        "a joint that the command does not name keeps its position"
+    )
     again = robot.commands(entry.t_ns)
-    assert len(again) > 5 and all(command == first for _, command in again), "it is latched, and sent again"
+    assert len(again) > 5 and all(command == first for _, command in again), "the command is latched and re-sent"
 
 
 def test_saf_003_a_frozen_caller_s_arms_are_held_where_they_are(run_dir: Path) -> None:
@@ -190,8 +192,8 @@ def test_saf_003_a_frozen_caller_s_arms_are_held_where_they_are(run_dir: Path) -
         assert (outcome.safe_state, outcome.all_motors, outcome.setpoints_after) == ("hold", True, 0), outcome.story
         hold = next(entry for entry in bench.log.host("safe") if entry.safe_state == "hold")
         before = next(entry for entry in reversed(bench.log.host("setpoint")) if entry.t_ns <= hold.t_ns)
-        told, held = (p.decode_command(entry.data).motors[2].q for entry in (before, hold))
-        assert held == pytest.approx(told, abs=0.05), "where it was on its way"
+        commanded, held = (p.decode_command(entry.data).motors[2].q for entry in (before, hold))
+        assert held == pytest.approx(commanded, abs=0.05), "the arms are held at their positions in the motion"
 
 
 def test_the_upper_body_can_be_given_back(robot: T1) -> None:
@@ -209,7 +211,7 @@ def test_the_upper_body_can_be_given_back(robot: T1) -> None:
     at_ns = time.monotonic_ns()
     robot.enable()
     time.sleep(0.3)
-    assert robot.commands(at_ns) == [], "an older target does not come back with the arms"
+    assert robot.commands(at_ns) == [], "an older target is not sent when the arms are taken again"
 
 
 def test_a_change_of_mode_takes_the_arms_away(robot: T1) -> None:
@@ -220,7 +222,7 @@ def test_a_change_of_mode_takes_the_arms_away(robot: T1) -> None:
     until(lambda: robot.sensor("upper_body") == [0.0], "it is seen")
     at_ns = time.monotonic_ns()
     time.sleep(0.3)
-    assert robot.commands(at_ns) == [], "nothing is sent to arms that are the robot's own"
+    assert robot.commands(at_ns) == [], "nothing is sent while the robot's controller has the arms"
     assert "enable_upper_body" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
 
 
@@ -234,7 +236,7 @@ def test_in_custom_mode_no_frame_is_sent_that_would_let_go_of_the_legs(robot: T1
     wire = pids(robot.robot)["wire"]
     os.kill(wire, signal.SIGKILL)
     until(lambda: state(robot.robot) == "disarmed" and pids(robot.robot)["wire"] != wire, "another one is there")
-    assert robot.commands() == [], "the root sends none either"
+    assert robot.commands() == [], "the root sends no frame either"
     assert robot.events("fall") == []
 
 
@@ -248,12 +250,12 @@ def test_saf_001_a_twist_ends_by_itself(robot: T1) -> None:
     assert (vx, zero) == (0.4, 0.0)
     assert (ended_ns - began_ns) / 1e9 > TWIST_S - 0.05
     time.sleep(0.5)
-    assert len(robot.moves()) == 2, "once it was answered"
+    assert len(robot.moves()) == 2, "the twist ends with one zero, once that is answered"
     x_m, _ = robot.sensor("odometry_xy_m")
     assert 0.08 < x_m < 0.4 * ((ended_ns - began_ns) / 1e9 + ROLLS_S)
 
 
-def test_a_twist_that_is_told_again_goes_on(robot: T1) -> None:
+def test_a_repeated_twist_goes_on(robot: T1) -> None:
     for _ in range(8):
         json_of(robot.robot.move(vx=0.3))
         time.sleep(0.1)
@@ -269,8 +271,10 @@ def test_walking_leaves_the_arms_where_they_are(robot: T1) -> None:
         json_of(robot.robot.move(vx=0.1))
         robot.robot.send_action({"right_elbow_pitch": 0.0})
         time.sleep(0.05)
-    told = {command.motors[ELBOW].q for _, command in robot.commands() if command.motors[ELBOW].q > 0.1}
-    assert told and all(q == pytest.approx(0.15) for q in told), "its target does not sink with each step"
+    commanded = {command.motors[ELBOW].q for _, command in robot.commands() if command.motors[ELBOW].q > 0.1}
+    assert commanded and all(q == pytest.approx(0.15) for q in commanded), (
+        "the arm's target does not sink with each step"
+    )
 
 
 def test_it_walks_in_walking_mode_only(robot: T1) -> None:
@@ -296,16 +300,16 @@ def test_a_stop_makes_it_stand_and_gives_the_arms_back(robot: T1) -> None:
     stopped = json_of(robot.robot.stop())
     assert (stopped["safe_state"], stopped["path"], stopped["unconfirmed"]) == ("stop", "wire", [])
     first = robot.log.first_safe(began_ns)
-    assert first is not None and b'"vx": 0.0' in first.data, "the base first"
+    assert first is not None and b'"vx": 0.0' in first.data, "the base is stopped first"
     back = first_safe(robot.log, began_ns, "stop")
     held = [entry for entry, _ in robot.commands(first.t_ns) if entry.t_ns <= back.t_ns]
-    assert held and all(entry.kind == "safe" for entry in held), "the arms are held in between"
+    assert held and all(entry.kind == "safe" for entry in held), "the arms are held until they are returned"
     robot.log.no_setpoint_after_safe(first.t_ns)
     assert robot.events("upper_body", began_ns) == ["back"]
     time.sleep(0.3)
     here = robot.sensor("odometry_xy_m")
     time.sleep(0.6)
-    assert robot.sensor("odometry_xy_m") == here, "it stands"
+    assert robot.sensor("odometry_xy_m") == here, "the base stands"
     assert len(robot.moves(began_ns)) == 1
 
 
@@ -322,7 +326,7 @@ def test_saf_007_an_estop_puts_it_into_damping(robot: T1) -> None:
 
 @pytest.mark.parametrize("role", ["wire", "root"])
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=["kill", "stop"])
-def test_saf_003_whoever_breaks_it_stands_and_has_its_arms_back(
+def test_saf_003_after_any_broken_process_the_robot_stands_and_has_its_arms_back(
     robot: T1, role: str, number: signal.Signals
 ) -> None:
     robot.busy()
@@ -333,9 +337,9 @@ def test_saf_003_whoever_breaks_it_stands_and_has_its_arms_back(
     first = robot.log.first_safe(began_ns)
     assert first is not None
     robot.log.no_setpoint_after_safe(first.t_ns)
-    assert b'"vx": 0.0' in first.data, "the base first"
+    assert b'"vx": 0.0' in first.data, "the base is stopped first"
     held = [entry for entry, _ in robot.commands(first.t_ns) if entry.t_ns <= safe.t_ns]
-    assert held and all(entry.kind == "safe" for entry in held), "the arms are held in between"
+    assert held and all(entry.kind == "safe" for entry in held), "the arms are held until they are returned"
     assert robot.moves(began_ns)[-1][1] == 0.0
     until(lambda: robot.events("upper_body", began_ns) == ["back"], "its arms are its own")
     if number == signal.SIGSTOP:
@@ -359,7 +363,7 @@ def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(robot: T1) -> Non
 
 
 @pytest.mark.long
-def test_saf_010_a_twist_that_is_taken_up_late_is_followed_by_zero(robot: T1) -> None:
+def test_saf_010_a_late_twist_is_followed_by_zero(robot: T1) -> None:
     """The robot's computer pauses with a twist under way, and continues after the caller has given up."""
     robot.enable()
     os.kill(robot.twin.process.pid, signal.SIGSTOP)
@@ -369,7 +373,7 @@ def test_saf_010_a_twist_that_is_taken_up_late_is_followed_by_zero(robot: T1) ->
     os.kill(robot.twin.process.pid, signal.SIGCONT)
     until(lambda: state(robot.robot) == "disarmed", "it is confirmed when it can be")
     moves = robot.moves(back_ns)
-    assert moves, "what waited was taken up"
+    assert moves, "the command that waited in the socket was carried out"
     assert moves[-1][1] == 0.0 and robot.events("upper_body", back_ns)[-1:] == ["back"]
     began = [at for at, (_, vx) in enumerate(moves) if vx]
     assert all(any(vx == 0.0 for _, vx in moves[at:]) for at in began)
@@ -388,7 +392,7 @@ def test_saf_020_a_lost_link_is_made_safe_when_it_is_back(robot: T1) -> None:
     until(lambda: state(robot.robot) == "disarmed", "it is back, disarmed")
     first_safe(robot.log, back_ns, "stop")
     orders = [entry for entry in robot.log.entries(back_ns) if entry.sender == "host" and entry.kind != "read"]
-    assert b'"vx": 0.0' in orders[0].data, "the base comes first"
+    assert b'"vx": 0.0' in orders[0].data, "the base is stopped first"
     assert robot.log.host("setpoint", back_ns) == []
 
 
@@ -420,19 +424,19 @@ def test_saf_009_a_stop_during_a_hand_over_wins(robot: T1) -> None:
     json_of(robot.robot.stop())
     asking.join()
     time.sleep(0.2)
-    assert robot.events("upper_body")[-1:] != ["host"], "it is not left with us"
+    assert robot.events("upper_body")[-1:] != ["host"], "the upper body is not left to the host"
     assert "resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.0}))
 
 
 # -- its address and its name
 
 
-def test_a_robot_with_a_name_has_topics_of_its_own(tmp_path: Path, run_dir: Path) -> None:
+def test_a_named_robot_has_separate_topics(tmp_path: Path, run_dir: Path) -> None:
     with t1(tmp_path, {"robot_name": "alice"}, robot_name="alice", cmd_type="serial") as robot:
         robot.enable()
         robot.elbow(0.1)
         until(lambda: robot.commands(), "a command")
-        assert robot.commands()[0][1].kind.name == "SERIAL"
+        assert robot.commands()[0][1].command_type.name == "SERIAL"
 
 
 @pytest.mark.long
@@ -448,17 +452,21 @@ def test_without_a_port_the_one_robot_on_the_network_is_found(tmp_path: Path, ru
                 "booster_t1", mode="real", domain_id=domain, network_interface="127.0.0.1", tool_name="other"
             )
             try:
-                assert "there are robots at" in str(other.connect_eagerly()), "which of them is not guessed"
+                assert "several robots answer: " in str(other.connect_eagerly()), (
+                    "with several robots the driver does not choose one"
+                )
             finally:
                 other.cleanup()
 
 
 @pytest.mark.long
-def test_without_a_robot_it_says_where_it_has_looked(run_dir: Path) -> None:
+def test_without_a_robot_the_error_lists_the_searched_addresses(run_dir: Path) -> None:
     domain = 90 + os.getpid() % 10
     robot = Robot("booster_t1", mode="real", port="", domain_id=domain, network_interface="127.0.0.1")
     try:
-        assert f"no robot answers in domain {domain}. Give port=" in str(robot.connect_eagerly())
+        assert f"no robot answers in domain {domain}. Give the robot's address with port=" in str(
+            robot.connect_eagerly()
+        )
     finally:
         robot.cleanup()
 
@@ -479,7 +487,9 @@ def test_an_agent_can_look_and_stop_and_nothing_else_unasked(robot: T1) -> None:
     (spec,) = model.offered
     services = ["enable_upper_body", "disable_upper_body", "move", "rotate_head", "change_mode"]
     verbs = spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert verbs == ["sensors", "status", "stop", *services], "services with approval"
+    assert verbs == ["sensors", "status", "stop", *services], (
+        "the agent's verbs are the services, which need approval, and three more"
+    )
     assert "needs an operator's approval" in model.heard[0][0]["content"][0]["text"]
     assert [results[0]["status"] for results in model.heard] == ["error", "success", "success"]
     first_safe(robot.log, began_ns, "stop")

@@ -13,7 +13,7 @@ from strands_actors.drivers.booster.robots import TABLES, model_of
 from strands_actors.drivers.booster.rpc import Api, Mode, Request
 from strands_actors.drivers.booster.twin.onboard import Onboard
 from strands_actors.drivers.booster.twin.simulated import BoosterBody
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 
 STEP_S = 0.002
 ELBOW = 4
@@ -64,12 +64,14 @@ def test_it_stands_by_its_own_controller() -> None:
     assert state.acceleration[2] == pytest.approx(9.81, abs=0.3)
 
 
-def test_it_walks_where_it_is_told_and_keeps_that() -> None:
+def test_the_robot_walks_as_commanded_and_keeps_its_velocity() -> None:
     twin = Twin()
     assert twin.ask(Api.MOVE, vx=0.5, vy=0.0, vyaw=0.0) == 0
     twin.run(2.0)
-    assert twin.onboard.odometer.x_m == pytest.approx(1.0, abs=0.01), "nothing ends it"
-    assert float(twin.onboard.body.data.qpos[0]) == pytest.approx(1.0, abs=0.1), "its body is there, too"
+    assert twin.onboard.odometer.x_m == pytest.approx(1.0, abs=0.01), "the velocity never ends"
+    assert float(twin.onboard.body.data.qpos[0]) == pytest.approx(1.0, abs=0.1), (
+        "the body of the simulation has moved as far"
+    )
     assert twin.ask(Api.MOVE, vx=0.0, vy=0.0, vyaw=0.5) == 0
     twin.run(1.0)
     assert twin.onboard.odometer.heading_rad == pytest.approx(0.5, abs=0.01)
@@ -94,10 +96,10 @@ def test_a_command_counts_only_while_the_upper_body_is_the_host_s() -> None:
     twin.run(0.5)
     assert twin.q[ELBOW] == pytest.approx(0.5, abs=0.05)
     twin.run(2.0)
-    assert twin.q[ELBOW] == pytest.approx(0.5, abs=0.05), "it keeps the last command"
+    assert twin.q[ELBOW] == pytest.approx(0.5, abs=0.05), "the arm keeps the last command"
     assert twin.ask(Api.UPPER_BODY, start=False) == 0
     twin.run(0.02)
-    assert twin.q[ELBOW] > 0.4, "it is turned back gently"
+    assert twin.q[ELBOW] > 0.4, "the robot moves the arm back slowly"
     twin.run(1.0)
     assert abs(twin.q[ELBOW]) < 0.05
 
@@ -125,7 +127,7 @@ def test_it_falls_on_demand_lies_and_gets_up() -> None:
     twin.ask(Api.MOVE, vx=0.5, vy=0.0, vyaw=0.0)
     twin.onboard.fall_over()
     assert twin.onboard.fall is Fall.IS_FALLING and not any(twin.onboard.twist)
-    assert not twin.onboard.ours, "it needs its arms"
+    assert not twin.onboard.host_has_arms, "the robot uses its arms to get up"
     assert twin.ask(Api.UPPER_BODY, start=True) == 502 and twin.ask(Api.CHANGE_MODE, mode=2) == 502
     assert twin.ask(Api.GET_UP) == 409
     twin.run(2.0)
@@ -142,7 +144,9 @@ def test_in_damping_mode_it_sinks() -> None:
     twin = Twin()
     assert twin.ask(Api.CHANGE_MODE, mode=0) == 0
     twin.run(2.0)
-    assert twin.onboard.body.fallen and twin.onboard.fall is Fall.IS_READY, "it was told to"
+    assert twin.onboard.body.fallen and twin.onboard.fall is Fall.IS_READY, (
+        "the robot falls in damping mode and is ready to get up"
+    )
     assert twin.ask(Api.CHANGE_MODE, mode=2) == 0
     twin.run(1.0)
     assert not twin.onboard.body.fallen
@@ -168,22 +172,22 @@ def test_its_head_turns() -> None:
         (Api.GET_MODE, {}, 0),
     ],
 )
-def test_what_its_service_answers(api: int, body: dict[str, Any], status: int) -> None:
+def test_the_answers_of_its_service(api: int, body: dict[str, Any], status: int) -> None:
     assert Twin().ask(api, **body) == status
 
 
 def test_the_simulation_has_the_arms_while_the_host_has_not() -> None:
     twin = Twin()
     body = BoosterBody(twin.onboard)
-    assert set(body.hands) == {Hand.NONE}
-    body.take(True)
-    assert set(body.hands) == {Hand.SIM}
-    body.aim([0.0, -1.4, 0.5, -0.4, 0.0, 1.4, 0.0, 0.4])
+    assert set(body.commanders) == {Commander.NONE}
+    body.energise(True)
+    assert set(body.commanders) == {Commander.SIM}
+    body.set_targets([0.0, -1.4, 0.5, -0.4, 0.0, 1.4, 0.0, 0.4])
     twin.run(1.0)
     assert body.felt().position[2] == pytest.approx(0.5, abs=0.05)
     assert twin.ask(Api.UPPER_BODY, start=True) == 0
-    assert set(body.hands) == {Hand.WIRE}
-    body.aim([0.0, -1.4, 0.0, -0.4, 0.0, 1.4, 0.0, 0.4])
+    assert set(body.commanders) == {Commander.WIRE}
+    body.set_targets([0.0, -1.4, 0.0, -0.4, 0.0, 1.4, 0.0, 0.4])
     twin.command(ELBOW, 0.5)
     twin.run(0.5)
-    assert body.felt().position[2] == pytest.approx(0.5, abs=0.05), "the wire has it now"
+    assert body.felt().position[2] == pytest.approx(0.5, abs=0.05), "the arm follows the wire"

@@ -24,7 +24,7 @@ PATIENCE_S = 150.0
 """The SDK's constructor alone takes seconds, and a call that fails takes one to five."""
 
 
-def test_the_sdk_drives_the_twin_and_what_timed_out_is_carried_out_late(tmp_path: Path) -> None:
+def test_the_sdk_drives_the_twin_and_a_timed_out_call_is_carried_out_late(tmp_path: Path) -> None:
     options = {"domain": DOMAIN, "multicast": True, "host": "127.0.0.1"}
     with TwinProcess(tmp_path, "booster_t1", "booster", options=options) as twin:
         done = subprocess.run(
@@ -38,9 +38,9 @@ def test_the_sdk_drives_the_twin_and_what_timed_out_is_carried_out_late(tmp_path
         calls: dict[str, dict[str, Any]] = {}
         for line in done.stdout.splitlines():
             if line.startswith('{"'):  # its library writes to standard output, too
-                told = json.loads(line)
-                calls.update({told["call"]: told} if "call" in told else {})
-                said.update(told)
+                reported = json.loads(line)
+                calls.update({reported["call"]: reported} if "call" in reported else {})
+                said.update(reported)
         log = WireLog(twin.log_path)
         requests = [
             rpc.decode_request(entry.data) for entry in log.entries() if _is_request(entry.sender, entry.data)
@@ -56,18 +56,18 @@ def test_the_sdk_drives_the_twin_and_what_timed_out_is_carried_out_late(tmp_path
     assert said["battery"] == [50.0, -2.0, 80.0, 50.0]
     assert said["odometer"] == [0.0, 0.0, 0.0]
     assert said["mode"] == 2 and said["name"] == "T1 twin"
-    assert said["elbow"] == pytest.approx(0.49, abs=0.05), "its commands move the arm"
+    assert said["elbow"] == pytest.approx(0.49, abs=0.05), "the SDK's commands move the arm"
 
     stopped = calls.pop("Move to a stopped robot")
     assert "code = 100" in stopped["failed"] and stopped["took_s"] >= 0.9
     assert [call["call"] for call in calls.values() if call["failed"]] == []
     moves = [json.loads(request.body)["vx"] for request in requests if request.api == Api.MOVE]
-    assert moves == pytest.approx([0.3, 0.2, 0.0, 0.4]), "the one that timed out came all the same"
+    assert moves == pytest.approx([0.3, 0.2, 0.0, 0.4]), "the call that timed out was carried out, too"
     answered = [request.wants_answer for request in requests if request.api == Api.MOVE]
-    assert answered == [True, False, True, True], "MoveCommand wants no answer"
+    assert answered == [True, False, True, True], "MoveCommand needs no response"
 
     assert len(commands) == 50
-    assert {(command.kind, len(command.motors)) for command in commands} == {(CommandType.PARALLEL, 23)}
+    assert {(command.command_type, len(command.motors)) for command in commands} == {(CommandType.PARALLEL, 23)}
     assert commands[-1].motors[4].kp == 60.0
 
 

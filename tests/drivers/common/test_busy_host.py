@@ -19,7 +19,7 @@ both = pytest.mark.parametrize("rig_class", [FeetechRig, DynamixelRig])
 
 
 def starve(rig: Rig, code: int, motor: int, times: int) -> None:
-    """Lose this many answers to such a request, because the host does not run while it waits for them."""
+    """Lose this number of answers to such a request. The host does not run while it waits for them."""
     port, peer, read = rig.port, rig.port.peer, rig.port.read
     left, hungry = times, False
 
@@ -59,7 +59,7 @@ def test_it_asks_once_more_before_it_blames_the_robot(rig_class: type[Rig], code
 
 @both
 @pytest.mark.parametrize("code", ["PING", "READ"])
-def test_a_host_that_stays_busy_says_so_and_blames_no_cable(rig_class: type[Rig], code: str) -> None:
+def test_a_busy_host_is_named_as_the_cause_and_not_the_cable(rig_class: type[Rig], code: str) -> None:
     async def main() -> None:
         rig = rig_class()
         starve(rig, getattr(rig.protocol, code), VICTIM, times=9)
@@ -72,7 +72,7 @@ def test_a_host_that_stays_busy_says_so_and_blames_no_cable(rig_class: type[Rig]
 
 
 @both
-def test_arming_on_a_busy_host_says_so(rig_class: type[Rig]) -> None:
+def test_arming_on_a_busy_host_names_the_cause(rig_class: type[Rig]) -> None:
     async def main() -> None:
         rig = rig_class()
         await rig.wire.open()

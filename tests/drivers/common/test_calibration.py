@@ -95,7 +95,7 @@ def test_missing_and_unknown_motors_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", ["", "{", "[]", "3", '"x"', "\xff", '{"elbow_flex": 3}'])
-def test_what_is_no_calibration_is_refused(tmp_path: Path, data: str) -> None:
+def test_an_invalid_calibration_is_refused(tmp_path: Path, data: str) -> None:
     with pytest.raises(ValueError, match=r"arm\.json"):
         calibration.load(write(tmp_path / "arm.json", data), MOTORS, 2047)
 
@@ -133,7 +133,7 @@ def test_the_driver_finds_the_file_of_its_tool_name(
     assert (driver.joints[0].low, driver.joints[0].high) == (700, 3300)
 
 
-def test_without_a_file_the_status_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_file_the_status_reports_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
     resolved = Feetech.resolve("so101", {"tool_name": "blue"})
     assert resolved["calibration"] is None
@@ -156,11 +156,11 @@ def test_a_calibration_may_be_a_path_or_a_dict(tmp_path: Path) -> None:
         Feetech.resolve("so101", {"calibration": 3})
 
 
-def test_what_has_no_end_is_not_read(tmp_path: Path) -> None:
+def test_an_endless_file_is_not_read(tmp_path: Path) -> None:
     """``/dev/zero`` once took 3.5 GB. A pipe without a writer would block."""
     os.mkfifo(tmp_path / "pipe")
     for path in (Path("/dev/zero"), tmp_path / "pipe", tmp_path):
-        with pytest.raises(ValueError, match=r"cannot be read \(it is no file\)"):
+        with pytest.raises(ValueError, match=r"cannot be read \(it is not a regular file\)"):
             calibration.load(path, MOTORS, 2047)
     long = write(tmp_path / "long.json", " " * (calibration.MAX_BYTES + 1))
     with pytest.raises(ValueError, match="longer than"):

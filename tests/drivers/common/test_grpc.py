@@ -19,9 +19,9 @@ from strands_actors.drivers.common.codecs.grpc_messages import (
     Ended,
     Event,
     HalfClosed,
-    Heard,
-    Left,
     MessageDecoder,
+    MessageReceived,
+    PeerLeft,
     ServerEnd,
     Status,
     framed,
@@ -68,7 +68,7 @@ def test_messages_come_whole_in_any_pieces(messages: list[bytes], size: int) -> 
         (b"\0" + (MAX_MESSAGE + 1).to_bytes(4, "big"), f"a message of {MAX_MESSAGE + 1} bytes"),
     ],
 )
-def test_what_is_no_message_is_refused(data: bytes, says: str) -> None:
+def test_an_invalid_message_is_refused(data: bytes, says: str) -> None:
     with pytest.raises(MalformedFrame, match=says):
         list(MessageDecoder().feed(data))
 
@@ -81,11 +81,11 @@ def test_a_unary_call_and_its_answer() -> None:
     stream = pair.client.call("/a.Service/Do")
     pair.client.send(stream, b"question", last=True)
     pair.join()
-    assert pair.heard == [Called(stream, "/a.Service/Do"), Heard(stream, b"question"), HalfClosed(stream)]
+    assert pair.heard == [Called(stream, "/a.Service/Do"), MessageReceived(stream, b"question"), HalfClosed(stream)]
     pair.server.send(stream, b"answer")
     pair.server.end(stream)
     pair.join()
-    assert pair.said == [Heard(stream, b"answer"), Ended(stream, Status.OK)]
+    assert pair.said == [MessageReceived(stream, b"answer"), Ended(stream, Status.OK)]
 
 
 @pytest.mark.parametrize("status", [status for status in Status if status is not Status.OK])
@@ -112,7 +112,7 @@ def test_a_call_that_is_given_up_ends_at_both_ends() -> None:
     assert pair.said == []
 
 
-def test_a_client_does_not_send_what_the_peer_has_no_room_for() -> None:
+def test_a_client_does_not_exceed_the_peers_window() -> None:
     """Messages in the queue would leave late."""
     pair = Pair()
     stream = pair.client.call("/a/B")
@@ -126,7 +126,7 @@ def test_a_client_does_not_send_what_the_peer_has_no_room_for() -> None:
     assert sent <= WINDOW
 
 
-def test_a_server_keeps_what_a_client_has_no_room_for_and_then_drops_the_client() -> None:
+def test_a_server_queues_for_a_slow_client_and_then_drops_the_client() -> None:
     pair = Pair()
     stream = pair.client.call("/a/B")
     pair.join()
@@ -148,7 +148,7 @@ def test_long_answers_come_in_pieces_and_before_the_status() -> None:
         pair.join()
     pair.server.end(stream)
     pair.join()
-    assert pair.said == [Heard(stream, long)] * 3 + [Ended(stream, Status.OK)]
+    assert pair.said == [MessageReceived(stream, long)] * 3 + [Ended(stream, Status.OK)]
 
 
 # -- invalid input
@@ -192,7 +192,7 @@ def disturbed(data: bytes, chance: random.Random) -> bytes:
     return bytes(copy)
 
 
-def test_disturbed_bytes_raise_the_codecs_own_error_and_no_other() -> None:
+def test_disturbed_bytes_raise_only_the_codecs_error() -> None:
     there, back = conversation()
     chance = random.Random(20251)
     ended = {"client": 0, "server": 0}
@@ -276,12 +276,12 @@ async def opened(peer: Peer) -> Connection:
     return await open_grpc("192.0.2.1", 50051, within_s=0.5, open_stream=open_stream)
 
 
-def test_a_peer_that_does_not_speak_http2_is_named() -> None:
+def test_a_peer_without_http2_is_named() -> None:
     async def main() -> None:
         peer = Peer()
         peer._coming.clear()
         peer.deaf = True
-        with pytest.raises(WireDown, match="does not speak gRPC within 500 ms"):
+        with pytest.raises(WireDown, match="no gRPC service answers within 500 ms"):
             await opened(peer)
         assert peer.closed
 
@@ -296,7 +296,7 @@ def test_an_answer_that_does_not_come_ends_the_wait_and_the_question() -> None:
         with pytest.raises(WireDown, match="Do: no answer within 300 ms"):
             await connection.unary("/a.B/Do", b"", 0.3)
         assert trio.current_time() - began_s == pytest.approx(0.3)
-        assert isinstance(peer.events[-1], Ended), "it is withdrawn"
+        assert isinstance(peer.events[-1], Ended), "the client withdraws the call"
         peer.end.end(1)
         peer.flush()
         assert connection.is_open
@@ -304,7 +304,7 @@ def test_an_answer_that_does_not_come_ends_the_wait_and_the_question() -> None:
     virtual(main)
 
 
-def test_a_stop_that_nobody_answers_is_not_withdrawn() -> None:
+def test_an_unanswered_stop_is_not_withdrawn() -> None:
     async def main() -> None:
         peer = Peer()
         connection = await opened(peer)
@@ -338,9 +338,9 @@ def test_several_tasks_wait_on_one_connection() -> None:
 
             nursery.start_soon(give_up)
             await trio.sleep(0.1)
-            given_up.cancel()  # it may be the task that reads for all
+            given_up.cancel()  # the cancelled task may be the one that reads for all
             await trio.sleep(0.1)
-            for event in [event for event in peer.events if isinstance(event, Heard)]:
+            for event in [event for event in peer.events if isinstance(event, MessageReceived)]:
                 if event.message:
                     peer.end.send(event.stream, event.message * 2)
                     peer.end.end(event.stream)
@@ -350,7 +350,7 @@ def test_several_tasks_wait_on_one_connection() -> None:
     virtual(main)
 
 
-def test_a_call_that_fails_says_how() -> None:
+def test_a_failed_call_gives_the_reason() -> None:
     async def main() -> None:
         peer = Peer()
         connection = await opened(peer)
@@ -366,7 +366,7 @@ def test_a_call_that_fails_says_how() -> None:
 
 
 @pytest.mark.parametrize("how", ["noise", "goodbye", "gone"])
-def test_a_connection_that_is_lost_wakes_who_waits_and_says_why(how: str) -> None:
+def test_a_lost_connection_ends_every_wait_with_the_reason(how: str) -> None:
     async def main() -> None:
         peer = Peer()
         connection = await opened(peer)
@@ -398,4 +398,4 @@ def test_a_goodbye_is_an_event() -> None:
     pair = Pair()
     pair.server._http.close_connection()
     pair.join()
-    assert pair.said == [Left("it said goodbye")]
+    assert pair.said == [PeerLeft("it said goodbye")]

@@ -116,7 +116,7 @@ def test_an_answer_that_came_in_time_is_taken_however_late_this_host_looks() -> 
         assert not bus.quiet
         assert bus.starved and bus.late_s > 0.2
         await bus.transact(protocol.read(1, 56, 2), {1: 2})
-        assert not bus.starved, "it is of the last question only"
+        assert not bus.starved, "the property belongs to the last request only"
 
     virtual(main)
 
@@ -130,14 +130,14 @@ def test_a_motor_that_is_silent_is_not_a_host_that_is_late() -> None:
     virtual(main)
 
 
-def test_quiet_asks_nothing_but_lets_setpoints_out() -> None:
+def test_the_quiet_time_delays_requests_but_no_setpoints() -> None:
     async def main() -> None:
         bus, port = bus_of(lambda _: [])
         await bus.transact(protocol.ping(1), {1: 0})
         silent_from = trio.current_time()
         with pytest.raises(Quiet):
             await bus.transact(protocol.ping(1), {1: 0})
-        assert trio.current_time() == silent_from, "the caller was held up"
+        assert trio.current_time() == silent_from, "the setpoint did not wait for the quiet time"
         assert len(port.written) == 1
 
         bus.send(protocol.LIMP)
@@ -161,7 +161,7 @@ def test_a_torn_reply_starts_the_quiet_time() -> None:
     virtual(main)
 
 
-def test_a_question_that_was_given_up_is_heard_out_before_the_next() -> None:
+def test_the_next_request_waits_for_the_answer_to_a_cancelled_one() -> None:
     """A stop gives up a reading. Its own request waits no longer than that reading would have."""
 
     async def main() -> None:
@@ -173,7 +173,7 @@ def test_a_question_that_was_given_up_is_heard_out_before_the_next() -> None:
             with trio.move_on_after(given_up_s):
                 await bus.transact(protocol.read(1, 41, 1), {1: 1}, wait=True)
             replies = await bus.transact(protocol.read(1, 42, 1), {1: 1}, wait=True)
-            assert replies[1].params == b"\x2a", "not the answer to another question"
+            assert replies[1].params == b"\x2a", "the reply does not answer another request"
             assert trio.current_time() - began_s < 0.04
             bus.send(protocol.LIMP)
             assert port.written[-1][1] == protocol.LIMP
@@ -250,11 +250,11 @@ def test_a_dead_port_is_reported() -> None:
     virtual(main)
 
 
-def test_listening_hears_everybody_and_ends_on_a_babbling_line() -> None:
+def test_listening_receives_all_peers_and_ends_on_a_noisy_line() -> None:
     async def main() -> None:
         bus, _ = bus_of(lambda _: [(0.001 * motor, status(motor)) for motor in (1, 2, 2, 7)])
-        heard = await bus.listen(protocol.ping(protocol.BROADCAST), 0.05, 0.01)
-        assert [packet.id for packet in heard] == [1, 2, 2, 7]
+        received = await bus.listen(protocol.ping(protocol.BROADCAST), 0.05, 0.01)
+        assert [packet.id for packet in received] == [1, 2, 2, 7]
         assert bus.stray_bytes == 0
 
         babbling, _ = bus_of(lambda _: [(0.001 * at, b"\x55") for at in range(5000)])
@@ -272,7 +272,7 @@ def test_a_motor_is_left_out_after_two_misses_and_asked_again_with_backoff() -> 
     health = Health((1, 2, 3))
     now = 0
     health.update((1, 2, 3), (1, 3), now)
-    assert health.to_ask(now) == (1, 2, 3), "one miss is no verdict"
+    assert health.to_ask(now) == (1, 2, 3), "a motor is not left out after one miss"
     assert health.silent() == (2,)
     health.update((1, 2, 3), (1, 3), now)
     waits = []
@@ -282,14 +282,14 @@ def test_a_motor_is_left_out_after_two_misses_and_asked_again_with_backoff() -> 
         while health.to_ask(now) == (1, 3):
             now += NS // 100
         waits.append((now - began) / NS)
-        assert health.to_ask(now) == (1, 3, 2), "a suspect is asked last"
+        assert health.to_ask(now) == (1, 3, 2), "a suspected motor is read last"
         health.update((1, 3, 2), (1, 3), now)
     assert waits == pytest.approx([*BACKOFF_S, BACKOFF_S[-1], BACKOFF_S[-1]])
 
     while 2 not in health.to_ask(now):
         now += NS // 100
     health.update((1, 3, 2), (1, 2, 3), now)
-    assert health.to_ask(now) == (1, 2, 3), "it answered: it is back"
+    assert health.to_ask(now) == (1, 2, 3), "a motor that answered is read in its usual place"
     assert health.silent() == ()
 
 
@@ -308,7 +308,7 @@ def test_only_one_suspect_is_asked_at_a_time_unless_all_are() -> None:
     assert health.to_ask(NS) == (1, 2)
     for _ in range(2):
         health.update((1,), (), 0)
-    assert health.to_ask(0) == (1, 2, 3), "nobody is left whom it could slow down"
+    assert health.to_ask(0) == (1, 2, 3), "if all motors are suspected, all are read"
     health.update((1, 2, 3), (1,), 0)
     assert health.to_ask(0) == (1,)
 

@@ -84,7 +84,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("head", REFUSED.values(), ids=REFUSED.keys())
-def test_saf_025_an_answer_that_leaves_a_doubt_or_was_not_asked_for_is_refused(head: bytes) -> None:
+def test_saf_025_an_ambiguous_or_unrequested_answer_is_refused(head: bytes) -> None:
     client = asked()
     with pytest.raises(MalformedFrame):
         feed(client, head + b"\r\n\r\n")
@@ -147,12 +147,12 @@ def test_saf_025_one_turn_takes_in_no_more_than_its_parts(monkeypatch: pytest.Mo
     assert parsed == http.EVENTS and client.has_unread
     while client.has_unread:
         client.feed(b"")
-    assert 682 <= parsed <= 682 + 2, "nothing is parsed twice"
+    assert 682 <= parsed <= 682 + 2, "no part is parsed twice"
     (answer,) = feed(client, b"0\r\n\r\n")
     assert answer.body == b"x" * 682
 
 
-def test_disturbed_messages_raise_nothing_but_the_codecs_own() -> None:
+def test_disturbed_messages_raise_only_the_codecs_error() -> None:
     """Fewer messages than for our own codecs: the authors of h11 test it with far more, and it is slow."""
     chance = random.Random(2)
     for _ in range(DISTURBED // 16):
@@ -277,7 +277,7 @@ def test_saf_025_a_compressed_bomb_is_never_unpacked() -> None:
     head = f"HTTP/1.1 200 OK\r\nContent-Encoding: gzip\r\nContent-Length: {len(packed)}\r\n\r\n".encode()
     service = Service(head, packed)
     run_virtual(asks(service, r"compressed \(gzip\)"))
-    assert service.streams[0].reads == 1, "its head is enough"
+    assert service.streams[0].reads == 1, "only the head is read"
 
 
 def test_saf_025_a_redirect_is_not_followed() -> None:
@@ -286,7 +286,7 @@ def test_saf_025_a_redirect_is_not_followed() -> None:
     assert [target for _, target in service.heard] == ["/x"]
 
 
-def test_an_answer_may_be_as_long_as_its_client_says() -> None:
+def test_the_client_sets_the_longest_answer() -> None:
     service = Service(encode_response(200, b"x" * 2_000_000))
 
     async def run() -> None:
@@ -325,19 +325,19 @@ def test_saf_022_a_stop_leaves_at_once_on_a_connection_that_is_not_understood(sa
     run_virtual(run)
 
 
-def test_saf_022_nothing_but_a_stop_leaves_on_a_connection_that_is_not_understood() -> None:
+def test_saf_022_only_a_stop_is_sent_on_a_connection_with_invalid_answers() -> None:
     service = Service(b"\x00\xff garbled\r\n\r\n")
 
     async def run() -> None:
         port = service.port()
-        with pytest.raises(WireDown, match="Check what is served there"):
+        with pytest.raises(WireDown, match="Check which service runs there"):
             await port.ask("POST", "/move", within_s=1.0)
         assert not port.is_open and not service.streams[0].ended
         with pytest.raises(WireDown, match="not connected"):
             port.send("POST", "/move")
         port.send_stop("POST", "/stop")
         await port.open()
-        assert [stream.ended for stream in service.streams] == ["in order", ""], "the stop still arrives"
+        assert [stream.ended for stream in service.streams] == ["in order", ""], "the stop arrives all the same"
         assert [target for _, target in service.heard] == ["/move", "/stop"]
         port.close()
         assert service.streams[1].ended == "reset"
@@ -369,7 +369,7 @@ def test_saf_002_a_request_leaves_whole_with_its_permit_or_not_at_all() -> None:
     run_virtual(run)
 
 
-def test_no_answer_in_time_is_said_with_the_place() -> None:
+def test_a_missing_answer_is_reported_with_the_address() -> None:
     async def run() -> None:
         began_s = trio.current_time()
         with pytest.raises(WireDown, match=r"^192\.0\.2\.1:80: no answer within .* ms"):

@@ -70,23 +70,23 @@ def test_an_arm_of_ours_keeps_its_speed_lets_go_jams_and_goes_home(isaac: Any) -
         arm.set_torque(index, True)
     arm.set_target(0, 0.5)
     arm.step(20)
-    assert 0.0 < arm.position_rad[0] < 0.1, "no faster than its servo"
+    assert 0.0 < arm.position_rad[0] < 0.1, "the joint is no faster than its servo"
     arm.step(2000)
     assert arm.position_rad[0] == pytest.approx(0.5, abs=0.01)
     arm.set_torque(0, False)
     arm.set_target(0, -0.5)
     arm.step(500)
-    assert arm.position_rad[0] == pytest.approx(0.5, abs=0.01), "it was let go"
+    assert arm.position_rad[0] == pytest.approx(0.5, abs=0.01), "the released joint does not move"
     arm.set_torque(0, True)
     arm.set_stuck(0, True)
     arm.set_target(0, -0.5)
     arm.step(500)
-    assert arm.position_rad[0] == pytest.approx(0.5, abs=0.01), "its gearbox is seized"
+    assert arm.position_rad[0] == pytest.approx(0.5, abs=0.01), "the seized joint does not move"
     arm.set_stuck(0, False)
     arm.go_home()
     home = arm.position_rad
     arm.step(1)
-    assert np.allclose(arm.position_rad, home, atol=1e-3), "Isaac Sim was told"
+    assert np.allclose(arm.position_rad, home, atol=1e-3), "Isaac Sim has the home position"
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_an_arm_of_ours_keeps_its_speed_lets_go_jams_and_goes_home(isaac: Any) -
         ("<body><joint name='c'/><geom size='.1' mass='1'/></body>", "no coupled joints"),
     ],
 )
-def test_what_it_does_not_take_is_refused_before_it_starts(isaac: Any, add: str, says: str) -> None:
+def test_an_unsupported_model_is_refused_before_the_start(isaac: Any, add: str, says: str) -> None:
     text = CHAIN.replace("</worldbody>", add + "</worldbody>")
     if "coupled" in says:
         text = text.replace("</mujoco>", "<equality><joint joint1='a' joint2='c'/></equality></mujoco>")

@@ -11,7 +11,7 @@ import trio.testing
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.json_rpc import Call
-from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, SaidNo
+from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, RequestFailed
 from strands_actors.drivers.common.ports.tcp_port import OrderlyStream
 
 
@@ -59,7 +59,7 @@ async def connected(notices: list[Call] | None = None) -> tuple[JsonRpcPort, Pee
     return port, peer
 
 
-def test_answers_are_told_apart_by_their_numbers_and_notices_are_handed_on() -> None:
+def test_answers_are_matched_by_their_numbers_and_notices_are_passed_on() -> None:
     async def main() -> None:
         notices: list[Call] = []
         port, peer = await connected(notices)
@@ -70,7 +70,7 @@ def test_answers_are_told_apart_by_their_numbers_and_notices_are_handed_on() -> 
         peer.say(id=second, result="two")
         peer.say(id=first, error={"code": -32601, "message": "unknown"})
         assert await port.answer(second, 1.0) == "two"
-        with pytest.raises(SaidNo, match="unknown") as no:
+        with pytest.raises(RequestFailed, match="unknown") as no:
             await port.answer(first, 1.0)
         assert no.value.code == -32601
         assert [one.method for one in notices] == ["tick"]
@@ -78,13 +78,13 @@ def test_answers_are_told_apart_by_their_numbers_and_notices_are_handed_on() -> 
     trio.run(main)
 
 
-def test_an_answer_that_is_late_belongs_to_nobody() -> None:
+def test_a_late_answer_is_dropped() -> None:
     async def main() -> None:
         port, peer = await connected()
         number = port.send("a", {})
         with pytest.raises(WireDown, match="no answer within 20 ms"):
             await port.answer(number, 0.02)
-        assert port.is_open, "the connection is as it was"
+        assert port.is_open, "the connection stays open"
         peer.say(id=number, result="late")
         assert await _asked(port, peer, "b") == "b"
 
@@ -97,7 +97,7 @@ async def _asked(port: JsonRpcPort, peer: Peer, name: str) -> Any:
     return await port.answer(number, 1.0)
 
 
-def test_nonsense_is_counted_and_the_next_line_is_heard() -> None:
+def test_an_invalid_line_is_counted_and_the_next_line_is_read() -> None:
     async def main() -> None:
         port, peer = await connected()
         peer.say_bytes(b"\x93\xff nonsense\n{}\n")
@@ -129,7 +129,7 @@ def test_two_wait_and_one_reads_for_both() -> None:
     trio.run(main)
 
 
-def test_a_connection_that_ends_ends_every_wait_and_says_so() -> None:
+def test_the_end_of_a_connection_ends_every_wait_with_an_error() -> None:
     async def main() -> None:
         port, peer = await connected()
         number = port.send("a", {})
@@ -145,7 +145,7 @@ def test_a_connection_that_ends_ends_every_wait_and_says_so() -> None:
     trio.run(main)
 
 
-def test_who_waits_when_it_is_closed_is_told() -> None:
+def test_a_close_ends_every_wait_with_an_error() -> None:
     async def main() -> None:
         port, _ = await connected()
         number = port.send("a", {})
@@ -162,7 +162,7 @@ async def _close_soon(port: JsonRpcPort) -> None:
     port.close()
 
 
-def test_what_cannot_be_written_whole_ends_the_connection() -> None:
+def test_a_partial_write_ends_the_connection() -> None:
     async def main() -> None:
         port, peer = await connected()
         peer.blocked = True
@@ -182,7 +182,7 @@ def test_a_line_without_an_end_is_not_kept_for_ever() -> None:
         with pytest.raises(WireDown, match="a line of more than"):
             await port.answer(number, 1.0)
         assert not port.is_open
-        with pytest.raises(WireDown, match="not understood"):
+        with pytest.raises(WireDown, match="could not be decoded"):
             port.notify("b", {})
         with pytest.raises(WireDown, match="not connected"):
             await port.hear()

@@ -51,17 +51,17 @@ def test_the_manuals_example() -> None:
 
 
 @given(st.lists(st.tuples(pdus, st.integers(0, 247), st.integers(0, 0xFFFF)), max_size=5), st.data())
-def test_frames_come_out_as_they_went_in_whatever_the_pieces(
+def test_frames_are_decoded_from_pieces_of_any_size(
     sent: list[tuple[ModbusPDU, int, int]], data: st.DataObject
 ) -> None:
     frames = [addressed(*one) for one in sent]
-    decoder, heard, stream = Decoder(requests=True), [], b"".join(frames)
+    decoder, received, stream = Decoder(requests=True), [], b"".join(frames)
     while stream:
         size = data.draw(st.integers(1, len(stream)))
-        heard += list(decoder.feed(stream[:size]))
+        received += list(decoder.feed(stream[:size]))
         stream = stream[size:]
-    assert [frame for _, frame in heard] == frames
-    assert [(pdu.dev_id, pdu.transaction_id) for pdu, _ in heard] == [(unit, number) for _, unit, number in sent]
+    assert [frame for _, frame in received] == frames
+    assert [(pdu.dev_id, pdu.transaction_id) for pdu, _ in received] == [(unit, number) for _, unit, number in sent]
 
 
 @given(st.binary(max_size=60), st.booleans())
@@ -74,7 +74,7 @@ def test_no_bytes_break_the_decoder(data: bytes, requests: bool) -> None:
 
 
 @given(st.sampled_from(["0001 0001 0006 09", "0001 0000 0001 09", "0001 0000 00ff 09"]))
-def test_a_header_that_is_none_is_noticed_at_once(header: str) -> None:
+def test_an_invalid_header_is_noticed_at_once(header: str) -> None:
     with pytest.raises(MalformedFrame):
         list(Decoder(requests=False).feed(bytes.fromhex(header) + b"\x04"))
 
@@ -169,7 +169,7 @@ def test_silence_ends_the_connection_within_its_bound() -> None:
     virtual(main)
 
 
-def test_a_pause_of_ours_is_no_silence_of_its() -> None:
+def test_a_pause_of_this_process_does_not_count_as_silence_of_the_peer() -> None:
     async def main() -> None:
         client = Server([0.001, None, 0.001, 0.15]).client
         assert (await ask(client))[1] is not None
@@ -223,7 +223,7 @@ def test_a_wrong_answer_ends_the_connection(wrong: Wrong, says: str) -> None:
     virtual(main)
 
 
-def test_a_refused_write_is_told() -> None:
+def test_a_refused_write_is_reported() -> None:
     async def main() -> None:
         server = Server()
         server.answer = lambda _: ExceptionResponse(16, ExcCodes.ILLEGAL_ADDRESS)  # type: ignore[method-assign]

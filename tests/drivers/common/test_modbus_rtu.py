@@ -53,7 +53,7 @@ def test_requests_are_found_in_any_pieces(requests: list[ModbusPDU], data: st.Da
     assert [encode(request) for frame in found if (request := request_of(frame))] == frames
 
 
-def test_an_answer_is_found_behind_noise_and_a_broken_one_is_none() -> None:
+def test_an_answer_is_found_behind_noise_and_a_broken_one_is_ignored() -> None:
     answer = encode(ReadInputRegistersResponse(registers=[1, 2, 3], dev_id=9))
     decoder = RtuDecoder(requests=False)
     assert [frame.bytes for frame in decoder.feed(b"\xff\x00\x31" + answer)] == [answer]

@@ -20,6 +20,6 @@ def test_an_address_is_itself() -> None:
 
 
 @pytest.mark.parametrize("name", ["eth99", "1.2.3", "eth0; rm", "x" * 40])
-def test_what_is_no_interface_is_refused_with_those_there_are(name: str) -> None:
+def test_an_unknown_interface_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(ValueError, match=LOOPBACK):
         address_of(name)

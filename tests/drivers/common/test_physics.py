@@ -22,7 +22,7 @@ MODELS = Path(__file__).resolve().parents[4] / "shared" / "models"
 
 
 class Time:
-    """Advances a plant in steps of a control loop."""
+    """Advance a plant in steps of a control loop."""
 
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
@@ -67,7 +67,7 @@ def test_torque_off_in_the_air_lets_go_and_torque_on_does_not_jump() -> None:
     time.run(0.5)
     fallen = plant.position_rad[lift]
     assert fallen > -0.3
-    plant.set_torque(lift, True)  # its target is still far off: it must travel, not jump
+    plant.set_torque(lift, True)  # the target is still far away, so the joint must travel and not jump
     time.run(0.02)
     assert abs(plant.position_rad[lift] - fallen) < 0.2
 
@@ -92,7 +92,7 @@ def test_servos_reach_their_targets_within_their_speed(robot: str) -> None:
     assert all(speed < limit * 1.15 for speed, limit in zip(fastest, limits, strict=True)), fastest
 
 
-def test_the_speed_limit_is_what_limits() -> None:
+def test_the_speed_limit_limits_the_joint() -> None:
     table = dict(TABLES["so101"], model_rows=TABLES["so101"]["model_rows"].replace(" 5.8 ", " .5 "))
     plant = Plant.from_table(table)
     time = Time(plant)
@@ -224,7 +224,7 @@ def frames_of_joints(model: Any, angles: dict[str, float]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("robot", MESH_MODELS)
-def test_links_lie_where_they_lie_in_the_makers_model(robot: str) -> None:
+def test_links_have_the_poses_of_the_vendors_model(robot: str) -> None:
     table = TABLES[robot]
     path, names = MESH_MODELS[robot]
     ours = build(table).compile()

@@ -57,7 +57,7 @@ def test_of_several_the_last_counts() -> None:
         b"\x0b",  # a group
     ],
 )
-def test_what_is_not_protobuf_is_refused(data: bytes) -> None:
+def test_invalid_protobuf_is_refused(data: bytes) -> None:
     with pytest.raises(MalformedFrame):
         list(pb.fields(data))
 

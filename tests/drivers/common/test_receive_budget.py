@@ -37,7 +37,7 @@ def test_saf_025_a_turn_ends_although_more_is_waiting(size: int, most: int) -> N
 def test_saf_025_a_peer_that_is_always_ahead_is_lost_and_all_that_was_read_is_taken_in() -> None:
     budget, taken = ReceiveBudget("the arm"), 0
     read_waiting, reads = endless(1)
-    with pytest.raises(WireDown, match="the arm: the peer sends more than can be read"):
+    with pytest.raises(WireDown, match="the arm: the peer sends more than this process can read"):
         for _ in range(BUSY_TURNS + 1):
             for _ in budget.turn(read_waiting):
                 taken += 1
@@ -101,7 +101,7 @@ def test_saf_025_a_connection_that_is_flooded_is_given_up_turn_by_turn() -> None
     for _ in range(BUSY_TURNS):
         connection.take_waiting()
     assert connection.is_open and stream.reads <= BUSY_TURNS
-    with pytest.raises(WireDown, match="more than can be read"):
+    with pytest.raises(WireDown, match="more than this process can read"):
         connection.take_waiting()
     assert not connection.is_open
 

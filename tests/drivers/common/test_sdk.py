@@ -27,7 +27,7 @@ class Interface:
         self.host = host
 
 
-def test_what_was_constructed_is_never_destroyed() -> None:
+def test_constructed_objects_are_never_destroyed() -> None:
     async def main() -> weakref.ref[Interface]:
         return weakref.ref(await SdkCalls("sdk", (RuntimeError,)).construct("open", 5.0, Interface, "192.0.2.1"))
 

@@ -36,33 +36,33 @@ class Line:
     def close_in_order(self) -> None: ...
 
 
-def test_whoever_comes_first_reads_for_all() -> None:
+def test_the_first_task_reads_for_all() -> None:
     async def main() -> None:
-        shared, line, heard = SharedStream(lambda: None), Line(), list[bytes]()
+        shared, line, received = SharedStream(lambda: None), Line(), list[bytes]()
         shared.replace(line)
 
         async def listen() -> None:
-            heard.append(await shared.read())
+            received.append(await shared.read())
 
         async with trio.open_nursery() as nursery:
             for _ in range(3):
                 nursery.start_soon(listen)
             await trio.testing.wait_all_tasks_blocked()
             line.say(b"news")
-        assert sorted(heard) == [b"", b"", b"news"]
+        assert sorted(received) == [b"", b"", b"news"]
 
     trio.run(main)
 
 
-def test_a_reader_of_the_last_connection_that_wakes_late_lets_nobody_else_read_the_next() -> None:
+def test_a_late_reader_of_an_old_connection_does_not_disturb_the_new_one() -> None:
     """Before this reader wakes, its connection has been replaced, and the new one has a reader."""
 
     async def main() -> None:
-        shared, first, second, heard = SharedStream(lambda: None), Line(), Line(), list[bytes]()
+        shared, first, second, received = SharedStream(lambda: None), Line(), Line(), list[bytes]()
         shared.replace(first)
 
         async def listen() -> None:
-            heard.append(await shared.read())
+            received.append(await shared.read())
 
         async with trio.open_nursery() as nursery:
             nursery.start_soon(listen)
@@ -75,12 +75,12 @@ def test_a_reader_of_the_last_connection_that_wakes_late_lets_nobody_else_read_t
                 others.start_soon(listen)
                 await trio.testing.wait_all_tasks_blocked()
                 second.say(b"news")
-        assert heard.count(b"news") == 1
+        assert received.count(b"news") == 1
 
     trio.run(main)
 
 
-def test_what_cannot_be_written_closes_it_and_is_told() -> None:
+def test_a_failed_write_closes_the_connection_and_is_reported() -> None:
     async def main() -> None:
         closed: list[bool] = []
         shared = SharedStream(lambda: closed.append(True))

@@ -1,4 +1,4 @@
-"""Test a twin's second simulation control: frames, who may move which axes, and pictures of any solver."""
+"""Test a twin's second simulation control: frames, which client may move which axes, and pictures of any solver."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.physics.body import Body, Hand
+from strands_actors.drivers.common.physics.body import Body, Commander
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control import renderer as renderer
@@ -104,15 +104,15 @@ ROBOTS = (*FEETECH.robots, *DYNAMIXEL.robots, *ROBOTIQ.robots, *UR.robots)
 @given(st.lists(st.integers(1, 40)))
 def test_frames_come_through_in_any_pieces(sizes: list[int]) -> None:
     stream = b"".join(map(p.encode, REQUESTS))
-    decoder, heard, at = p.request_decoder(), [], 0
+    decoder, received, at = p.request_decoder(), [], 0
     for size in [*sizes, len(stream)]:
-        heard += decoder.feed(stream[at : at + size])
+        received += decoder.feed(stream[at : at + size])
         at += size
-    assert heard == list(REQUESTS)
+    assert received == list(REQUESTS)
 
 
 @given(st.binary(max_size=200))
-def test_what_is_no_frame_is_garbled_and_nothing_else(noise: bytes) -> None:
+def test_invalid_frames_raise_only_the_codecs_error(noise: bytes) -> None:
     decoder = p.request_decoder()
     try:
         frames = list(decoder.feed(len(noise).to_bytes(4, "little") + noise))
@@ -133,16 +133,16 @@ def test_a_frame_that_is_too_long_is_refused_before_it_is_there() -> None:
 def test_what_is_taken_goes_where_it_is_aimed_and_holds_there(robot: str) -> None:
     time, _ = ticking(robot)
     body = time.body
-    assert set(body.felt().hands) == {Hand.NONE}
-    body.aim([0.3] * len(body.axes))  # no client holds these axes
+    assert set(body.felt().commanders) == {Commander.NONE}
+    body.set_targets([0.3] * len(body.axes))  # no client holds these axes
     time.run(0.2)
-    body.take(True)
+    body.energise(True)
     felt = body.felt()
-    assert set(felt.hands) == {Hand.SIM}
+    assert set(felt.commanders) == {Commander.SIM}
     goal = [position + (0.05 if at % 2 else -0.05) for at, position in enumerate(felt.position)]
     if robot in ROBOTIQ.robots:
         goal = [0.5]
-    body.aim(goal)
+    body.set_targets(goal)
     time.run(2.0)
     there = [abs(position - wanted) < 0.07 for position, wanted in zip(body.felt().position, goal, strict=True)]
     moved = [abs(now - then) > 0.02 for now, then in zip(body.felt().position, felt.position, strict=True)]
@@ -151,7 +151,7 @@ def test_what_is_taken_goes_where_it_is_aimed_and_holds_there(robot: str) -> Non
     body.hold()
     body.reset()
     assert body.felt().position == pytest.approx(ticking(robot)[0].body.felt().position)
-    assert set(body.felt().hands) == {Hand.NONE}
+    assert set(body.felt().commanders) == {Commander.NONE}
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
@@ -165,62 +165,62 @@ def test_a_body_shows_its_whole_model(robot: str) -> None:
 def test_a_servo_that_is_energised_on_the_wire_follows_the_wire() -> None:
     time, bus = ticking("so101")
     body = time.body
-    body.take(True)
-    body.aim([0.2] * 6)
+    body.energise(True)
+    body.set_targets([0.2] * 6)
     time.run(1.0)
     list(bus.receive(feetech.write(1, feetech.TORQUE_ENABLE, 1), None))
-    assert body.felt().hands == [Hand.WIRE] + [Hand.SIM] * 5
+    assert body.felt().commanders == [Commander.WIRE] + [Commander.SIM] * 5
     list(bus.receive(feetech.goals({1: 2048 + 300}), None))
-    body.aim([-0.2] * 6)
-    body.take(False)
+    body.set_targets([-0.2] * 6)
+    body.energise(False)
     time.run(1.0)
-    assert body.felt().hands == [Hand.WIRE] + [Hand.NONE] * 5
+    assert body.felt().commanders == [Commander.WIRE] + [Commander.NONE] * 5
     assert body.felt().position[0] == pytest.approx(300 * math.tau / 4096, abs=0.02)
     list(bus.receive(feetech.LIMP, None))
-    assert set(body.felt().hands) == {Hand.NONE}
-    body.take(True)
+    assert set(body.felt().commanders) == {Commander.NONE}
+    body.energise(True)
     list(bus.receive(feetech.LIMP, None))  # releases only the axes that the wire holds
-    assert set(body.felt().hands) == {Hand.SIM}
+    assert set(body.felt().commanders) == {Commander.SIM}
 
 
 def test_an_arm_whose_controller_runs_a_program_follows_the_program() -> None:
     time, controller = ticking("ur5e")
     body = time.body
-    body.take(True)
-    body.aim([0.4, -1.57, 1.57, -1.57, -1.57, 0.0])
+    body.energise(True)
+    body.set_targets([0.4, -1.57, 1.57, -1.57, -1.57, 0.0])
     time.run(0.1)
     controller.start_program(Standing)
-    assert set(body.felt().hands) == {Hand.WIRE}
+    assert set(body.felt().commanders) == {Commander.WIRE}
     time.run(0.5)
     stood = body.felt().position[0]
     assert 0.0 < stood < 0.39  # it was on its way when control was taken away
-    body.aim([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    body.set_targets([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     time.run(0.5)
     assert body.felt().position[0] == pytest.approx(stood, abs=0.01)
     controller.stop_program()
-    body.aim([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+    body.set_targets([1.0, -1.57, 1.57, -1.57, -1.57, 0.0])
     time.run(0.5)
-    assert set(body.felt().hands) == {Hand.NONE}  # control was taken back, not returned
+    assert set(body.felt().commanders) == {Commander.NONE}  # control was taken back, not returned
     assert body.felt().position[0] == pytest.approx(stood, abs=0.01)
 
 
 def test_a_gripper_with_a_goal_of_the_wires_follows_the_wire() -> None:
     time, twin = ticking("robotiq_2f85")
     body = time.body
-    body.take(True)
-    body.aim([0.5])
+    body.energise(True)
+    body.set_targets([0.5])
     time.run(1.0)
     assert body.felt().position[0] == pytest.approx(0.5)
     twin.write(0, robotiq.ACTIVATE.registers())
-    assert body.felt().hands == (Hand.WIRE,)
+    assert body.felt().commanders == (Commander.WIRE,)
     time.run(2.0)
-    assert body.felt().hands == (Hand.NONE,)
+    assert body.felt().commanders == (Commander.NONE,)
     assert body.felt().position[0] == pytest.approx(3 / 255)  # the activation has opened it
     twin.write(0, robotiq.Command(go_to=True, position=100).registers())
-    body.take(True)
-    body.aim([0.8])
+    body.energise(True)
+    body.set_targets([0.8])
     time.run(1.0)
-    assert body.felt().hands == (Hand.WIRE,)
+    assert body.felt().commanders == (Commander.WIRE,)
     assert body.felt().position[0] == pytest.approx(100 / 255)
 
 
@@ -241,7 +241,7 @@ async def open_control(path: Path, body: Body) -> AsyncIterator[str]:
         log.close()
 
 
-def test_a_client_that_talks_nonsense_loses_the_line_and_nobody_else_does(tmp_path: Path) -> None:
+def test_a_client_that_sends_garbage_is_disconnected_and_others_are_not(tmp_path: Path) -> None:
     async def main() -> None:
         async with open_control(tmp_path, ticking("so101")[0].body) as path:
             good = SimulationClient(path)
@@ -252,7 +252,7 @@ def test_a_client_that_talks_nonsense_loses_the_line_and_nobody_else_does(tmp_pa
             assert axes[0] == "shoulder_pan"
             good.tell(p.Aim(0, (math.nan,) * 6))
             good.tell(p.Aim(0, (0.1,)))
-            assert (await good.call(p.Read(0), p.Sample, ANSWER_S)).hands == (0,) * 6
+            assert (await good.call(p.Read(0), p.Sample, ANSWER_S)).commanders == (0,) * 6
             good.close()
             await bad.aclose()
         with pytest.raises(WireDown, match="does not run"):
@@ -262,7 +262,7 @@ def test_a_client_that_talks_nonsense_loses_the_line_and_nobody_else_does(tmp_pa
     assert not (tmp_path / "control").exists()
 
 
-def test_saf_002_what_a_client_says_after_another_made_it_safe_is_not_obeyed(tmp_path: Path) -> None:
+def test_saf_002_a_clients_command_after_anothers_safe_state_is_ignored(tmp_path: Path) -> None:
     time, _ = ticking("ur5e")
 
     async def main() -> None:
@@ -312,8 +312,8 @@ def test_the_scene_can_be_taken_away_and_posed_elsewhere(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (p.Render(0, 4000, 48, ""), "4000 x 48 pixels. ask for at most"),
-        (p.Render(0, 0, 48, ""), "0 x 48 pixels. ask for at most"),
+        (p.Render(0, 4000, 48, ""), "4000 x 48 pixels. Ask for at most"),
+        (p.Render(0, 0, 48, ""), "0 x 48 pixels. Ask for at most"),
         (
             p.Render(0, 64, 48, "nose"),
             "no camera 'nose'. there are front, side, top, wrist, and None for the whole robot",
@@ -359,7 +359,7 @@ def test_on_a_machine_that_cannot_draw_the_package_is_named(
     assert os.environ["MUJOCO_GL"] == word
 
 
-def test_mujoco_is_there_whatever_is_said_of_opengl() -> None:
+def test_mujoco_works_with_any_opengl_setting() -> None:
     script = "from strands_actors.drivers.common import physics; import os; print(os.environ['MUJOCO_GL'])"
     done = subprocess.run(
         [sys.executable, "-c", script],

@@ -13,7 +13,7 @@ def taken(stamps: Stamps, *reports: float) -> list[bool]:
     return [stamps.take(stamp, began_ns + at * 1_000_000) for at, stamp in enumerate(reports, 1)]
 
 
-def test_saf_012_what_repeats_its_stamp_is_not_new() -> None:
+def test_saf_012_a_report_with_a_repeated_stamp_is_not_new() -> None:
     stamps = Stamps()
     assert taken(stamps, 5.0, 5.0, 5.0) == [True, False, False]
     assert (stamps.new_ns, stamps.goes_on, stamps.repeats(3_000_000)) == (1_000_000, False, True)
@@ -40,7 +40,7 @@ def test_stamps_that_wrap_go_on_where_they_do() -> None:
     assert stamps.passed == 30
 
 
-def test_saf_012_what_is_late_is_not_new_and_changes_nothing() -> None:
+def test_saf_012_a_late_report_is_not_new_and_changes_nothing() -> None:
     stamps = Stamps(WRAP)
     assert taken(stamps, 100, 90, 95, 100) == [True, False, False, False]
     assert taken(stamps, 5, WRAP - 5, 99, 101) == [False, False, False, True]

@@ -19,7 +19,7 @@ from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 
 
 @pytest.mark.parametrize("port", ["", ":502", "host:", "host:0", "host:70000", "[::1]:x", "/dev/ttyUSB0:x"])
-def test_what_is_no_address_is_refused_with_what_would_be(port: str) -> None:
+def test_an_invalid_address_is_refused_with_a_valid_one(port: str) -> None:
     with pytest.raises(ValueError, match="Give an address"):
         parse_address(port, 502)
 
@@ -65,7 +65,7 @@ def test_a_host_whose_first_address_refuses_is_reached_at_the_next(
     trio.run(main)
 
 
-def test_a_host_that_nobody_answers_at_is_told_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_host_without_an_answer_is_named_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     answer_with(monkeypatch, "127.0.0.2", "127.0.0.3")
     with pytest.raises(WireDown, match=r"robot.local:9: cannot connect \(Connection refused\)"):
         trio.run(open_tcp, "robot.local", 9)
@@ -114,7 +114,7 @@ def slow_listener() -> Iterator[socket.socket]:
         yield server
 
 
-def test_saf_010_what_a_killed_process_had_not_sent_does_not_come_behind_a_stop(
+def test_saf_010_unsent_bytes_of_a_killed_process_do_not_follow_a_stop(
     slow_listener: socket.socket,
 ) -> None:
     async def main() -> None:
@@ -129,13 +129,15 @@ def test_saf_010_what_a_killed_process_had_not_sent_does_not_come_behind_a_stop(
         stop.close_in_order()
         assert take_all(stops_peer) == (b"stop", False)
         received, was_reset = take_all(peer)
-        assert was_reset and len(received) < 10 * len(SETPOINT), "what its system had taken, and no more"
+        assert was_reset and len(received) < 10 * len(SETPOINT), (
+            "only the bytes arrive that the system had already sent"
+        )
         wires.close()
 
     trio.run(main)
 
 
-def test_saf_010_a_peer_that_takes_nothing_is_given_up_though_the_connection_is_open_elsewhere(
+def test_saf_010_a_peer_that_reads_nothing_is_given_up_although_another_process_has_the_connection(
     slow_listener: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tcp_port, "UNTAKEN_S", 0.2)
@@ -154,7 +156,7 @@ def test_saf_010_a_peer_that_takes_nothing_is_given_up_though_the_connection_is_
     trio.run(main)
 
 
-def test_a_connection_whose_peer_takes_what_is_written_is_left_alone(listener: socket.socket) -> None:
+def test_a_connection_with_a_reading_peer_is_left_alone(listener: socket.socket) -> None:
     async def main() -> None:
         port = await open_tcp("127.0.0.1", listener.getsockname()[1])
         peer, _ = listener.accept()
@@ -166,6 +168,6 @@ def test_a_connection_whose_peer_takes_what_is_written_is_left_alone(listener: s
         port.close_in_order()
         received, was_reset = take_all(peer)
         assert received.endswith(b"stop") and not was_reset
-        assert not port.reset_if_stalled(), "a closed one neither"
+        assert not port.reset_if_stalled(), "a closed connection is not reset"
 
     trio.run(main)

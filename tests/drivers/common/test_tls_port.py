@@ -32,24 +32,24 @@ def client_context(ca: str | None = None) -> ssl.SSLContext:
 def shaken(name: str = NAME) -> tuple[TlsRecords, TlsRecords]:
     """Return both ends of an established connection."""
     client, server = TlsRecords(client_context(), name), TlsRecords(server_context())
-    client.hear(b"")
+    client.decrypt(b"")
     while not (client.is_up and server.is_up):
-        server.hear(client.outgoing())
-        client.hear(server.outgoing())
-    client.hear(server.outgoing())  # bytes behind the handshake
+        server.decrypt(client.outgoing())
+        client.decrypt(server.outgoing())
+    client.decrypt(server.outgoing())  # bytes behind the handshake
     return client, server
 
 
-def test_what_one_end_says_the_other_hears_in_any_pieces() -> None:
+def test_bytes_arrive_at_the_other_end_in_any_pieces() -> None:
     client, server = shaken()
     said = random.Random(1).randbytes(100_000)
-    client.say(said)
-    records, heard = client.outgoing(), b""
+    client.encrypt(said)
+    records, received = client.outgoing(), b""
     for at in range(0, len(records), 777):
-        heard += server.hear(records[at : at + 777])
-    assert heard == said
-    server.say(b"yes")
-    assert client.hear(server.outgoing()) == b"yes"
+        received += server.decrypt(records[at : at + 777])
+    assert received == said
+    server.encrypt(b"yes")
+    assert client.decrypt(server.outgoing()) == b"yes"
     assert said[:100] not in records
 
 
@@ -61,67 +61,67 @@ class Below(Connection):
         self._client = client
         self._said = said
         self.t_ns = 0
-        client.hear(b"")
+        client.decrypt(b"")
 
     async def receive(self) -> tuple[int, bytes]:
         self.t_ns += 1
         if self._client.is_up and self._said:
-            self._client.say(self._said)
+            self._client.encrypt(self._said)
             self._said = b""
         return self.t_ns, self._client.outgoing()
 
     def send(self, data: bytes) -> None:
-        self._client.hear(data)
+        self._client.decrypt(data)
 
 
-def test_what_a_client_says_behind_its_handshake_in_one_piece_has_its_time_in_a_twins_log() -> None:
+def test_data_in_the_same_piece_as_the_handshake_has_its_time_in_a_twins_log() -> None:
     async def run() -> None:
         with socket.socket() as unused:
             below = Below(unused, TlsRecords(client_context(), NAME), b"a stop")
             twin = TlsConnection(below, server_context())
             await twin.shake_hands()
             assert await twin.receive() == (2, b"a stop")
-            assert below.t_ns == 2, "it came with the end of the handshake"
+            assert below.t_ns == 2, "the data has the time of the piece that ends the handshake"
 
     trio.run(run)
 
 
-def test_saf_017_a_peer_of_another_name_or_certificate_is_not_believed() -> None:
+def test_saf_017_a_peer_with_another_name_or_certificate_is_refused() -> None:
     with pytest.raises(ssl.SSLCertVerificationError, match=r"not valid for 'robot\.example'"):
         shaken("robot.example")
     stranger = TlsRecords(client_context_that_knows_nobody(), NAME)
     server = TlsRecords(server_context())
-    stranger.hear(b"")
-    server.hear(stranger.outgoing())
+    stranger.decrypt(b"")
+    server.decrypt(stranger.outgoing())
     with pytest.raises(ssl.SSLCertVerificationError):
-        stranger.hear(server.outgoing())
+        stranger.decrypt(server.outgoing())
 
 
 def client_context_that_knows_nobody() -> ssl.SSLContext:
     return ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 
 
-def test_nothing_is_said_before_the_peer_is_known() -> None:
+def test_nothing_is_sent_before_the_peer_is_authenticated() -> None:
     with pytest.raises(ssl.SSLError):
-        TlsRecords(client_context(), NAME).say(b"a password")
+        TlsRecords(client_context(), NAME).encrypt(b"a password")
 
 
-def test_whatever_comes_is_heard_or_refused() -> None:
+def test_any_bytes_are_accepted_or_refused() -> None:
     chance = random.Random(3)
     client, server = shaken()
-    server.say(b"x" * 300)
+    server.encrypt(b"x" * 300)
     good, refused = server.outgoing(), 0
     for _ in range(DISTURBED):
         end = TlsRecords(client_context_that_knows_nobody(), NAME) if chance.random() < 0.5 else TlsRecords(SERVER)
         at = chance.randrange(len(good))
         noise = good[:at] + chance.randbytes(chance.randrange(1, 60)) + good[at:]
         try:
-            assert end.hear(chance.choice((noise, chance.randbytes(200), good))) == b""
+            assert end.decrypt(chance.choice((noise, chance.randbytes(200), good))) == b""
         except ssl.SSLError:
             refused += 1
     assert refused > DISTURBED / 2
     with pytest.raises(ssl.SSLError):
-        client.hear(good[:-1] + bytes([good[-1] ^ 1]))
+        client.decrypt(good[:-1] + bytes([good[-1] ^ 1]))
 
 
 SERVER = server_context()
@@ -147,15 +147,15 @@ async def echo(stream: trio.SocketStream) -> None:
         return  # the client was closed with a reset
 
 
-def test_a_port_writes_at_once_and_reads_what_comes() -> None:
+def test_a_port_writes_at_once_and_reads_new_bytes() -> None:
     async def test(port: int) -> None:
         tls = await open_tls("127.0.0.1", port, client_context(), NAME, within_s=5.0)
         assert isinstance(tls, TlsPort) and tls.read_waiting() is None
         tls.write(b"hello")
-        heard = b""
-        while len(heard) < 5:
-            heard += await tls.read()
-        assert heard == b"hello"
+        received = b""
+        while len(received) < 5:
+            received += await tls.read()
+        assert received == b"hello"
         tls.close()
         with pytest.raises(WireDown):
             tls.write(b"more")
@@ -163,20 +163,20 @@ def test_a_port_writes_at_once_and_reads_what_comes() -> None:
     trio.run(against, echo, test)
 
 
-def test_a_peer_that_takes_the_connection_and_says_nothing_is_given_up() -> None:
+def test_a_peer_that_accepts_the_connection_and_sends_nothing_is_given_up() -> None:
     async def silent(stream: trio.SocketStream) -> None:
         await trio.sleep_forever()
 
     async def test(port: int) -> None:
         began_s = trio.current_time()
-        with pytest.raises(WireDown, match="no TLS within 200 ms"):
+        with pytest.raises(WireDown, match="no TLS handshake within 200 ms"):
             await open_tls("127.0.0.1", port, client_context(), NAME, within_s=0.2)
         assert trio.current_time() - began_s < 2.0
 
     trio.run(against, silent, test)
 
 
-def test_a_peer_that_speaks_no_tls_is_named() -> None:
+def test_a_peer_without_tls_is_named() -> None:
     async def plain(stream: trio.SocketStream) -> None:
         await stream.send_all(b"SSH-2.0-OpenSSH\r\n")
         await trio.sleep_forever()
@@ -206,7 +206,7 @@ async def echo_to_the_end(stream: trio.SocketStream) -> None:
     await tls.receive_some()
 
 
-def test_nobody_there_is_named() -> None:
+def test_a_missing_peer_is_named() -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

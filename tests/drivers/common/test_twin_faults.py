@@ -16,7 +16,7 @@ def reply(unit: int | None = 1) -> Reply:
 
 
 @pytest.mark.parametrize("word", list(Fault))
-def test_every_word_can_be_said_of_all_or_of_one(word: Fault) -> None:
+def test_every_fault_can_be_set_for_all_motors_or_one(word: Fault) -> None:
     assert parse_fault(word) == (word, None)
     assert parse_fault(f"{word}:12") == (word, 12)
 
@@ -38,7 +38,7 @@ def test_a_fault_is_of_one_unit_or_of_all() -> None:
 
 
 @pytest.mark.parametrize("word", [Fault.OK, Fault.STUCK, Fault.WRONG])
-def test_what_the_robot_does_itself_leaves_the_reply_alone(word: Fault) -> None:
+def test_faults_of_the_robot_do_not_change_the_reply(word: Fault) -> None:
     faults = Faults()
     faults.set(word)
     assert faults.apply(reply()) == reply()
@@ -67,8 +67,8 @@ def test_slow_holds_up_the_wire_and_delayed_does_not() -> None:
 def test_intermittent_loses_every_third_of_each_unit() -> None:
     faults = Faults()
     faults.set(Fault.INTERMITTENT)
-    heard = [(faults.apply(reply(1)) is not None, faults.apply(reply(2)) is not None) for _ in range(6)]
-    assert heard == [(True, True), (True, True), (False, False)] * 2
+    received = [(faults.apply(reply(1)) is not None, faults.apply(reply(2)) is not None) for _ in range(6)]
+    assert received == [(True, True), (True, True), (False, False)] * 2
 
 
 def test_garbage_is_never_the_reply_and_never_a_frame() -> None:

@@ -12,7 +12,7 @@ from strands_actors.drivers.unitree.twin import UnitreeTwinOptions
 
 
 @pytest.mark.parametrize("text", ["false", "False", "0"])
-def test_a_bool_in_text_is_read_as_what_it_says(text: str) -> None:
+def test_a_bool_in_text_has_its_value(text: str) -> None:
     assert read_twin_options("spot", SpotTwinOptions, {"arm": text}).arm is False
 
 
@@ -39,6 +39,6 @@ def test_text_and_values_are_the_same_options() -> None:
         ),
     ],
 )
-def test_what_is_no_option_is_refused_with_what_would_be(given: dict[str, object], why: str) -> None:
+def test_an_unknown_option_is_refused_with_the_known_ones(given: dict[str, object], why: str) -> None:
     with pytest.raises(ValueError, match=re.escape(why)):
         read_twin_options("spot", SpotTwinOptions, given)

@@ -73,8 +73,8 @@ def test_a_delayed_reply_comes_late_while_the_wire_goes_on(twin: TwinProcess) ->
                 break
     lines = twin.log()[-4:]
     assert [line["from"] for line in lines] == ["host", "host", "robot", "robot"]
-    asked, _, other, late = (line["t_ns"] for line in lines)
-    assert late - asked >= 60_000_000
+    requested, _, other, late = (line["t_ns"] for line in lines)
+    assert late - requested >= 60_000_000
     assert other < late
 
 
@@ -90,7 +90,7 @@ def test_faults_from_the_start_and_out_of_order_control_lines(tmp_path: Path) ->
         until(lambda: answers(port, p.ping(2)), "servo 2 is back")
         twin.process.terminate()
         _, error = twin.process.communicate(timeout=PATIENCE_S)
-    assert b"no control line 'nonsense'" in error
+    assert b"unknown control line 'nonsense'" in error
     assert b"intermittent" in error
 
 
@@ -138,7 +138,7 @@ def test_a_frozen_robot_answers_afterwards(twin: TwinProcess) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_and_nothing_is_left(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_ends_the_process_and_leaves_no_files(tmp_path: Path, number: signal.Signals) -> None:
     link = tmp_path / "ttyTWIN"
     with TwinProcess(tmp_path, options={"link": str(link)}) as twin:
         assert twin.port == str(link)

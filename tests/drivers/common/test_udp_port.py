@@ -17,7 +17,7 @@ def robot() -> socket.socket:
     return sock
 
 
-def test_datagrams_of_the_peer_and_of_nobody_else() -> None:
+def test_only_the_peers_datagrams_are_read() -> None:
     async def main() -> None:
         with robot() as peer, robot() as stranger:
             port = open_udp(*peer.getsockname())
@@ -49,10 +49,10 @@ def test_a_peer_that_is_gone_is_noticed() -> None:
     trio.run(main)
 
 
-def test_a_port_that_is_taken_and_a_name_that_is_none() -> None:
+def test_a_used_port_and_an_unknown_name() -> None:
     with robot() as peer:
         host, number = peer.getsockname()
-        with pytest.raises(WireDown, match="who else has it"):
+        with pytest.raises(WireDown, match="which program uses it"):
             open_udp("127.0.0.1", 9, host, number)
     with pytest.raises(WireDown, match="no such address"):
         open_udp("no.such.host.invalid", 9)
@@ -66,12 +66,12 @@ def free_port() -> int:
         return int(sock.getsockname()[1])
 
 
-def test_the_first_that_is_one_is_the_peer_and_nobody_else_is_heard() -> None:
+def test_the_first_valid_sender_is_the_peer_and_others_are_ignored() -> None:
     async def main() -> None:
         number = free_port()
         port = await listen_udp(number)
         with robot() as peer, robot() as stranger, trio.fail_after(5):
-            with pytest.raises(WireDown, match="nobody has spoken yet"):
+            with pytest.raises(WireDown, match="no datagram has arrived yet"):
                 port.write(b"too early")
             stranger.sendto(b"noise", ("127.0.0.1", number))
             peer.sendto(b"robot 1", ("127.0.0.1", number))
@@ -90,7 +90,7 @@ def test_the_first_that_is_one_is_the_peer_and_nobody_else_is_heard() -> None:
     trio.run(main)
 
 
-def test_only_the_host_that_is_named_is_heard() -> None:
+def test_only_datagrams_of_the_named_host_are_read() -> None:
     async def main() -> None:
         number = free_port()
         port = await listen_udp(number, "127.0.0.9")
@@ -121,11 +121,11 @@ def test_a_peer_that_is_gone_is_looked_for_again_on_the_same_socket() -> None:
     trio.run(main)
 
 
-def test_a_port_that_somebody_listens_at() -> None:
+def test_a_port_with_a_listener() -> None:
     async def main() -> None:
         number = free_port()
         port = await listen_udp(number)
-        with pytest.raises(WireDown, match=rf"UDP port {number} cannot be opened .* who else has it"):
+        with pytest.raises(WireDown, match=rf"UDP port {number} cannot be opened .* Another program may use it"):
             await listen_udp(number)
         port.close()
         with pytest.raises(WireDown, match="no such address"):

@@ -15,7 +15,7 @@ import trio.testing
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.http_messages import Request, ServerEnd, encode_response
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.kit.velocity_base import Outcome, Standing, stop_base
+from strands_actors.drivers.common.kit.velocity_base import MotionReport, Outcome, stop_base
 from strands_actors.drivers.common.ports.http_port import HttpPort
 from strands_actors.testing import run_virtual
 
@@ -94,9 +94,9 @@ class Zero:
     def __init__(self, steady_s: float = 0.0) -> None:
         self.steady_s = steady_s
 
-    def standing(self, body: bytes) -> Standing:
+    def read_motion(self, body: bytes) -> MotionReport:
         try:
-            return Standing(*msgspec.json.decode(body, type=tuple[float, float]))
+            return MotionReport(*msgspec.json.decode(body, type=tuple[float, float]))
         except msgspec.DecodeError as error:
             raise MalformedFrame(str(error)) from None
 
@@ -150,12 +150,14 @@ def test_saf_010_a_base_stands_when_it_does_so_without_a_break(
     outcome, took_s = stopping(service, 2.0, steady_s=0.8)
     assert outcome == Outcome(True, True, "") and 0.8 + longer_s < took_s < 1.1 + longer_s
     zeros_s = [t_s for t_s, target in service.heard if target == "/stop"]
-    assert all(later - sooner < 0.1 for sooner, later in itertools.pairwise(zeros_s)), "zero is repeated meanwhile"
+    assert all(later - sooner < 0.1 for sooner, later in itertools.pairwise(zeros_s)), (
+        "zero is repeated until the base stands"
+    )
     outcome, _ = stopping(service, 0.7, steady_s=0.8)
-    assert outcome.acknowledged and "not confirmed: it has reported speed 0 for" in outcome.detail
+    assert outcome.acknowledged and "not confirmed: it must report speed 0 for" in outcome.detail
 
 
-def test_saf_010_nothing_is_confirmed_while_a_command_is_owed_an_answer() -> None:
+def test_saf_010_nothing_is_confirmed_while_the_answer_to_a_command_is_pending() -> None:
     service = Service(stands_s=-10.0)
     outcome, _ = stopping(service, pending=lambda: trio.current_time() < 10)
     assert "an earlier command has not been answered" in outcome.detail
@@ -168,7 +170,7 @@ def test_saf_005_a_base_that_moves_on_is_not_reported_as_stopped() -> None:
     assert outcome == Outcome(True, True, "not confirmed: it reports speed 0.5")
 
 
-def test_a_service_that_is_mute_is_told_again_on_a_new_connection() -> None:
+def test_a_silent_service_gets_the_stop_again_on_a_new_connection() -> None:
     service = Service()
     service.mute = True
     outcome, _ = stopping(service)
@@ -199,7 +201,7 @@ def test_saf_006_the_first_zero_leaves_before_the_first_wait() -> None:
     run_virtual(run)
 
 
-def test_responses_that_come_together_are_told_apart() -> None:
+def test_responses_that_arrive_together_are_separated() -> None:
     async def run() -> None:
         port = HttpPort("192.0.2.1", 80, Service().open_stream)
         await port.open()
@@ -226,12 +228,12 @@ def test_a_connection_that_was_idle_takes_no_command() -> None:
         port.send("POST", "/stop")
         await trio.sleep(2.1)
         await port.ready()
-        assert service.opened == 2, "one that owes an answer is kept: another could be overtaken"
+        assert service.opened == 2, "a connection with a pending answer is kept, and one new connection is opened"
 
     run_virtual(run)
 
 
-def test_who_connects_late_does_not_throw_away_the_connection_of_another() -> None:
+def test_a_late_connect_does_not_drop_the_connection_of_another_task() -> None:
     async def run() -> None:
         service = Service()
         took_s = iter((0.3, 0.1))

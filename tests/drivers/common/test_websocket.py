@@ -56,8 +56,8 @@ class Robot:
 async def echo(client: WebSocketClient) -> None:
     while True:
         t_ns, message = await client.receive()
-        client.heard(t_ns, "echo", message)
-        client.say("echo", message)
+        client.log_received(t_ns, "echo", message)
+        client.send_logged("echo", message)
 
 
 @asynccontextmanager
@@ -109,8 +109,8 @@ def test_messages_arrive_whole_in_any_pieces_both_ways(messages: list[str | byte
     client, server = upgraded(1300)
     for sender, receiver in ((client, server), (server, client)):
         wire = b"".join(sender.message(message) for message in messages)
-        heard = [found for at in range(0, len(wire), step) for found in receiver.feed(wire[at : at + step])]
-        assert heard == messages
+        received = [found for at in range(0, len(wire), step) for found in receiver.feed(wire[at : at + step])]
+        assert received == messages
 
 
 @given(seed=st.integers(0, 1 << 32), cut=st.integers(0, 3))
@@ -124,21 +124,21 @@ def test_disturbed_frames_raise_nothing_else_and_yield_no_more_than_the_bound(se
                 frame[chance.randrange(len(frame))] = chance.randrange(256)
             data = bytes(frame) + chance.randbytes(chance.randrange(0, 20) if cut else 0)
             try:
-                for heard in receiver.feed(data):
-                    assert not isinstance(heard, str | bytes) or len(heard) <= 200
+                for received in receiver.feed(data):
+                    assert not isinstance(received, str | bytes) or len(received) <= 200
             except MalformedFrame:
                 break
             receiver.replies()
 
 
 @given(data=st.binary(max_size=600))
-def test_an_upgrade_that_is_none_is_malformed(data: bytes) -> None:
+def test_an_invalid_upgrade_is_malformed(data: bytes) -> None:
     for end in (ServerEnd(), ClientEnd("robot:1", "/")):
         try:
-            heard = list(end.feed(data + b"\r\n\r\n"))
+            received = list(end.feed(data + b"\r\n\r\n"))
         except MalformedFrame:
             continue
-        assert not any(isinstance(one, Accepted | Opened) for one in heard)
+        assert not any(isinstance(one, Accepted | Opened) for one in received)
 
 
 def test_a_message_longer_than_the_bound_is_refused_before_it_is_whole() -> None:
@@ -218,7 +218,7 @@ async def drain(socket_: WebSocket) -> None:
             await socket_.receive()
 
 
-def test_a_close_says_why_and_nothing_is_sent_after_it() -> None:
+def test_a_close_has_the_reason_and_nothing_is_sent_after_it() -> None:
     def handler(connection: websockets.sync.server.ServerConnection) -> None:
         connection.close(1008, "not you")
 
@@ -235,7 +235,7 @@ def test_a_close_says_why_and_nothing_is_sent_after_it() -> None:
         trio.run(main, port)
 
 
-def test_no_websocket_there_is_said_within_the_deadline() -> None:
+def test_a_service_without_websockets_is_named_within_the_deadline() -> None:
     async def main() -> None:
         async with twin() as server:
             with pytest.raises(WireDown, match=r"/other: no WebSocket there .*status 404"):
@@ -248,7 +248,7 @@ def test_no_websocket_there_is_said_within_the_deadline() -> None:
     trio.run(main)
 
 
-def test_a_peer_that_speaks_no_websocket() -> None:
+def test_a_peer_without_websockets() -> None:
     async def main() -> None:
         with socket.create_server(("127.0.0.1", 0)) as listener:
 
@@ -279,7 +279,7 @@ def test_a_message_that_is_too_long_ends_it() -> None:
 
         async def shout(client: WebSocketClient) -> None:
             await client.receive()
-            client.say("shout", "x" * 1001)
+            client.send_logged("shout", "x" * 1001)
             await client.receive()
 
         async with twin(shout) as server:
@@ -304,7 +304,7 @@ def taker() -> tuple[trio.MemoryReceiveChannel[str | bytes], WebSocketHandler]:
     return receive, take
 
 
-def test_what_was_sent_into_a_pulled_cable_is_not_sent_again_on_the_next_connection() -> None:
+def test_messages_lost_in_a_pulled_cable_are_not_sent_again() -> None:
     async def main() -> None:
         taken, take = taker()
         async with twin(take) as server:
@@ -355,7 +355,7 @@ def test_output_that_is_blocked_ends_it_and_nothing_waits() -> None:
     trio.run(main)
 
 
-def test_who_waits_is_told_of_a_close_and_of_a_cable_that_is_pulled() -> None:
+def test_a_close_or_a_pulled_cable_ends_every_wait() -> None:
     async def main() -> None:
         async with twin() as server:
             for end in (WebSocket.close, lambda _: server.unplug()):
@@ -416,7 +416,7 @@ def test_clients_of_another_make_at_our_server() -> None:
     trio.run(main)
 
 
-def test_a_port_with_websockets_only_throws_out_what_is_none() -> None:
+def test_a_port_with_websockets_only_refuses_other_requests() -> None:
     async def main() -> None:
         server = TcpServer(Robot(), {0: serving_websocket({"/": echo}.get)}, WireLog(None))
         async with trio.open_nursery() as nursery:

@@ -1,4 +1,4 @@
-"""Test that a stop leaves at once on a WebSocket, whatever the service sends, and that no other task is
+"""Test that a stop is sent at once on a WebSocket, whatever data the service sends, and that no other task is
 delayed. The tests run in virtual time, on streams in memory."""
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from wsproto.frame_protocol import FrameProtocol, Opcode
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs import websocket_messages as messages
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.codecs.websocket_messages import ClientEnd, Heard, Opened, ServerEnd
+from strands_actors.drivers.common.codecs.websocket_messages import ClientEnd, Opened, Received, ServerEnd
 from strands_actors.drivers.common.ports.tcp_port import READ_SIZE
 from strands_actors.drivers.common.ports.websocket import WebSocket, begin_websocket, open_websocket
 from strands_actors.testing import run_virtual
@@ -61,7 +61,7 @@ class Stream:
         self.writes += 1
         self._take(list(self._end.feed(data)))
 
-    def _take(self, heard: list[Heard]) -> None:
+    def _take(self, heard: list[Received]) -> None:
         for one in heard:
             if isinstance(one, Opened):
                 self.accepted = self._end.accept()
@@ -116,7 +116,7 @@ ANSWERS = {
 
 
 @pytest.mark.parametrize("said", ANSWERS.values(), ids=ANSWERS.keys())
-def test_saf_022_a_stop_leaves_with_the_upgrade_and_again_whatever_the_service_answers(said: bytes) -> None:
+def test_saf_022_a_stop_is_sent_with_the_upgrade_and_again_with_any_answer(said: bytes) -> None:
     service = Service(answers=False)
 
     async def run() -> None:
@@ -137,7 +137,7 @@ def test_saf_022_a_stop_leaves_with_the_upgrade_and_again_whatever_the_service_a
         with pytest.raises(WireDown):
             socket.send("no stop")
         socket.close()
-        assert stream.ended == "in order", "the stop still arrives"
+        assert stream.ended == "in order", "the stop arrives all the same"
 
     run_virtual(run)
 
@@ -205,7 +205,7 @@ def test_saf_022_a_stop_leaves_at_once_after_bytes_that_were_not_understood(said
                     await socket.receive()
             nursery.cancel_scope.cancel()
         assert turns + 3 >= stream.reads and stream.reads <= messages.MAX_MESSAGE / READ_SIZE + 2
-        assert stream.writes - writes <= turns, "one pong a turn at most"
+        assert stream.writes - writes <= turns, "at most one pong is sent in each turn"
         began_s = trio.current_time()
         socket.send_stop(*STOP)
         assert stream.heard == [(began_s, message) for message in STOP]

@@ -16,9 +16,9 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "wire.ndjson"
 
 
-def test_what_comes_is_read_once_and_kept(path: Path) -> None:
+def test_new_entries_are_read_once_and_kept(path: Path) -> None:
     log = WireLog(path)
-    assert list(log.entries()) == [], "there is none yet"
+    assert list(log.entries()) == [], "a log without a file has no entries"
     writer = Writer(str(path))
     writer.write(1, "host", [("setpoint", b"\x01")])
     (setpoint,) = log.entries()
@@ -42,7 +42,7 @@ def test_half_a_line_is_read_when_it_is_whole(path: Path) -> None:
 
 
 @pytest.mark.parametrize("frames", [0, 1, 9])
-def test_of_a_log_that_was_emptied_nothing_is_kept(path: Path, frames: int) -> None:
+def test_an_emptied_log_keeps_nothing(path: Path, frames: int) -> None:
     """This holds however much was written since, without a reader."""
     log, writer = WireLog(path), Writer(str(path))
     for t_ns in range(5):
@@ -53,4 +53,4 @@ def test_of_a_log_that_was_emptied_nothing_is_kept(path: Path, frames: int) -> N
     for t_ns in range(100, 100 + frames):
         writer.write(t_ns, "host", [("safe", b"\x02")], "hold")
     assert [entry.t_ns for entry in log.entries()] == list(range(100, 100 + frames))
-    assert [entry.t_ns for entry in before] == list(range(5)), "who looked before is not shown another"
+    assert [entry.t_ns for entry in before] == list(range(5)), "an earlier iterator does not yield new entries"

@@ -45,7 +45,7 @@ class Client:
             found[f"{group.decode()}.{name.decode()}"] = number, item[3]
         return found
 
-    def hear(self, seconds: float) -> None:
+    def receive(self, seconds: float) -> None:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0:
             self.sock.settimeout(left_s)
@@ -84,12 +84,12 @@ def main(host: str, port: int) -> dict[str, object]:
     began_s = time.monotonic()
     while time.monotonic() < began_s + 2.0:
         client.send(7, 0, struct.pack("<Bffff", 10, 0.0, 0.0, 45.0, 0.5))
-        client.hear(0.05)
+        client.receive(0.05)
     seen["up"], seen["rows"] = client.last(), len(client.rows)
     seen["flying"] = client.bits()
     client.send(7, 1, struct.pack("<BI", 0, 0))
     seen["land"] = list(client.ask(8, 0, struct.pack("<BBff?f", 8, 0, 0.0, 0.0, True, 1.0)))
-    client.hear(1.8)
+    client.receive(1.8)
     seen["down"], seen["landed"] = client.last(), client.bits()
     return seen
 

@@ -59,10 +59,12 @@ def refused(action: dict[str, Any], observation: Observation | None = None) -> R
 
 def test_with_z_it_hovers_without_it_flies_by_speed() -> None:
     assert answer({"vx": 0.2, "z": 0.8}) == Candidate((0.2, 0.0, 0.0, 0.0, 0.8, 1.0), (0, 4))
-    assert answer({"vx": 0.2}) == Candidate((0.2, 0.0, 0.0, 0.0, 0.5, 0.0), (0,)), "z: where it is"
+    assert answer({"vx": 0.2}) == Candidate((0.2, 0.0, 0.0, 0.0, 0.5, 0.0), (0,)), (
+        "without z, z is the present height"
+    )
     assert answer({"wz": -2.5}) == Candidate((0.0, 0.0, 0.0, -2.5, 0.5, 0.0), (3,))
-    told = drone().commanded({"vx": 0.2, "z": 0.8}, (0.2, 0.0, 0.0, 0.0, 0.8, 1.0))
-    assert told["commanded"] == "hover" and told["args"] == {"vx": 0.2, "vy": 0.0, "wz": 0.0, "z": 0.8}
+    commanded = drone().commanded({"vx": 0.2, "z": 0.8}, (0.2, 0.0, 0.0, 0.0, 0.8, 1.0))
+    assert commanded["commanded"] == "hover" and commanded["args"] == {"vx": 0.2, "vy": 0.0, "wz": 0.0, "z": 0.8}
     assert drone().commanded({"vx": 0.2}, (0.2, 0.0, 0.0, 0.0, 0.5, 0.0))["commanded"] == "velocity_world"
 
 
@@ -108,13 +110,13 @@ def test_saf_014_a_speed_does_not_climb_past_the_ceiling_nor_sink_to_the_floor()
         (seen(Bit.FLYING), "not_flying", "land"),
     ],
 )
-def test_saf_014_each_condition_refuses_and_has_a_safe_state_of_its_own(
+def test_saf_014_each_condition_refuses_and_has_its_safe_state(
     observation: Observation, code: str, safe_state: str
 ) -> None:
     assert refused({"vx": 0.1}, observation).code == code
     condition = next(one for one in drone().conditions if one.check(observation, NOW_NS) is not None)
     assert (condition.reason, condition.safe_state) == (Reason.FAULT, safe_state)
-    assert condition.always is (code != "not_flying"), "who stands on the floor is not in danger"
+    assert condition.always is (code != "not_flying"), "on the floor this condition does not start a safe state"
 
 
 def test_saf_012_an_old_reading_refuses() -> None:
@@ -129,15 +131,15 @@ def test_a_low_battery_on_the_floor_is_takeoffs_business() -> None:
     assert no is not None and no.code == "battery" and "3.00 V" in no.text
 
 
-def test_a_battery_that_is_low_for_the_firmware_alone_is_refused_in_its_words() -> None:
+def test_a_battery_that_only_the_firmware_reports_as_low_is_refused() -> None:
     no = takeoff_refusal(STANDING, seen(volts=3.6, battery_state=float(Battery.LOW_POWER)).sensors, 3.2)
-    assert no is not None and "its firmware reports a low battery, at 3.60 V. charge it" in no.text
+    assert no is not None and "the firmware reports a low battery, at 3.60 V. Charge it" in no.text
     assert "3.2" not in no.text
 
 
-def test_saf_012_a_battery_that_was_heard_long_ago_is_none() -> None:
+def test_saf_012_an_old_battery_report_does_not_count() -> None:
     no = takeoff_refusal(STANDING, sensors(STANDING, position_age_s=2.1), 3.2)
-    assert no is not None and (no.code, no.limit) == ("battery", "2 s") and "not heard for 2.1 s" in no.text
+    assert no is not None and (no.code, no.limit) == ("battery", "2 s") and "its battery for 2.1 s" in no.text
     assert takeoff_refusal(STANDING, sensors(STANDING, position_age_s=1.9), 3.2) is None
 
 
@@ -188,7 +190,7 @@ def test_four_verbs_four_meanings() -> None:
     for reason in (Reason.CALLER, Reason.WIRE, Reason.ROOT, Reason.LINK, Reason.FAULT, Reason.CLEANUP):
         assert fallbacks[reason] == "land"
     assert {verb.name for verb in driver.TOOL_VERBS} == {"sensors", "status", "land", "move", "stop"}, (
-        "no agent takes off unasked"
+        "an agent has no takeoff verb"
     )
     assert driver.GUARDED == ("move",)
     assert driver.ROLLOUTS
@@ -213,7 +215,7 @@ def test_the_one_option() -> None:
         drone(setpoint_hertz=20)
 
 
-def test_a_way_that_nobody_has_seen_on_a_drone_is_a_caveat() -> None:
+def test_a_link_that_was_never_tested_on_a_drone_has_a_caveat() -> None:
     assert drone().caveats == ()
     (caveat,) = Crazyflie("crazyflie", "usb://0", Crazyflie.resolve("crazyflie", {})).caveats
-    assert caveat.startswith("a port radio:// or usb:// is experimental: nobody has seen it on a real drone")
+    assert caveat.startswith("a port radio:// or usb:// is experimental: this was never run on a real drone")

@@ -1,5 +1,5 @@
-"""Test that the drone is on the floor before a motor is cut, whatever is lost and from any height. On a
-firmware in memory."""
+"""Test that the drone is on the floor before a motor is cut, from any height and with any packets
+lost. The tests run on a firmware in memory."""
 
 from __future__ import annotations
 
@@ -23,19 +23,21 @@ from .virtual import LANDING, Air, Flight, VirtualClock, fly, take_off
 
 
 @pytest.mark.parametrize("height_m", [0.3, 1.0, 2.0])
-def test_saf_005_motors_are_cut_on_the_floor_from_whatever_height(
+def test_saf_005_from_any_height_motors_are_cut_on_the_floor(
     monkeypatch: pytest.MonkeyPatch, height_m: float
 ) -> None:
     async def script(flight: Flight) -> None:
         answer = await flight.wire.perform("takeoff", {"height": height_m, "duration": 0.5}, flight.permit)
         assert not isinstance(answer, Refused) and answer["duration"] == pytest.approx(2 * height_m, abs=0.02)
-        assert max(climb for _, climb in flight.track) < 0.6, "no faster than a command may ask for"
+        assert max(climb for _, climb in flight.track) < 0.6, "the drone sinks no faster than a command allows"
         cut_at_m = flight.heights_of(p.STOP)
         began_s = trio.current_time()
         reports = await flight.wire.make_safe("land")
         assert all(report.safe for report in reports)
         assert max(cut_at_m) < 0.1
-        assert trio.current_time() - began_s < height_m / LANDING_M_S + 1.0, "and it is not waited for longer"
+        assert trio.current_time() - began_s < height_m / LANDING_M_S + 1.0, (
+            "the stop does not wait longer than the landing"
+        )
         flight.never_fell()
 
     fly(script, monkeypatch)
@@ -70,7 +72,7 @@ def test_a_landing_service_is_no_faster_than_a_landing_may_be(monkeypatch: pytes
     fly(script, monkeypatch)
 
 
-def test_a_landing_of_a_drone_whose_height_is_not_heard_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_landing_with_unknown_height_is_not_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         await take_off(flight)
         flight.air.mute = lambda packet: packet[:1] == b"\x5e"  # rows of the log are lost; answers arrive
@@ -78,7 +80,7 @@ def test_a_landing_of_a_drone_whose_height_is_not_heard_is_not_refused(monkeypat
         cut_at_m = flight.heights_of(p.STOP)
         answer = await flight.wire.perform("land", {"duration": 0.5}, flight.permit)
         assert answer == {"landed": True, "velocity": LANDING_M_S}
-        assert LANDING in flight.air.sent and max(cut_at_m) < 0.02, "motors are cut when it flies no more"
+        assert LANDING in flight.air.sent and max(cut_at_m) < 0.02, "the motors are cut only on the floor"
         flight.never_fell()
 
     fly(script, monkeypatch)
@@ -99,13 +101,13 @@ def test_saf_005_an_end_of_trajectory_from_before_cuts_no_motor(monkeypatch: pyt
 
         flight.air.lose = lose
         await flight.wire.make_safe("land")
-        assert cut_at_m, "in the end its own watchdog has brought it down"
+        assert cut_at_m, "in the end the drone's watchdog has cut the motors"
         assert max(cut_at_m) < 0.02, "no motor was cut in the air"
 
     fly(script, monkeypatch)
 
 
-def test_a_lost_yield_is_said_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lost_yield_is_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         await take_off(flight)
         lost: list[bytes] = []
@@ -144,14 +146,14 @@ def test_saf_005_a_lost_order_to_land_cuts_no_motor_by_a_yield(monkeypatch: pyte
     fly(script, monkeypatch)
 
 
-def test_saf_005_a_drone_that_hears_and_is_not_heard_is_landed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_005_a_drone_with_a_link_in_one_direction_is_landed(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         await take_off(flight)
         flight.air.silent = True
 
         async def look() -> None:
             await trio.sleep(1.7)
-            assert flight.height_m < 0.05, "landed, before its watchdog would cut the motors"
+            assert flight.height_m < 0.05, "the drone has landed before its watchdog would cut the motors"
 
         async with trio.open_nursery() as nursery:
             nursery.start_soon(look)
@@ -178,7 +180,7 @@ def test_saf_005_a_drone_that_answers_late_is_landed_and_confirmed(monkeypatch: 
     fly(script, monkeypatch)
 
 
-def test_saf_005_a_landing_that_is_refused_counts_for_nothing_and_is_said_again(
+def test_saf_005_a_refused_landing_does_not_count_and_is_sent_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The drone hovers by the high-level commander, with its trajectory over."""
@@ -187,7 +189,7 @@ def test_saf_005_a_landing_that_is_refused_counts_for_nothing_and_is_said_again(
         firmware, air = flight.air.firmware, flight.air
         flight.feeds = False
         for packet in (p.ARM, p.encode(8, 0, b"\7\0" + struct.pack("<ff?f", 1.0, 0.0, True, 2.0))):
-            firmware.hear(packet)
+            firmware.receive(packet)
         await trio.sleep(2.5)
         assert Bit.TRAJECTORY_FINISHED in firmware.bits and flight.height_m > 0.9
 
@@ -208,19 +210,19 @@ def test_saf_005_a_landing_that_is_refused_counts_for_nothing_and_is_said_again(
     fly(script, monkeypatch)
 
 
-def test_saf_005_who_lands_already_has_taken_the_order(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_005_a_drone_that_lands_already_counts_as_ordered(monkeypatch: pytest.MonkeyPatch) -> None:
     """The root finds a drone in this state after a wire process was killed half-way."""
 
     async def script(flight: Flight) -> None:
         await take_off(flight)
         flight.feeds = False
         for packet in (LANDING, p.YIELD):
-            flight.air.firmware.hear(packet)
+            flight.air.firmware.receive(packet)
         await trio.sleep(0.5)
-        assert flight.air.firmware.hear(LANDING).replies[0][-1] == 1
+        assert flight.air.firmware.receive(LANDING).replies[0][-1] == 1
         cut_at_m = flight.heights_of(p.STOP)
         assert all(report.safe for report in await flight.wire.make_safe("land"))
-        assert flight.air.sent.count(LANDING) == 1, "once is enough"
+        assert flight.air.sent.count(LANDING) == 1, "the landing is ordered once"
         assert max(cut_at_m) < 0.1
         flight.never_fell()
 
@@ -233,7 +235,7 @@ def test_saf_002_a_setpoint_that_comes_late_does_not_end_a_landing(monkeypatch: 
 
         async def late() -> None:
             await trio.sleep(0.5)
-            flight.air.firmware.hear(p.hover(0.3, 0.0, 0.0, 0.5))
+            flight.air.firmware.receive(p.hover(0.3, 0.0, 0.0, 0.5))
 
         async with trio.open_nursery() as nursery:
             nursery.start_soon(late)
@@ -244,7 +246,7 @@ def test_saf_002_a_setpoint_that_comes_late_does_not_end_a_landing(monkeypatch: 
     fly(script, monkeypatch)
 
 
-def test_saf_006_an_estop_that_asks_what_a_landing_is_asking_has_its_answer(
+def test_saf_006_an_estop_during_a_landings_request_gets_its_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def script(flight: Flight) -> None:
@@ -282,7 +284,7 @@ def test_bringing_down_never_raises_and_ends_in_time(outlives_a_loss: bool, with
         air.outlives_a_loss = outlives_a_loss
         began_s = trio.current_time()
         outcome = await bring_down(CrazyflieSession(air, VirtualClock()), "land")  # type: ignore[arg-type]
-        assert outcome == (False, False, "the cable is out")
+        assert outcome == (False, False, "not confirmed: the cable is out")
         assert trio.current_time() - began_s < within_s
 
     trio.run(main, clock=MockClock(autojump_threshold=0))

@@ -27,12 +27,14 @@ POSITION_ROW = p.encode(5, 2, b"\2\0\0\0" + struct.pack("<4fB", 1.0, 2.0, 180.0,
 def test_setpoints_are_si_here_and_degrees_on_the_wire() -> None:
     assert p.hover(0.1, -0.2, math.pi / 2, 0.4) == bytes((0x7C, 10)) + struct.pack("<4f", 0.1, -0.2, 90.0, 0.4)
     assert p.velocity(0.1, 0.2, 0.3, -math.pi) == bytes((0x7C, 8)) + struct.pack("<4f", 0.1, 0.2, 0.3, -180.0)
-    flight, position = p.row_of(FLIGHT_ROW), p.row_of(POSITION_ROW)
+    flight, position = p.report_of(FLIGHT_ROW), p.report_of(POSITION_ROW)
     assert flight and position
     assert flight[0] == 0x2010
     assert isinstance(flight[1], p.Flight) and isinstance(position[1], p.Position)
     assert flight[1].wz_rad_s == pytest.approx(math.pi / 2)
-    assert flight[1].pitch_rad == pytest.approx(math.radians(2.0)), "up is positive there, down is here"
+    assert flight[1].pitch_rad == pytest.approx(math.radians(2.0)), (
+        "pitch up is positive on the wire, pitch down is positive here"
+    )
     assert flight[1].bits == Bit.CAN_BE_ARMED | Bit.ARMED | Bit.CAN_FLY | Bit.FLYING
     assert position[1].yaw_rad == pytest.approx(math.pi) and position[1].battery_v == 3.75
     assert position[1].battery_state == p.Battery.LOW_POWER
@@ -64,14 +66,14 @@ def test_our_blocks_fit_into_the_packets_that_make_and_carry_them() -> None:
         assert 5 + block.layout.size <= p.LONGEST
 
 
-def test_an_answer_is_known_by_its_head_whatever_the_reserved_bits_say() -> None:
+def test_an_answer_is_matched_by_its_head_without_the_reserved_bits() -> None:
     question = p.SUPERVISOR_QUESTION
     assert question.answered_by(bytes((0x90, 0x8C, 1, 0))) and question.answered_by(bytes((0x9C, 0x8C, 1, 0)))
     for other in (b"", b"\x9c", bytes((0x9D, 0x8C, 1, 0)), bytes((0x9C, 0x0C, 1, 0))):
         assert not question.answered_by(other)
 
 
-def test_airborne_is_who_flies_with_motors() -> None:
+def test_airborne_means_flying_with_motors() -> None:
     assert (Bit.FLYING | Bit.ARMED).airborne
     for bits in (Bit.FLYING, Bit.ARMED, Bit.FLYING | Bit.ARMED | Bit.LOCKED, Bit(0)):
         assert not bits.airborne
@@ -92,9 +94,9 @@ def test_airborne_is_who_flies_with_motors() -> None:
         bytes(32),
     ],
 )
-def test_a_row_that_is_none_is_malformed(packet: bytes) -> None:
+def test_an_invalid_row_is_malformed(packet: bytes) -> None:
     with pytest.raises(MalformedFrame):
-        p.row_of(packet)
+        p.report_of(packet)
 
 
 def test_short_answers_are_malformed() -> None:
@@ -106,18 +108,18 @@ def test_short_answers_are_malformed() -> None:
 
 
 @given(st.binary(max_size=40))
-def test_any_bytes_are_a_row_none_of_ours_or_malformed(data: bytes) -> None:
+def test_any_bytes_are_a_row_a_foreign_packet_or_malformed(data: bytes) -> None:
     try:
-        row = p.row_of(data)
+        row = p.report_of(data)
     except MalformedFrame:
         return
     assert row is None or isinstance(row[1], p.Flight | p.Position)
 
 
-def test_disturbed_packets_raise_nothing_but_malformed() -> None:
+def test_disturbed_packets_raise_only_malformed() -> None:
     chance = random.Random(5)
     readers = (
-        p.row_of,
+        p.report_of,
         p.version_of,
         p.supervisor_of,
         p.is_armed,
@@ -167,7 +169,7 @@ def test_tcp_gives_up_on_a_length_that_no_packet_has() -> None:
     for packet in (b"", b"\x19", b"\x19\x43"):
         with pytest.raises(MalformedFrame):
             cpx.parse(packet)
-    with pytest.raises(ValueError, match="up to 100"):
+    with pytest.raises(ValueError, match="at most 100"):
         cpx.uart_frame(bytes(101))
 
 
@@ -175,7 +177,7 @@ def test_noise_on_a_serial_line_takes_no_memory() -> None:
     chance, decoder = random.Random(7), cpx.UartDecoder()
     for _ in range(DISTURBED // 20):
         decoder.feed(chance.randbytes(64))
-        assert len(decoder._held) <= cpx.LONGEST + 3
+        assert len(decoder._buffer) <= cpx.LONGEST + 3
 
 
 # -- position
@@ -197,7 +199,7 @@ def test_noise_on_a_serial_line_takes_no_memory() -> None:
         ("usb://0", Endpoint("usb")),
     ],
 )
-def test_a_port_says_where_the_drone_is(port: str, endpoint: Endpoint) -> None:
+def test_a_port_gives_the_drones_address(port: str, endpoint: Endpoint) -> None:
     assert parse_port(port) == endpoint
 
 
@@ -214,6 +216,6 @@ def test_a_port_says_where_the_drone_is(port: str, endpoint: Endpoint) -> None:
         "serial://",
     ],
 )
-def test_another_port_is_refused_with_what_would_be_accepted(port: str) -> None:
+def test_an_invalid_port_is_refused_with_valid_ones(port: str) -> None:
     with pytest.raises(ValueError, match=r"Give"):
         parse_port(port)

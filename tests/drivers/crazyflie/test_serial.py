@@ -123,7 +123,7 @@ def test_saf_020_root_and_standby_let_go_of_an_adapter_that_was_pulled_and_reach
     trio.run(main)
 
 
-def test_saf_005_a_dead_descriptor_is_given_up_at_once_and_the_port_opened_anew(twin: TwinProcess) -> None:
+def test_saf_005_a_dead_descriptor_is_given_up_at_once_and_the_port_reopened(twin: TwinProcess) -> None:
     async def main() -> None:
         line = await open_line(path_of(twin))
         with own_ways(twin, line) as (way, _):
@@ -136,12 +136,12 @@ def test_saf_005_a_dead_descriptor_is_given_up_at_once_and_the_port_opened_anew(
             pull(twin)
             began_s = trio.current_time()
             assert not any(report.written for report in await way.make_safe("land"))
-            assert trio.current_time() - began_s < QUICK_S, "nobody is there to wait for"
+            assert trio.current_time() - began_s < QUICK_S, "the stop does not wait on a dead port"
 
     trio.run(main)
 
 
-def test_what_a_stop_channel_was_given_is_closed_with_it() -> None:
+def test_a_stop_channel_closes_its_descriptor() -> None:
     """An open descriptor would keep the lock, and keep the next wire from the port."""
     master, slave = pty.openpty()
     tty.setraw(slave)
@@ -157,7 +157,7 @@ def test_what_a_stop_channel_was_given_is_closed_with_it() -> None:
 
 
 @pytest.mark.parametrize("speaks_first", [True, False])
-def test_a_robot_that_says_that_it_is_ready_after_a_frame_only_is_asked(speaks_first: bool) -> None:
+def test_a_robot_that_reports_ready_only_after_a_frame_is_asked(speaks_first: bool) -> None:
     """A drone that has talked to another of our processes does so."""
 
     def robot(data: bytes) -> Iterable[tuple[float, bytes]]:

@@ -10,7 +10,7 @@ from tests.answers import json_of, state, until, why
 
 def test_a_simulated_drone_rises_moves_hovers_and_lands(run_dir: Path) -> None:
     with Robot("crazyflie") as sim:
-        assert abs(sim.get_observation()["z"]) < 0.01, "it begins on the floor"
+        assert abs(sim.get_observation()["z"]) < 0.01, "the drone starts on the floor"
         until(lambda: sim.send_action({"z": 0.5}) and sim.get_observation()["z"] > 0.4, "it rises")
         until(lambda: sim.send_action({"vx": 0.3, "z": 0.5}) and sim.get_observation()["vx"] > 0.2, "it moves")
         until(lambda: abs(sim.get_observation()["vx"]) < 0.02, "a late command ends in a hover")

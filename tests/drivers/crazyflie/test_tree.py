@@ -98,17 +98,17 @@ def cf(tmp_path: Path, run_dir: Path) -> Iterator[Drone]:
 def test_connecting_and_arming_start_no_motor(cf: Drone) -> None:
     time.sleep(0.5)
     assert {entry.kind for entry in cf.log.entries() if entry.sender == "host"} == {"read"}
-    assert "call takeoff() first" in why(cf.robot.send_action({"z": 0.5})), "no taking off by another name"
-    assert "call takeoff() first" in why(cf.robot.send_action({"vz": 0.3}))
+    assert "Call takeoff() first" in why(cf.robot.send_action({"z": 0.5})), "an action cannot replace takeoff()"
+    assert "Call takeoff() first" in why(cf.robot.send_action({"vz": 0.3}))
     assert max(z for _, z, _ in cf.track()) < FLOOR_M
     assert cf.log.host("setpoint") == []
 
 
 @pytest.mark.long
-def test_it_takes_off_moves_hovers_and_lands_as_its_program_says(cf: Drone) -> None:
+def test_it_takes_off_moves_hovers_and_lands_by_its_program(cf: Drone) -> None:
     answer = json_of(cf.robot.takeoff())
     assert answer["height"] == pytest.approx(0.5, abs=0.06)
-    assert cf.log.host("arm"), "that is where it is armed"
+    assert cf.log.host("arm"), "takeoff arms the drone"
     began_ns = time.monotonic_ns()
     sent = json_of(cf.robot.send_action({"vx": 0.3, "wz": 1.0, "z": 0.6}))
     assert sent == {
@@ -126,7 +126,9 @@ def test_it_takes_off_moves_hovers_and_lands_as_its_program_says(cf: Drone) -> N
     assert sensors["battery_v"] == [4.0] and Bit(int(sensors["supervisor"][0])).airborne
     landing_ns = time.monotonic_ns()
     landed = json_of(cf.robot.land(duration=1.0))
-    assert landed == {"landed": True, "duration": pytest.approx(1.4, abs=0.3)}, "not faster, whatever was asked"
+    assert landed == {"landed": True, "duration": pytest.approx(1.4, abs=0.3)}, (
+        "the drone does not land faster than its limit"
+    )
     cf.lands(landing_ns, 2.0)
     cf.take_off()  # a program that landed may go on
 
@@ -148,12 +150,12 @@ def test_saf_001_a_setpoint_is_resent_for_its_lifetime_and_then_it_hovers(cf: Dr
     first = until(lambda: cf.log.host("setpoint", began_ns), "a setpoint")[0]
     hold = first_safe(cf.log, first.t_ns, "hold")  # before it, the hover of the takeoff was fed
     sent = [one for one in cf.log.host("setpoint", began_ns) if one.t_ns < hold.t_ns]
-    assert 3 <= len(sent) <= 9, "20 Hz while it lives"
+    assert 3 <= len(sent) <= 9, "the setpoint is re-sent at 20 Hz for its lifetime"
     assert all(one.data == sent[0].data for one in sent)
     time.sleep(1.0)
     cf.log.no_setpoint_after_safe(hold.t_ns)
     holds = cf.log.host("safe", hold.t_ns)
-    assert 8 <= len(holds) <= 40, "the hover is fed at 20 Hz"
+    assert 8 <= len(holds) <= 40, "the hover is re-sent at 20 Hz"
     assert max(tilt for at, _, tilt in cf.track(hold.t_ns) if at > 0.6) < UPRIGHT_DEG
     json_of(cf.robot.send_action({"vx": 0.1}))  # a late writer may go on
 
@@ -168,12 +170,14 @@ def test_a_stop_lands_it_and_nothing_flies_again_before_a_resume(cf: Drone) -> N
     cf.log.no_setpoint_after_safe(land.t_ns)
     cf.lands(began_ns, 3.0)
     assert cf.log.host("disarm", began_ns)
-    assert "call resume() first" in why(cf.robot.takeoff())
-    assert "call resume() first" in why(cf.robot.send_action({"vx": 0.1}))
+    assert "Call resume() first" in why(cf.robot.takeoff())
+    assert "Call resume() first" in why(cf.robot.send_action({"vx": 0.1}))
     quiet_ns = time.monotonic_ns()
     json_of(cf.robot.resume())
     time.sleep(0.3)
-    assert not cf.log.host("setpoint", quiet_ns) and not cf.log.host("arm", quiet_ns), "a resume moves nothing"
+    assert not cf.log.host("setpoint", quiet_ns) and not cf.log.host("arm", quiet_ns), (
+        "no setpoint is sent after the stop, not even by a resume"
+    )
     cf.take_off()
 
 
@@ -184,9 +188,9 @@ def test_saf_007_an_emergency_stop_cuts_the_motors_and_locks(cf: Drone) -> None:
     assert (stopped["safe_state"], stopped["unconfirmed"]) == ("off", [])
     first_safe(cf.log, began_ns, "off")
     time.sleep(1.0)
-    assert cf.track()[-1][1] < FLOOR_M, "it fell"
+    assert cf.track()[-1][1] < FLOOR_M, "the drone fell"
     assert "e-stopped by" in why(cf.robot.takeoff())
-    assert "Switch it off and on" in why(cf.robot.resume()), "our lock is lifted, the drone's is not"
+    assert "Switch it off and on" in why(cf.robot.resume()), "resume lifts our lock, but not the drone's"
     cf.twin.command("power-cycle")  # its log is gone with it, so the link is opened again
     until(lambda: cf.robot.resume() and cf.robot.takeoff()["status"] == "success", "it flies again")
 
@@ -209,7 +213,7 @@ def test_saf_005_from_the_ceiling_it_is_flown_to_the_floor_before_its_motors_are
     assert cf.height_at(first_safe(cf.log, began_ns, "limp").t_ns) < 0.1
     track = cf.track(began_ns)
     speeds = [(later[1] - row[1]) / (later[0] - row[0]) for row, later in zip(track, track[10:], strict=False)]
-    assert min(speeds) > -1.5, "it never fell"
+    assert min(speeds) > -1.5, "the drone never fell"
 
 
 def test_an_emergency_stop_is_not_held_up_by_a_landing(cf: Drone) -> None:
@@ -274,7 +278,7 @@ def test_saf_016_root_and_wire_at_once_leave_it_to_the_standby(cf: Drone) -> Non
 
 
 @pytest.mark.long
-def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
+def test_the_firmware_acts_after_all_our_processes_end_at_once(cf: Drone) -> None:
     cf.fly()
     victims = [pids(cf.robot)[role] for role in ("root", "standby", "wire")]
     for pid in victims:
@@ -283,7 +287,7 @@ def test_all_of_us_at_once_leave_it_to_the_firmware(cf: Drone) -> None:
     for pid in victims:
         os.kill(pid, signal.SIGKILL)
     time.sleep(0.3)
-    assert not cf.log.host("setpoint", began_ns + 100_000_000), "nobody repeats anything"
+    assert not cf.log.host("setpoint", began_ns + 100_000_000), "no process re-sends a setpoint"
     cf.lands(began_ns, 3.0)
     notes = [entry.data.decode() for entry in cf.log.entries(began_ns) if entry.kind == "note"]
     assert notes == ["watchdog: level", "watchdog: motors off"]
@@ -307,14 +311,16 @@ def test_saf_020_a_lost_link_lands_it_when_it_is_back(cf: Drone) -> None:
     cf.twin.command("plug")
     until(lambda: any(one.sender == "host" for one in cf.log.entries(back_ns)), "it is spoken to")
     first = next(one for one in cf.log.entries(back_ns) if one.sender == "host")
-    assert first.data in (p.land_with_velocity(LANDING_M_S), p.STOP), "what ends the flight comes first"
+    assert first.data in (p.land_with_velocity(LANDING_M_S), p.STOP), (
+        "the first packet on the new link ends the flight"
+    )
     until(lambda: state(cf.robot) == "disarmed", "it is back, disarmed")
     assert cf.log.host("setpoint", back_ns) == []
     assert cf.track()[-1][1] < FLOOR_M
 
 
 @pytest.mark.long
-def test_saf_010_what_waits_in_a_stopped_drone_is_followed_by_the_landing(cf: Drone) -> None:
+def test_saf_010_a_command_that_waits_in_a_stopped_drone_is_followed_by_the_landing(cf: Drone) -> None:
     cf.fly()
     os.kill(cf.twin.process.pid, signal.SIGSTOP)
     cf.robot.send_action({"vx": 0.5})
@@ -325,17 +331,17 @@ def test_saf_010_what_waits_in_a_stopped_drone_is_followed_by_the_landing(cf: Dr
     until(lambda: state(cf.robot) == "disarmed", "it is confirmed when it can be")
     frames = [one for one in cf.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
     kinds = [one.kind for one in frames]
-    assert "setpoint" not in kinds[kinds.index("safe") :], "whatever it took up late, a landing followed"
+    assert "setpoint" not in kinds[kinds.index("safe") :], (
+        "a landing follows all setpoints that were carried out late"
+    )
     assert cf.track()[-1][1] < FLOOR_M
 
 
 @pytest.mark.parametrize(
     ("order", "safe_state", "named"),
-    [("battery 3.1", "land", "battery at 3.10 V"), ("tip-over", "limp", "tumbled")],
+    [("battery 3.1", "land", "the battery has only 3.10 V"), ("tip-over", "limp", "tumbled")],
 )
-def test_saf_012_what_happens_to_it_in_the_air_ends_its_flight(
-    cf: Drone, order: str, safe_state: str, named: str
-) -> None:
+def test_saf_012_a_fault_in_the_air_ends_the_flight(cf: Drone, order: str, safe_state: str, named: str) -> None:
     cf.take_off()
     began_ns = time.monotonic_ns()
     cf.twin.command(order)
@@ -344,11 +350,11 @@ def test_saf_012_what_happens_to_it_in_the_air_ends_its_flight(
     assert named in status(cf.robot)["cause"]
     assert not cf.log.host("setpoint", began_ns)
     cf.robot.resume()
-    assert cf.robot.takeoff()["status"] == "error", "it stays down"
+    assert cf.robot.takeoff()["status"] == "error", "the drone refuses another takeoff"
 
 
 @pytest.mark.long
-def test_saf_012_a_battery_that_is_not_heard_any_more_lands_it(cf: Drone) -> None:
+def test_saf_012_a_battery_that_is_no_longer_reported_lands_the_drone(cf: Drone) -> None:
     cf.take_off()
     began_ns = time.monotonic_ns()
     host, _, port = cf.twin.port.rpartition(":")
@@ -357,7 +363,7 @@ def test_saf_012_a_battery_that_is_not_heard_any_more_lands_it(cf: Drone) -> Non
     land = first_safe(cf.log, began_ns, "land")
     cf.log.no_setpoint_after_safe(land.t_ns)
     until(lambda: state(cf.robot) == "disarmed", "it is disarmed")
-    assert "not heard" in status(cf.robot)["cause"]
+    assert "not reported its battery" in status(cf.robot)["cause"]
 
 
 # -- lossy links

@@ -14,7 +14,7 @@ import pytest
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.protocol import Bit
 from strands_actors.drivers.crazyflie.robots import TABLES
-from strands_actors.drivers.crazyflie.twin.body import Wanted
+from strands_actors.drivers.crazyflie.twin.body import Target
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.testing import Twin
 
@@ -33,12 +33,12 @@ class Bench:
         """Let time pass, with 20 packets a second."""
         for _ in range(round(seconds / 0.05)):
             if packet:
-                self.firmware.hear(packet)
+                self.firmware.receive(packet)
             self.now_s += 0.05
             self.firmware.pass_time()
 
     def fly(self, height_m: float = 0.5) -> None:
-        self.firmware.hear(p.ARM)
+        self.firmware.receive(p.ARM)
         self.run(2.5, p.hover(0.0, 0.0, 0.0, height_m))
         assert self.height_m == pytest.approx(height_m, abs=0.02)
 
@@ -84,13 +84,15 @@ def test_it_does_not_move_before_it_is_armed() -> None:
     assert abs(bench.height_m) < 0.01 and not bench.firmware.bits.airborne
 
 
-def test_it_moves_as_it_is_told_in_its_own_frame_and_in_the_worlds() -> None:
+def test_it_moves_as_commanded_in_its_frame_and_in_the_worlds() -> None:
     bench = Bench()
     bench.fly()
     bench.run(1.0, p.hover(0.0, 0.0, math.pi / 2, 0.5))
     assert math.degrees(bench.firmware.body.rpy_rad[2]) == pytest.approx(90, abs=15)
     bench.run(1.0, p.hover(0.4, 0.0, 0.0, 0.5))
-    assert bench.firmware.body.velocity_m_s[1] == pytest.approx(0.4, abs=0.1), "ahead is to the left of the world"
+    assert bench.firmware.body.velocity_m_s[1] == pytest.approx(0.4, abs=0.1), (
+        "ahead of the drone is left in the world"
+    )
     bench.run(1.0, p.velocity(0.4, 0.0, 0.2, 0.0))
     vx, vy, vz = bench.firmware.body.velocity_m_s
     assert (vx, vy, vz) == (pytest.approx(0.4, abs=0.1), pytest.approx(0.0, abs=0.1), pytest.approx(0.2, abs=0.05))
@@ -112,7 +114,7 @@ def test_saf_013_without_setpoints_it_levels_out_after_half_a_second_and_cuts_af
     assert abs(bench.height_m) < 0.02
 
 
-def test_what_only_asks_does_not_feed_the_watchdog() -> None:
+def test_requests_without_a_command_do_not_feed_the_watchdog() -> None:
     bench = Bench()
     bench.fly()
     bench.run(2.2, p.NULL)
@@ -122,8 +124,8 @@ def test_what_only_asks_does_not_feed_the_watchdog() -> None:
 def test_a_landing_that_it_has_taken_is_flown_to_the_end_by_itself() -> None:
     bench = Bench()
     bench.fly()
-    bench.firmware.hear(p.land(2.0))
-    bench.firmware.hear(p.YIELD)
+    bench.firmware.receive(p.land(2.0))
+    bench.firmware.receive(p.YIELD)
     bench.run(1.0)
     assert 0.1 < bench.height_m < 0.4 and Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits
     bench.run(1.5)
@@ -134,67 +136,69 @@ def test_a_landing_that_it_has_taken_is_flown_to_the_end_by_itself() -> None:
 def test_a_landing_waits_while_the_last_setpoint_has_it() -> None:
     bench = Bench()
     bench.fly()
-    bench.firmware.hear(p.land(1.0))
-    assert Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits, "that says nothing of who is obeyed"
+    bench.firmware.receive(p.land(1.0))
+    assert Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits, "this bit does not show which setpoint is followed"
     bench.run(0.9)
-    assert bench.height_m > 0.45, "it was not told to yield"
-    bench.firmware.hear(p.YIELD)
+    assert bench.height_m > 0.45, "the last setpoint still has priority over the landing"
+    bench.firmware.receive(p.YIELD)
     bench.run(0.05)
     assert bench.firmware.body.velocity_m_s[2] < -0.2
 
 
-def test_who_yields_to_a_high_level_commander_without_a_plan_has_its_motors_cut() -> None:
+def test_yielding_to_a_high_level_commander_without_a_plan_cuts_the_motors() -> None:
     bench = Bench()
     bench.fly()
-    bench.firmware.hear(p.YIELD)
+    bench.firmware.receive(p.YIELD)
     bench.run(0.2)
     assert not bench.firmware.motors_on and bench.firmware.body.velocity_m_s[2] < -1.0
 
 
-def test_a_landing_with_a_velocity_takes_what_its_height_needs_and_ends_with_motors_off() -> None:
+def test_a_landing_by_velocity_lasts_by_its_height_and_ends_with_motors_off() -> None:
     bench = Bench()
     bench.fly(1.0)
-    assert bench.firmware.hear(p.land_with_velocity(0.4)) == (
+    assert bench.firmware.receive(p.land_with_velocity(0.4)) == (
         "safe",
         (p.land_with_velocity(0.4)[:4] + b"\0",),
         "land",
     )
-    bench.firmware.hear(p.YIELD)
+    bench.firmware.receive(p.YIELD)
     bench.run(2.45)
     assert bench.firmware.motors_on and Bit.TRAJECTORY_FINISHED not in bench.firmware.bits
     bench.run(0.1)
-    assert not bench.firmware.motors_on, "the moment its trajectory ends"
+    assert not bench.firmware.motors_on, "the motors stop when the trajectory ends"
     assert abs(bench.height_m) < 0.02 and Bit.TRAJECTORY_FINISHED in bench.firmware.bits
     assert Bit.HIGH_LEVEL_ACTIVE not in bench.firmware.bits
 
 
-def test_what_its_planner_refuses() -> None:
+def test_its_planner_refuses_invalid_orders() -> None:
     takeoff = p.encode(8, 0, struct.pack("<BBff?f", p.HighLevel.TAKEOFF, 0, 1.0, 0.0, True, 2.0))
 
     def status(packet: bytes) -> int:
-        (answer,) = bench.firmware.hear(packet).replies
+        (answer,) = bench.firmware.receive(packet).replies
         assert answer[:4] == packet[:4]
         return answer[4]
 
     bench = Bench()
-    assert status(p.land_with_velocity(0.4)) == status(takeoff) == 16, "nobody flies who is not armed"
-    bench.firmware.hear(p.ARM)
+    assert status(p.land_with_velocity(0.4)) == status(takeoff) == 16, "a drone that is not armed refuses to fly"
+    bench.firmware.receive(p.ARM)
     assert status(takeoff) == 0
     bench.run(0.5)
-    assert status(takeoff) == 1, "it flies a plan"
+    assert status(takeoff) == 1, "a second takeoff is refused during a trajectory"
     bench.run(2.0)
-    assert status(takeoff) == 1, "it hovers by it still"
+    assert status(takeoff) == 1, "a second takeoff is refused during the hover"
     assert status(p.land_with_velocity(0.4)) == 0
-    assert status(p.land_with_velocity(0.4)) == status(p.land(1.0)) == status(takeoff) == 1, "it lands"
-    bench.firmware.hear(p.hover(0.0, 0.0, 0.0, 0.5))
-    assert status(p.land(1.0)) == 0, "a setpoint has ended that landing"
+    assert status(p.land_with_velocity(0.4)) == status(p.land(1.0)) == status(takeoff) == 1, (
+        "all plans are refused during the landing"
+    )
+    bench.firmware.receive(p.hover(0.0, 0.0, 0.0, 0.5))
+    assert status(p.land(1.0)) == 0, "after a setpoint a new landing is accepted"
     assert status(p.encode(8, 0, b"\x63\0\0")) == 8
 
 
 def test_a_landing_on_the_floor_turns_the_motors_of_an_armed_drone_for_a_moment() -> None:
     bench = Bench()
-    bench.firmware.hear(p.ARM)
-    assert bench.firmware.hear(p.land(0.2)).replies[0][-1] == 0
+    bench.firmware.receive(p.ARM)
+    assert bench.firmware.receive(p.land(0.2)).replies[0][-1] == 0
     bench.run(0.1)
     assert bench.firmware.motors_on
     bench.run(0.15)
@@ -204,7 +208,7 @@ def test_a_landing_on_the_floor_turns_the_motors_of_an_armed_drone_for_a_moment(
 def test_a_simulation_lands_it_with_motors_on_to_the_floor() -> None:
     bench = Bench()
     bench.firmware.simulated = True
-    bench.firmware.fly(Wanted(z_m=1.5))
+    bench.firmware.fly(Target(z_m=1.5))
     bench.run(4.0)
     assert bench.height_m > 1.4
     bench.firmware.descend()
@@ -216,36 +220,36 @@ def test_a_simulation_lands_it_with_motors_on_to_the_floor() -> None:
 def test_an_emergency_stop_drops_it_and_only_a_new_boot_unlocks_it() -> None:
     bench = Bench()
     bench.fly()
-    assert bench.firmware.hear(p.EMERGENCY_STOP).safe_state == "off"
+    assert bench.firmware.receive(p.EMERGENCY_STOP).safe_state == "off"
     bench.run(1.0)
     assert abs(bench.height_m) < 0.02
-    bench.firmware.hear(p.ARM)
+    bench.firmware.receive(p.ARM)
     bench.run(1.0, p.hover(0.0, 0.0, 0.0, 0.5))
     assert abs(bench.height_m) < 0.02 and Bit.LOCKED in bench.firmware.bits
     bench.firmware.boot()
     bench.fly()
 
 
-def test_its_rows_tell_its_own_time_which_begins_at_boot() -> None:
+def test_its_rows_have_its_time_since_boot() -> None:
     bench = Bench()
 
     def told_ms() -> list[int]:
         stamps = []
         for _ in range(3):
             bench.run(0.05)
-            stamps += [int.from_bytes(row[2:5], "little") for row in bench.firmware.rows()]
+            stamps += [int.from_bytes(row[2:5], "little") for row in bench.firmware.reports()]
         return stamps
 
     def listen() -> None:
         numbers = range(len(p.FLIGHT.variables))
         for question in (p.log_create_question(p.FLIGHT, numbers), p.log_start_question(p.FLIGHT, 0.05)):
-            bench.firmware.hear(question.packet)
+            bench.firmware.receive(question.packet)
 
     bench.run(5.0)
     listen()
     assert told_ms() == [5050, 5100, 5150]
     bench.firmware.boot()
-    assert told_ms() == [], "nor does it know what it was asked for"
+    assert told_ms() == [], "after a reboot the drone has no log blocks"
     listen()
     assert told_ms() == [200, 250, 300]
 
@@ -256,7 +260,7 @@ def test_it_notices_that_it_lies_on_its_back() -> None:
     bench.firmware.body.tip_over()
     bench.run(1.0)
     assert bench.firmware.bits & Bit.TUMBLED and Bit.CRASHED in bench.firmware.bits
-    assert bench.firmware.hear(p.ARM).replies[0][2:] == bytes((0, 1)), "nobody arms it so"
+    assert bench.firmware.receive(p.ARM).replies[0][2:] == bytes((0, 1)), "a drone on its back refuses to arm"
     assert not bench.firmware.motors_on
 
 
@@ -265,14 +269,14 @@ def test_it_notices_that_it_lies_on_its_back() -> None:
 )
 def test_a_malformed_packet_is_logged_as_such_and_not_obeyed(packet: bytes) -> None:
     bench = Bench()
-    assert bench.firmware.hear(packet).kind == "garbled"
+    assert bench.firmware.receive(packet).kind == "garbled"
     assert not bench.firmware.motors_on
 
 
 def test_a_log_block_that_cannot_be_is_refused() -> None:
     firmware = Bench().firmware
-    assert firmware.hear(p.encode(5, 1, b"\6\1" + b"\7\xff\xff")).replies[0][-1] == 2
-    assert firmware.hear(p.encode(5, 1, b"\6\1" + 7 * b"\7\3\0")).replies[0][-1] == 7
-    assert firmware.hear(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == 0
-    assert firmware.hear(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == p.EXISTS
-    assert firmware.hear(p.encode(5, 1, b"\3\2\5")).replies[0][-1] == 2
+    assert firmware.receive(p.encode(5, 1, b"\6\1" + b"\7\xff\xff")).replies[0][-1] == 2
+    assert firmware.receive(p.encode(5, 1, b"\6\1" + 7 * b"\7\3\0")).replies[0][-1] == 7
+    assert firmware.receive(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == 0
+    assert firmware.receive(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == p.EXISTS
+    assert firmware.receive(p.encode(5, 1, b"\3\2\5")).replies[0][-1] == 2

@@ -57,7 +57,7 @@ def fly(robot: RealRobot) -> None:
 def test_it_flies_and_lands_over_usb(events: Path, twin: Twin, run_dir: Path, port: str) -> None:
     with Robot("crazyflie", mode="real", port=port) as robot:
         fly(robot)
-        assert ("claimed", pids(robot)["wire"]) in noted(events), "the wire process alone has it"
+        assert ("claimed", pids(robot)["wire"]) in noted(events), "only the wire process claims the radio"
         began_ns = time.monotonic_ns()
         stopped = json_of(robot.stop())
         assert (stopped["safe_state"], stopped["path"]) == ("land", "wire")
@@ -87,7 +87,9 @@ def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the
         assert not twin.log.host("setpoint", began_ns + 100_000_000)
         until(lambda: state(robot) == "disarmed", "it is back, disarmed")
         claimed = [value for what, value in noted(events) if what == "claimed"]
-        assert len(set(claimed)) >= 3 and root not in claimed, "wire, stop process, the next wire"
+        assert len(set(claimed)) >= 3 and root not in claimed, (
+            "three processes claim it in turn: wire, stop process, next wire"
+        )
 
 
 @pytest.mark.quick_cases(1)
@@ -98,7 +100,7 @@ def test_saf_003_when_the_wire_process_is_killed_another_process_lands_it_by_the
 def test_saf_016_a_stop_process_and_the_wire_break_and_the_other_one_lands_it(
     events: Path, twin: Twin, run_dir: Path, stop_fault: signal.Signals, wire_fault: signal.Signals
 ) -> None:
-    """This holds for either of the two stop processes. The second does not wait for another to start."""
+    """This holds for either of the two stop processes. The second one acts without waiting for a new process."""
     with Robot("crazyflie", mode="real", port=RADIO) as robot:
         fly(robot)
         processes = pids(robot)
@@ -110,7 +112,7 @@ def test_saf_016_a_stop_process_and_the_wire_break_and_the_other_one_lands_it(
         os.kill(processes["wire"], wire_fault)
         until(lambda: any(one.safe_state == "land" for one in twin.log.host("safe", began_ns)), "a landing")
         claimed = {value for what, value in noted(events) if what == "claimed"}
-        assert claimed == {processes["wire"], other}, "neither a new process nor the broken one"
+        assert claimed == {processes["wire"], other}, "only the wire and the other stop process claim it"
         until(lambda: not Path(f"/proc/{broken}").exists(), "a frozen one is ended")
         until(lambda: state(robot) == "disarmed", "it is back, disarmed")
         twin.log.no_setpoint_after_safe(began_ns)

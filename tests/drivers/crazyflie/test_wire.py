@@ -1,4 +1,4 @@
-"""Test the wire on a firmware in memory: what it sends, when it is fed, and which rows it accepts."""
+"""Test the wire on a firmware in memory: its packets, its feed, and which rows it accepts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_saf_004_without_a_feed_nothing_is_repeated_and_the_firmware_takes_over(
         sent = len(flight.setpoints())
         await trio.sleep(3.0)
         assert len(flight.setpoints()) == sent, "the wire repeats nothing by itself"
-        assert abs(flight.height_m) < 0.02, "level, then motors off"
+        assert abs(flight.height_m) < 0.02, "the drone is level, then its motors are off"
 
     fly(script, monkeypatch)
 
@@ -34,8 +34,8 @@ def test_saf_004_without_a_feed_nothing_is_repeated_and_the_firmware_takes_over(
 def test_a_takeoff_is_flown_by_setpoints_under_the_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         await take_off(flight)
-        assert len(flight.setpoints()) > 30, "each of them fed"
-        assert not any(packet[:1] == b"\x8c" for packet in flight.air.sent), "not by the high-level commander"
+        assert len(flight.setpoints()) > 30, "each tick of the watchdog re-sends the setpoint"
+        assert not any(packet[:1] == b"\x8c" for packet in flight.air.sent), "the high-level commander is not used"
 
     fly(script, monkeypatch)
 
@@ -74,13 +74,13 @@ def test_saf_005_a_row_from_before_a_takeoff_drops_no_hover_in_the_air(
                 answer = await flight.wire.perform("land", {"duration": 0.5}, flight.permit)
                 assert not isinstance(answer, Refused), answer
             flight.air.delays = None
-        assert notes == [], "its watchdog had nothing to do"
+        assert notes == [], "the drone's watchdog did not act"
         flight.never_fell()
 
     fly(script, monkeypatch)
 
 
-def test_a_hover_that_never_rose_is_not_fed_any_more_and_is_not_said_to_have_landed(
+def test_a_hover_that_never_rose_is_not_re_sent_and_not_reported_as_landed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def script(flight: Flight) -> None:
@@ -94,13 +94,13 @@ def test_a_hover_that_never_rose_is_not_fed_any_more_and_is_not_said_to_have_lan
 
         flight.air.lose = lose
         answer = await flight.wire.perform("takeoff", {"height": 0.2, "duration": 0.5}, flight.permit)
-        assert isinstance(answer, Refused) and "it does not fly" in answer.text
+        assert isinstance(answer, Refused) and "the drone does not fly" in answer.text
         assert fed_s < 0.5 + 0.3
 
     fly(script, monkeypatch)
 
 
-def test_two_who_ask_the_same_are_both_answered() -> None:
+def test_two_equal_requests_are_both_answered() -> None:
     async def main() -> None:
         air = Air(Firmware(TABLES.table("crazyflie"), trio.current_time))
         session = CrazyflieSession(air, VirtualClock())  # type: ignore[arg-type]
@@ -115,7 +115,7 @@ def test_two_who_ask_the_same_are_both_answered() -> None:
             for within_s in (0.1, 2.0, 3.0):
                 nursery.start_soon(ask, within_s)
             await trio.sleep(0.2)
-            assert answers == [None], "the first one gave up; that is nobody else's business"
+            assert answers == [None], "only the waiting call gets the answer"
             air.silent = False
             await trio.sleep(0.3)
             assert answers == [None, *2 * (Bit.CAN_BE_ARMED | Bit.TRAJECTORY_FINISHED,)]
@@ -129,18 +129,18 @@ async def _serve(session: CrazyflieSession, task_status: trio.TaskStatus[None]) 
     await session.serve()
 
 
-def test_saf_012_a_battery_that_is_not_heard_lets_nothing_take_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_012_an_unknown_battery_prevents_a_takeoff(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         flight.air.mute = lambda packet: packet[:2] == b"\x5e\x02"
         await trio.sleep(2.5)
         answer = await flight.wire.perform("takeoff", {}, flight.permit)
-        assert isinstance(answer, Refused) and answer.code == "battery" and "not heard" in answer.text
+        assert isinstance(answer, Refused) and answer.code == "battery" and "reported its battery" in answer.text
         assert p.ARM not in flight.air.sent
 
     fly(script, monkeypatch)
 
 
-def test_saf_012_a_height_that_is_not_heard_lets_nothing_take_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_012_an_unknown_height_prevents_a_takeoff(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         flight.air.mute = lambda packet: packet[:2] == b"\x5e\x01"
         await trio.sleep(0.7)
@@ -165,7 +165,7 @@ def test_saf_012_a_log_that_repeats_its_rows_is_stale_and_then_a_lost_link(
         answer = await flight.wire.perform("takeoff", {}, flight.permit)
         assert isinstance(answer, Refused) and answer.code == "stale"
         await trio.sleep(0.7)
-        with pytest.raises(WireDown, match="log stands still"):
+        with pytest.raises(WireDown, match="repeats one report"):
             await flight.wire.read()
 
     fly(script, monkeypatch)
@@ -207,11 +207,11 @@ def test_saf_012_connecting_waits_for_rows_that_go_on() -> None:
             while True:
                 await trio.sleep(0.05)
                 firmware.pass_time()
-                air.say(*(stuck.setdefault(row[:2], row) for row in firmware.rows()))
+                air.say(*(stuck.setdefault(row[:2], row) for row in firmware.reports()))
 
         async with trio.open_nursery() as nursery:
             nursery.start_soon(live)
-            with pytest.raises(WireDown, match="its log does not come"):
+            with pytest.raises(WireDown, match="no log data arrives"):
                 await handshake(CrazyflieSession(air, VirtualClock()), 0.05)  # type: ignore[arg-type]
             nursery.cancel_scope.cancel()
 
@@ -233,7 +233,7 @@ def test_motors_off_and_locked(monkeypatch: pytest.MonkeyPatch, safe_state: str)
         before = len(flight.air.sent)
         reports = await flight.wire.make_safe(safe_state)
         assert all(report.safe for report in reports)
-        assert flight.air.sent[before] == p.STOP, "at once"
+        assert flight.air.sent[before] == p.STOP, "the stop is sent at once"
         assert (Bit.LOCKED in flight.air.firmware.bits) is (safe_state == "off")
         await trio.sleep(1.0)
         assert abs(flight.height_m) < 0.02
@@ -245,14 +245,14 @@ def test_saf_019_a_hold_starts_no_motor_on_the_floor(monkeypatch: pytest.MonkeyP
     async def script(flight: Flight) -> None:
         flight.air.firmware.armed = True
         await flight.wire.make_safe("hold")
-        assert not flight.wire.hold_failed, "what lies there holds"
+        assert not flight.wire.hold_failed, "a drone on the floor counts as held"
         await trio.sleep(1.0)
         assert not any(packet[:2] == b"\x7c\x0a" for packet in flight.air.sent)
 
     fly(script, monkeypatch)
 
 
-def test_saf_002_a_drone_that_is_not_heard_lands_and_takes_no_setpoint_after_that(
+def test_saf_002_a_silent_drone_lands_and_gets_no_setpoint_after_that(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def script(flight: Flight) -> None:
@@ -261,7 +261,7 @@ def test_saf_002_a_drone_that_is_not_heard_lands_and_takes_no_setpoint_after_tha
         await trio.sleep(0.6)
         await flight.wire.make_safe("hold")
         assert flight.wire.hold_failed
-        with pytest.raises(PermitDenied, match="made safe since"):
+        with pytest.raises(PermitDenied, match="stopped in the meantime"):
             await flight.wire.write((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), flight.permit)
 
     fly(script, monkeypatch)
@@ -290,7 +290,7 @@ def test_arming_not_confirmed_leaves_the_motors_off(monkeypatch: pytest.MonkeyPa
     fly(script, monkeypatch)
 
 
-def test_saf_009_a_stop_that_waits_lets_nothing_take_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saf_009_a_waiting_stop_prevents_a_takeoff(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         flight.permit.denied = "a stop is waiting"
         with pytest.raises(PermitDenied):

@@ -23,7 +23,7 @@ CONFIG = CrazyflieConfig("crazyflie", "192.0.2.1", 20.0, (0.05, 2.0), 3.2, 0.5)
 
 LANDING = p.land_with_velocity(LANDING_M_S)
 FALLS_M_S = 1.5
-"""No landing is so fast. A drone that falls for 0.15 s is."""
+"""Faster than any landing. A drone that falls for 0.15 s is faster."""
 
 
 class VirtualClock:
@@ -61,7 +61,7 @@ class Air(Link):
             permit.check()  # type: ignore[attr-defined]
         self.sent.append(packet)
         if not self.lose(packet):
-            self.say(*self.firmware.hear(packet).replies)
+            self.say(*self.firmware.receive(packet).replies)
 
     def say(self, *packets: bytes) -> None:
         for packet in packets:
@@ -107,7 +107,7 @@ class Flight:
             self.air.firmware.pass_time()
             body = self.air.firmware.body
             self.track.append((body.xyz_m[2], body.velocity_m_s[2]))
-            self.air.say(*self.air.firmware.rows())
+            self.air.say(*self.air.firmware.reports())
             if self.feeds:
                 try:
                     await self.wire.feed()

@@ -15,7 +15,7 @@ from tests.drivers.servo.rig import JOINTS, VICTIM, DynamixelRig, refused, verdi
 # -- open
 
 
-def test_open_tells_who_is_there_moves_nothing_and_rewrites_no_eeprom() -> None:
+def test_open_lists_the_servos_moves_nothing_and_rewrites_no_eeprom() -> None:
     async def main() -> None:
         rig = DynamixelRig()
         before = [bytes(servo.table[: table.EEPROM_END]) for servo in rig.bus.servos]
@@ -70,7 +70,7 @@ def test_dead_double_and_foreign_servos_are_named() -> None:
     [
         (table.MODEL, 1190, "elbow_flex (id 3) is a XL330-M077, must be XL330-M288"),
         (table.MODEL, 4242, "elbow_flex (id 3) is a model 4242, must be XL330-M288"),
-        (table.MODE, 1, "elbow_flex (id 3) is in mode 1 (velocity), must be 3, 4 or 5"),
+        (table.MODE, 1, "elbow_flex (id 3) is in mode 1 (velocity), must be in mode 3, 4 or 5"),
     ],
 )
 def test_another_servo_is_refused(register: table.Register, value: int, says: str) -> None:
@@ -122,7 +122,7 @@ def test_the_file_of_another_robot_is_refused(register: table.Register, value: i
         rig = DynamixelRig(calibration=calibration())
         calibrate(rig)
         rig.servo().put(register, value)
-        assert f"calibration says {field} for elbow_flex, servo 3 has {value}" in await refused(rig)
+        assert f"the calibration has {field} for elbow_flex, servo 3 has {value}" in await refused(rig)
 
     virtual(main)
 
@@ -145,13 +145,15 @@ def test_arm_sets_the_goal_first_energises_one_by_one_and_arms_every_watchdog_la
         assert [list(protocol.rows_of(packet)[1]) for packet in moving[1:-1:2]] == [[at] for at in range(1, 7)]
         assert [packet.id for packet in moving[2:-1:2]] == [1, 2, 3, 4, 5, 6]
         assert moving[-1].params == bytes((98, 0, 1, 0, 1, 15, 2, 15, 3, 15, 4, 15, 5, 15, 6, 15))
-        assert rig.requests()[-1].params == bytes((98, 0, 1, 0, 1, 2, 3, 4, 5, 6)), "it is read back"
+        assert rig.requests()[-1].params == bytes((98, 0, 1, 0, 1, 2, 3, 4, 5, 6)), (
+            "the indirect addresses are read back"
+        )
         assert rig.torque() == [1] * 6
         assert rig.all_of(table.BUS_WATCHDOG) == [watchdog.COUNTS] * 6
         for axis, value, servo in zip(rig.driver.joints, seen.position, rig.bus.servos, strict=True):
             assert axis.count(value) == servo.get(table.GOAL_POSITION)
         assert seen.faults == {}
-        assert permission.checks == 13, "before each goal, each torque and the watchdogs"
+        assert permission.checks == 13, "the permit is checked before each goal, each torque and the watchdogs"
 
     virtual(main)
 
@@ -165,7 +167,9 @@ def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
         with pytest.raises(PermitDenied):
             await rig.wire.arm(permission)
         assert sum(rig.torque()) == denied_at // 2
-        assert len(rig.port.written) == permission.written_before[-1], "nothing after the denial"
+        assert len(rig.port.written) == permission.written_before[-1], (
+            "nothing is written after the permit is denied"
+        )
         assert all(verdicts(await rig.wire.make_safe("limp")).values())
         assert rig.torque() == [0] * 6
 
@@ -179,7 +183,7 @@ def test_a_watchdog_that_does_not_arm_is_named() -> None:
         servo = rig.servo()
         keep = servo.write
         servo.write = lambda address, data: 0 if (address, data) == (98, b"\x0f") else keep(address, data)
-        with pytest.raises(WireDown, match=r"bus watchdog of elbow_flex \(id 3\) is 0, must be 15"):
+        with pytest.raises(WireDown, match=r"bus watchdog register \(98\) of elbow_flex \(id 3\) is 0, must be 15"):
             await rig.wire.arm(Permission())
 
     virtual(main)
@@ -190,7 +194,8 @@ def test_a_latched_alert_is_not_energised() -> None:
         rig = DynamixelRig()
         rig.servo().put(table.HARDWARE_ERROR, table.OVERLOAD_BIT)
         assert (await rig.wire.open())["hardware_alert"]["elbow_flex"] == "overload"
-        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) has overload latched.*reboot it with the arm"):
+        expected = r"elbow_flex \(id 3\) has stored a hardware error \(overload\).*support the arm, then reboot"
+        with pytest.raises(WireDown, match=expected):
             await rig.wire.arm(Permission())
         assert rig.torque() == [0] * 6
 

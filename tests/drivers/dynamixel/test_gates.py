@@ -109,7 +109,7 @@ def test_options_are_checked() -> None:
 
 def test_past_the_calibrated_range_is_refused_in_a_mode_of_many_turns_too() -> None:
     no = refusal(koch(calibration=calibration()), {"wrist_roll": 100.0})
-    assert no.text == "wrist_roll 100.0 deg is past 87.9. stay within -87.9..87.9"
+    assert no.text == "wrist_roll 100.0 deg is past 87.9. Stay within -87.9..87.9"
 
 
 def test_each_servo_has_its_own_supply() -> None:
@@ -126,16 +126,16 @@ def test_each_servo_has_its_own_supply() -> None:
         (
             "overload, limp",
             "alert",
-            "elbow_flex is limp (overload). clear the cause, reboot the servo with the arm supported, "
+            "elbow_flex is limp (overload). Clear the cause, reboot the servo with the arm supported, "
             "then stop and resume",
         ),
-        (UNNAMED, "alert", f"elbow_flex reports {UNNAMED}. clear the cause, reboot"),
-        (TRIPPED, "watchdog", "elbow_flex reports bus watchdog. stop and resume to clear it"),
-        ("limp", "limp", "elbow_flex is limp. take the load off"),
-        ("access error", "fault", "elbow_flex reports access error. clear the cause, then try again"),
+        (UNNAMED, "alert", f"elbow_flex reports {UNNAMED}. Clear the cause, reboot"),
+        (TRIPPED, "watchdog", "elbow_flex reports bus watchdog. Stop and resume to clear it"),
+        ("limp", "limp", "elbow_flex is limp. Take the load off"),
+        ("access error", "fault", "elbow_flex reports access error. Clear the cause, then try again"),
     ],
 )
-def test_what_a_servo_reports_refuses_its_joint_and_no_other(fault: str, code: str, text: str) -> None:
+def test_a_fault_of_a_servo_refuses_only_its_joint(fault: str, code: str, text: str) -> None:
     at = state({"elbow_flex": fault})
     no = refusal(koch(), {"elbow_flex": 1.0}, at)
     assert no.code == code

@@ -177,7 +177,7 @@ def block(register: t.Register, data: bytes) -> bytes:
         (p.frame(3, p.WRITE), "other"),
     ],
 )
-def test_what_a_request_means(frame: bytes, kind: str) -> None:
+def test_the_kind_of_each_request(frame: bytes, kind: str) -> None:
     assert p.classify(packet_of(frame)) == kind
 
 
@@ -194,7 +194,7 @@ def test_what_a_request_means(frame: bytes, kind: str) -> None:
         (p.ping(p.BROADCAST), ""),
     ],
 )
-def test_which_safe_state_one_frame_brings_all_to(frame: bytes, safe_state: str) -> None:
+def test_the_safe_state_of_a_frame_for_all_servos(frame: bytes, safe_state: str) -> None:
     assert p.safe_state(packet_of(frame), (1, 2)) == safe_state
 
 

@@ -58,10 +58,10 @@ def safe_and_quiet(twin: Twin, since_ns: int, safe_state: str = "limp") -> None:
 
 
 def test_connect_observe_act_refuse_stop_resume(arm: Any, twin: Twin) -> None:
-    told = status(arm)
-    assert told["state"] == "armed"
-    assert told["firmware_watchdog"].startswith("bus watchdog (register 98) armed at 0.3 s and read back")
-    assert told["operating_mode"]["gripper"] == "current-based position"
+    reported = status(arm)
+    assert reported["state"] == "armed"
+    assert reported["firmware_watchdog"].startswith("bus watchdog (register 98) armed at 0.3 s and read back")
+    assert reported["operating_mode"]["gripper"] == "current-based position"
     assert set(arm.get_observation()) == set(JOINTS)
 
     assert json_of(arm.send_action({"shoulder_pan": 20.0, "gripper.pos": 60.0}))["commanded"] == {
@@ -71,7 +71,7 @@ def test_connect_observe_act_refuse_stop_resume(arm: Any, twin: Twin) -> None:
     until(lambda: abs(arm.get_observation().get("gripper", 0.0) - 60.0) < 5.0, "the gripper is open")
     refused = arm.send_action({"gripper": 101.0})
     assert refused["status"] == "error"
-    assert refused["content"][0]["text"] == "move: gripper 101.0 % is past 100.0. stay within 0.0..100.0"
+    assert refused["content"][0]["text"] == "move: gripper 101.0 % is past 100.0. Stay within 0.0..100.0"
 
     began_ns = time.monotonic_ns()
     stopped = json_of(arm.stop())
@@ -105,7 +105,7 @@ def test_the_bus_watchdog_is_armed_on_every_servo_before_the_first_setpoint(arm:
     assert order.index("enable") < order.index("watchdog")
 
 
-def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, twin: Twin) -> None:
+def test_the_firmware_stops_the_arm_after_all_our_processes_are_killed(arm: Any, twin: Twin) -> None:
     """None of our processes is left, so the firmware stops the arm."""
     moving(arm)
     victims = [pids(arm)[role] for role in ("root", "wire", "standby")]
@@ -117,7 +117,7 @@ def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, t
     began_ns = time.monotonic_ns()
     json_of(arm.resume())
     first = next(entry for entry in twin.log.entries(began_ns) if entry.kind in ("safe", "enable", "setpoint"))
-    assert first.kind == "safe", "what was energised is released before it is armed again"
+    assert first.kind == "safe", "energised motors are released before they are armed again"
     tripped = [
         entry
         for entry in twin.log.entries()
@@ -126,7 +126,7 @@ def test_all_who_could_stop_the_arm_are_killed_and_the_firmware_does(arm: Any, t
         if len(packet.params) == 83
         and t.BUS_WATCHDOG.decode(packet.params, t.TORQUE_ENABLE.address) == t.WATCHDOG_TRIPPED
     ]
-    assert tripped, "register 98 read -1"
+    assert tripped, "register 98 (bus watchdog) read -1"
     moving(arm)
 
 
@@ -193,7 +193,7 @@ def test_saf_012_the_robot_goes_while_connecting(twin: Twin, frames: int, how: s
         robot.stop()
         assert time.monotonic() - began_s < 4.0
         connecting.join(PATIENCE_S)
-        assert problems, "connecting ends"
+        assert problems, "connecting ends with an error"
         come()
         until(lambda: robot.connect_eagerly() is None, "it is connected")
         moving(robot)

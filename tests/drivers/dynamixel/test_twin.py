@@ -94,7 +94,7 @@ def test_limp_lets_every_servo_go() -> None:
     assert [bench.get(servo_id, t.TORQUE_ENABLE) for servo_id in IDS] == [0] * 6
     held = bench.get(2, t.POSITION)
     bench.wait(1)
-    assert abs(bench.get(2, t.POSITION) - held) > 50, "it falls"
+    assert abs(bench.get(2, t.POSITION) - held) > 50, "the joint falls"
 
 
 def test_mode_3_has_limits_and_the_others_have_turns() -> None:
@@ -126,7 +126,7 @@ def test_the_eeprom_is_locked_while_torque_is_on() -> None:
     assert bench.put(1, t.TORQUE_ENABLE, 0) == ""
     assert bench.put(1, t.RETURN_DELAY, 0) == ""
     bench.bus.power_cycle()
-    assert bench.get(1, t.RETURN_DELAY) == 0, "kept without power"
+    assert bench.get(1, t.RETURN_DELAY) == 0, "the EEPROM keeps its value without power"
 
 
 def test_error_numbers() -> None:
@@ -164,7 +164,7 @@ def test_overload_lets_go_is_in_every_status_and_stays_until_a_reboot() -> None:
     assert bench.put(6, t.TORQUE_ENABLE, 1) == ""
 
 
-def test_voltage_and_temperature_are_alerts_and_shutdown_says_which_let_go() -> None:
+def test_voltage_and_temperature_are_alerts_and_shutdown_selects_which_release() -> None:
     bench = Bench()
     bench.energise()
     bench.bus.servos[0].voltage_v = 5.0  # an XL430; its SHUTDOWN does not include this fault
@@ -184,12 +184,12 @@ def test_silence_trips_the_bus_watchdog_where_the_joint_is() -> None:
     assert bench.put(1, t.BUS_WATCHDOG, 5) == ""
     assert bench.get(1, t.BUS_WATCHDOG) == 5
     bench.put(1, t.GOAL_POSITION, 3300)
-    bench.now_s += 0.3  # the host is gone: the joint moves on for 0.1 s
+    bench.now_s += 0.3  # without a host the joint moves on for 0.1 s
     assert bench.get(1, t.BUS_WATCHDOG) == t.WATCHDOG_TRIPPED
     stopped = bench.get(1, t.POSITION)
     assert 2048 < stopped < 2048 + 0.3 * 6.39 * 652
     bench.wait(1)
-    assert abs(bench.get(1, t.POSITION) - stopped) < 120, "it stays"
+    assert abs(bench.get(1, t.POSITION) - stopped) < 120, "the joint stays"
     assert bench.get(1, t.TORQUE_ENABLE) == 1
 
 
@@ -239,7 +239,7 @@ def test_sync_read_answers_in_the_order_of_the_request_without_the_missing() -> 
     assert all(len(reply.data) == p.OVERHEAD + 4 for reply in replies)
 
 
-def test_fast_sync_read_is_one_frame_that_ends_at_the_first_who_is_not_there() -> None:
+def test_fast_sync_read_is_one_frame_that_ends_at_the_first_missing_servo() -> None:
     bench = Bench()
     (reply,) = bench.ask(p.fast_sync_read([1, 2, 3], t.MODEL.address, 2))
     (packet,) = p.Decoder().feed(reply.data)
@@ -258,7 +258,7 @@ def test_bulk_read_and_write() -> None:
     assert [(reply.unit, reply.data[9]) for reply in replies] == [(2, 7), (1, 1)]
 
 
-def test_broadcast_ping_is_answered_by_all_and_nothing_else_is() -> None:
+def test_only_a_broadcast_ping_is_answered_by_all() -> None:
     bench = Bench()
     assert [reply.unit for reply in bench.ask(p.ping(p.BROADCAST))] == list(IDS)
     assert bench.ask(p.read(p.BROADCAST, 132, 4)) == []
@@ -289,7 +289,7 @@ def test_status_level_and_rate_are_obeyed() -> None:
     assert len(bench.bus.handle(ping, 57_600)) == 1
 
 
-def test_off_hears_nothing_holds_nothing_and_comes_back_as_new() -> None:
+def test_a_servo_without_power_neither_receives_nor_holds_and_restarts_as_new() -> None:
     bench = Bench()
     bench.energise()
     bench.bus.set_fault(Fault.OFF, 2)
@@ -324,7 +324,7 @@ requests = st.one_of(
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(requests, st.floats(0, 0.1)), max_size=8))
-def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[bytes, float]]) -> None:
+def test_no_request_breaks_the_twin(sent: list[tuple[bytes, float]]) -> None:
     bench = Bench()
     for frame, pause_s in sent:
         bench.now_s += pause_s

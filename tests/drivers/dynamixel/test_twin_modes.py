@@ -70,7 +70,7 @@ def test_velocity_pwm_and_current_turn_the_joint(bench: Bench) -> None:
     bench.put(XL330, t.TORQUE_ENABLE, 1)
     bench.wait(0.3)
     start = bench.get(XL330, t.POSITION)
-    assert abs(bench.get(XL330, t.VELOCITY)) <= 1, "not before it is told to"
+    assert abs(bench.get(XL330, t.VELOCITY)) <= 1, "the joint does not turn without a command"
     bench.put(XL330, t.GOAL_VELOCITY, 40)  # 9.2 rpm: 625 counts a second
     bench.wait(1.0)
     assert 450 < bench.get(XL330, t.POSITION) - start < 700
@@ -108,7 +108,7 @@ def test_the_profile_velocity_limits_the_way_to_a_goal(bench: Bench) -> None:
     bench.put(XL430, t.PROFILE_VELOCITY, 2000)
     bench.put(XL430, t.GOAL_POSITION, start)
     bench.wait(1.0)
-    assert 300 < bench.get(XL430, t.POSITION) - start < 500, "half of the time, half of the way"
+    assert 300 < bench.get(XL430, t.POSITION) - start < 500, "after half of the time the joint is half of the way"
 
 
 def test_saf_013_a_bus_watchdog_ends_a_turn_and_a_profile(bench: Bench) -> None:
@@ -126,7 +126,9 @@ def test_saf_013_a_bus_watchdog_ends_a_turn_and_a_profile(bench: Bench) -> None:
 @pytest.mark.parametrize(("servo_id", "data"), [(XL430, 224), (XL430, 634), (XL330, 208)])
 def test_indirect_addresses_show_registers_side_by_side(bench: Bench, servo_id: int, data: int) -> None:
     addresses = 578 if data == 634 else 168
-    assert read(bench, servo_id, addresses, 2).params == struct.pack("<H", data), "at first itself"
+    assert read(bench, servo_id, addresses, 2).params == struct.pack("<H", data), (
+        "at first an indirect address shows its own default"
+    )
     assert write(bench, servo_id, data, b"\x2a") == ""
     assert read(bench, servo_id, data, 1).params == b"\x2a"
     shown = [*range(t.POSITION.address, t.POSITION.address + 4), t.TEMPERATURE.address, t.LED.address]
@@ -134,19 +136,23 @@ def test_indirect_addresses_show_registers_side_by_side(bench: Bench, servo_id: 
     position, temperature, led = struct.unpack("<iBB", read(bench, servo_id, data, 6).params)
     assert position == bench.get(servo_id, t.POSITION) and temperature == bench.get(servo_id, t.TEMPERATURE)
     assert write(bench, servo_id, data + 5, b"\1") == "" and bench.get(servo_id, t.LED) == 1 and not led
-    assert write(bench, servo_id, data, b"\0\0\0\0") == "access error", "as the register that it shows"
+    assert write(bench, servo_id, data, b"\0\0\0\0") == "access error", (
+        "the write fails as it would on the register itself"
+    )
     goal = range(t.GOAL_POSITION.address, t.GOAL_POSITION.address + 4)
     assert write(bench, servo_id, addresses, struct.pack("<4H", *goal)) == ""
     assert write(bench, servo_id, data, struct.pack("<i", 2100)) == ""
     assert bench.get(servo_id, t.GOAL_POSITION) == 2100
     assert write(bench, servo_id, data, b"\0\0") == "data length error"
-    assert write(bench, servo_id, addresses, struct.pack("<H", 7)) == "data range error", "no EEPROM"
+    assert write(bench, servo_id, addresses, struct.pack("<H", 7)) == "data range error", (
+        "an indirect address cannot be changed while torque is on"
+    )
     assert write(bench, servo_id, addresses + 1, b"\0\0") == "data length error"
     raw(bench, servo_id, p.REBOOT, b"")
     assert read(bench, servo_id, addresses, 2).params == struct.pack("<H", data)
 
 
-def test_beside_the_table_there_is_nothing(bench: Bench) -> None:
+def test_there_are_no_registers_outside_the_table(bench: Bench) -> None:
     assert read(bench, XL330, 634, 1).failure == read(bench, XL430, 148, 1).failure == "access error"
     assert read(bench, XL330, 227, 2).failure == "access error"
 
@@ -165,7 +171,7 @@ def test_a_fast_bulk_read_answers_in_one_frame(bench: Bench) -> None:
     assert bench.ask(p.frame(p.BROADCAST, p.FAST_BULK_READ, params)) == []
 
 
-def test_a_factory_reset_keeps_what_it_is_told_to(bench: Bench) -> None:
+def test_a_factory_reset_keeps_the_selected_registers(bench: Bench) -> None:
     rate = t.BAUD_RATES.index(1_000_000)
     bench.put(2, t.RETURN_DELAY, 0)
     assert raw(bench, 2, p.FACTORY_RESET, b"\x02").failure == ""

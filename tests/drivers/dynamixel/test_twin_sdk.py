@@ -78,7 +78,7 @@ def test_sync_write_and_sync_read(packets: Any, port: Any, twin: Twin, how: str)
     assert [entry.data for entry in twin.log.host("setpoint")] == [p.goals(goals)]
 
 
-def test_torque_moves_the_joint_where_the_goal_says(packets: Any, port: Any, twin: Twin) -> None:
+def test_torque_moves_the_joint_to_its_goal(packets: Any, port: Any, twin: Twin) -> None:
     assert packets.write4ByteTxRx(port, 1, t.GOAL_POSITION.address, 2400) == FINE
     assert packets.write1ByteTxRx(port, 1, t.TORQUE_ENABLE.address, 1) == FINE
     deadline_s = time.monotonic() + PATIENCE_S
@@ -113,7 +113,7 @@ def test_a_servo_that_is_not_there_is_a_timeout(packets: Any, port: Any, monkeyp
     assert packets.ping(port, 9)[1] == sdk.COMM_RX_TIMEOUT
 
 
-def test_what_older_twins_did_not_know(packets: Any, port: Any) -> None:
+def test_requests_that_older_twins_did_not_have(packets: Any, port: Any) -> None:
     reader = sdk.GroupBulkRead(port, packets)
     rows = {1: (t.POSITION.address, 4), 3: (t.VOLTAGE.address, 2), 6: (t.TEMPERATURE.address, 1)}
     for servo_id, (address, size) in rows.items():

@@ -62,14 +62,14 @@ def test_a_reply_with_an_error_number_is_dropped_and_reported_and_the_alert_bit_
         seen = await rig.cycles(1)
         assert seen.faults == {"elbow_flex": "result fail"}
         assert seen.stamp_ns[VICTIM - 1] == before.stamp_ns[VICTIM - 1] < seen.stamp_ns[0]
-        assert not rig.wire.session.bus.quiet, "it did answer"
+        assert not rig.wire.session.bus.quiet, "the servo answered, so the bus is not quiet"
         servo.read = read
         servo.put(table.HARDWARE_ERROR, table.VOLTAGE_BIT)
         servo.put(table.SHUTDOWN, 0)
         seen = await rig.wire.read()
-        assert seen.stamp_ns[VICTIM - 1] == seen.t_ns, "its data is taken"
+        assert seen.stamp_ns[VICTIM - 1] == seen.t_ns, "the data in a reply with an alert counts"
         seen = await rig.cycles(2)
-        assert seen.faults == {"elbow_flex": "voltage"}, "and the alert was read and named"
+        assert seen.faults == {"elbow_flex": "voltage"}, "the alert is read and named"
 
     virtual(main)
 
@@ -96,7 +96,7 @@ def test_a_silent_servo_keeps_its_stamp_and_no_other_trips() -> None:
             min(stamp for at, stamp in enumerate(seen.stamp_ns) if at != VICTIM - 1) > before.t_ns + 2_000_000_000
         )
         others = [count for motor, count in enumerate(rig.all_of(table.BUS_WATCHDOG), 1) if motor != VICTIM]
-        assert others == [watchdog.COUNTS] * 5, "the quiet time is shorter than the watchdog's"
+        assert others == [watchdog.COUNTS] * 5, "the other servos' watchdogs do not trip in the quiet time"
         assert watchdog.SECONDS > QUIET_S + 2 / 30
 
     virtual(main)
@@ -117,7 +117,7 @@ def test_a_bus_that_falls_silent_is_a_lost_link() -> None:
 # -- the bus watchdog
 
 
-def test_nobody_speaks_and_the_firmware_stops_the_arm() -> None:
+def test_without_frames_the_firmware_stops_the_arm() -> None:
     """SAF-013: a setpoint is under way, and all of our processes are gone."""
 
     async def main() -> None:
@@ -128,7 +128,7 @@ def test_nobody_speaks_and_the_firmware_stops_the_arm() -> None:
         assert rig.all_of(table.BUS_WATCHDOG) == [table.WATCHDOG_TRIPPED] * 6
         assert rig.torque() == [1] * 6
         moved_rad = rig.bus.plant.position_rad[0]
-        assert moved_rad < watchdog.SECONDS * 6.39, "it did not go on to its goal"
+        assert moved_rad < watchdog.SECONDS * 6.39, "the joint did not go on to its goal"
 
     virtual(main)
 
@@ -139,12 +139,14 @@ def test_a_trip_is_a_fault_and_resume_clears_it_with_the_torque_off() -> None:
         await rig.wire.write(MOVED, Permission())
         await trio.sleep(0.4)
         seen = await rig.wire.read()
-        assert seen.faults == dict.fromkeys(JOINTS, "bus watchdog"), "seen by the first reading after the silence"
+        assert seen.faults == dict.fromkeys(JOINTS, "bus watchdog"), (
+            "the first reading after the silence shows the trip"
+        )
         before = rig.all_of(table.GOAL_POSITION)
         await rig.wire.write((0.0,) * 6, Permission())
-        assert rig.all_of(table.GOAL_POSITION) == before, "a goal is refused"
+        assert rig.all_of(table.GOAL_POSITION) == before, "a servo with a tripped watchdog refuses a goal"
 
-        assert all(verdicts(await rig.wire.make_safe("hold")).values()), "it holds already"
+        assert all(verdicts(await rig.wire.make_safe("hold")).values()), "the servo holds already"
         assert rig.all_of(table.BUS_WATCHDOG) == [table.WATCHDOG_TRIPPED] * 6
         assert all(verdicts(await rig.wire.make_safe("limp")).values())
         rig.port.written.clear()
@@ -190,7 +192,7 @@ def test_reads_alone_do_not_keep_a_setpoint_alive() -> None:
         last = await rig.cycles(60)
         assert rig.all_of(table.BUS_WATCHDOG) == [table.WATCHDOG_TRIPPED] * 6
         age_s = (rig.clock.now_ns() - last.t_ns) / 1e9
-        assert age_s > 1.0, "it says what it last knew, not that all is well"
+        assert age_s > 1.0, "the last known state is reported with its age"
         assert all(verdicts(await rig.wire.make_safe("limp")).values())
         assert (await rig.wire.read()).t_ns == rig.clock.now_ns()
 
@@ -208,7 +210,9 @@ def test_a_servo_that_did_not_take_the_hold_is_not_fed() -> None:
         assert verdicts(reports) == {key: key != "elbow_flex" for key in JOINTS}
         assert reports[VICTIM - 1].detail.startswith("goal is ")
         await rig.cycles(20)
-        assert rig.all_of(table.BUS_WATCHDOG)[VICTIM - 1] == table.WATCHDOG_TRIPPED, "the firmware stopped it"
+        assert rig.all_of(table.BUS_WATCHDOG)[VICTIM - 1] == table.WATCHDOG_TRIPPED, (
+            "the firmware stopped the servo"
+        )
 
     virtual(main)
 
@@ -333,6 +337,6 @@ def test_saf_013_a_watchdog_that_another_program_switches_off_is_a_fault() -> No
         await rig.wire.make_safe("limp")
         await rig.wire.arm(Permission())
         seen = await rig.cycles(60, write=True)
-        assert seen.faults == {}, "armed anew by a resume"
+        assert seen.faults == {}, "a resume arms the watchdog again"
 
     virtual(main)

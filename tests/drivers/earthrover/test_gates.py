@@ -50,26 +50,28 @@ def test_saf_014_beyond_full_speed_is_refused(key: str, value: float) -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "fast", True, None])
-def test_saf_014_what_is_no_finite_number_is_refused(value: object) -> None:
+def test_saf_014_a_value_that_is_not_a_finite_number_is_refused(value: object) -> None:
     assert refused({"linear": value}).code == "not_finite"
 
 
-def test_saf_014_an_unknown_channel_is_refused_with_those_there_are() -> None:
+def test_saf_014_an_unknown_channel_is_refused_with_the_known_ones() -> None:
     assert "use linear, angular, lamp" in refused({"vx": 0.1}).text
 
 
 def test_saf_012_nothing_is_commanded_without_data() -> None:
     refusal = refused({"linear": 0.1}, state(age_ns=2_100_000_000))
     assert (refusal.code, refusal.limit) == ("stale", "2000 ms")
-    assert isinstance(answer({"linear": 0.1}, state(age_ns=1_100_000_000)), Candidate), "it may report so rarely"
+    assert isinstance(answer({"linear": 0.1}, state(age_ns=1_100_000_000)), Candidate), (
+        "a report of this age is still accepted"
+    )
 
 
-def test_what_is_not_named_rests_and_the_lamp_stays() -> None:
+def test_axes_that_are_not_named_rest_and_the_lamp_stays() -> None:
     moving = state((0.5, 0.2, 1.0), Live(NOW_NS + 1))
     assert answer({"angular": -0.3}, moving) == Candidate((0.0, -0.3, 1.0), (1,))
 
 
-def test_saf_001_the_lamp_alone_keeps_the_twist_and_its_end() -> None:
+def test_saf_001_a_lamp_command_keeps_the_twist_and_its_end() -> None:
     until_ns = NOW_NS + 10_000_000
     assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), Live(until_ns))) == Candidate(
         (0.5, 0.2, 1.0), (2,), until_ns
@@ -81,7 +83,7 @@ def test_saf_001_the_lamp_does_not_bring_back_a_twist_that_has_ended(until_ns: i
     assert answer({"lamp": 1.0}, state((0.5, 0.2, 0.0), Live(until_ns))) == Candidate((0.0, 0.0, 1.0), (2,))
 
 
-def test_a_lamp_at_rest_has_a_lifetime_of_its_own() -> None:
+def test_a_lamp_command_at_rest_has_its_own_lifetime() -> None:
     assert answer({"lamp": 1.0}, state(REST, Live(NOW_NS + 5))) == Candidate((0.0, 0.0, 1.0), (2,))
 
 
@@ -97,14 +99,14 @@ def test_the_turn_sign_is_the_wires() -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"turn_sign": 0.5}, "turn_sign is 0.5. Give 1.0 or -1.0"),
+        ({"turn_sign": 0.5}, "turn_sign is 0.5. Give 1.0, or -1.0"),
         ({"turn_sign": 2.0}, "turn_sign is 2.0"),
         ({"timeout_s": 0}, "timeout_s is 0"),
         ({"timeout_s": math.nan}, "timeout_s is nan"),
         ({"timeout": 3.0}, "'timeout' -> 'timeout_s'?"),
     ],
 )
-def test_options_are_refused_with_what_would_do(options: dict[str, Any], says: str) -> None:
+def test_invalid_options_are_refused_with_valid_ones(options: dict[str, Any], says: str) -> None:
     with pytest.raises((TypeError, ValueError)) as refusal:
         driver(**options)
     assert says in str(refusal.value)
@@ -129,8 +131,8 @@ def test_an_address(port: str, address: tuple[str, int]) -> None:
 @pytest.mark.parametrize(
     "port", ["https://192.0.2.1", "http://u:p@192.0.2.1", "http://192.0.2.1/sdk", "unix:///x", "/dev/ttyACM0", ""]
 )
-def test_saf_014_what_is_no_address_of_the_service_is_refused(port: str) -> None:
-    with pytest.raises(ValueError, match="It speaks no https"):
+def test_saf_014_an_invalid_address_of_the_service_is_refused(port: str) -> None:
+    with pytest.raises(ValueError, match="https is not supported"):
         EarthRover("earthrover", port, {}).config.address()
 
 

@@ -52,20 +52,25 @@ def test_no_setpoint_passes_for_a_stop(linear: float, angular: float, lamp: floa
 
 
 @pytest.mark.parametrize("body", [b"{}", b'{"command":{}}', b'{"command":1}', b'{"linear":1}'])
-def test_a_body_without_a_command_is_none(body: bytes) -> None:
+def test_a_body_without_a_command_is_ignored(body: bytes) -> None:
     assert p.decode_command(body) is None
 
 
 def test_data_is_read_with_its_newest_rows() -> None:
-    told = data()
-    assert (told.stamp_s, told.speed, told.battery_pct, told.lamp) == (1724189733.2, 0.25, 88.0, 1.0)
-    assert told.vectors == {"accels": (0.2, 0.3, 0.9), "rpms": (1.0, 2.0, 3.0, 4.0)}
+    reported = data()
+    assert (reported.stamp_s, reported.speed, reported.battery_pct, reported.lamp) == (
+        1724189733.2,
+        0.25,
+        88.0,
+        1.0,
+    )
+    assert reported.vectors == {"accels": (0.2, 0.3, 0.9), "rpms": (1.0, 2.0, 3.0, 4.0)}
 
 
 @pytest.mark.parametrize("latitude", [1000, -1000, 90.1, None, "x", True])
-def test_a_position_without_a_fix_is_none(latitude: object) -> None:
-    told = data(latitude=latitude)
-    assert math.isnan(told.latitude_deg) and math.isnan(told.longitude_deg)
+def test_a_position_without_a_fix_is_ignored(latitude: object) -> None:
+    reported = data(latitude=latitude)
+    assert math.isnan(reported.latitude_deg) and math.isnan(reported.longitude_deg)
     assert (data().latitude_deg, data().longitude_deg) == (22.75, 114.09)
 
 
@@ -76,7 +81,7 @@ def test_data_that_cannot_confirm_a_stop_is_refused(name: str, value: object) ->
         data(**{name: value})
 
 
-def test_disturbed_bodies_raise_nothing_but_the_codecs_own() -> None:
+def test_disturbed_bodies_raise_only_the_codecs_error() -> None:
     chance = random.Random(1)
     good = [
         json.dumps(DATA).encode(),

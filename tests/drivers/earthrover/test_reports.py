@@ -31,7 +31,7 @@ from tests.drivers.common.memory_port import Permission, virtual
 
 
 class ServicePort(HttpPort):
-    """A connection to the twin's service. ``log`` has the kinds of the requests that it took."""
+    """A connection to the twin's service. ``log`` has the kinds of the accepted requests."""
 
     def __init__(self, twin: RoverTwin) -> None:
         super().__init__("192.0.2.1", 8000)
@@ -130,7 +130,7 @@ async def heard(wire: EarthRoverWire, port: ServicePort) -> None:
     wire._observe(p.decode_data(answer.body))
 
 
-def test_saf_012_a_report_that_is_told_again_is_not_new() -> None:
+def test_saf_012_a_repeated_report_is_not_new() -> None:
     async def test() -> None:
         twin, port = rover(report_s=0.5)  # slower than the requests
         wire = wire_to(port)
@@ -142,7 +142,7 @@ def test_saf_012_a_report_that_is_told_again_is_not_new() -> None:
             seen = await wire.read()
             ages_s.append(trio.current_time() - seen.t_ns / 1e9)
             assert set(seen.stamp_ns) == {seen.t_ns}
-        assert 0.35 < max(ages_s) < 0.6 and min(ages_s) < 0.1, "it is as old as what it says"
+        assert 0.35 < max(ages_s) < 0.6 and min(ages_s) < 0.1, "a report is as old as its data"
         twin.set_fault(Fault.STUCK)
         for _ in range(25):
             await trio.sleep(0.1)
@@ -153,11 +153,11 @@ def test_saf_012_a_report_that_is_told_again_is_not_new() -> None:
     virtual(test)
 
 
-def test_saf_012_a_service_that_tells_the_last_of_a_rover_that_is_gone_is_no_connection() -> None:
+def test_saf_012_repeated_reports_of_a_lost_rover_are_no_connection() -> None:
     async def test() -> None:
         twin, port = rover()
         twin.set_fault(Fault.STUCK)
-        with pytest.raises(WireDown, match="the rover's report stands still for 2 s"):
+        with pytest.raises(WireDown, match="the rover sent no new report for 2 s"):
             await wire_to(port).open()
         assert set(port.log) == {"read"}
         twin.set_fault(Fault.OK)
@@ -166,7 +166,7 @@ def test_saf_012_a_service_that_tells_the_last_of_a_rover_that_is_gone_is_no_con
     virtual(test)
 
 
-def test_saf_012_a_service_that_tells_nothing_is_sent_nothing_and_is_lost() -> None:
+def test_saf_012_a_service_without_reports_is_sent_nothing_and_counts_as_lost() -> None:
     async def test() -> None:
         _, port = rover()
         wire = wire_to(port)
@@ -175,7 +175,7 @@ def test_saf_012_a_service_that_tells_nothing_is_sent_nothing_and_is_lost() -> N
             wire._nursery, wire._commands = nursery, port
             await wire.write((0.1, 0.0, 0.0), Permission())
             await trio.sleep(QUIET_S + 0.05)
-            with pytest.raises(PermitDenied, match="has told nothing for"):
+            with pytest.raises(PermitDenied, match="sent no report for"):
                 await wire.write((0.1, 0.0, 0.0), Permission())
         assert port.log.count("setpoint") == 1
         await trio.sleep(SILENT_S)
@@ -205,9 +205,7 @@ def test_saf_005_a_rover_that_turns_on_the_spot_does_not_stand_though_it_reports
 
 @pytest.mark.parametrize("late_s", [0.1, 0.4, 0.8])
 @pytest.mark.parametrize("lost_s", [0.0, 0.3])
-def test_saf_010_a_stop_is_not_confirmed_before_the_rover_has_begun_what_it_was_told(
-    late_s: float, lost_s: float
-) -> None:
+def test_saf_010_a_stop_is_not_confirmed_before_a_late_command_has_begun(late_s: float, lost_s: float) -> None:
     """The service takes a command at once. The rover receives it later, and some zeros never."""
 
     async def test() -> None:
@@ -223,7 +221,7 @@ def test_saf_010_a_stop_is_not_confirmed_before_the_rover_has_begun_what_it_was_
             if not outcome.detail:
                 break
         assert outcome.detail == ""
-        assert twin.rover.x_m > 0, "it did what it was told, late"
+        assert twin.rover.x_m > 0, "the rover carried the command out late"
         assert not await port.moved(2.0)
 
     virtual(test)
@@ -249,14 +247,16 @@ def test_saf_005_a_rover_that_reports_rarely_is_seen_to_stand(report_s: float) -
 def test_a_stop_has_the_time_that_it_takes() -> None:
     timing = EarthRover("earthrover", "192.0.2.1", {}).timing
     assert STEADY_S < STOP_S <= timing.safe_s - REACH_MARGIN_S
-    assert StopDeadlines.of(timing.safe_s).own_stop_s > STEADY_S + 0.5, "a tree that ends sees it, too"
+    assert StopDeadlines.of(timing.safe_s).own_stop_s > STEADY_S + 0.5, (
+        "a tree that ends waits long enough to see the standstill"
+    )
 
 
 @pytest.mark.parametrize(
     ("told", "speed"),
     [({}, 0.0), ({"rpms": []}, 0.0), ({"rpms": [[0, 0, 0, -7, 1.0]]}, 7.0), ({"rpms": [[None, 0, 2.0]]}, 0.0)],
 )
-def test_what_a_rover_does_not_tell_of_its_wheels_proves_nothing(told: dict[str, Any], speed: float) -> None:
+def test_missing_wheel_speeds_prove_nothing(told: dict[str, Any], speed: float) -> None:
     body = json.dumps({"timestamp": 1.0, "speed": 0, **told}).encode()
-    assert RoverZero().standing(body).speed == speed
+    assert RoverZero().read_motion(body).speed == speed
     assert msgspec.json.decode(RoverZero(1.0).body)["command"]["lamp"] == 1

@@ -62,7 +62,7 @@ def test_saf_001_a_command_is_repeated_for_its_lifetime_and_ends_in_zero(rover: 
     zero = first_safe(twin.log, began_ns)
     assert (zero.t_ns - began_ns) / 1e9 > 0.25
     sent = twin.log.host("setpoint", began_ns)
-    assert 2 <= len(sent) <= 4, "10 Hz while it lives"
+    assert 2 <= len(sent) <= 4, "the command is re-sent at 10 Hz for its lifetime"
     assert all(command(one) == {"linear": 0.5, "angular": -0.25, "lamp": 0} for one in sent)
     time.sleep(0.4)
     twin.log.no_setpoint_after_safe(began_ns)
@@ -95,7 +95,7 @@ def test_saf_005_a_stop_is_repeated_until_a_newer_report_shows_speed_0(rover: Re
     assert status(rover)["sensors"]["speed"] == [0.0] or stopped["took_ms"] > 50
     assert "call resume() first" in why(rover.send_action({"linear": 0.1}))
     json_of(rover.resume())
-    assert twin.log.setpoints_after_safe(began_ns) == 0, "a resume moves nothing"
+    assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 
 
 @pytest.mark.long
@@ -106,13 +106,13 @@ def test_saf_005_a_rover_that_reports_a_speed_is_not_reported_as_stopped(rover: 
     began_ns = time.monotonic_ns()
     said = why(rover.stop())
     assert "not confirmed: it reports speed" in said
-    assert len(twin.log.host("safe", began_ns)) > 5, "and zero is repeated"
+    assert len(twin.log.host("safe", began_ns)) > 5, "zero is repeated"
     twin.fault("ok")
     until(lambda: state(rover) == "disarmed", "it is confirmed when it can be")
 
 
 @pytest.mark.long
-def test_saf_010_a_command_that_waits_in_a_stopped_service_is_followed_by_zero(
+def test_saf_010_a_command_in_the_socket_of_a_stopped_service_is_followed_by_zero(
     rover: RealRobot, twin: Twin
 ) -> None:
     """The service is stopped with a command in its socket. The caller stops, then the service continues."""
@@ -128,9 +128,9 @@ def test_saf_010_a_command_that_waits_in_a_stopped_service_is_followed_by_zero(
     until(lambda: state(rover) == "disarmed", "it is back, disarmed, and confirmed")
     time.sleep(0.3)
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
-    assert frames[-1].kind == "safe", "whatever it carried out late"
+    assert frames[-1].kind == "safe", "a safe frame is the last one that is carried out"
     late = [one for one in frames if one.kind == "setpoint"]
-    assert len(late) <= 1, "one command was on its way, none after"
+    assert len(late) <= 1, "at most one command was under way, and none follows"
     until(lambda: status(rover)["sensors"].get("speed") == [0.0], "it stands")
 
 
@@ -164,7 +164,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_first(rover: RealRobot, twin:
 
 @pytest.mark.long
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
-def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
+def test_saf_006_a_stop_is_sent_at_once_with_any_answer_of_the_service(
     rover: RealRobot, twin: Twin, fault: str
 ) -> None:
     drive(rover, twin, linear=0.5)
@@ -179,10 +179,8 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_service_answers(
 
 
 @pytest.mark.long
-def test_saf_012_a_service_that_tells_the_last_report_for_ever_is_told_nothing(
-    rover: RealRobot, twin: Twin
-) -> None:
-    """It answers, and no link is lost, but the rover is gone."""
+def test_saf_012_a_service_that_repeats_its_last_report_is_sent_nothing(rover: RealRobot, twin: Twin) -> None:
+    """The service answers, so no link is lost, but the rover is gone."""
     drive(rover, twin, linear=0.2)
     twin.fault("stuck")
     until(lambda: status(rover)["observation_age_s"] > REPORT_OLD_S, "its report is old")
@@ -215,8 +213,8 @@ def test_saf_003_neither_root_nor_stop_channel_loads_the_http_client(rover: Real
 
 def test_speak_and_sensors(rover: RealRobot, twin: Twin) -> None:
     assert json_of(rover.speak(text="hello")) == {"spoken": "hello"}
-    asked = asyncio.run(rover.use_tool({"action": "speak", "text": "by an agent"}, "test"))
-    assert json_of(asked) == {"spoken": "by an agent"}
+    requested = asyncio.run(rover.use_tool({"action": "speak", "text": "by an agent"}, "test"))
+    assert json_of(requested) == {"spoken": "by an agent"}
     assert "1..200 characters" in why(asyncio.run(rover.use_tool({"action": "speak", "text": ""}, "test")))
     sensors = status(rover)["sensors"]
     assert sensors["battery_pct"] == [88.0]

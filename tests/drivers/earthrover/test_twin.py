@@ -82,7 +82,7 @@ def test_calls_take_no_longer_than_the_wire(client: Client) -> None:
         client.ask("GET", "/data")
         took_s.append(time.monotonic() - began_s)
     quarter_s = sorted(took_s)[25]  # the first few are always quick
-    assert quarter_s < 0.04, "44 ms each would mean that small packets wait for each other"
+    assert quarter_s < 0.04, "44 ms for each call would be Nagle's algorithm with delayed acknowledgements"
 
 
 def test_both_cameras_have_pictures(twin: Twin) -> None:
@@ -111,7 +111,7 @@ def test_a_picture_that_never_changes_is_not_shown_however_often_it_is_opened(
         nonlocal told_s
         for _ in range(2):
             opened = cameras.RoverCamera(client, "front")
-            with pytest.raises(WireDown, match="gives the same one again"):
+            with pytest.raises(WireDown, match="repeats its last picture"):
                 await opened.read()
         told_s += 0.1
         await opened.read()
@@ -121,7 +121,7 @@ def test_a_picture_that_never_changes_is_not_shown_however_often_it_is_opened(
     trio.run(read)
 
 
-def test_a_rover_without_a_rear_camera_says_so() -> None:
+def test_a_missing_rear_camera_is_reported() -> None:
     twin, _ = rover(rear=False)
     assert twin.answer(Request("GET", "/v2/rear", {}, b"", b"")).status == 404
     assert twin.answer(Request("GET", "/v2/front", {}, b"", b"")).status == 200
@@ -159,7 +159,7 @@ def test_it_runs_its_last_command_until_the_services_own_watchdog() -> None:
 def test_a_turn_is_seen_in_the_heading_and_a_drive_in_the_position() -> None:
     twin, clock = rover()
     control(twin, p.encode_setpoint(0, 0.5, 0))
-    assert 270 < run(twin, clock, 1.0).heading_deg < 360, "left is against the compass"
+    assert 270 < run(twin, clock, 1.0).heading_deg < 360, "a left turn lowers the compass heading"
     control(twin, p.encode_setpoint(1, 0, 0))
     before = p.decode_data(twin.data())
     after = run(twin, clock, 1.0)
@@ -168,15 +168,15 @@ def test_a_turn_is_seen_in_the_heading_and_a_drive_in_the_position() -> None:
 
 def test_without_a_fix_it_reports_no_position() -> None:
     twin, clock = rover(fix=False)
-    assert run(twin, clock, 0.1).latitude_deg != run(twin, clock, 0.1).latitude_deg, "NaN"
+    assert run(twin, clock, 0.1).latitude_deg != run(twin, clock, 0.1).latitude_deg, "the latitude is NaN"
 
 
-def test_a_stuck_rover_answers_with_what_it_had_and_stands() -> None:
+def test_a_stuck_rover_repeats_its_last_report_and_stands() -> None:
     twin, clock = rover()
     control(twin, p.encode_setpoint(0.5, 0, 0))
     before = run(twin, clock, 0.5)
     twin.set_fault(Fault.STUCK)
     assert p.decode_data(twin.data()).stamp_s >= before.stamp_s
     run(twin, clock, 0.5)
-    told = p.decode_data(twin.answer(Request("GET", "/data", {}, b"", b"")).body)
-    assert told.speed == 0.5 and twin.rover.runs == (0.0, 0.0)
+    reported = p.decode_data(twin.answer(Request("GET", "/data", {}, b"", b"")).body)
+    assert reported.speed == 0.5 and twin.rover.runs == (0.0, 0.0)

@@ -16,7 +16,7 @@ from tests.drivers.servo.rig import JOINTS, VICTIM, FeetechRig, refused, verdict
 # -- open
 
 
-def test_open_tells_who_is_there_and_moves_nothing() -> None:
+def test_open_lists_the_servos_and_moves_nothing() -> None:
     async def main() -> None:
         rig = FeetechRig()
         facts = await rig.wire.open()
@@ -77,7 +77,7 @@ def test_a_silent_bus_is_not_six_dead_servos() -> None:
     virtual(main)
 
 
-def test_two_servos_on_one_id_are_told_from_a_dead_one() -> None:
+def test_two_servos_with_one_id_are_distinguished_from_a_dead_one() -> None:
     async def main() -> None:
         rig = FeetechRig()
         rig.servo(4).put(protocol.ID, VICTIM)
@@ -171,7 +171,7 @@ def test_the_file_of_another_robot_is_refused(register: protocol.Register, field
         rig = FeetechRig(calibration=calibration())
         calibrate(rig)
         rig.servo().put(register, 1000)
-        assert f"calibration says {field} for elbow_flex, servo 3 has 1000" in await refused(rig)
+        assert f"the calibration has {field} for elbow_flex, servo 3 has 1000" in await refused(rig)
 
     virtual(main)
 
@@ -203,7 +203,9 @@ def test_saf_011_arm_sets_the_goal_first_and_energises_one_by_one(goal_energises
             assert axis.count(value) == servo.get(protocol.GOAL_POSITION)
         assert seen.faults == {}
         assert all(stamp > 0 for stamp in seen.stamp_ns)
-        assert permission.checks == 12, "before each goal, which may energise already, and before each torque"
+        assert permission.checks == 12, (
+            "the permit is checked before each goal (which may energise) and each torque"
+        )
 
     virtual(main)
 
@@ -219,7 +221,9 @@ def test_saf_009_a_stop_during_bring_up_wins(goal_energises: bool, denied_at: in
             await rig.wire.arm(permission)
         energised = (denied_at + goal_energises) // 2
         assert rig.torque() == [1] * energised + [0] * (6 - energised)
-        assert len(rig.port.written) == permission.written_before[-1], "nothing after the denial"
+        assert len(rig.port.written) == permission.written_before[-1], (
+            "nothing is written after the permit is denied"
+        )
         assert all(verdicts(await rig.wire.make_safe("limp")).values())
         assert rig.torque() == [0] * 6
 

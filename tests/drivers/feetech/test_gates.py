@@ -79,7 +79,7 @@ def refusal(action: Mapping[Any, Any], at: GateState | None = None, driver: Feet
 # -- names and numbers
 
 
-def test_an_accepted_action_keeps_what_it_does_not_name() -> None:
+def test_an_accepted_action_keeps_the_joints_that_it_does_not_name() -> None:
     answer = decide(ARM, {"elbow_flex": 10, "gripper.pos": 55.5}, state(target=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)))
     assert answer == Candidate((1.0, 2.0, 10.0, 4.0, 5.0, 55.5), (2, 5))
 
@@ -114,7 +114,7 @@ def test_only_finite_numbers(value: object) -> None:
 
 
 def test_nan_is_named() -> None:
-    assert refusal({"wrist_flex": math.nan}).text == "wrist_flex is nan. send a finite number"
+    assert refusal({"wrist_flex": math.nan}).text == "wrist_flex is nan. Send a finite number"
 
 
 def test_empty() -> None:
@@ -164,7 +164,7 @@ def test_without_calibration_a_joint_has_the_range_of_its_model() -> None:
     assert (gripper.low, gripper.high) == (1934, 3186), "the range of its model, around 2048"
 
 
-def test_what_is_not_named_is_not_judged() -> None:
+def test_joints_that_are_not_named_are_not_checked() -> None:
     """A joint that sags past its range must not keep the others from moving."""
     outside = state(target=(0.0, 0.0, 0.0, 0.0, 0.0, -1.5))
     assert isinstance(decide(ARM, {"shoulder_pan": 1.0}, outside), Candidate)
@@ -209,7 +209,7 @@ def test_motor_faults(fault: str, code: str, said: str) -> None:
     no = refusal({"gripper": 10.0}, at)
     assert no.code == code
     assert no.reason == f"gripper {said}"
-    assert isinstance(decide(ARM, {"elbow_flex": 1.0}, at), Candidate), "another joint's fault"
+    assert isinstance(decide(ARM, {"elbow_flex": 1.0}, at), Candidate), "the fault of another joint does not matter"
 
 
 def test_silence_alone_is_left_to_the_age_of_the_position() -> None:
@@ -246,7 +246,7 @@ def test_too_fast_names_the_allowed_step() -> None:
     no = refusal({"shoulder_pan": 60.0}, stream(0.033, 0.033))
     assert no.code == "too_fast"
     assert no.reason == "shoulder_pan steps 60.0 deg in 33 ms"
-    assert no.limit == "13.1", "332 deg/s for 33 ms and a fifth more"
+    assert no.limit == "13.1", "332 deg/s for 33 ms, plus a fifth"
     assert no.remedy == "step at most 13.1 deg"
     assert isinstance(decide(ARM, {"shoulder_pan": float(no.limit)}, stream(0.033, 0.033)), Candidate)
 
@@ -257,7 +257,7 @@ def test_the_step_grows_with_the_time_since_the_last_target() -> None:
     assert refusal({"shoulder_pan": 60.0}, stream(0.033, -1.0)).code == "too_fast"
 
 
-def test_a_one_shot_may_go_anywhere_within_travel_where_its_user_says_so() -> None:
+def test_a_single_command_may_go_anywhere_within_travel_with_the_option() -> None:
     assert isinstance(decide(ARM, {"shoulder_pan": 118.0}, state(stream=False)), Candidate)
 
 
@@ -282,7 +282,7 @@ keys = st.one_of(st.sampled_from([*JOINTS, *(f"{key}.pos" for key in JOINTS), "e
 
 
 @given(st.dictionaries(keys, numbers, max_size=8), st.booleans())
-def test_what_passes_is_known_finite_and_in_range(action: dict[str, Any], streamed: bool) -> None:
+def test_accepted_values_are_known_finite_and_in_range(action: dict[str, Any], streamed: bool) -> None:
     answer = decide(ARM, action, state(stream=streamed, period_s=0.033))
     if isinstance(answer, Refused):
         return
@@ -372,7 +372,7 @@ def test_resolved_options_travel_as_plain_data() -> None:
     driver = Feetech("so101", "p", travelled)
     assert driver.joints == ARM.joints
     assert driver.config.baud == 500_000
-    assert Feetech.resolve("so101", travelled) == resolved, "resolving twice changes nothing"
+    assert Feetech.resolve("so101", travelled) == resolved, "resolving a second time changes nothing"
 
 
 @pytest.mark.parametrize("baud", [9600, "fast", 1.5, True])

@@ -79,7 +79,7 @@ def test_the_process_with_a_faulty_servo_stops_the_other_five(twin: TwinProcess,
         twin.command(f"fault {fault}:{VICTIM}")
         seen = await read_until(wire, lambda seen: "silent" in seen.faults.get("elbow_flex", ""))
         later = await read_until(wire, lambda now: now.stamp_ns[0] > seen.stamp_ns[0] + 1_000_000_000)
-        assert set(later.faults) == {"elbow_flex"}, "the others go on"
+        assert set(later.faults) == {"elbow_flex"}, "the other servos work on"
         reports = await wire.make_safe("limp")
         assert verdicts(reports) == {key: key != "elbow_flex" for key in JOINTS}
         assert reports[VICTIM - 1].detail
@@ -171,7 +171,7 @@ def test_an_unplugged_cable_is_a_lost_link_and_comes_back(twin: TwinProcess) -> 
     trio.run(main)
 
 
-def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:
+def test_an_invalid_serial_port_is_refused(tmp_path: Path) -> None:
     async def main() -> None:
         for path in (tmp_path / "none", tmp_path):
             wire = Feetech("so101", str(path), Feetech.resolve("so101", {})).open_wire(MonotonicClock())
@@ -181,7 +181,7 @@ def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:
     trio.run(main)
 
 
-def test_a_port_that_hangs_up_is_told_from_one_that_has_data() -> None:
+def test_a_port_that_hangs_up_differs_from_one_with_data() -> None:
     async def main() -> None:
         master, slave = os.openpty()
         port = open_serial(os.ttyname(slave), 1_000_000)

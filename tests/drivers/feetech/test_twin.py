@@ -73,7 +73,7 @@ def test_a_goal_turns_the_torque_on_as_on_a_real_servo() -> None:
     bench.ask(p.LIMP)
     assert bench.get(1, p.TORQUE_ENABLE) == 0
     bench.put(1, p.TORQUE_LIMIT, 500)
-    assert bench.get(1, p.TORQUE_ENABLE) == 0, "only a goal does"
+    assert bench.get(1, p.TORQUE_ENABLE) == 0, "only a goal turns the torque on"
 
 
 def test_a_goal_moves_the_joint_only_with_torque() -> None:
@@ -134,7 +134,7 @@ def test_128_makes_the_present_position_the_middle() -> None:
     bench.energise()
     bench.put(1, p.GOAL_POSITION, 2300)
     bench.wait(2)
-    bench.put(1, p.TORQUE_ENABLE, p.MIDDLE_IS_HERE)
+    bench.put(1, p.TORQUE_ENABLE, p.SET_MIDDLE)
     assert abs(bench.get(1, p.POSITION) - 2048) <= 1
     assert abs(bench.get(1, p.HOMING_OFFSET) - 252) < 5
     assert bench.get(1, p.TORQUE_ENABLE) == 0
@@ -190,7 +190,7 @@ def test_sync_read_answers_in_the_order_of_the_request_without_the_missing() -> 
     assert all(len(reply.data) == 8 for reply in replies)
 
 
-def test_broadcast_ping_is_answered_by_all_and_nothing_else_is() -> None:
+def test_only_a_broadcast_ping_is_answered_by_all() -> None:
     bench = Bench()
     assert [reply.unit for reply in bench.ask(p.ping(p.BROADCAST))] == [1, 2, 3, 4, 5, 6]
     assert bench.ask(p.read(p.BROADCAST, 56, 2)) == []
@@ -217,7 +217,7 @@ def test_return_delay_and_status_level_are_obeyed() -> None:
     assert bench.get(2, p.ACCELERATION) == 9
 
 
-def test_a_servo_at_another_rate_hears_nothing() -> None:
+def test_a_servo_at_another_rate_receives_nothing() -> None:
     bench = Bench()
     bench.put(4, p.BAUD, 1)
     (ping,) = p.Decoder().feed(p.ping(4))
@@ -237,7 +237,7 @@ def test_voltage_and_temperature_out_of_bounds_show_in_the_error_byte() -> None:
     assert bench.status(p.ping(3)).code == 0
 
 
-def test_overload_lets_go_says_so_and_is_over_when_torque_is_written() -> None:
+def test_an_overload_releases_the_servo_until_torque_is_written() -> None:
     bench = Bench()
     bench.energise()
     bench.put(6, p.GOAL_POSITION, 0)  # far past the end of the jaw
@@ -265,7 +265,7 @@ def test_the_torque_limit_limits() -> None:
     assert bench.get(6, p.TORQUE_ENABLE) == 1  # under the overload threshold
 
 
-def test_off_hears_nothing_holds_nothing_and_comes_back_as_new() -> None:
+def test_a_servo_without_power_neither_receives_nor_holds_and_restarts_as_new() -> None:
     bench = Bench()
     bench.energise()
     bench.bus.set_fault(Fault.OFF, 2)
@@ -278,7 +278,7 @@ def test_off_hears_nothing_holds_nothing_and_comes_back_as_new() -> None:
     assert bench.get(2, p.TORQUE_ENABLE) == 0
 
 
-def test_stuck_answers_what_it_last_felt_and_does_not_move() -> None:
+def test_a_stuck_servo_repeats_its_last_reading_and_does_not_move() -> None:
     bench = Bench()
     bench.energise()
     bench.put(1, p.GOAL_POSITION, 2200)
@@ -322,7 +322,7 @@ requests = st.one_of(
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(requests, st.floats(0, 0.1)), max_size=8))
-def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[bytes, float]]) -> None:
+def test_no_request_breaks_the_twin(sent: list[tuple[bytes, float]]) -> None:
     bench = Bench()
     for frame, pause_s in sent:
         bench.now_s += pause_s
@@ -351,7 +351,7 @@ def test_the_table_is_as_delivered() -> None:
         p.VELOCITY_I: 10,
     }
     assert {register: bench.get(2, register) for register in delivered} == delivered
-    assert Bench("hope_jr").get(2, p.MAX_VOLTAGE) == 140, "a servo for 12 V takes more"
+    assert Bench("hope_jr").get(2, p.MAX_VOLTAGE) == 140, "a servo for 12 V allows a higher voltage"
 
 
 def test_goal_velocity_limits_the_speed_on_the_way_to_a_goal() -> None:
@@ -365,10 +365,10 @@ def test_goal_velocity_limits_the_speed_on_the_way_to_a_goal() -> None:
     assert 1950 < bench.get(1, p.POSITION) < 2150
     bench.put(1, p.GOAL_VELOCITY, 0)
     bench.wait(1.5)
-    assert abs(bench.get(1, p.POSITION) - 1800) < 30, "without one as fast as it can"
+    assert abs(bench.get(1, p.POSITION) - 1800) < 30, "without a goal velocity the servo moves at full speed"
 
 
-def test_velocity_mode_turns_until_it_is_told_otherwise() -> None:
+def test_velocity_mode_turns_until_another_command() -> None:
     bench = Bench()
     bench.put(1, p.MODE, p.VELOCITY_MODE)
     bench.put(1, p.GOAL_VELOCITY, 300)
@@ -389,7 +389,7 @@ def test_velocity_mode_turns_until_it_is_told_otherwise() -> None:
     assert not bench.bus.servos[0].rate_rad_s
 
 
-def test_steps_and_power_are_what_they_say() -> None:
+def test_step_mode_and_power_mode() -> None:
     bench = Bench()
     bench.put(1, p.MODE, p.STEP_MODE)
     for _ in range(2):
@@ -413,10 +413,10 @@ def test_a_joint_that_is_held_is_not_led_away_from() -> None:
     bench.wait(2.0)
     bench.bus.set_fault(Fault.OK, 1)
     bench.wait(0.2)
-    assert bench.get(1, p.POSITION) < 2500, "it does not make up for the time"
+    assert bench.get(1, p.POSITION) < 2500, "the goal does not jump ahead for the time that the joint was held"
 
 
-def test_what_is_no_reason_to_unload_does_not() -> None:
+def test_other_faults_do_not_release_the_servo() -> None:
     bench = Bench()
     bench.energise()
     bench.bus.servos[0].temperature_c = 75

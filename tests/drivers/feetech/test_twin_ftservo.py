@@ -72,8 +72,8 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 @pytest.mark.long
 def test_the_vendors_newer_client_moves_turns_and_reads(twin: Twin) -> None:
-    told = json.loads(run_with(FTSERVO, PROGRAM, twin.port).splitlines()[-1])
-    assert told["model"] == 777
-    assert told["took"] > 1.0, "300 counts at 200 a second"
-    assert -450 < told["speed"] < -150
-    assert told["limits"] == [80, 44, 1]
+    reported = json.loads(run_with(FTSERVO, PROGRAM, twin.port).splitlines()[-1])
+    assert reported["model"] == 777
+    assert reported["took"] > 1.0, "300 counts at 200 a second"
+    assert -450 < reported["speed"] < -150
+    assert reported["limits"] == [80, 44, 1]

@@ -57,14 +57,14 @@ def test_ping(packets: Any, port: Any, twin: TwinProcess) -> None:
 
 def test_broadcast_ping(packets: Any, port: Any) -> None:
     assert packets.txPacket(port, [0, 0, sdk.BROADCAST_ID, 2, sdk.INST_PING, 0]) == sdk.COMM_SUCCESS
-    heard = []
+    received = []
     for _ in IDS:
         port.setPacketTimeout(6)
         status, result = packets.rxPacket(port)
         assert result == sdk.COMM_SUCCESS
-        heard.append(status[2])
+        received.append(status[2])
     port.is_using = False
-    assert heard == IDS
+    assert received == IDS
 
 
 def test_read_and_write_one_and_two_bytes(packets: Any, port: Any, twin: TwinProcess) -> None:
@@ -96,7 +96,7 @@ def test_sync_write_and_sync_read(packets: Any, port: Any, twin: TwinProcess) ->
     assert [bytes.fromhex(line)[2] for _, line in twin.logged("robot")] == IDS[::-1]
 
 
-def test_torque_moves_the_joint_where_the_goal_says(packets: Any, port: Any, twin: TwinProcess) -> None:
+def test_torque_moves_the_joint_to_its_goal(packets: Any, port: Any, twin: TwinProcess) -> None:
     assert packets.write2ByteTxRx(port, 1, p.GOAL_POSITION.address, 2400) == (sdk.COMM_SUCCESS, 0)
     write1(packets, port, 1, p.TORQUE_ENABLE, 1)
 

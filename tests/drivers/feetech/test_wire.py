@@ -68,7 +68,7 @@ def test_the_arm_goes_where_it_is_sent() -> None:
     virtual(main)
 
 
-def test_a_silent_servo_keeps_its_stamp_and_holds_nobody_up() -> None:
+def test_a_silent_servo_keeps_its_stamp_and_delays_no_other() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
         before = await rig.wire.read()
@@ -86,7 +86,7 @@ def test_a_silent_servo_keeps_its_stamp_and_holds_nobody_up() -> None:
         assert seen.stamp_ns[VICTIM - 1] == before.stamp_ns[VICTIM - 1]
         assert seen.position[VICTIM - 1] == before.position[VICTIM - 1]
         assert fresh > 150
-        assert slowest_s < 0.03, "the quiet time held the caller up"
+        assert slowest_s < 0.03, "the quiet time does not delay the caller"
 
         rig.bus.set_fault(Fault.OK, VICTIM)
         await read_until(rig.wire, lambda seen: seen.faults == {"elbow_flex": "limp"})
@@ -109,14 +109,14 @@ def test_in_the_quiet_time_the_last_observation_is_returned_at_once() -> None:
         assert trio.current_time() == began
         assert len(rig.port.written) == written
         await rig.wire.write((0.0,) * 6, Permission())
-        assert len(rig.port.written) == written + 1, "a setpoint goes out all the same"
+        assert len(rig.port.written) == written + 1, "a setpoint is sent all the same"
         await trio.sleep(QUIET_S)
         assert await rig.wire.read() is not last
 
     virtual(main)
 
 
-def test_a_read_that_was_cut_short_and_is_never_answered_costs_the_next_one_its_time_alone() -> None:
+def test_a_cancelled_read_without_an_answer_delays_only_the_next_read() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
         last = await rig.wire.read()
@@ -166,7 +166,7 @@ def test_a_servo_that_lost_its_torque_is_named_while_armed() -> None:
         rig = FeetechRig()
         await rig.wire.open()
         for _ in range(100):
-            assert (await rig.wire.read()).faults == {}, "nobody asked for torque yet"
+            assert (await rig.wire.read()).faults == {}, "missing torque is no fault before arming"
             await trio.sleep(0.01)
         await rig.wire.arm(Permission())
         rig.servo().power_cycle()
@@ -176,12 +176,12 @@ def test_a_servo_that_lost_its_torque_is_named_while_armed() -> None:
         seen = await rig.wire.read()
         assert seen.faults == {"elbow_flex": "limp"}
         await rig.wire.make_safe("limp")
-        assert (await rig.wire.read()).faults == {}, "limp is no fault when it was ordered"
+        assert (await rig.wire.read()).faults == {}, "limp is no fault after the order to go limp"
 
     virtual(main)
 
 
-def test_what_a_servo_reports_is_named() -> None:
+def test_the_fault_of_a_servo_is_named() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
         rig.servo().voltage_v = 3.9
@@ -193,8 +193,8 @@ def test_what_a_servo_reports_is_named() -> None:
     virtual(main)
 
 
-def test_a_late_servo_never_lies() -> None:
-    """It answers 60 ms late while its joint moves on. No reading may be an older one."""
+def test_a_late_servo_never_gives_an_older_reading() -> None:
+    """The servo answers 60 ms late while its joint moves. No reading may be older than the one before."""
 
     async def main() -> None:
         rig = await FeetechRig().armed()
@@ -281,7 +281,7 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
         at, first = rig.port.written[0]
         counts = {axis.id: axis.count(value) for axis, value in zip(rig.driver.joints, seen.position, strict=True)}
         goals = {motor.id: axis.count(motor.target) for axis, motor in zip(rig.driver.joints, reports, strict=True)}
-        assert at == began and protocol.hold(counts) not in first, "nobody is pulled back to where it was"
+        assert at == began and protocol.hold(counts) not in first, "no servo is pulled back to an old position"
         assert rig.all_of(protocol.GOAL_POSITION) == list(goals.values())
         assert rig.torque() == [1] * 6
         assert rig.requests("setpoint", "enable") == []
@@ -293,7 +293,7 @@ def test_hold_keeps_the_arm_where_it_is() -> None:
     virtual(main)
 
 
-def test_hold_asks_again_when_what_it_knows_is_old() -> None:
+def test_a_hold_reads_again_when_its_readings_are_old() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
         await rig.wire.write((30.0, 20.0, 20.0, 10.0, 10.0, 50.0), Permission())
@@ -304,7 +304,9 @@ def test_hold_asks_again_when_what_it_knows_is_old() -> None:
         assert rig.port.written[0][0] == began
         there = [servo.get(protocol.POSITION) for servo in rig.bus.servos]
         goals = [servo.get(protocol.GOAL_POSITION) for servo in rig.bus.servos]
-        assert goals == pytest.approx(there, abs=60), "where it is, not where it was two seconds ago"
+        assert goals == pytest.approx(there, abs=60), (
+            "the goals are the present positions, not those of two seconds ago"
+        )
 
     virtual(main)
 

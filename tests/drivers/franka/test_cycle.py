@@ -71,24 +71,26 @@ class Rig:
 @pytest.mark.parametrize("fci", [5, 10])
 def test_a_goal_is_reached_and_the_motion_ended(fci: int) -> None:
     rig = Rig(fci)
-    assert rig.tick(5) is None, "without an order nothing is sent"
+    assert rig.tick(5) is None, "nothing is sent without an order"
     rig.order(1)
-    assert rig.tick(5) is None, "nor before the controller has begun the motion"
+    assert rig.tick(5) is None, "nothing is sent before the controller has begun the motion"
     rig.running = True
     rig.tick(5000)
-    assert rig.sent[0].q == pytest.approx(HOME_RAD, abs=1e-4), "SAF-011: it begins where the arm is told to be"
+    assert rig.sent[0].q == pytest.approx(HOME_RAD, abs=1e-4), (
+        "SAF-011: the motion begins at the arm's commanded position"
+    )
     assert rig.q_d == pytest.approx(GOAL, abs=1e-6)
     assert [command.finished for command in rig.sent].count(True) == 1
     assert (rig.cycle.phase, rig.cycle.reached, rig.cycle.missed) == (Phase.IDLE, 1, 0)
 
 
-def test_saf_002_nothing_is_sent_once_it_was_told_to_stand_down() -> None:
+def test_saf_002_nothing_is_sent_after_the_order_to_stand_down() -> None:
     rig = Rig()
     rig.order(1)
     rig.running = True
     assert rig.tick(50) is not None
     rig.cycle.obey(STAND_DOWN.pack())
-    assert rig.tick(50) is None, "although the controller still shows the motion"
+    assert rig.tick(50) is None, "nothing is sent although the controller still shows the motion"
     assert rig.cycle.reached == 0
 
 
@@ -104,7 +106,7 @@ def test_a_new_goal_on_the_way() -> None:
     assert rig.cycle.reached == 2
 
 
-def test_saf_004_it_brakes_when_nobody_says_that_the_setpoint_still_stands() -> None:
+def test_saf_004_the_cycle_brakes_when_the_setpoint_is_not_renewed() -> None:
     rig = Rig()
     rig.order(1, tuple(rad + 0.5 for rad in HOME_RAD))
     rig.running = True
@@ -114,13 +116,13 @@ def test_saf_004_it_brakes_when_nobody_says_that_the_setpoint_still_stands() -> 
     moving = abs(rig.sent[-1].q[0] - rig.sent[-2].q[0])
     assert moving > 1e-5
     rig.tick(400)
-    assert not rig.running, "the motion is ended"
+    assert not rig.running, "the motion has ended"
     assert rig.cycle.phase is Phase.IDLE
-    assert rig.cycle.reached == 0, "and not counted as done"
+    assert rig.cycle.reached == 0, "the goal does not count as reached"
     assert rig.q_d[0] < HOME_RAD[0] + 0.4
 
 
-def test_saf_004_what_is_fed_again_while_it_brakes_does_not_go_on() -> None:
+def test_saf_004_a_setpoint_that_is_renewed_while_braking_does_not_go_on() -> None:
     rig = Rig()
     rig.order(1, tuple(rad + 0.5 for rad in HOME_RAD))
     rig.running = True
@@ -154,7 +156,7 @@ def test_a_motion_that_the_controller_ends_is_left() -> None:
     rig.running = False
     assert rig.tick(50) is None
     rig.running = True
-    assert rig.tick(50) is None, "a motion of somebody else's"
+    assert rig.tick(50) is None, "nothing is sent into the motion of another client"
 
 
 def test_a_motion_that_does_not_begin_is_given_up() -> None:
@@ -178,7 +180,7 @@ def test_a_number_that_no_state_of_this_controller_has_is_not_answered(jump: int
     assert rig.tick() is not None
 
 
-def test_saf_012_a_controller_whose_clock_stands_still_says_nothing() -> None:
+def test_saf_012_a_controller_with_a_frozen_clock_counts_as_silent() -> None:
     rig = Rig()
     assert rig.cycle.is_news(rig.state())
     assert not rig.cycle.is_news(rig.state())
@@ -203,7 +205,7 @@ def test_saf_022_an_old_state_is_no_life() -> None:
 @pytest.mark.parametrize("fci", [5, 10])
 @pytest.mark.parametrize("row", ["q", "q_d", "dq"])
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), -1000.0])
-def test_saf_012_a_state_that_tells_no_joints_is_no_life(fci: int, row: str, number: float) -> None:
+def test_saf_012_a_state_without_joints_does_not_count_as_alive(fci: int, row: str, number: float) -> None:
     """The wire gets no position from it. Its last reading would grow old on a link that is up."""
     rig = Rig(fci)
     assert rig.cycle.is_news(rig.state())
@@ -224,14 +226,14 @@ def test_a_start_that_is_no_position_is_not_begun_from() -> None:
     assert rig.tick() is not None
 
 
-def test_what_is_no_order_is_not_obeyed() -> None:
+def test_an_invalid_order_is_ignored() -> None:
     rig = Rig()
     rig.cycle.obey(b"")
     rig.cycle.obey(bytes(63))
     assert rig.cycle.phase is Phase.IDLE
 
 
-def test_the_wire_is_told_of_each_strides_state_and_of_what_is_new() -> None:
+def test_the_wire_gets_the_state_of_each_stride_and_every_change() -> None:
     rig = Rig()
     reporter = Reporter(rig.dialect, 33)
     told = []
@@ -242,7 +244,7 @@ def test_the_wire_is_told_of_each_strides_state_and_of_what_is_new() -> None:
             told.append(ms)
     assert told == [1, 34, 67, 100, 133, 166, 199]
     rig.ms = 5
-    assert reporter.is_due(rig.state(), Phase.IDLE), "a controller that was started anew"
+    assert reporter.is_due(rig.state(), Phase.IDLE), "the state of a restarted controller is reported"
 
 
 def test_a_report_there_and_back() -> None:
@@ -253,7 +255,7 @@ def test_a_report_there_and_back() -> None:
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
 @pytest.mark.parametrize("late", [True, False], ids=["answers come too late", "states are lost"])
-def test_a_controller_that_went_on_by_itself_is_met_where_it_is(robot: str, late: bool) -> None:
+def test_the_next_command_starts_where_the_controller_has_continued_to(robot: str, late: bool) -> None:
     """One to three commands are missing, a hundred times. The twin's controller has its limits of speed,
     acceleration and jerk."""
     dice = random.Random(robot)
@@ -281,7 +283,9 @@ def test_a_controller_that_went_on_by_itself_is_met_where_it_is(robot: str, late
         assert controller.tick() is None, controller.reasons
         moving = max(map(abs, controller.dialect.get(controller.state(), "dq_d")))
         assert moving <= max(arm.speed) * 0.2 * 1.2
-    assert gaps > 100 and 0 < cycle.went_on < gaps, "at an even speed nothing has to be met"
+    assert gaps > 100 and 0 < cycle.times_continued < gaps, (
+        "at a constant speed the missing commands need no correction"
+    )
     for _ in range(3000):
         if controller.motion is None:
             break

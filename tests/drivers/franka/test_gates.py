@@ -88,7 +88,7 @@ def test_saf_014_a_joint_of_another_arm(driver: Franka) -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "0.1", None, True])
-def test_saf_014_what_is_no_number(driver: Franka, value: object) -> None:
+def test_saf_014_a_value_that_is_no_number(driver: Franka, value: object) -> None:
     assert refused(driver, {**home(driver), driver.axes[2]: value}).code == "not_finite"
 
 
@@ -125,7 +125,7 @@ def test_saf_014_a_mode_in_which_it_may_not_move(mode: RobotMode, name: str, rem
     answer = refused(driver, home(driver), seen(mode, faults={REASONS: "joint_reflex"}))
     assert answer.code == "robot_mode"
     assert f"arm is in {name} (joint_reflex)" in answer.text
-    assert remedy in answer.text
+    assert remedy in answer.remedy
     assert driver.conditions[0].reason is Reason.FAULT
 
 
@@ -146,17 +146,19 @@ def test_too_few_commands_that_arrive() -> None:
     assert isinstance(ask(driver, home(driver), seen(RobotMode.MOVE, 0.5)), Candidate)
     answer = refused(driver, home(driver), seen(RobotMode.MOVE, 0.49))
     assert (answer.code, answer.offered) == ("success_rate", "0.49")
-    assert isinstance(ask(driver, home(driver), seen(RobotMode.IDLE, 0.0)), Candidate), "without a motion it is 0"
+    assert isinstance(ask(driver, home(driver), seen(RobotMode.IDLE, 0.0)), Candidate), (
+        "without a motion the success rate is 0"
+    )
 
 
 @pytest.mark.parametrize("factor", [0.0, -0.1, 1.01, math.nan, "fast", True])
-def test_a_speed_factor_that_is_none(factor: object) -> None:
+def test_an_invalid_speed_factor(factor: object) -> None:
     with pytest.raises(ValueError, match="speed_factor"):
         Franka.resolve("panda", {"speed_factor": factor})
 
 
 @pytest.mark.parametrize("rate", [0, 9.9, 201, math.inf])
-def test_a_stream_rate_that_is_none(rate: object) -> None:
+def test_an_invalid_stream_rate(rate: object) -> None:
     with pytest.raises(ValueError, match="stream_rate_hz"):
         Franka.resolve("panda", {"stream_rate_hz": rate})
 

@@ -33,8 +33,8 @@ def a_state(version: int, **fields: tuple[float, ...]) -> bytes:
 def test_messages_survive_any_cutting(sent: list[tuple[int, int, bytes]], size: int) -> None:
     stream = b"".join(p.Message(*message).raw for message in sent)
     decoder = p.Decoder(p.LARGEST_REQUEST)
-    heard = [message for at in range(0, len(stream), size) for message in decoder.feed(stream[at : at + size])]
-    assert [tuple(message) for message in heard] == sent
+    received = [message for at in range(0, len(stream), size) for message in decoder.feed(stream[at : at + size])]
+    assert [tuple(message) for message in received] == sent
 
 
 @pytest.mark.parametrize(
@@ -88,7 +88,7 @@ def test_a_command_there_and_back(version: int, q: tuple[float, ...], finished: 
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_saf_014_what_is_no_state_is_refused(version: int) -> None:
+def test_saf_014_an_invalid_state_is_refused(version: int) -> None:
     dialect = p.DIALECTS[version]
     for data in (b"", bytes(dialect.state_bytes - 1), bytes(dialect.state_bytes + 1)):
         with pytest.raises(MalformedFrame, match="bytes"):
@@ -110,11 +110,11 @@ def test_a_size_that_no_message_has_is_refused_at_once(size: int) -> None:
 
 
 def test_a_version_that_is_not_known() -> None:
-    with pytest.raises(ValueError, match="FCI 4 is not known"):
+    with pytest.raises(ValueError, match="FCI 4 is not supported"):
         p.Dialect(4)
 
 
-def test_disturbed_frames_raise_nothing_else_and_fill_no_memory() -> None:
+def test_disturbed_frames_raise_only_the_codecs_error_and_fill_no_memory() -> None:
     chance = random.Random(1337)
     decoder = p.Decoder(p.LARGEST_REQUEST)
     for number in range(DISTURBED):

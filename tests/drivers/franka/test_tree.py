@@ -76,7 +76,7 @@ def comes_back(arm: RealRobot, twin: Twin) -> None:
 
 def recovers(arm: RealRobot) -> None:
     """Recover as soon as no stop is under way."""
-    answer = until(lambda: None if (told := arm.recover())["status"] == "error" else told, "it recovers")
+    answer = until(lambda: None if (reported := arm.recover())["status"] == "error" else reported, "it recovers")
     assert json_of(answer) == {"recovered": True}
 
 
@@ -111,7 +111,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     comes_back(arm, twin)
 
 
-def test_a_motion_keeps_the_share_of_the_limits_that_was_asked_for(arm: RealRobot, twin: Twin) -> None:
+def test_a_motion_keeps_the_selected_share_of_the_limits(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     goal = away(arm, -0.3)
     json_of(arm.send_action(goal))
@@ -131,7 +131,7 @@ def test_a_new_target_replaces_the_one_before(moving: RealRobot, twin: Twin) -> 
     json_of(moving.send_action(goal))
     wait_at(moving, goal)
     assert [entry.kind for entry in twin.log.entries(began_ns) if entry.kind == "reflex"] == []
-    assert not twin.log.host("enable", began_ns), "within the same motion"
+    assert not twin.log.host("enable", began_ns), "the new target is part of the same motion"
 
 
 def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin: Twin) -> None:
@@ -150,14 +150,19 @@ def test_policies_are_refused_by_name(arm: RealRobot) -> None:
         assert "is moved by send_action" in why(answer)
 
 
-def test_saf_013_status_says_stride_scheduling_and_what_the_firmware_does(arm: RealRobot) -> None:
-    told = status(arm)
-    assert (told["state_hz"], told["stride"], told["fci"], told["speed_factor"]) == (1000, 33, 5, 0.2)
-    assert told["stream_rate_hz"] == pytest.approx(30.3, abs=0.1)
-    assert told["cycle_scheduling"].startswith(("SCHED_FIFO", "ordinary"))
-    assert "after 20 ms of a motion without a command" in told["firmware_watchdog"]
-    assert told["sensors"]["robot_mode"] == [1.0]
-    assert told["sensors"]["flange_m"][2] == pytest.approx(0.59, abs=0.3)
+def test_saf_013_status_shows_stride_scheduling_and_the_firmwares_reaction(arm: RealRobot) -> None:
+    reported = status(arm)
+    assert (reported["state_hz"], reported["stride"], reported["fci"], reported["speed_factor"]) == (
+        1000,
+        33,
+        5,
+        0.2,
+    )
+    assert reported["stream_rate_hz"] == pytest.approx(30.3, abs=0.1)
+    assert reported["cycle_scheduling"].startswith(("SCHED_FIFO", "ordinary"))
+    assert "after 20 ms of a motion without a command" in reported["firmware_watchdog"]
+    assert reported["sensors"]["robot_mode"] == [1.0]
+    assert reported["sensors"]["flange_m"][2] == pytest.approx(0.59, abs=0.3)
 
 
 @pytest.mark.long
@@ -180,8 +185,8 @@ def test_the_arms_of_fci_10(robot: str, tmp_path: Path, run_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("robot", "fci", "said"),
     [
-        ("panda", 10, "connect: controller speaks 10, panda speaks 5. use the fr3 or fr3_v2 driver"),
-        ("fr3", 5, "connect: controller speaks 5, fr3 speaks 10. use the panda driver"),
+        ("panda", 10, "connect: controller has FCI 10, panda needs FCI 5. Use the fr3 or fr3_v2 driver"),
+        ("fr3", 5, "connect: controller has FCI 5, fr3 needs FCI 10. Use the panda driver"),
     ],
 )
 def test_a_controller_of_the_other_version_is_named(
@@ -204,7 +209,7 @@ def test_a_twin_without_anything_else(run_dir: Path) -> None:
         wait_at(arm, goal)
 
 
-def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
+def test_a_simulation_moves_as_commanded(run_dir: Path) -> None:
     """One joint is enough. The gates that require all joints are the real arm's."""
     with Robot("panda") as sim:
         json_of(sim.send_action({"joint1": 0.3}))
@@ -227,7 +232,7 @@ def test_a_simulation_moves_as_it_is_told(run_dir: Path) -> None:
         ("mode USER_STOPPED", "user_stopped"),
     ],
 )
-def test_saf_003_a_stop_of_the_controllers_own(moving: RealRobot, twin: Twin, order: str, said: str) -> None:
+def test_saf_003_the_controller_stops_by_itself(moving: RealRobot, twin: Twin, order: str, said: str) -> None:
     """The fault is named and disarms. No motion continues by itself afterwards, and arming is refused while it
     lasts."""
     began_ns = time.monotonic_ns()
@@ -262,7 +267,7 @@ def test_a_reflex_before_connecting_is_named(twin: Twin, run_dir: Path) -> None:
         arm.cleanup()
 
 
-def test_commands_that_do_not_arrive_are_told_and_new_targets_refused(moving: RealRobot, twin: Twin) -> None:
+def test_lost_commands_are_reported_and_new_targets_refused(moving: RealRobot, twin: Twin) -> None:
     twin.order("success-rate 0.4")
     until(lambda: "40%" in status(moving)["faults"].get("success_rate", ""), "status warns")
     assert "40% of the commands reach" in why(moving.send_action(moving.get_observation()))
@@ -355,7 +360,9 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
     twin.unplug()
     until(lambda: not status(moving)["connected"], "it is noticed")
     until(lambda: "cannot connect" in (status(moving)["connect_error"] or ""), "it says why")
-    assert [entry for entry in twin.log.entries(pulled_ns) if entry.kind == "aborted"], "the controller stopped it"
+    assert [entry for entry in twin.log.entries(pulled_ns) if entry.kind == "aborted"], (
+        "the controller stopped the arm"
+    )
     assert why(moving.stop())
     twin.plug()
     comes_back(moving, twin)
@@ -363,7 +370,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["stuck", "garbage"])
-def test_saf_012_states_that_say_nothing_are_no_link(moving: RealRobot, twin: Twin, fault: str) -> None:
+def test_saf_012_states_without_news_do_not_count_as_a_link(moving: RealRobot, twin: Twin, fault: str) -> None:
     """Either its numbers do not change, or no message is a state. The connection is open all the same."""
     twin.fault(fault)
     until(lambda: not status(moving)["connected"] or state(moving) == "disarmed", "it is noticed")
@@ -398,7 +405,7 @@ def test_power_cycled(moving: RealRobot, twin: Twin) -> None:
 
 
 @pytest.mark.long
-def test_saf_012_a_controller_that_is_frozen_before_connecting_hangs_nobody(twin: Twin, run_dir: Path) -> None:
+def test_saf_012_connecting_to_a_frozen_controller_ends_in_time(twin: Twin, run_dir: Path) -> None:
     """The vendor's constructors would never return here."""
     twin.pause()
     arm = Robot("panda", mode="real", port=twin.port)

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import HOME_RAD, arm_of, arms
 from strands_actors.drivers.franka.generator import Trajectory, limits_of
@@ -96,7 +96,7 @@ def test_near_the_end_of_its_range_an_fr3_may_not_be_fast() -> None:
     assert controller.reasons  # which guard acts first depends on the arm
 
 
-def test_saf_013_twenty_missed_commands_are_gone_on_without_and_one_more_is_not() -> None:
+def test_saf_013_the_motion_survives_twenty_missed_commands_and_not_one_more() -> None:
     events: list[str] = []
     controller = Controller(arm_of("panda"), 5, events.append)
     begin(controller)
@@ -113,7 +113,7 @@ def test_saf_013_twenty_missed_commands_are_gone_on_without_and_one_more_is_not(
     assert events == ["reflex"]
 
 
-def test_a_motion_that_is_finished_leaves_the_arm_where_it_was_told() -> None:
+def test_a_finished_motion_leaves_the_arm_at_its_target() -> None:
     controller = controller_of()
     begin(controller)
     controller.take(p.Command(0, HOME, ZEROS, ZEROS, True))
@@ -122,21 +122,21 @@ def test_a_motion_that_is_finished_leaves_the_arm_where_it_was_told() -> None:
     assert not controller.take(p.Command(0, HOME, ZEROS, ZEROS, False)), "without a motion a command has no effect"
 
 
-def test_what_the_twin_does_not_do_is_refused() -> None:
+def test_requests_that_the_twin_does_not_have_are_refused() -> None:
     controller = controller_of()
     assert (
         controller.start(1, p.Controller.JOINT_IMPEDANCE, p.Generator.CARTESIAN_POSITION - 1) == "invalid_argument"
     )
 
 
-def test_a_controller_that_was_switched_off_counts_anew_and_its_arm_moves_on() -> None:
+def test_a_controller_that_was_switched_off_restarts_its_count_and_its_arm_moves_on() -> None:
     controller = controller_of()
     for _ in range(50):
         controller.tick()
     controller.reset()
     controller.tick()
     assert controller.dialect.state(controller.state()).message_id == 1
-    controller.lead((0.5, *HOME[1:]))
+    controller.set_targets((0.5, *HOME[1:]))
     for _ in range(2000):
         controller.tick()
     assert controller.plant.position_rad[0] == pytest.approx(0.5, abs=1e-3)
@@ -145,17 +145,17 @@ def test_a_controller_that_was_switched_off_counts_anew_and_its_arm_moves_on() -
 def test_the_body_is_the_simulations_until_a_motion_begins() -> None:
     controller = controller_of()
     body = FrankaBody(controller)
-    assert set(body.hands) == {Hand.NONE}
-    body.take(True)
-    body.aim((0.2, *HOME[1:]))
+    assert set(body.commanders) == {Commander.NONE}
+    body.energise(True)
+    body.set_targets((0.2, *HOME[1:]))
     body.step(1000)
     assert body.felt().position[0] == pytest.approx(0.2, abs=1e-3)
     begin(controller)
-    assert set(body.hands) == {Hand.WIRE}
-    body.aim(HOME)
+    assert set(body.commanders) == {Commander.WIRE}
+    body.set_targets(HOME)
     assert controller.q_d[0] == pytest.approx(0.2)
     controller.stop("success")
-    assert set(body.hands) == {Hand.NONE}, "it is not given back by itself"
+    assert set(body.commanders) == {Commander.NONE}, "the body does not return to the simulation by itself"
     body.reset()
     assert body.felt().position[0] == 0.0
 
@@ -167,7 +167,7 @@ def test_where_the_flange_is_in_the_vendors_start_pose(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ["fr3", "fr3_v2"])
-def test_the_description_has_what_libfranka_looks_for(robot: str) -> None:
+def test_the_description_has_the_parts_that_libfranka_needs(robot: str) -> None:
     joints = [joint for joint in ElementTree.fromstring(urdf(arm_of(robot))) if joint.tag == "joint"]
     assert [joint.get("name") for joint in joints[:7]] == list(arm_of(robot).keys)
     for joint in joints[:7]:

@@ -82,8 +82,8 @@ def told_by(client: subprocess.Popen[str]) -> dict[str, Any]:
     said, _ = client.communicate(timeout=3 * PATIENCE_S)
     lines = [line for line in said.splitlines() if line.startswith("{")]
     assert client.returncode == 0 and lines, said
-    told: dict[str, Any] = json.loads(lines[-1])
-    return told
+    reported: dict[str, Any] = json.loads(lines[-1])
+    return reported
 
 
 def run(twin: TwinProcess, text: str) -> dict[str, Any]:
@@ -96,7 +96,7 @@ def run(twin: TwinProcess, text: str) -> dict[str, Any]:
 
 @pytest.mark.needs("panda-python")
 def test_panda_python_connects_reads_moves_and_loads_the_model(panda: TwinProcess) -> None:
-    told = run(
+    reported = run(
         panda,
         PANDA
         + """
@@ -110,18 +110,18 @@ end(mode=str(first.robot_mode), moved=moved, reached=reached, started=started, p
     coriolis=coriolis)
 """,
     )
-    assert told["mode"] == "RobotMode.kIdle"
-    assert told["moved"] and told["started"]
-    assert told["reached"] < 0.01
-    assert told["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)  # the vendor's start pose
-    assert told["coriolis"] == [0.0] * 7
+    assert reported["mode"] == "RobotMode.kIdle"
+    assert reported["moved"] and reported["started"]
+    assert reported["reached"] < 0.01
+    assert reported["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)  # the vendor's start pose
+    assert reported["coriolis"] == [0.0] * 7
     kinds = [kind for kind, _ in panda.logged("host")]
     assert kinds.count("enable") == 2 and kinds.count("setpoint") > 1000
 
 
 @pytest.mark.needs("panda-python")
-def test_panda_python_runs_a_controller_of_its_own_and_stops_it(panda: TwinProcess) -> None:
-    told = run(
+def test_panda_python_runs_its_controller_and_stops_it(panda: TwinProcess) -> None:
+    reported = run(
         panda,
         PANDA
         + """
@@ -136,8 +136,8 @@ panda.stop_controller()
 end(moved=moved, mode=str(panda.get_state().robot_mode))
 """,
     )
-    assert told["moved"] == pytest.approx(0.05, abs=0.015)
-    assert told["mode"] == "RobotMode.kIdle"
+    assert reported["moved"] == pytest.approx(0.05, abs=0.015)
+    assert reported["mode"] == "RobotMode.kIdle"
 
 
 @pytest.mark.needs("panda-python")
@@ -157,17 +157,17 @@ end(reflex=reflex, errors=errors, after=str(panda.get_state().robot_mode), moved
     ) as client:
         hear(client, "ready")
         panda.command("reflex joint_reflex")
-        told = told_by(client)
-    assert told["reflex"] == "RobotMode.kReflex"
-    assert "joint_reflex" in told["errors"]
-    assert told["after"] == "RobotMode.kIdle"
-    assert told["moved"]
+        reported = told_by(client)
+    assert reported["reflex"] == "RobotMode.kReflex"
+    assert "joint_reflex" in reported["errors"]
+    assert reported["after"] == "RobotMode.kIdle"
+    assert reported["moved"]
 
 
 @pytest.mark.needs("panda-python")
-def test_panda_python_is_told_of_the_other_version(tmp_path: Path) -> None:
+def test_panda_python_gets_an_error_for_the_other_version(tmp_path: Path) -> None:
     with twin_of("panda", tmp_path, fci=10) as twin:
-        told = run(
+        reported = run(
             twin,
             """
 import panda_py
@@ -178,7 +178,7 @@ except Exception as error:
     end(error=str(error))
 """,
         )
-    assert "version 10" in told["error"] and "version 5" in told["error"], told
+    assert "version 10" in reported["error"] and "version 5" in reported["error"], reported
 
 
 # -- FCI 10
@@ -186,7 +186,7 @@ except Exception as error:
 
 @pytest.mark.needs("pylibfranka")
 def test_pylibfranka_connects_reads_and_loads_the_model(fr3: TwinProcess) -> None:
-    told = run(
+    reported = run(
         fr3,
         FR3
         + """
@@ -195,10 +195,10 @@ gravity = robot.load_model().gravity(state)
 end(mode=str(state.robot_mode), q=list(state.q), pose=list(state.O_T_EE), gravity=len(list(gravity)))
 """,
     )
-    assert told["mode"] == "RobotMode.Idle"
-    assert told["q"] == pytest.approx([0, -0.7854, 0, -2.3562, 0, 1.5708, 0.7854], abs=1e-3)
-    assert told["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)
-    assert told["gravity"] == 7
+    assert reported["mode"] == "RobotMode.Idle"
+    assert reported["q"] == pytest.approx([0, -0.7854, 0, -2.3562, 0, 1.5708, 0.7854], abs=1e-3)
+    assert reported["pose"][12:15] == pytest.approx([0.3069, 0.0, 0.5903], abs=1e-3)
+    assert reported["gravity"] == 7
 
 
 MOVE = """
@@ -217,7 +217,7 @@ while elapsed < 1.0:
 
 @pytest.mark.needs("pylibfranka")
 def test_pylibfranka_moves_at_1_khz(fr3: TwinProcess) -> None:
-    told = run(
+    reported = run(
         fr3,
         FR3
         + MOVE
@@ -227,15 +227,15 @@ for _ in range(300):
 end(cycles=cycles, moved=[there - here for there, here in zip(state.q, start)], mode=str(state.robot_mode))
 """,
     )
-    assert told["cycles"] > 900
-    assert told["moved"] == pytest.approx([0.1] * 7, abs=0.01)
-    assert told["mode"] == "RobotMode.Idle"
+    assert reported["cycles"] > 900
+    assert reported["moved"] == pytest.approx([0.1] * 7, abs=0.01)
+    assert reported["mode"] == "RobotMode.Idle"
 
 
 @pytest.mark.needs("pylibfranka")
 def test_pylibfranka_is_stopped_by_a_guard_and_recovers(fr3: TwinProcess) -> None:
     """The program jumps. The controller's guard ends the motion and names the reason, and the fault is cleared."""
-    told = run(
+    reported = run(
         fr3,
         FR3
         + """
@@ -255,15 +255,15 @@ robot.automatic_error_recovery()
         + MOVE
         + "end(error=error, reflex=reflex, cycles=cycles)",
     )
-    assert "joint_motion_generator_velocity_limits_violation" in told["error"]
-    assert told["reflex"] == "RobotMode.Reflex"
-    assert told["cycles"] > 900
+    assert "joint_motion_generator_velocity_limits_violation" in reported["error"]
+    assert reported["reflex"] == "RobotMode.Reflex"
+    assert reported["cycles"] > 900
 
 
 @pytest.mark.needs("pylibfranka")
-def test_pylibfranka_is_told_of_the_other_version(tmp_path: Path) -> None:
+def test_pylibfranka_gets_an_error_for_the_other_version(tmp_path: Path) -> None:
     with twin_of("fr3", tmp_path, fci=5) as twin:
-        told = run(
+        reported = run(
             twin,
             """
 import pylibfranka as franka
@@ -273,7 +273,7 @@ except Exception as error:
     end(error=str(error))
 """,
         )
-    assert "version: 5" in told["error"], told
+    assert "version: 5" in reported["error"], reported
 
 
 # -- both

@@ -51,13 +51,13 @@ def test_an_agent_keeps_it_reads_it_and_can_stop_it(tmp_path: Path, run_dir: Pat
         assert "resume() first" in why(arm.send_action(away(arm, 0.01)))
 
 
-def test_the_command_serves_a_twin_of_the_version_it_is_told(cli: Command, tmp_path: Path) -> None:
+def test_the_command_serves_a_twin_of_the_selected_version(cli: Command, tmp_path: Path) -> None:
     port_file = tmp_path / "port"
     with cli.start("twin", "panda", "--port-file", str(port_file), "--option", "fci=10") as served:
         until(port_file.exists, "the twin serves", PATIENCE_S)
         arm = Robot("panda", mode="real", port=port_file.read_text())
         try:
-            assert "controller speaks 10" in (arm.connect_eagerly() or "")
+            assert "controller has FCI 10" in (arm.connect_eagerly() or "")
         finally:
             arm.cleanup()
             served.terminate()
@@ -66,7 +66,7 @@ def test_the_command_serves_a_twin_of_the_version_it_is_told(cli: Command, tmp_p
 
 @pytest.mark.parametrize(
     ("option", "said"),
-    [("fci=4", "There are 5, 10"), ("fci", "'fci' is not KEY=VALUE"), ("speed=1", "Use host, fci, tick_wait_ms")],
+    [("fci=4", "Use one of 5, 10"), ("fci", "'fci' is not KEY=VALUE"), ("speed=1", "Use host, fci, tick_wait_ms")],
 )
 def test_options_that_a_twin_does_not_have(cli: Command, tmp_path: Path, option: str, said: str) -> None:
     done = cli.run("twin", "panda", "--port-file", str(tmp_path / "port"), "--option", option)

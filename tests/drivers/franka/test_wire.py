@@ -1,4 +1,4 @@
-"""Test the wire and the stop channel on a twin, without a tree: what is written, and what is not."""
+"""Test the wire and the stop channel on a twin, without a tree: which frames are written."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import trio
@@ -18,7 +19,7 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.franka.client import connect
 from strands_actors.drivers.franka.driver import Franka
 from strands_actors.drivers.franka.protocol import RobotMode
-from strands_actors.drivers.franka.stop_channel import FrankaStopChannel
+from strands_actors.drivers.franka.stop_channel import FrankaStopChannel, StopWatch
 from strands_actors.drivers.franka.wire import OLD_S, FrankaWire
 from strands_actors.kernel.clock import NS, MonotonicClock
 from strands_actors.supervisors.wire.messages import Cycle, MakeSafe, Write
@@ -98,7 +99,7 @@ async def moves(wire: FrankaWire, twin: Twin) -> None:
     await until(lambda: len(twin.log.host("setpoint")) > 50)
 
 
-def test_saf_001_what_is_not_permitted_is_not_written(twin: Twin) -> None:
+def test_saf_001_nothing_is_written_without_a_permit(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         with pytest.raises(PermitDenied, match="a stop is waiting"):
             await wire.arm(No())
@@ -111,7 +112,7 @@ def test_saf_001_what_is_not_permitted_is_not_written(twin: Twin) -> None:
     on_wire(twin, act)
 
 
-def test_saf_012_nothing_is_written_to_a_controller_that_is_silent(twin: Twin) -> None:
+def test_saf_012_nothing_is_written_to_a_silent_controller(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         await wire.arm(Yes())
         goal = await goal_of(wire, 0.1)
@@ -169,7 +170,7 @@ def test_a_target_that_comes_before_the_motion_before_has_ended_is_begun_by_the_
         with pytest.raises(PermitDenied, match="a stop is waiting"):
             await wire.write(goal, No())
         await switch(wire, twin, RobotMode.IDLE)
-        assert not twin.log.host("enable"), "it was not written, and nothing goes on by itself"
+        assert not twin.log.host("enable"), "the target was not written, and no motion continues by itself"
         with pytest.raises(PermitDenied, match="a stop is waiting"):
             await wire.write(goal, No())
         assert not twin.log.host("enable")
@@ -202,7 +203,7 @@ def test_a_target_that_comes_while_no_state_does_is_begun_by_the_re_send(twin: T
 
 
 def transport_on(wire: FrankaWire) -> Transport:
-    """Return the transport of a tree alone: it has the wire, and its messages have no receiver."""
+    """Return a tree's transport by itself. It has the wire, and its messages have no receiver."""
     transport = Transport(Franka("panda", "192.0.2.1", {}), "gate", "watchdog", "guardian", EPOCH)
     nobody = SimpleNamespace(tell=lambda message: None)
     transport.context = SimpleNamespace(  # type: ignore[assignment]
@@ -218,7 +219,7 @@ def transport_on(wire: FrankaWire) -> Transport:
     ("expires_s", "resend_epoch", "begins"),
     [(0.0, EPOCH, True), (5.0, EPOCH, True), (0.1, EPOCH, False), (0.0, EPOCH + 1, False)],
 )
-def test_saf_010_what_the_transport_re_sends_is_begun_within_its_deadline_and_epoch(
+def test_saf_010_a_re_sent_target_begins_only_within_its_deadline_and_epoch(
     twin: Twin, expires_s: float, resend_epoch: int, begins: bool
 ) -> None:
     async def act(wire: FrankaWire) -> None:
@@ -240,7 +241,7 @@ def test_saf_010_what_the_transport_re_sends_is_begun_within_its_deadline_and_ep
     on_wire(twin, act)
 
 
-def test_saf_002_what_waits_to_be_begun_is_not_begun_after_a_stop(twin: Twin) -> None:
+def test_saf_002_a_waiting_motion_does_not_begin_after_a_stop(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         await wire.arm(Yes())
         transport = transport_on(wire)
@@ -301,7 +302,7 @@ def test_the_same_target_again_is_no_motion_again(twin: Twin) -> None:
     on_wire(twin, act)
 
 
-def test_saf_009_somebody_elses_motion_keeps_us_from_arming(twin: Twin) -> None:
+def test_saf_009_another_clients_motion_prevents_arming(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         other = await connect(twin.port.partition(":")[0], 5, "panda")
         try:
@@ -309,7 +310,7 @@ def test_saf_009_somebody_elses_motion_keeps_us_from_arming(twin: Twin) -> None:
             assert (await other.answer(number, "move")).payload == b"\x01"
             await trio.sleep(0.1)
             await wire.read()
-            with pytest.raises(WireDown, match="somebody else moves the arm"):
+            with pytest.raises(WireDown, match="another program moves the arm"):
                 await wire.arm(Yes())
         finally:
             other.close()
@@ -349,7 +350,7 @@ def test_a_reflex_is_confirmed_as_standing_and_named(twin: Twin) -> None:
     on_wire(twin, act)
 
 
-def test_saf_020_a_link_that_was_lost_is_stopped_by_what_is_left_of_it_and_anew(twin: Twin) -> None:
+def test_saf_020_a_stop_uses_the_rest_of_a_lost_link_and_a_new_one(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         await moves(wire, twin)
         session = wire.session_or_none
@@ -394,7 +395,7 @@ def stopped(twin: Twin) -> tuple[list[bool], str]:
     return [report.safe for report in reports], reports[0].detail
 
 
-def test_saf_003_the_stop_channel_stops_who_else_moves_the_arm(twin: Twin) -> None:
+def test_saf_003_the_stop_channel_stops_another_clients_motion(twin: Twin) -> None:
     async def act(wire: FrankaWire) -> None:
         await moves(wire, twin)
         since_ns = time.monotonic_ns()
@@ -411,7 +412,7 @@ def test_saf_005_a_frozen_controller_confirms_nothing(twin: Twin) -> None:
     twin.pause()
     safe, detail = stopped(twin)
     assert safe == [False] * 7
-    assert "no answer to connect" in detail
+    assert "the controller did not answer connect" in detail
 
 
 def test_saf_005_a_clock_that_stands_still_confirms_nothing(twin: Twin) -> None:
@@ -419,10 +420,23 @@ def test_saf_005_a_clock_that_stands_still_confirms_nothing(twin: Twin) -> None:
     time.sleep(0.1)
     safe, detail = stopped(twin)
     assert safe == [False] * 7
-    assert detail == "the controller's time stamp stands still"
+    assert detail == "the time stamp of the controller does not advance"
 
 
-def test_saf_005_nobody_there(twin: Twin, tmp_path: Path) -> None:
+def test_saf_022_a_state_that_arrives_late_does_not_replace_a_newer_one() -> None:
+    """The network may deliver two datagrams in the wrong order."""
+
+    def state(message_id: int, mode: RobotMode) -> Any:
+        return SimpleNamespace(message_id=message_id, robot_mode=mode, dq=(0.0,) * 7, reasons=())
+
+    states = [state(12, RobotMode.MOVE), state(11, RobotMode.IDLE), state(13, RobotMode.IDLE)]
+    client: Any = SimpleNamespace(replies=list, newest_state=lambda: states.pop(0))
+    config = Franka("panda", "127.0.0.1", {}).config
+    watch = StopWatch(config, client, state(10, RobotMode.MOVE), stop=1)
+    assert [all(report.safe for report in watch.look()) for _ in range(3)] == [False, False, True]
+
+
+def test_saf_005_no_controller_is_found(twin: Twin, tmp_path: Path) -> None:
     channel = FrankaStopChannel(Franka("panda", "127.0.0.1:1338", {}).config, (), MonotonicClock())
     assert not any(report.safe for report in trio.run(channel.make_safe, "stop"))
     channel = FrankaStopChannel(Franka("panda", "127.9.9.9", {}).config, (), MonotonicClock())

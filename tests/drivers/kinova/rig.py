@@ -20,7 +20,7 @@ HOST = "192.0.2.10"
 
 
 class Rig:
-    """A wire on a base. ``told`` has every frame that reached the base, in order."""
+    """A wire on a base. ``received`` has every frame that reached the base, in order."""
 
     def __init__(self, options: dict[str, Any] | None = None, **bench: Any) -> None:
         self.driver = Kinova("kinova_gen3", HOST, options or {})
@@ -28,7 +28,7 @@ class Rig:
         self.clock = VirtualClock()
         self.wire = KinovaWire(self.driver.config, self.clock, self.connect)
         self.ports: list[MemoryPort] = []
-        self.told: list[tuple[float, Frame]] = []
+        self.received: list[tuple[float, Frame]] = []
         self.silent = False  # the base receives, but sends nothing
         self.deaf: set[int] = set()  # calls that are lost before they are carried out
         self.delay_s: Callable[[int], float] = lambda call: 0.001
@@ -40,7 +40,7 @@ class Rig:
 
         def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
             for frame in Decoder().feed(data):
-                self.told.append((trio.current_time(), frame))
+                self.received.append((trio.current_time(), frame))
                 if frame.call in self.deaf:
                     continue
                 for exchange in session.receive(frame.encode(), None):
@@ -56,7 +56,7 @@ class Rig:
     async def armed(self) -> Rig:
         await self.wire.open()
         await self.wire.arm(Permission())
-        self.told.clear()
+        self.received.clear()
         return self
 
     async def period(self, earned: bool = True) -> Observation:
@@ -83,13 +83,13 @@ class Rig:
     # -- results
 
     def calls(self, since_s: float = 0.0) -> list[int]:
-        return [frame.call for at_s, frame in self.told if at_s >= since_s]
+        return [frame.call for at_s, frame in self.received if at_s >= since_s]
 
     def stops(self) -> list[float]:
-        return [at_s for at_s, frame in self.told if frame.call == Call.STOP]
+        return [at_s for at_s, frame in self.received if frame.call == Call.STOP]
 
     def speeds(self) -> list[tuple[float, Frame]]:
-        return [(at_s, frame) for at_s, frame in self.told if frame.call == Call.SEND_JOINT_SPEEDS]
+        return [(at_s, frame) for at_s, frame in self.received if frame.call == Call.SEND_JOINT_SPEEDS]
 
     @property
     def velocity(self) -> float:

@@ -58,18 +58,18 @@ def refused(action: Mapping[Any, Any], at: GateState | None = None, arm: Kinova 
     return answer
 
 
-def test_a_small_step_passes_and_says_its_speed() -> None:
+def test_a_small_step_is_accepted_and_has_its_speed() -> None:
     answer = judge({"joint_2": 0.27, "joint_7.pos": 1.56})
     assert isinstance(answer, Candidate)
     assert answer.values[:7] == (0.0, 0.27, 3.1, -2.2, 0.0, 0.96, 1.56)
     assert answer.named == (1, 6)
     assert ARM.as_json(answer.values) == dict(zip(ARM.axes, answer.values, strict=False))
-    told = ARM.commanded({"joint_2": 0.27, "joint_7.pos": 1.56}, answer.values)
-    assert told["robot"] == "kinova_gen3" and told["joints"] == ["joint_2", "joint_7"]
-    assert told["joint_speeds"] == {"joint_2": pytest.approx(0.4), "joint_7": pytest.approx(-0.4)}
+    commanded = ARM.commanded({"joint_2": 0.27, "joint_7.pos": 1.56}, answer.values)
+    assert commanded["robot"] == "kinova_gen3" and commanded["joints"] == ["joint_2", "joint_7"]
+    assert commanded["joint_speeds"] == {"joint_2": pytest.approx(0.4), "joint_7": pytest.approx(-0.4)}
 
 
-def test_what_is_not_named_keeps_its_target_after_a_command_too() -> None:
+def test_joints_that_are_not_named_keep_their_targets_after_a_command() -> None:
     first = judge({"joint_1": 0.01})
     assert isinstance(first, Candidate)
     at = state()
@@ -103,7 +103,7 @@ def test_saf_014_a_bad_action_is_refused_by_name(action: dict[Any, Any], code: s
 
 
 @given(st.floats(-0.1, 0.1), st.integers(0, 6), st.booleans())
-def test_saf_014_what_needs_more_than_the_gate_is_refused_and_nothing_else(
+def test_saf_014_only_commands_that_need_more_than_the_gate_are_refused(
     step: float, joint: int, stream: bool
 ) -> None:
     answer = judge({f"joint_{joint + 1}": AT[joint] + step}, state(stream=stream))
@@ -112,8 +112,8 @@ def test_saf_014_what_needs_more_than_the_gate_is_refused_and_nothing_else(
 
 def test_the_limit_that_a_refusal_names_is_accepted() -> None:
     no = refused({"joint_1": 0.05})
-    assert no.reason == "joint_1 needs 2 rad/s to be there within 25 ms"
-    assert no.remedy == "step at most 0.02181 rad from the measured position"
+    assert no.reason == "joint_1 needs 2 rad/s to reach the target within 25 ms"
+    assert no.remedy == "send a target at most 0.02181 rad from the measured position"
     assert isinstance(judge({"joint_1": 0.02181}), Candidate)
 
 
@@ -143,14 +143,14 @@ def test_saf_012_old_readings_are_no_readings() -> None:
 
 def test_a_base_in_fault_is_named_with_its_bank() -> None:
     no = refused({"joint_1": 0.0}, state(arm_state=4, fault_bank=0x20))
-    assert no.text == "base in fault (bank 0x20). clear it, then reconnect"
+    assert no.text == "base in fault (bank 0x20). Clear the fault, then reconnect"
     assert refused({"joint_1": 0.0}, state(arm_state=8)).code == "arm_state"
     assert "PLAYING_SEQUENCE (8)" in refused({"joint_1": 0.0}, state(arm_state=8)).reason
 
 
-def test_an_arm_that_its_wire_has_stopped_is_armed_anew_first() -> None:
-    no = refused({"joint_1": 0.0}, state(faults={"base": "stopped, because nothing was sent for 80 ms"}))
-    assert no.reason == "stopped, because nothing was sent for 80 ms"
+def test_an_arm_that_its_wire_has_stopped_must_be_armed_again() -> None:
+    no = refused({"joint_1": 0.0}, state(faults={"base": "stopped, because no speed was sent for 80 ms"}))
+    assert no.reason == "stopped, because no speed was sent for 80 ms"
     assert no.remedy == "call resume()"
     assert isinstance(judge({"joint_1": 0.0}, state(faults={"joint_3": "fault banks 0x1 0x0"})), Candidate)
 
@@ -189,7 +189,7 @@ def test_the_clocks_follow_the_control_frequency(hz: float, silent_s: float) -> 
         {"username": 7},
     ],
 )
-def test_an_option_that_is_not_accepted_is_named_with_what_is(options: dict[str, Any]) -> None:
+def test_an_invalid_option_is_named_with_the_valid_ones(options: dict[str, Any]) -> None:
     (name,) = options
     with pytest.raises(ValueError, match=f"kinova_gen3: {name} is .*It is: {Kinova.OPTIONS[name][:20]}"):
         Kinova.resolve("kinova_gen3", options)

@@ -58,14 +58,14 @@ def test_the_session_of_a_response_is_the_high_half_and_its_error_stands_in_the_
 
 
 @given(st.lists(frames, max_size=5), st.integers(1, 64))
-def test_frames_come_back_in_whatever_pieces(wanted: list[p.Frame], piece: int) -> None:
+def test_frames_are_decoded_from_any_pieces(wanted: list[p.Frame], piece: int) -> None:
     data, decoder = b"".join(frame.encode() for frame in wanted), p.Decoder()
     found = [frame for at in range(0, len(data), piece) for frame in decoder.feed(data[at : at + piece])]
     assert (found, decoder.skipped) == (wanted, 0)
 
 
 @given(st.binary(max_size=40), frames, frames)
-def test_what_is_no_frame_is_skipped_up_to_the_next(noise: bytes, first: p.Frame, second: p.Frame) -> None:
+def test_invalid_bytes_are_skipped_up_to_the_next_frame(noise: bytes, first: p.Frame, second: p.Frame) -> None:
     """This happens when a process takes over a connection in the middle of an answer."""
     decoder = p.Decoder()
     half = first.encode()[9:]
@@ -74,7 +74,7 @@ def test_what_is_no_frame_is_skipped_up_to_the_next(noise: bytes, first: p.Frame
     assert decoder.skipped >= 1
 
 
-def test_a_frame_that_is_too_long_or_lies_about_its_payload_costs_itself_only() -> None:
+def test_a_frame_with_a_wrong_length_loses_only_itself() -> None:
     good = p.Frame(p.Kind.RESPONSE, p.Call.STOP, 1, 1)
     long = p.MAGIC + (p.MAX_FRAME + 1).to_bytes(4, "big")
     body = KEEP_ALIVE[12:-2] + pb.bytes_field(2, b"four")
@@ -99,7 +99,7 @@ def test_a_login_comes_back_as_it_was(username: str, password: str) -> None:
     assert p.Login.decode(p.Login(username, password).encode()) == p.Login(username, password, 60_000, 2_000)
 
 
-def test_numbers_that_are_none_are_refused() -> None:
+def test_invalid_numbers_are_refused() -> None:
     nan = p.Feedback(7, (p.Actuator(position_deg=float("nan")),))
     with pytest.raises(MalformedFrame, match="nan"):
         p.Feedback.decode(nan.encode())
@@ -109,7 +109,7 @@ def test_numbers_that_are_none_are_refused() -> None:
         p.Feedback.decode(pb.varint_field(3, 1))
 
 
-def test_what_has_no_name_is_shown_as_a_number() -> None:
+def test_a_value_without_a_name_is_shown_as_a_number() -> None:
     assert p.arm_state_name(4) == "IN_FAULT (4)"
     assert p.arm_state_name(99) == "unknown (99)"
 
@@ -153,4 +153,4 @@ def fuzz(rounds: int, seed: int) -> int:
 
 
 def test_disturbed_frames_are_read_or_skipped() -> None:
-    assert fuzz(DISTURBED, 1) > 1000, "some disturbances leave a frame"
+    assert fuzz(DISTURBED, 1) > 1000, "some disturbed frames can still be decoded"

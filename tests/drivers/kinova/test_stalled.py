@@ -50,6 +50,8 @@ def test_saf_010_a_stop_is_not_written_behind_joint_speeds_that_the_base_does_no
                 while True:
                     received += peer.recv(1 << 16)
             assert len(received) < 100 * len(SPEEDS)
-            assert (Call.STOP in calls_in(received)) == (not stalled), "on a connection that lives, a stop leaves"
+            assert (Call.STOP in calls_in(received)) == (not stalled), (
+                "the stop is sent only if the connection is not stalled"
+            )
 
     trio.run(main)

@@ -11,10 +11,11 @@ import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.kinova.base import Base, BaseSession, CallFailed, Second
+from strands_actors.drivers.kinova.base import FRAMES_HZ, Base, BaseSession, CallFailed, Second
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
+from strands_actors.drivers.kinova.stopping import FRAME_NUMBERS
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
 
 from .rig import Rig
@@ -34,7 +35,7 @@ async def moving(rig: Rig) -> Rig:
     await rig.go(0, STEP_RAD)
     await trio.sleep(0.04)
     assert rig.velocity > 0.05
-    rig.told.clear()
+    rig.received.clear()
     return rig
 
 
@@ -58,7 +59,7 @@ def test_a_stop_leaves_before_anything_is_waited_for_and_is_seen_to_work() -> No
         rig = await moving(Rig())
         began_s = trio.current_time()
         reports = await rig.stop()
-        assert rig.told[0][0] == began_s and rig.told[0][1].call == Call.STOP
+        assert rig.received[0][0] == began_s and rig.received[0][1].call == Call.STOP
         assert all_safe(reports)
         assert [report.axis for report in reports] == list(rig.driver.axes)
         assert rig.velocity < 0.01
@@ -71,9 +72,9 @@ def test_after_a_hold_the_next_target_is_led_to_from_where_the_arm_is() -> None:
     async def main() -> None:
         rig = await moving(Rig())
         assert all_safe(await rig.stop("hold"))
-        rig.told.clear()
+        rig.received.clear()
         for _ in range(8):
-            assert (await rig.period()).faults == {}, "there is nothing left to expire"
+            assert (await rig.period()).faults == {}, "no target is left that could expire"
         assert rig.stops() == []
         await rig.go(0, STEP_RAD)
         assert len(rig.speeds()) == 1
@@ -112,13 +113,13 @@ def test_a_stop_whose_answers_are_late_is_confirmed_all_the_same(late_s: float) 
         rig.delay_s = lambda call: 0.001
         for _ in range(8):
             await rig.period()
-        waiting = set(rig.wire.session.client._awaited) - set(rig.wire.session.asked_ns)
-        assert waiting == set(), "nothing is waited for any more"
+        waiting = set(rig.wire.session.client._awaited) - set(rig.wire.session.requested_ns)
+        assert waiting == set(), "no answer is pending any more"
 
     virtual(main)
 
 
-def test_saf_005_what_is_not_answered_is_not_called_safe_and_stops_go_on() -> None:
+def test_saf_005_an_unanswered_stop_is_not_safe_and_is_repeated() -> None:
     """A base that comes back must not find a remaining emergency stop either."""
 
     async def main() -> None:
@@ -158,8 +159,12 @@ def test_saf_005_an_arm_that_does_not_obey_is_reported_by_joint() -> None:
         assert trio.current_time() - began_s < STOPS_WITHIN_S
         assert [report.axis for report in reports if not report.safe] == ["joint_1"]
         assert reports[0].detail == "moves" and reports[0].acknowledged
-        assert [report.axis for report in reports if report.target is None] == ["joint_1"], "it holds nowhere"
-        assert Call.APPLY_EMERGENCY_STOP not in rig.calls(), "it was not refused"
+        assert [report.axis for report in reports if report.target is None] == ["joint_1"], (
+            "this joint has no hold position"
+        )
+        assert Call.APPLY_EMERGENCY_STOP not in rig.calls(), (
+            "the stop was not refused, so no emergency stop is needed"
+        )
 
     virtual(main)
 
@@ -180,13 +185,27 @@ def test_saf_005_feedback_that_stands_still_proves_no_standstill() -> None:
         assert {(report.detail, report.target) for report in reports} == {("its feedback stands still", None)}
         rig.twin.set_fault(Fault.OK)
         reports = await rig.stop()
-        assert [report.axis for report in reports if not report.safe] == ["joint_1"], "what is seen counts again"
+        assert [report.axis for report in reports if not report.safe] == ["joint_1"], (
+            "the measured velocity counts again"
+        )
+
+    virtual(main)
+
+
+def test_a_stop_is_confirmed_while_the_numbers_of_the_base_start_again() -> None:
+    async def main() -> None:
+        rig = await moving(Rig())
+        base = rig.twin.base
+        base._woken_s = base.now_s() - FRAME_NUMBERS / FRAMES_HZ + 0.03
+        before = base.feedback().frame
+        assert all_safe(await rig.stop())
+        assert base.feedback().frame < before
 
     virtual(main)
 
 
 @pytest.mark.parametrize("step", [STEP_RAD, -STEP_RAD])
-def test_saf_011_a_hold_tells_where_it_holds(step: float) -> None:
+def test_saf_011_a_hold_reports_its_position(step: float) -> None:
     """The report has the hold position, and not the position when the hold was sent. It also works across the
     seam at 0 degrees."""
 
@@ -202,11 +221,11 @@ def test_saf_011_a_hold_tells_where_it_holds(step: float) -> None:
         rig.twin.base.advance()
         start = (0.0, *before[1:])
         assert held == pytest.approx([rig.twin.base.plant.position_rad[0], *start[1:]], abs=1e-3)
-        assert abs(rig.twin.base.plant.position_rad[0] - before[0]) > 0.01, "it went on while it braked"
+        assert abs(rig.twin.base.plant.position_rad[0] - before[0]) > 0.01, "the joint moved on while it braked"
         await trio.sleep(0.2)
         seen = (await rig.wire.read()).position
         assert held == pytest.approx(seen, abs=1e-3)
-        rig.told.clear()
+        rig.received.clear()
         rig.target = tuple(rad for rad in held if rad is not None)
         for _ in range(20):
             await rig.period()
@@ -215,7 +234,7 @@ def test_saf_011_a_hold_tells_where_it_holds(step: float) -> None:
     virtual(main)
 
 
-def test_a_base_in_fault_that_stands_is_safe_whatever_it_refuses() -> None:
+def test_a_base_in_fault_at_rest_is_safe_although_it_refuses_stops() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         base = rig.twin.base
@@ -227,7 +246,7 @@ def test_a_base_in_fault_that_stands_is_safe_whatever_it_refuses() -> None:
     virtual(main)
 
 
-def test_without_a_connection_it_says_so() -> None:
+def test_a_missing_connection_is_reported() -> None:
     async def main() -> None:
         rig = Rig()
         reports = await rig.stop()
@@ -243,7 +262,7 @@ def test_without_a_connection_it_says_so() -> None:
 # -- by the wire without a link
 
 
-def test_saf_020_a_stop_is_written_on_the_connection_that_was_lost_before_anything_is_asked() -> None:
+def test_saf_020_a_stop_is_written_on_the_lost_connection_before_any_request() -> None:
     async def main() -> None:
         rig = await moving(Rig())
         rig.silent = True
@@ -252,9 +271,9 @@ def test_saf_020_a_stop_is_written_on_the_connection_that_was_lost_before_anythi
         assert rig.stops()[0] == began_s
         assert trio.current_time() - began_s < REACHES_WITHIN_S
         assert all(report.written and not report.safe for report in reports)
-        assert Call.CREATE_SESSION in rig.calls(), "another way was tried"
+        assert Call.CREATE_SESSION in rig.calls(), "the wire also tried a new session"
         rig.silent = False
-        assert all_safe(await rig.wire.reach("stop")), "and again, on the same connection"
+        assert all_safe(await rig.wire.reach("stop")), "a second stop on the same connection is confirmed, too"
 
     virtual(main)
 
@@ -266,7 +285,7 @@ def test_saf_020_a_dead_connection_is_replaced_for_a_stop() -> None:
         assert all_safe(await rig.wire.reach("stop"))
         assert rig.calls()[:2] == [Call.CREATE_SESSION, Call.STOP]
         assert rig.ports[1].closed and rig.velocity < 0.01
-        assert all_safe(await rig.wire.reach("stop")), "as often as it is asked to"
+        assert all_safe(await rig.wire.reach("stop")), "every further stop is confirmed, too"
 
     virtual(main)
 
@@ -300,7 +319,7 @@ def wires(rig: Rig, channel: KinovaStopChannel) -> None:
 
 
 @pytest.mark.parametrize("second", Second)
-def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: Second) -> None:
+def test_saf_003_every_base_is_stopped_without_the_wire(second: Second) -> None:
     async def main() -> None:
         rig = Rig(second=second)
         await rig.wire.open()
@@ -311,17 +330,17 @@ def test_saf_003_every_base_is_stopped_when_the_wire_is_gone(second: Second) -> 
             await rig.go(0, STEP_RAD)
             await trio.sleep(0.1)  # the wire is dead, the arm goes on
             assert rig.velocity > 0.3
-            last = max(frame.message for _, frame in rig.told if frame.session == 1)
-            rig.told.clear()
+            last = max(frame.message for _, frame in rig.received if frame.session == 1)
+            rig.received.clear()
             began_s = trio.current_time()
             reports = await channel.make_safe("stop")
-            assert next(frame.message for _, frame in rig.told if frame.session == 1) == last + 1
+            assert next(frame.message for _, frame in rig.received if frame.session == 1) == last + 1
             assert rig.stops() == [began_s] * (1 if second is Second.REFUSED else 2)
             assert all_safe(reports), reports
             assert rig.velocity < 0.01
             assert rig.twin.base.state is ArmState.SERVOING_READY, "no emergency stop was needed"
             await trio.sleep(0.01)
-            assert rig.twin.base._sessions == {}, "there is room for the next wire"
+            assert rig.twin.base._sessions == {}, "the base has a free session for the next wire"
 
     virtual(main)
 
@@ -366,7 +385,7 @@ def test_saf_021_speeds_that_wait_on_the_wires_connection_are_not_overtaken_by_a
             reports = await channel.make_safe("stop")
             assert all_safe(reports), reports
             (_, frame), moved_s = rig.speeds()[-1], rig.speeds()[-1][0]
-            assert frame.call == Call.SEND_JOINT_SPEEDS and moved_s >= began_s + 0.2, "they came late"
+            assert frame.call == Call.SEND_JOINT_SPEEDS and moved_s >= began_s + 0.2, "the speeds arrived late"
             assert rig.stops()[-1] > moved_s and rig.velocity < 0.01
             await trio.sleep(1.0)
             assert rig.velocity < 0.01
@@ -375,13 +394,13 @@ def test_saf_021_speeds_that_wait_on_the_wires_connection_are_not_overtaken_by_a
     virtual(main)
 
 
-def test_the_own_session_is_kept_up_for_longer_than_a_base_remembers() -> None:
+def test_the_stop_channels_session_is_kept_alive_beyond_the_bases_timeout() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         async with served(rig.stop_channel()) as channel:
             await trio.sleep(10.0)
             assert rig.calls().count(Call.KEEP_ALIVE) > 15
-            rig.told.clear()
+            rig.received.clear()
             assert all_safe(await channel.make_safe("stop"))
             assert Call.CREATE_SESSION not in rig.calls()
 
@@ -395,7 +414,7 @@ def test_a_question_that_is_still_open_does_not_keep_the_stop_waiting() -> None:
             rig.silent = True
             await trio.sleep(0.6)  # it waits for the answer to a keepalive
             rig.silent = False
-            rig.told.clear()
+            rig.received.clear()
             assert all_safe(await channel.make_safe("stop"))
             await trio.sleep(2.0)
             assert {Call.CREATE_SESSION, Call.KEEP_ALIVE}.isdisjoint(rig.calls())
@@ -403,7 +422,7 @@ def test_a_question_that_is_still_open_does_not_keep_the_stop_waiting() -> None:
     virtual(main)
 
 
-def test_a_lost_own_session_is_made_anew() -> None:
+def test_a_lost_session_of_the_stop_channel_is_replaced() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         async with served(rig.stop_channel()) as channel:
@@ -438,7 +457,7 @@ def test_a_channel_that_is_needed_before_it_is_ready_logs_in_and_stops() -> None
     virtual(main)
 
 
-def test_a_stop_may_be_asked_for_again_and_again() -> None:
+def test_a_stop_may_be_requested_repeatedly() -> None:
     """The root writes before it fences the wire, is cancelled, and writes again, until every joint has
     confirmed."""
 
@@ -447,7 +466,7 @@ def test_a_stop_may_be_asked_for_again_and_again() -> None:
         channel = rig.stop_channel()
         wires(rig, channel)
         async with served(channel):
-            rig.told.clear()
+            rig.received.clear()
             with trio.move_on_after(0.01):
                 await channel.make_safe("stop")
             assert len(rig.stops()) == 2

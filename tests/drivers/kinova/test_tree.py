@@ -88,11 +88,11 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 def test_connect_observe_act_refuse_stop_resume(bench: Bench) -> None:
     arm, log = bench.arm, bench.log
-    told = status(arm)
-    assert (told["state"], told["actuators"], told["address"]) == ("armed", 7, bench.twin.port)
-    assert set(told["fallbacks"].values()) == {"hold", "stop"}
-    assert "never expire" in told["firmware_watchdog"]
-    assert told["sensors"]["arm_state"] == [7.0]
+    reported = status(arm)
+    assert (reported["state"], reported["actuators"], reported["address"]) == ("armed", 7, bench.twin.port)
+    assert set(reported["fallbacks"].values()) == {"hold", "stop"}
+    assert "never expire" in reported["firmware_watchdog"]
+    assert reported["sensors"]["arm_state"] == [7.0]
     seen = arm.get_observation()
     assert list(seen) == AXES
     assert seen == pytest.approx(dict(zip(AXES, (0, 0.262, 3.142, -2.269, 0, 0.96, 1.571), strict=True)), abs=1e-3)
@@ -107,7 +107,7 @@ def test_connect_observe_act_refuse_stop_resume(bench: Bench) -> None:
     until(lambda: abs(arm.get_observation()["joint_4"] - target) < 1e-3, "it is there")
     since_ns = time.monotonic_ns()
     time.sleep(0.5)
-    assert 10 < len(log.host("setpoint", since_ns)) < 30, "it is re-sent at 40 Hz while the caller lives"
+    assert 10 < len(log.host("setpoint", since_ns)) < 30, "the target is re-sent at 40 Hz while the caller lives"
     assert state(arm) == "armed"
 
     assert "joint_4 needs" in why(arm.send_action({"joint_4": target + 0.1}))
@@ -128,7 +128,7 @@ def test_a_policy_runs_at_40_hz_and_ends_in_a_hold_that_the_next_command_leaves(
             break
         resumed(bench.arm)
     assert ended["exit_reason"] == "duration", ended
-    assert ended["steps"] > 40, "half of what a free machine does"
+    assert ended["steps"] > 40, "half of the rate on a free machine"
     assert state(bench.arm) == "holding"
     held_ns = time.monotonic_ns()
     time.sleep(0.3)
@@ -155,7 +155,7 @@ def test_an_emergency_stop_locks(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("line", "named"), [("state IN_FAULT", "base in fault (bank 0x1)"), ("state IDLE", "IDLE (2)")]
 )
-def test_saf_003_a_base_that_is_no_longer_ready_disarms_the_tree_and_says_why(
+def test_saf_003_a_base_that_is_no_longer_ready_disarms_the_tree_with_the_reason(
     bench: Bench, line: str, named: str
 ) -> None:
     bench.move()
@@ -166,7 +166,7 @@ def test_saf_003_a_base_that_is_no_longer_ready_disarms_the_tree_and_says_why(
     bench.twin.command("state SERVOING_READY")
     since_ns = time.monotonic_ns()
     time.sleep(0.3)
-    assert not bench.log.host("setpoint", since_ns), "nothing goes on by itself"
+    assert not bench.log.host("setpoint", since_ns), "no motion continues by itself"
     bench.comes_back()
 
 
@@ -174,13 +174,13 @@ def test_a_base_in_fault_is_refused_at_connect(tmp_path: Path) -> None:
     with bench_of(tmp_path, connect=False) as bench:
         bench.twin.command("state IN_FAULT")
         time.sleep(0.2)
-        until(lambda: "clear it, then reconnect" in (bench.arm.connect_eagerly() or ""), "it says so")
+        until(lambda: "clear the fault, then reconnect" in (bench.arm.connect_eagerly() or ""), "it says so")
         assert not bench.log.host("enable") and not bench.log.host("setpoint")
         bench.twin.command("state SERVOING_READY")
         connected(bench.arm)
 
 
-def test_a_wrong_password_is_named_and_not_told(tmp_path: Path) -> None:
+def test_a_wrong_password_is_named_and_not_shown(tmp_path: Path) -> None:
     with TwinProcess(tmp_path, "kinova_gen3", "kinova") as twin:
         arm = Robot("kinova_gen3", mode="real", port=twin.port, password="hunter2")
         try:
@@ -229,13 +229,13 @@ def test_saf_012_frozen_while_it_moves(bench: Bench) -> None:
     thawed_ns = time.monotonic_ns()
     bench.twin.process.send_signal(signal.SIGCONT)
     bench.comes_back()
-    heard = [entry.kind for entry in bench.log.entries(thawed_ns) if entry.sender == "host"]
-    assert "safe" in heard
-    before_safe = heard[: heard.index("safe")].count("setpoint")
-    assert before_safe <= 6, "three periods of them"
+    received = [entry.kind for entry in bench.log.entries(thawed_ns) if entry.sender == "host"]
+    assert "safe" in received
+    before_safe = received[: received.index("safe")].count("setpoint")
+    assert before_safe <= 6, "at most three periods of setpoints precede the safe frame"
 
 
-def test_saf_010_a_stop_of_a_frozen_base_is_not_called_success_and_is_carried_out_after_what_was_sent(
+def test_saf_010_a_stop_of_a_frozen_base_is_not_confirmed_and_follows_earlier_commands(
     bench: Bench,
 ) -> None:
     bench.move()
@@ -318,7 +318,7 @@ def test_saf_012_answers_that_are_late_end_a_motion(bench: Bench) -> None:
 # -- in numbers
 
 
-def test_what_a_killed_wire_leaves_moving_is_stopped_within_the_published_bound(bench: Bench) -> None:
+def test_after_a_killed_wire_the_arm_is_stopped_within_the_published_bound(bench: Bench) -> None:
     """Joint speeds never expire. How far the arm goes depends on the root."""
     bench.move()
     until(lambda: arm_velocity(bench) > 0.05, "it is on its way")
@@ -328,7 +328,7 @@ def test_what_a_killed_wire_leaves_moving_is_stopped_within_the_published_bound(
     stopped_s = (first_safe(bench.log, since_ns).t_ns - since_ns) / 1e9
     until(lambda: state(bench.arm) == "disarmed", "it is back")
     went = abs(bench.arm.get_observation()["joint_1"] - before)
-    assert went < 0.2 * (stopped_s + ROLLS_S), "no further than until it was stopped"
+    assert went < 0.2 * (stopped_s + ROLLS_S), "the arm moved no longer than until the stop"
 
 
 def arm_velocity(bench: Bench) -> float:

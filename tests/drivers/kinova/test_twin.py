@@ -102,7 +102,7 @@ def test_feedback_that_is_stuck_stands_still_and_the_arm_goes_on(client: Client,
     twin.command("fault ok")
     until(lambda: frame() != stuck, "it measures again")
     _, joints = client.refresh_feedback()
-    assert joints[0][0] - before[1][0][0] > 5.0 and joints[0][1] > 19.0, "it has turned meanwhile"
+    assert joints[0][0] - before[1][0][0] > 5.0 and joints[0][1] > 19.0, "the joint has turned in the meantime"
 
 
 def test_no_speed_is_the_enabling_of_an_arm_that_stands(client: Client, twin: TwinProcess) -> None:
@@ -133,7 +133,7 @@ def test_calls_without_a_session_or_with_anothers_are_refused(client: Client, tw
         assert sub_error(other, STOP) == 12
 
 
-def test_a_session_that_says_nothing_is_forgotten(twin: TwinProcess) -> None:
+def test_a_silent_session_is_forgotten(twin: TwinProcess) -> None:
     with Client(twin.port) as client:
         client.log_in(session_ms=300)
         client.call(KEEP_ALIVE)
@@ -171,13 +171,13 @@ def test_speeds_that_no_joint_has_are_refused(client: Client, deg_s: tuple[float
     assert abs(velocity(client)) < 0.1
 
 
-def test_what_it_does_not_know_is_refused(client: Client) -> None:
+def test_unknown_requests_are_refused(client: Client) -> None:
     assert sub_error(client, 0x200FF) == 5
     assert sub_error(client, SET_MODE, number(1, 9)) == 3
     assert sub_error(client, SET_MODE, b"\xff") == 3
 
 
-def test_a_client_that_speaks_nonsense_is_cut_off(client: Client) -> None:
+def test_a_client_that_sends_garbage_is_disconnected(client: Client) -> None:
     client.socket.sendall(b"GET / HTTP/1.1\r\n\r\n")
     with pytest.raises(ConnectionError):
         client.call(KEEP_ALIVE)
@@ -201,7 +201,7 @@ def test_each_kind_of_base_has_its_own_second_session(tmp_path: Path, second: st
             other.call(STOP)
 
 
-def test_without_power_nobody_is_there_and_then_all_is_new(client: Client, twin: TwinProcess) -> None:
+def test_without_power_the_base_is_silent_and_restarts_as_new(client: Client, twin: TwinProcess) -> None:
     client.send_joint_speeds(20.0)
     twin.command("power-cycle")
     with pytest.raises(ConnectionError):
@@ -224,8 +224,8 @@ def test_the_cable_may_be_pulled_twice_and_is_put_back_once(client: Client, twin
         other.log_in()
 
 
-def test_an_unknown_control_line_says_what_there_is(twin: TwinProcess) -> None:
+def test_an_unknown_control_line_is_answered_with_the_known_ones(twin: TwinProcess) -> None:
     twin.command("state NOWHERE")
     twin.process.terminate()
     _, error = twin.process.communicate(timeout=20.0)
-    assert b"no control line 'state NOWHERE'" in error
+    assert b"unknown control line 'state NOWHERE'" in error

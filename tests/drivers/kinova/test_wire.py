@@ -21,7 +21,7 @@ STEP_RAD = 0.02
 # -- connecting
 
 
-def test_it_connects_and_says_no_password() -> None:
+def test_connecting_does_not_show_the_password() -> None:
     async def main() -> None:
         rig = Rig({"username": "me", "password": "hunter2"}, username="me", password="hunter2")
         facts = await rig.wire.open()
@@ -36,7 +36,7 @@ def test_it_connects_and_says_no_password() -> None:
 @pytest.mark.parametrize(
     ("options", "why"), [({"password": "hunter2"}, "INVALID_PASSWORD"), ({"username": "eve"}, "USER_NOT_FOUND")]
 )
-def test_a_wrong_login_is_named_without_what_was_tried(options: dict[str, str], why: str) -> None:
+def test_a_wrong_login_is_named_without_the_password(options: dict[str, str], why: str) -> None:
     async def main() -> None:
         with pytest.raises(WireDown) as down:
             await Rig(options).wire.open()
@@ -46,11 +46,11 @@ def test_a_wrong_login_is_named_without_what_was_tried(options: dict[str, str], 
     virtual(main)
 
 
-def test_a_base_that_says_nothing_is_named() -> None:
+def test_a_base_that_never_answers_is_named() -> None:
     async def main() -> None:
         rig = Rig()
         rig.silent = True
-        with pytest.raises(WireDown, match="no answer"):
+        with pytest.raises(WireDown, match="did not answer"):
             await rig.wire.open()
 
     virtual(main)
@@ -86,9 +86,9 @@ def test_saf_011_arming_commands_a_standstill() -> None:
 @pytest.mark.parametrize(
     ("state", "why"),
     [
-        (ArmState.IN_FAULT, r"base in fault \(bank 0x1\). clear it, then reconnect"),
-        (ArmState.IDLE, r"the arm is IDLE \(2\)"),
-        (ArmState.LOW_LEVEL_SERVOING, "the arm is LOW_LEVEL_SERVOING"),
+        (ArmState.IN_FAULT, r"base in fault \(bank 0x1\). Clear the fault, then reconnect"),
+        (ArmState.IDLE, r"the arm is in state IDLE \(2\)"),
+        (ArmState.LOW_LEVEL_SERVOING, "the arm is in state LOW_LEVEL_SERVOING"),
     ],
 )
 def test_saf_014_a_base_that_is_not_ready_is_not_armed(state: ArmState, why: str) -> None:
@@ -113,7 +113,7 @@ def test_the_servoing_mode_is_set_when_it_is_another() -> None:
     virtual(main)
 
 
-def test_an_arm_that_somebody_else_moves_is_not_armed() -> None:
+def test_an_arm_that_another_client_moves_is_not_armed() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         await rig.go(3, STEP_RAD)
@@ -121,7 +121,7 @@ def test_an_arm_that_somebody_else_moves_is_not_armed() -> None:
         other = Rig()
         other.twin = rig.twin
         await other.wire.open()
-        with pytest.raises(WireDown, match="joint_4 turns, and not by us"):
+        with pytest.raises(WireDown, match="joint_4 turns, and not by a command of this program"):
             await other.wire.arm(Permission())
         assert not other.speeds()
 
@@ -168,7 +168,7 @@ def test_a_latched_target_is_reached_and_then_stood_on(joint: int) -> None:
             seen = await rig.period()
             furthest = max(furthest, start - seen.position[joint])
         assert seen.position[joint] == pytest.approx(rig.target[joint], abs=1e-3)
-        assert furthest < 1.1 * STEP_RAD, "it does not swing past its target"
+        assert furthest < 1.1 * STEP_RAD, "the joint does not swing past its target"
         _, last = rig.speeds()[-1]
         assert set(p.decode_speeds(last.payload).values()) == {0.0}
 
@@ -226,7 +226,7 @@ def test_angles_are_unwrapped_to_the_nearest(seen: float, known: float, wanted: 
     assert unwrap([seen], (known,)) == (pytest.approx(wanted, abs=1e-3),)
 
 
-def test_saf_002_the_permit_is_asked_last() -> None:
+def test_saf_002_the_permit_is_checked_last() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         target = (await rig.wire.read()).position
@@ -242,7 +242,7 @@ def test_saf_002_the_permit_is_asked_last() -> None:
 # -- the lifetime of speeds
 
 
-def test_saf_003_a_speed_that_nobody_earns_any_more_is_stopped_after_three_periods() -> None:
+def test_saf_003_a_speed_that_is_not_renewed_is_stopped_after_three_periods() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         await rig.go(0, STEP_RAD)
@@ -252,10 +252,10 @@ def test_saf_003_a_speed_that_nobody_earns_any_more_is_stopped_after_three_perio
         first = rig.stops()[0]
         assert 0.075 < first - sent_s < 0.11
         seen = await rig.period(earned=False)
-        assert "nothing was sent for" in seen.faults["base"]
+        assert "no speed was sent for" in seen.faults["base"]
         assert rig.velocity < 0.01
-        assert len(rig.stops()) == 1, "it was answered"
-        with pytest.raises(PermitDenied, match="nothing was sent"):
+        assert len(rig.stops()) == 1, "the stop was answered, so it is sent once"
+        with pytest.raises(PermitDenied, match="no speed was sent"):
             await rig.wire.write(rig.target or (), Permission())
         await rig.wire.arm(Permission())
         await rig.go(0, STEP_RAD)
@@ -271,7 +271,7 @@ def test_saf_003_the_stop_is_repeated_until_it_is_answered() -> None:
         for _ in range(10):
             await rig.period(earned=False)
         assert len(rig.stops()) >= 6
-        assert rig.velocity > 0.5, "joint speeds never expire"
+        assert rig.velocity > 0.5, "joint speeds never expire in the base"
         rig.deaf = set()
         for _ in range(10):
             await rig.period(earned=False)
@@ -294,18 +294,18 @@ def test_stops_that_are_answered_late_end_all_the_same_and_leave_nothing() -> No
         assert 1 < count < 8
         session = rig.wire.session
         assert not session.turning and session.stops == []
-        assert set(session.client._awaited) == set(session.asked_ns)
+        assert set(session.client._awaited) == set(session.requested_ns)
         rig.delay_s = lambda call: 0.001
         await trio.sleep(0.1)
         await rig.wire.arm(Permission())
         await rig.go(0, STEP_RAD)
         await rig.period(earned=False)
-        assert session.turning, "an answer to an old stop says nothing of a new speed"
+        assert session.turning, "the answer to an old stop does not end a new speed"
 
     virtual(main)
 
 
-def test_saf_012_a_base_that_is_not_heard_is_stopped_and_not_commanded() -> None:
+def test_saf_012_a_base_that_does_not_answer_is_stopped_and_not_commanded() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         await rig.go(0, STEP_RAD)
@@ -317,16 +317,17 @@ def test_saf_012_a_base_that_is_not_heard_is_stopped_and_not_commanded() -> None
         await rig.wire.read()
         assert 0.07 < rig.stops()[0] - silent_s < 0.12
         assert not [at_s for at_s, _ in rig.speeds() if at_s > rig.stops()[0]]
-        with pytest.raises(WireDown, match="no answer for"):
+        with pytest.raises(WireDown, match="did not answer for"):
             for _ in range(40):
                 await rig.period(earned=False)
-        assert rig.velocity < 0.01, "it heard the stop"
+        assert rig.velocity < 0.01, "the base received the stop"
 
     virtual(main)
 
 
-def test_saf_012_feedback_that_stands_still_is_no_life_and_nothing_is_corrected_by_it() -> None:
-    """The base answers and its arm obeys. A target whose arrival is never seen would be sent for ever."""
+def test_saf_012_frozen_feedback_does_not_count_as_alive_and_corrects_nothing() -> None:
+    """The base answers and its arm moves, but the feedback stands still. Without a limit the target would be sent
+    for ever."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -334,15 +335,15 @@ def test_saf_012_feedback_that_stands_still_is_no_life_and_nothing_is_corrected_
         rig.twin.set_fault(Fault.STUCK)
         await rig.go(0, STEP_RAD)
         stuck_s = trio.current_time()
-        with pytest.raises(PermitDenied, match="nothing new was heard"):
+        with pytest.raises(PermitDenied, match="no new feedback for"):
             for _ in range(40):
                 await rig.period()
         seen = await rig.wire.read()
-        assert "nothing new was heard for" in seen.faults["base"]
-        assert trio.current_time() - seen.t_ns / 1e9 > 0.075, "it is as old as it is"
+        assert "no new feedback arrived for" in seen.faults["base"]
+        assert trio.current_time() - seen.t_ns / 1e9 > 0.075, "the reading shows its true age"
         assert 0.07 < rig.stops()[0] - stuck_s < 0.12
         assert not [at_s for at_s, _ in rig.speeds() if at_s > rig.stops()[0]]
-        with pytest.raises(WireDown, match="the feedback of kinova_gen3 stands still for 5"):
+        with pytest.raises(WireDown, match="the base of kinova_gen3 has repeated the same measurement for 5"):
             for _ in range(40):
                 await rig.period(earned=False)
         assert trio.current_time() - stuck_s < 0.7
@@ -392,7 +393,7 @@ def test_an_arm_that_stands_needs_no_stop() -> None:
     virtual(main)
 
 
-def test_speeds_that_the_base_refuses_are_told_and_not_repeated() -> None:
+def test_speeds_that_the_base_refuses_are_reported_and_not_repeated() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         await rig.go(0, STEP_RAD)
@@ -401,7 +402,7 @@ def test_speeds_that_the_base_refuses_are_told_and_not_repeated() -> None:
             for _ in range(5):
                 seen = await rig.period()
         assert seen.sensors["arm_state"] == (4.0,)
-        assert rig.stops(), "joints may be turning, by what was sent before"
+        assert rig.stops(), "joints may turn by an earlier speed, so a stop is sent"
         refused_s = trio.current_time()
         await rig.wire.read()
         assert not [at_s for at_s, _ in rig.speeds() if at_s >= refused_s]
@@ -412,7 +413,7 @@ def test_speeds_that_the_base_refuses_are_told_and_not_repeated() -> None:
 # -- faults of the base
 
 
-def test_late_answers_are_taken_for_what_they_are() -> None:
+def test_late_answers_are_matched_to_their_requests() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         rig.delay_s = lambda call: 0.04
@@ -438,7 +439,7 @@ def test_every_third_answer_is_missing_and_all_goes_on() -> None:
     virtual(main)
 
 
-def test_of_answers_that_are_damaged_no_position_is_believed_and_the_stop_leaves() -> None:
+def test_damaged_answers_give_no_position_and_the_stop_is_sent() -> None:
     """A frame has no checksum. Damage to its last byte reads as a different fault bank."""
 
     async def main() -> None:

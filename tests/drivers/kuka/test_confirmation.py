@@ -76,26 +76,26 @@ def port(controller: Controller) -> UdpListener:
 
 def held_by_the_root(controller: Controller) -> tuple[MotorReport, ...]:
     """Stop as the stop channel does, and return the reports."""
-    told: list[tuple[MotorReport, ...] | None] = []
+    reported: list[tuple[MotorReport, ...] | None] = []
 
     async def test() -> None:
-        told.append(await answer_instead(port(controller), ARM, VirtualClock(), 0.0, ""))
+        reported.append(await answer_instead(port(controller), ARM, VirtualClock(), 0.0, ""))
 
     virtual(test)
-    assert told[0] is not None
-    return told[0]
+    assert reported[0] is not None
+    return reported[0]
 
 
-def test_saf_005_an_arm_that_stands_and_whose_controller_takes_our_answers_is_held() -> None:
+def test_saf_005_an_arm_at_rest_with_an_acknowledging_controller_is_held() -> None:
     reports = held_by_the_root(Controller())
     assert all_safe(reports) and reports[0].acknowledged and reports[0].target == HERE[0]
 
 
-def test_saf_005_answers_that_were_only_sent_hold_nothing() -> None:
+def test_saf_005_answers_without_acknowledgement_confirm_no_hold() -> None:
     """The link is cut in one direction: the controller sends, but receives no answer."""
     reports = held_by_the_root(Controller(arrives=False))
     assert not any(report.safe or report.acknowledged for report in reports)
-    assert reports[0].written and reports[0].detail == "the controller has taken none of our answers"
+    assert reports[0].written and reports[0].detail == "the controller has acknowledged no answer since the stop"
 
 
 @pytest.mark.parametrize("takes", [False, True])
@@ -107,7 +107,7 @@ def test_saf_005_a_setpoint_that_was_taken_is_no_hold(takes: bool) -> None:
         link = Link(port(controller), ARM, clock, await first_message(port(controller)))
 
         async def cycle() -> None:
-            link.answer(await link.hear())
+            link.answer(await link.receive())
 
         link.session.aim((0.31, *HERE[1:]), 0.05)
         for _ in range(5):
@@ -117,7 +117,7 @@ def test_saf_005_a_setpoint_that_was_taken_is_no_hold(takes: bool) -> None:
         before = controller.said.reflected
         reports = await link.bring_to_stand(cycle, "")
         assert all_safe(reports) is reports[0].acknowledged is takes
-        assert before == 7 + 5, "the last setpoint"
+        assert before == 7 + 5, "the reflected answer is the last setpoint"
 
     virtual(test)
 
@@ -140,20 +140,22 @@ MOVES = {
     ],
     ids=str,
 )
-def test_saf_005_a_session_that_does_not_command_is_no_proof_of_a_stand(path: Path, said: dict[str, Any]) -> None:
-    """It is unknown what a robot does in its own stop. A joint without power may fall."""
+def test_saf_005_a_session_that_does_not_command_does_not_prove_a_standstill(
+    path: Path, said: dict[str, Any]
+) -> None:
+    """The motion of a robot in its own stop is unknown. A joint without power may fall."""
     reports = held_by_the_root(Controller(path, **said))
     assert not any(report.safe for report in reports)
-    assert reports[0].written and reports[0].acknowledged, "it is heard"
-    assert reports[0].detail.endswith("it still moves")
+    assert reports[0].written and reports[0].acknowledged, "the controller acknowledges the answers"
+    assert reports[0].detail.endswith("the arm still moves")
 
 
 @pytest.mark.parametrize(
     ("said", "detail"),
     [
         ({}, "FRI session is MONITORING_READY: the robot's own program holds it"),
-        ({"safety": 3}, "FRI session is MONITORING_READY: it stands, in a stop of the robot's own"),
-        ({"drives": OFF}, "FRI session is MONITORING_READY: it stands, in a stop of the robot's own"),
+        ({"safety": 3}, "FRI session is MONITORING_READY: the arm stands still, stopped by the robot itself"),
+        ({"drives": OFF}, "FRI session is MONITORING_READY: the arm stands still, stopped by the robot itself"),
     ],
 )
 def test_a_session_that_only_monitors_is_held_once_it_is_seen_to_stand(said: dict[str, Any], detail: str) -> None:

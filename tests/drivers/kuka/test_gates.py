@@ -57,15 +57,15 @@ def answer(
 
 
 def refused(*args: Any, **keywords: Any) -> Refused:
-    told = answer(*args, **keywords)
-    assert isinstance(told, Refused), told
-    return told
+    verdict = answer(*args, **keywords)
+    assert isinstance(verdict, Refused), verdict
+    return verdict
 
 
 def accepted(*args: Any, **keywords: Any) -> Candidate:
-    told = answer(*args, **keywords)
-    assert isinstance(told, Candidate), told
-    return told
+    verdict = answer(*args, **keywords)
+    assert isinstance(verdict, Candidate), verdict
+    return verdict
 
 
 # -- conditions
@@ -77,17 +77,17 @@ def accepted(*args: Any, **keywords: Any) -> Candidate:
         (
             {"state": State.MONITORING_READY},
             "fri_state",
-            "FRI session is MONITORING_READY. start the motion on the pendant",
+            "FRI session is MONITORING_READY. Start the motion on the pendant",
         ),
         ({"state": 9}, "fri_state", "FRI session is 9"),
         ({"client_mode": ClientMode.TORQUE}, "client_mode", "FRI client command mode is TORQUE"),
         ({"control_mode": ControlMode.JOINT_IMPEDANCE}, "control_mode", "control mode is JOINT_IMPEDANCE"),
-        ({"safety": 2}, "safety", "safety stop, level 2. clear it on the pendant"),
+        ({"safety": 2}, "safety", "safety stop, level 2. Clear it on the pendant"),
         ({"drives": (2, 2, 0, 2, 2, 2, 2)}, "drives", "drive of joint3 is OFF"),
         ({"drives": (2, 2, 2, 2, 2, 2, 1)}, "drives", "drive of joint7 is TRANSITIONING"),
-        ({"drives": ()}, "drives", "the state of the drives is not known"),
+        ({"drives": ()}, "drives", "the controller does not report its drives"),
         ({"quality": Quality.FAIR}, "quality", "FRI connection quality is FAIR"),
-        ({"overlay": Overlay.NO_OVERLAY}, "overlay", "the overlay is lost"),
+        ({"overlay": Overlay.NO_OVERLAY}, "overlay", "the controller has ended the FRI overlay"),
     ],
 )
 def test_saf_014_a_robot_that_may_not_be_commanded_is_not(said: dict[str, Any], code: str, text: str) -> None:
@@ -97,19 +97,19 @@ def test_saf_014_a_robot_that_may_not_be_commanded_is_not(said: dict[str, Any], 
     assert refusal.remedy and refusal.limit
 
 
-def test_saf_014_the_reason_is_named_before_what_it_leads_to() -> None:
+def test_saf_014_the_cause_is_named_before_its_effects() -> None:
     """A safety stop ends the session as well, so the safety stop has to be named."""
     stopped = seen(safety=1, drives=(0,) * 7, state=State.MONITORING_READY, client_mode=0, overlay=0, quality=0)
     assert refused({"joint1": 0.0}, stopped).code == "safety"
 
 
 @pytest.mark.parametrize(("age_s", "fresh"), [(0.19, True), (0.21, False)])
-def test_saf_012_an_old_message_is_none(age_s: float, fresh: bool) -> None:
-    told = answer({"joint1": 0.0}, seen(age_s))
-    assert isinstance(told, Candidate) if fresh else isinstance(told, Refused) and told.code == "stale"
+def test_saf_012_an_old_message_does_not_count(age_s: float, fresh: bool) -> None:
+    verdict = answer({"joint1": 0.0}, seen(age_s))
+    assert isinstance(verdict, Candidate) if fresh else isinstance(verdict, Refused) and verdict.code == "stale"
 
 
-def test_saf_012_nothing_heard_yet() -> None:
+def test_saf_012_no_message_was_received_yet() -> None:
     nothing = Observation(0, (math.nan,) * 7, (0,) * 7)
     assert refused({"joint1": 0.0}, nothing).code == "stale"
 
@@ -117,15 +117,15 @@ def test_saf_012_nothing_heard_yet() -> None:
 # -- names, range, speed
 
 
-def test_a_command_on_its_own_is_a_period_of_the_control_loop() -> None:
+def test_a_single_command_may_step_as_far_as_one_control_period() -> None:
     most = math.radians(75) / 50
     assert accepted({"joint4": HERE[3] + most}).values[3] == HERE[3] + most
     refusal = refused({"joint4": HERE[3] + most + 1e-6})
     assert (refusal.code, refusal.limit) == ("too_fast", "0.02617")
-    assert "joint4 steps 0.026181 rad, limit 0.02617 at 50 Hz" in refusal.text
+    assert "joint4 steps 0.026181 rad at once, the limit is 0.02617 at 50 Hz" in refusal.text
 
 
-def test_what_a_refusal_names_as_the_limit_is_accepted() -> None:
+def test_the_limit_that_a_refusal_names_is_accepted() -> None:
     limit = float(refused({"joint4": 0.0}).limit)
     accepted({"joint4": HERE[3] + limit})
 
@@ -135,7 +135,7 @@ def test_a_stream_steps_as_far_as_a_joint_turns_in_its_period() -> None:
         most = math.radians(85) / hz
         accepted({"joint1": TOLD[0] + most}, period_s=1 / hz)
         assert refused({"joint1": TOLD[0] + most + 1e-6}, period_s=1 / hz).code == "too_fast"
-    assert refused({"joint1": 0.2}, period_s=5.0).code == "too_fast", "a slow stream is no licence to jump"
+    assert refused({"joint1": 0.2}, period_s=5.0).code == "too_fast", "a long period does not allow a jump"
 
 
 def test_control_frequency_sets_what_one_command_may_step() -> None:
@@ -175,7 +175,7 @@ def test_saf_014_names_and_numbers(action: dict[str, Any], code: str) -> None:
     assert refused(action).code == code
 
 
-def test_saf_019_a_joint_that_is_not_named_keeps_what_it_is_told() -> None:
+def test_saf_019_a_joint_that_is_not_named_keeps_its_commanded_position() -> None:
     """A hold from before the newest reading does not count: the robot's own program may have moved the arm."""
     assert accepted({"joint2": 0.51}).values[:7] == (TOLD[0], 0.51, *TOLD[2:])
     held = (0.2, *HERE[1:])
@@ -184,11 +184,11 @@ def test_saf_019_a_joint_that_is_not_named_keeps_what_it_is_told() -> None:
     assert accepted({"joint2": 0.51}, target=live).values[:7] == (0.2, 0.51, *HERE[2:])
 
 
-def test_saf_011_an_arm_that_was_just_armed_goes_on_from_what_it_is_told() -> None:
+def test_saf_011_a_freshly_armed_arm_starts_at_its_commanded_position() -> None:
     assert KUKA.first_target(seen()) == TOLD
 
 
-def test_what_a_target_is_spread_over_stands_behind_it() -> None:
+def test_the_time_to_spread_a_target_over_follows_its_position() -> None:
     assert accepted({"joint1": 0.0}).values[7] == 0.02
     assert accepted({"joint1": 0.0}, period_s=0.01).values[7] == 0.01
     assert accepted({"joint1": 0.0}, period_s=1.0).values[7] == 0.1

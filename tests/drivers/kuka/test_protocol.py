@@ -96,7 +96,7 @@ def with_positions(values: list[float]) -> bytes:
         (pb.varint_field(1, 5), "has no length"),
     ],
 )
-def test_what_is_no_monitoring_message_is_refused_by_name(data: bytes, why: str) -> None:
+def test_an_invalid_monitoring_message_is_refused_by_name(data: bytes, why: str) -> None:
     with pytest.raises(MalformedFrame, match=why):
         p.decode_monitoring(data)
 
@@ -121,7 +121,7 @@ def disturbed(chance: random.Random, data: bytes) -> bytes:
     return bytes(noisy)
 
 
-def test_of_disturbed_frames_comes_a_message_or_the_codecs_own_error() -> None:
+def test_a_disturbed_frame_gives_a_message_or_the_codecs_error() -> None:
     """A decoded message is usable: its joints are seven finite numbers."""
     chance = random.Random(30200)
     frames = [p.encode_monitoring(SAID, packed) for packed in (False, True)]

@@ -24,7 +24,7 @@ def off(position: Row, joint: int, rad: float) -> Row:
 
 
 class Controller:
-    """The messages of an active session whose controller takes every answer that arrives."""
+    """The messages of an active session. Its controller accepts every answer that arrives."""
 
     def __init__(self, sample_ms: int = 5, state: int = State.COMMANDING_ACTIVE, sequence: int = 0) -> None:
         self.session = FriSession(SPEED)
@@ -50,7 +50,7 @@ def test_a_controller_that_only_monitors_is_answered_without_positions(state: in
     assert [controller.cycle() for _ in range(3)] == [()] * 3
 
 
-def test_saf_011_the_first_command_is_what_was_mirrored() -> None:
+def test_saf_011_the_first_command_is_the_mirrored_position() -> None:
     controller = Controller(state=State.COMMANDING_WAIT)
     mirrored = [controller.cycle() for _ in range(20)]
     controller.enter(State.COMMANDING_ACTIVE)
@@ -58,7 +58,7 @@ def test_saf_011_the_first_command_is_what_was_mirrored() -> None:
     assert {*mirrored, controller.cycle(), controller.cycle()} == {HERE}
 
 
-def test_saf_011_who_joins_an_active_session_holds_what_the_controller_has() -> None:
+def test_saf_011_a_client_that_joins_an_active_session_holds_the_controllers_position() -> None:
     assert Controller().cycle() == HERE
 
 
@@ -105,7 +105,7 @@ def test_while_a_setpoint_lives_no_two_answers_are_alike_and_the_arm_stays() -> 
 
 
 @given(st.lists(st.booleans(), min_size=2, max_size=60), st.sampled_from([0.0, 0.02, 1.0]))
-def test_nor_are_two_that_are_heard_alike_when_some_are_lost_or_late(taken: list[bool], way: float) -> None:
+def test_received_answers_also_differ_when_some_are_lost_or_late(taken: list[bool], way: float) -> None:
     """The controller has taken the previous answer, or only an older one. The answer to a setpoint never looks
     like a hold."""
     controller = Controller()
@@ -185,14 +185,14 @@ def test_a_receive_multiplier_is_answered_every_so_many_messages() -> None:
     assert answered == [0, 3, 6]
 
 
-def test_own_numbers_go_on_from_what_the_controller_has_taken() -> None:
+def test_sequence_numbers_continue_from_the_last_accepted_answer() -> None:
     """The stop channel takes over in this way: it reads the sequence from the messages."""
     controller = Controller()
     controller.said = replace(controller.said, reflected=41)
     assert controller.session.answer(controller.said).sequence == 42
 
 
-def test_a_hold_that_nobody_asked_for_ends_the_motion_too() -> None:
+def test_an_unrequested_hold_also_ends_the_motion() -> None:
     controller = Controller()
     controller.session.aim(off(HERE, 0, 1.0), 0.02)
     said, moved = controller.said, controller.cycle()
@@ -202,23 +202,25 @@ def test_a_hold_that_nobody_asked_for_ends_the_motion_too() -> None:
     assert math.isclose(moved[0], HERE[0] + SPEED[0] * 0.005)
 
 
-def test_saf_022_an_old_message_is_no_news_and_a_new_session_that_goes_on_is() -> None:
+def test_saf_022_an_old_message_is_not_new_but_a_running_new_session_is() -> None:
     session = FriSession(SPEED)
     said = Monitoring(500, commanded=HERE, state=State.COMMANDING_ACTIVE, sample_ms=5)
     monitoring = replace(said, state=State.MONITORING_WAIT)
 
     def news(said: Monitoring, *sequences: int) -> list[bool]:
-        return [session.hear(replace(said, sequence=sequence)) for sequence in sequences]
+        return [session.accept(replace(said, sequence=sequence)) for sequence in sequences]
 
     assert news(said, 500, 500, 495, 510, 509) == [True, False, False, True, False]
-    assert not any(news(said, 3, 4, 5, 6)), "a session does not begin with being commanded"
-    assert not any(news(monitoring, 3, 80, 7, 8, 30)), "old messages, in any order"
-    assert not any(news(said, 600, 700)), "one that is far ahead"
+    assert not any(news(said, 3, 4, 5, 6)), "a new session does not start in a commanding state"
+    assert not any(news(monitoring, 3, 80, 7, 8, 30)), "old messages in any order are no new session"
+    assert not any(news(said, 600, 700)), "a message that is far ahead is no new session"
     assert news(monitoring, 3, 4, 5, 6) == [False, False, True, True]
-    assert news(monitoring, 100, 101, 102) == [False, False, True], "the link was held up"
+    assert news(monitoring, 100, 101, 102) == [False, False, True], (
+        "messages that arrive late in order are a new session"
+    )
 
 
-def test_saf_022_a_hold_stays_where_it_is_whatever_the_controller_says_it_was_told() -> None:
+def test_saf_022_a_hold_keeps_its_position_for_any_reported_command() -> None:
     controller = Controller()
     controller.session.aim(off(HERE, 0, 0.5), 0.02)
     moved = [controller.cycle() for _ in range(10)][-1]
@@ -232,12 +234,12 @@ def test_saf_022_a_number_that_was_not_sent_by_then_is_no_acknowledgement() -> N
     controller = Controller()
     session = controller.session
     for _ in range(5):
-        session.hear(controller.said)
+        session.accept(controller.said)
         controller.cycle()
     hold = session.next_number(controller.said)
     forged = replace(controller.said, reflected=hold)
-    session.hear(forged)
+    session.accept(forged)
     session.answer(forged)
     assert not session.has_received_answer(forged, hold)
-    session.hear(replace(forged, sequence=forged.sequence + 1))
+    session.accept(replace(forged, sequence=forged.sequence + 1))
     assert session.has_received_answer(forged, hold)

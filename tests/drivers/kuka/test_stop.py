@@ -40,7 +40,7 @@ def test_saf_012_silence_is_a_lost_link_and_the_port_stays_ours(tmp_path: Path) 
     on_a_twin(tmp_path, test)
 
 
-def test_saf_020_a_lost_link_is_written_to_unasked_and_answered_when_it_is_back(tmp_path: Path) -> None:
+def test_saf_020_a_stop_is_written_to_a_lost_link_and_again_when_it_is_back(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         await rig.connect()
         await rig.moving(3)
@@ -53,18 +53,20 @@ def test_saf_020_a_lost_link_is_written_to_unasked_and_answered_when_it_is_back(
         reports = await rig.wire.reach("hold")
         assert reports[0].written
         first = decode_command(rig.log.host("safe", lost_ns)[0].data)
-        assert first.reflected == decode_command(last.data).reflected, "before anything new was heard"
+        assert first.reflected == decode_command(last.data).reflected, (
+            "the hold is sent before a new message arrives"
+        )
         rig.server.set_fault("ok")
         assert all_safe(await rig.wire.reach("hold"))
         rig.log.no_setpoint_after_safe(lost_ns)
         rig.server.unplug()
         reports = await rig.wire.reach("hold")
-        assert not all_safe(reports) and reports[0].detail == "the controller says nothing"
+        assert not all_safe(reports) and reports[0].detail == "the controller sends no messages"
 
     on_a_twin(tmp_path, test)
 
 
-def test_saf_020_a_wire_that_never_had_a_link_stops_whoever_speaks(tmp_path: Path) -> None:
+def test_saf_020_a_wire_that_never_had_a_link_stops_any_sender(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         assert all_safe(await rig.wire.reach("hold"))
         assert await rig.wire.open()
@@ -72,7 +74,7 @@ def test_saf_020_a_wire_that_never_had_a_link_stops_whoever_speaks(tmp_path: Pat
     on_a_twin(tmp_path, test)
 
 
-def test_saf_020_the_stop_channel_opens_a_socket_of_its_own_when_it_was_given_none(tmp_path: Path) -> None:
+def test_saf_020_the_stop_channel_opens_a_socket_if_it_got_none(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         channel = rig.driver.stop_channel((), rig.clock)
         assert all_safe(await channel.make_safe("hold"))
@@ -81,24 +83,24 @@ def test_saf_020_the_stop_channel_opens_a_socket_of_its_own_when_it_was_given_no
         channel = rig.driver.stop_channel((), rig.clock)
         reports = await channel.make_safe("hold")
         channel.close()
-        assert not all_safe(reports) and "Check who else has it" in reports[0].detail
+        assert not all_safe(reports) and "Another program may use it" in reports[0].detail
 
     on_a_twin(tmp_path, test)
 
 
-def test_saf_005_a_stop_that_nobody_asks_for_is_sent_and_is_not_confirmed(tmp_path: Path) -> None:
+def test_saf_005_a_stop_without_a_controllers_message_is_sent_and_not_confirmed(tmp_path: Path) -> None:
     """The controller receives but its messages do not arrive. A silent peer may still receive."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
         await rig.moving(3)
-        rig.server.set_fault("delayed")  # its messages come later than any wait lasts
+        rig.server.set_fault("delayed")  # the messages arrive later than any wait lasts
         await trio.sleep(0.03)
         began_ns = time.monotonic_ns()
         async with trio.open_nursery() as nursery:
             nursery.start_soon(rig.wire.make_safe, "hold")
             await trio.sleep(0.02)
-            assert rig.log.host("safe", began_ns), "before anything was heard"
+            assert rig.log.host("safe", began_ns), "the hold is sent before any message arrives"
             rig.server.unplug()
         reports = await rig.wire.make_safe("hold")
         assert not all_safe(reports)
@@ -110,12 +112,12 @@ def test_saf_005_a_stop_that_nobody_asks_for_is_sent_and_is_not_confirmed(tmp_pa
 def test_saf_005_an_arm_that_goes_on_moving_is_not_called_safe(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It takes the answers, but moves otherwise."""
+    """The controller accepts the answers, but moves the arm in another way."""
 
     async def test(rig: Rig) -> None:
         await rig.connect()
         plant = rig.controller.plant
-        monkeypatch.setattr(rig.controller, "aim", lambda position: None)
+        monkeypatch.setattr(rig.controller, "set_targets", lambda position: None)
 
         async def drift() -> None:
             rad = plant.position_rad[0]
@@ -130,7 +132,7 @@ def test_saf_005_an_arm_that_goes_on_moving_is_not_called_safe(
             reports = await rig.wire.make_safe("hold")
             nursery.cancel_scope.cancel()
         assert not all_safe(reports)
-        assert reports[0].written and reports[0].detail == "it still moves"
+        assert reports[0].written and reports[0].detail == "the arm still moves"
 
     on_a_twin(tmp_path, test)
 
@@ -142,18 +144,18 @@ def test_saf_003_the_root_answers_in_the_wires_place_and_moves_nothing(tmp_path:
     async def test(rig: Rig) -> None:
         await rig.connect()
         await rig.moving(10)
-        told = decode_command(rig.last_setpoint().data)
+        command = decode_command(rig.last_setpoint().data)
         channel = await rig.stop_channel()
         began_ns = time.monotonic_ns()
         reports = await channel.make_safe("hold")
         assert all_safe(reports)
         assert "held by the root" in reports[0].detail
-        assert rig.controller.state == State.COMMANDING_ACTIVE, "the session lives as long as it is answered"
+        assert rig.controller.state == State.COMMANDING_ACTIVE, "the session stays active while it is answered"
         answers = [decode_command(entry.data) for entry in rig.log.host("safe", began_ns)]
         assert len(answers) > 20
         assert {answer.position for answer in answers} == {rig.controller.commanded}
         numbers = [answer.sequence for answer in answers]
-        assert numbers[0] > told.sequence and numbers == [*range(numbers[0], numbers[0] + len(numbers))]
+        assert numbers[0] > command.sequence and numbers == [*range(numbers[0], numbers[0] + len(numbers))]
         rig.log.no_setpoint_after_safe(began_ns)
         channel.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
@@ -163,7 +165,7 @@ def test_saf_003_the_root_answers_in_the_wires_place_and_moves_nothing(tmp_path:
     on_a_twin(tmp_path, test)
 
 
-def test_saf_003_what_waited_while_the_wire_was_frozen_is_not_answered(tmp_path: Path) -> None:
+def test_saf_003_messages_that_waited_in_a_frozen_wire_are_not_answered(tmp_path: Path) -> None:
     """Only the newest message is answered. The cycles of the others are over, and their positions are old."""
 
     async def test(rig: Rig) -> None:
@@ -205,7 +207,7 @@ def test_the_root_does_not_answer_a_stranger_in_its_place(tmp_path: Path) -> Non
     on_a_twin(tmp_path, test)
 
 
-def test_saf_005_a_controller_that_says_nothing_to_the_root_is_not_confirmed(tmp_path: Path) -> None:
+def test_saf_005_a_stop_without_messages_to_the_root_is_not_confirmed(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         await rig.connect()
         channel = await rig.stop_channel()
@@ -219,7 +221,7 @@ def test_saf_005_a_controller_that_says_nothing_to_the_root_is_not_confirmed(tmp
     on_a_twin(tmp_path, test)
 
 
-def test_a_session_that_only_monitors_is_reported_as_held_by_its_own_program(tmp_path: Path) -> None:
+def test_a_session_that_only_monitors_is_reported_as_held_by_the_robots_program(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         await rig.connect()
         rig.controller.motion = False

@@ -41,10 +41,10 @@ class Arm:
 
     def nudge(self, joint: str = "joint1", rad: float = 0.01) -> Mapping[str, Any]:
         """Send a small step from the joint's commanded position."""
-        answer: Mapping[str, Any] = self.robot.send_action({joint: self.told(joint) + rad})
+        answer: Mapping[str, Any] = self.robot.send_action({joint: self.commanded(joint) + rad})
         return answer
 
-    def told(self, joint: str = "joint1") -> float:
+    def commanded(self, joint: str = "joint1") -> float:
         until(lambda: "commanded_rad" in status(self.robot)["sensors"], "it says what it was commanded")
         row: list[float] = status(self.robot)["sensors"]["commanded_rad"]
         return row[AXES.index(joint)]
@@ -81,7 +81,7 @@ class Arm:
         back_ns = time.monotonic_ns()
         assert "resume() first" in why(self.robot.send_action({"joint1": 0.0}))
         time.sleep(0.2)
-        assert not self.log.host("setpoint", back_ns), "nothing moves by itself"
+        assert not self.log.host("setpoint", back_ns), "no motion continues by itself"
         self.commandable()
         until(lambda: self.log.host("setpoint", back_ns), "a setpoint")
 
@@ -104,7 +104,7 @@ def test_connect_observe_act_stop_resume(tmp_path: Path) -> None:
     with arm(tmp_path) as iiwa:
         seen = iiwa.robot.get_observation()
         assert list(seen) == AXES
-        target = iiwa.told() + 0.02
+        target = iiwa.commanded() + 0.02
         answer = json_of(iiwa.robot.send_action({"joint1": target}))
         assert (answer["robot"], answer["joints"], answer["control_period"]) == ("kuka_iiwa", ["joint1"], 0.02)
         assert answer["targets"] == {"joint1": target}
@@ -129,11 +129,11 @@ def test_a_stream_moves_the_arm_at_every_sample_time(tmp_path: Path, sample_ms: 
     """0.3 rad at 0.5 rad/s. A machine that pauses ends the stream: then it goes on from where it
     is."""
     with arm(tmp_path, {"sample_ms": sample_ms}) as iiwa:
-        began = iiwa.told()
+        began = iiwa.commanded()
         deadline_s = time.monotonic() + 60.0
-        while iiwa.told() < began + 0.3 - 1e-6:
+        while iiwa.commanded() < began + 0.3 - 1e-6:
             assert time.monotonic() < deadline_s, iiwa.sessions()
-            if iiwa.robot.send_action({"joint1": min(iiwa.told() + 0.01, began + 0.3)})["status"] != "success":
+            if iiwa.robot.send_action({"joint1": min(iiwa.commanded() + 0.01, began + 0.3)})["status"] != "success":
                 iiwa.commandable()
             time.sleep(0.02)
         until(lambda: abs(iiwa.robot.get_observation()["joint1"] - began - 0.3) < 0.005, "it is there")
@@ -147,19 +147,19 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(tmp_path: Path) -> No
         began_ns = time.monotonic_ns()
         assert "joint4 is nan" in why(iiwa.robot.send_action({"joint4": math.nan}))
         assert "joint4 2.5000 rad is past 2.0943" in why(iiwa.robot.send_action({"joint4": 2.5}))
-        assert "limit 0.02617 at 50 Hz" in why(iiwa.robot.send_action({"joint4": 0.0}))
+        assert "the limit is 0.02617 at 50 Hz" in why(iiwa.robot.send_action({"joint4": 0.0}))
         assert "elbow is not a joint of kuka_iiwa" in why(iiwa.robot.send_action({"elbow": 0.0}))
         time.sleep(0.1)
         assert not iiwa.log.host("setpoint", began_ns)
 
 
-def test_without_a_port_whoever_speaks_is_the_controller(tmp_path: Path) -> None:
+def test_without_a_port_the_sender_is_the_controller(tmp_path: Path) -> None:
     with arm(tmp_path, {"port": 30277, "from_port": 30278}, port=None, fri_port=30277) as iiwa:
         assert status(iiwa.robot)["address"] == iiwa.twin.port
         json_of(iiwa.nudge())
 
 
-def test_what_it_is_given_is_checked_before_anything_is_started() -> None:
+def test_keywords_are_checked_before_any_process_starts() -> None:
     with pytest.raises(ValueError, match=r"'fri_prot' -> 'fri_port'"):
         Robot("kuka_iiwa", mode="real", fri_prot=30201)
     with pytest.raises(ValueError, match="control_frequency is 1000"):
@@ -187,16 +187,16 @@ def test_1_ms_is_refused_at_connect_by_name(tmp_path: Path) -> None:
             "motion stop",
             "motion start",
             "fri_state",
-            "FRI session is MONITORING_READY. start the motion on the pendant",
+            "FRI session is MONITORING_READY. Start the motion on the pendant",
         ),
         ("safety 1", "safety 0", "safety", "safety stop, level 1"),
         ("drive 3 0", "drive 3 2", "drives", "drive of joint3 is OFF"),
         ("client_mode 3", "client_mode 1", "client_mode", "FRI client command mode is TORQUE"),
         ("control_mode 2", "control_mode 0", "control_mode", "control mode is JOINT_IMPEDANCE"),
-        ("overlay 0", "overlay 1", "overlay", "the overlay is lost"),
+        ("overlay 0", "overlay 1", "overlay", "the controller has ended the FRI overlay"),
     ],
 )
-def test_saf_003_a_robot_that_may_not_be_commanded_any_more_ends_what_stands(
+def test_saf_003_the_end_of_commanding_ends_the_live_command(
     tmp_path: Path, order: str, undo: str, code: str, text: str
 ) -> None:
     """No setpoint arrives that could be refused. The tree notices the fault, holds and gives the reason. No
@@ -212,14 +212,14 @@ def test_saf_003_a_robot_that_may_not_be_commanded_any_more_ends_what_stands(
         made_safe(iiwa.log, ordered_ns)
         refusal = iiwa.robot.resume()  # a holding robot is refused; a disarmed one is armed again
         if refusal["status"] == "success":
-            refusal = iiwa.robot.send_action({"joint1": iiwa.told()})
+            refusal = iiwa.robot.send_action({"joint1": iiwa.commanded()})
         assert text in why(refusal)
         assert refusal["content"][1]["json"]["refused"]["code"] == code
         iiwa.twin.command(undo)
         lifted_ns = time.monotonic_ns()
         until(lambda: status(iiwa.robot)["sensors"]["fri_state"] == [4.0], "it is active again")
         time.sleep(0.2)
-        assert not iiwa.log.host("setpoint", lifted_ns), "nothing moves by itself"
+        assert not iiwa.log.host("setpoint", lifted_ns), "no motion continues by itself"
         iiwa.commandable()
 
 
@@ -244,7 +244,7 @@ def test_saf_003_a_stall_of_31_ms_ends_the_motion_and_the_session_comes_back(
         ended_ns = time.monotonic_ns()
         until(lambda: status(iiwa.robot)["sensors"]["fri_quality"] >= [2.0], "the connection is good again")
         time.sleep(0.2)
-        assert not iiwa.log.host("setpoint", ended_ns), "nothing moves by itself"
+        assert not iiwa.log.host("setpoint", ended_ns), "no motion continues by itself"
         iiwa.commandable()
 
 
@@ -266,24 +266,24 @@ def test_saf_003_the_wire_process_dies_or_freezes_and_the_root_answers(
         iiwa.comes_back()
 
 
-def test_when_all_of_us_are_gone_the_session_ends_and_the_arm_is_held(tmp_path: Path) -> None:
+def test_without_our_processes_the_session_ends_and_the_arm_is_held(tmp_path: Path) -> None:
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
         victims, gone_ns = [pids(iiwa.robot)["root"], pids(iiwa.robot)["wire"]], time.monotonic_ns()
         for pid in victims:
             os.kill(pid, signal.SIGKILL)
         until(lambda: "MONITORING_WAIT: no answers" in iiwa.sessions(gone_ns), "the controller drops it")
-        assert len(iiwa.log.host("setpoint", gone_ns)) <= 1, "one may have been on its way"
+        assert len(iiwa.log.host("setpoint", gone_ns)) <= 1, "one setpoint may have been under way"
 
 
 # -- holding
 
 
-def test_saf_019_a_hold_moves_no_joint_nor_does_what_is_sent_to_another_after_it(tmp_path: Path) -> None:
+def test_saf_019_neither_a_hold_nor_a_later_command_moves_an_unnamed_joint(tmp_path: Path) -> None:
     """The measured position lags behind the commanded one. The hold uses the commanded position."""
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
-        until(lambda: abs(iiwa.told() - iiwa.robot.get_observation()["joint1"]) > 0.001, "it lags behind")
+        until(lambda: abs(iiwa.commanded() - iiwa.robot.get_observation()["joint1"]) > 0.001, "it lags behind")
         json_of(iiwa.robot.stop_task())
         until(lambda: state(iiwa.robot) == "holding", "it is held")
         held = decode_command(iiwa.log.host("safe")[-1].data).position
@@ -321,12 +321,12 @@ def test_saf_004_a_script_that_is_stopped_is_held_and_its_session_goes_on(tmp_pa
                 script.kill()
 
 
-def test_saf_010_what_a_controller_that_was_frozen_takes_up_late_ends_in_a_hold(tmp_path: Path) -> None:
+def test_saf_010_late_answers_in_a_frozen_controller_end_in_a_hold(tmp_path: Path) -> None:
     with arm(tmp_path) as iiwa:
         iiwa.roll_out()
         iiwa.twin.process.send_signal(signal.SIGSTOP)
         answer = iiwa.robot.stop()
-        assert all(joint in why(answer) for joint in AXES), "not confirmed, by name"
+        assert all(joint in why(answer) for joint in AXES), "the refusal names every joint that is not confirmed"
         thawed_ns = time.monotonic_ns()
         iiwa.twin.process.send_signal(signal.SIGCONT)
         until(lambda: state(iiwa.robot) == "disarmed", "it is confirmed when it is heard again")
@@ -361,13 +361,13 @@ def test_a_recording_of_it_is_decided_the_same_again(tmp_path: Path) -> None:
     assert outcome.steps > 50
 
 
-def test_its_simulation_yields_to_what_is_on_the_wire(run_dir: Path) -> None:
+def test_its_simulation_yields_to_the_wire(run_dir: Path) -> None:
     with Robot("kuka_iiwa") as sim:
         json_of(sim.send_action({"joint1": 0.5, "joint4": -1.0}))
         until(lambda: abs(sim.get_observation()["joint1"] - 0.5) < 0.01, "it is simulated")
         with Robot("kuka_iiwa", mode="real", transport="twin", sim=sim) as real:
             until(lambda: real.send_action({"joint1": 0.5})["status"] == "success", "the wire commands it")
-            assert abs(real.get_observation()["joint1"] - 0.5) < 0.02, "no jump"
+            assert abs(real.get_observation()["joint1"] - 0.5) < 0.02, "the joint does not jump"
             until(lambda: "held by the robot on its wire" in str(sim.send_action({"joint1": 0.0})), "it yields")
 
 

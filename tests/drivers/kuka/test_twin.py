@@ -41,7 +41,7 @@ class Peer:
         if position is None:
             position = self.said.commanded if self.said.state >= State.COMMANDING_WAIT else ()
         self.sequence += 1
-        self.controller.hear(
+        self.controller.take_answer(
             Command(self.sequence, self.said.sequence if reflected is None else reflected, position)
         )
         return self.listen()
@@ -75,7 +75,7 @@ def test_a_session_gets_ready_then_waits_to_be_mirrored_then_is_active() -> None
     assert peer.until(lambda said: said.state == State.COMMANDING_ACTIVE) == 20
 
 
-def test_who_does_not_mirror_does_not_command() -> None:
+def test_a_client_that_does_not_mirror_does_not_command() -> None:
     peer = Peer()
     peer.until(lambda said: said.state == State.COMMANDING_WAIT)
     for _ in range(60):
@@ -83,7 +83,7 @@ def test_who_does_not_mirror_does_not_command() -> None:
     assert peer.said.state == State.COMMANDING_WAIT
 
 
-def test_an_answer_that_names_another_message_is_none() -> None:
+def test_an_answer_to_another_message_is_ignored() -> None:
     peer = Peer()
     for _ in range(300):
         peer.answer(reflected=peer.said.sequence - 1)
@@ -92,11 +92,11 @@ def test_an_answer_that_names_another_message_is_none() -> None:
 
 def test_an_answer_that_comes_a_cycle_late_is_not_taken_and_not_reflected() -> None:
     peer = Peer().active()
-    told, reflected = peer.said.commanded, peer.said.reflected
+    reported, reflected = peer.said.commanded, peer.said.reflected
     late = peer.said.sequence
     peer.listen()
     said = peer.answer(peer.stepped(0, 0.005), reflected=late)
-    assert (said.commanded, said.reflected) == (told, reflected)
+    assert (said.commanded, said.reflected) == (reported, reflected)
 
 
 def test_a_receive_multiplier_asks_for_every_third_message() -> None:
@@ -124,7 +124,7 @@ def test_a_stall_of_31_ms_costs_the_quality_and_at_2_ms_the_session(sample_ms: i
     peer.active()  # the session recovers
 
 
-def test_the_arm_follows_what_it_is_told_and_stands_when_it_is_told_the_same() -> None:
+def test_the_arm_follows_its_targets_and_stands_at_a_repeated_one() -> None:
     peer = Peer().active()
     began = peer.said.position[0]
     for _ in range(60):
@@ -142,7 +142,7 @@ def test_the_arm_follows_what_it_is_told_and_stands_when_it_is_told_the_same() -
         (lambda peer: (), "an answer without positions"),
     ],
 )
-def test_what_the_arm_cannot_do_ends_the_motion_until_the_pendant_starts_it(
+def test_an_impossible_target_ends_the_motion_until_the_pendant_starts_it(
     position: Callable[[Peer], tuple[float, ...]], why: str
 ) -> None:
     peer = Peer().active()
@@ -181,7 +181,7 @@ def test_silence_drops_the_session_and_holds_the_arm() -> None:
 
 
 @pytest.mark.parametrize("knob", ["safety", "drive", "motion"])
-def test_the_controllers_own_stops_end_the_commanding(knob: str) -> None:
+def test_stops_of_the_controller_end_the_commanding(knob: str) -> None:
     peer = Peer().active()
     if knob == "safety":
         peer.controller.safety = 1
@@ -222,7 +222,7 @@ def test_an_independent_client_becomes_active_and_moves(
         until(lambda: any(b"no answers" in entry.data for entry in log.entries()), "it misses its client")
     kinds = [entry.kind for entry in log.entries() if entry.sender == "host"]
     first = kinds.index("setpoint")
-    assert set(kinds[:first]) == {"safe"}, "what was said before the motion commands nothing"
+    assert set(kinds[:first]) == {"safe"}, "answers from before the motion command nothing"
     assert kinds[first:].count("setpoint") >= 20
 
 
@@ -255,9 +255,9 @@ def test_two_twins_do_not_meet_at_the_clients_end(tmp_path: Path) -> None:
         TwinProcess(tmp_path / "one", "kuka_iiwa", "kuka", options={"sample_ms": 2}) as one,
         TwinProcess(tmp_path / "other", "kuka_iiwa", "kuka", options={"sample_ms": 5}) as other,
     ):
-        told = []
+        reported = []
         for twin in (one, other):
             with Client(int(twin.port.rpartition(":")[2])) as client:
                 client.until(State.MONITORING_READY)
-                told.append(client.sample_ms)
-    assert told == [2, 5]
+                reported.append(client.sample_ms)
+    assert reported == [2, 5]

@@ -18,7 +18,7 @@ from .rig import PATIENCE_S, SLACK_S, TTL_S, Rig, all_safe, free_port, on_a_twin
 # -- motion lives as long as its setpoint
 
 
-def test_saf_004_a_setpoint_that_nobody_re_sends_ends(tmp_path: Path) -> None:
+def test_saf_004_a_setpoint_that_is_not_re_sent_ends(tmp_path: Path) -> None:
     """Gate or watchdog are frozen. The wire goes on answering, but stops moving the arm."""
 
     async def test(rig: Rig) -> None:
@@ -28,7 +28,9 @@ def test_saf_004_a_setpoint_that_nobody_re_sends_ends(tmp_path: Path) -> None:
         await trio.sleep(TTL_S + SLACK_S)
         moved = rig.log.host("setpoint", written_ns)
         assert moved and moved[-1].t_ns - written_ns < (TTL_S + SLACK_S / 2) * 1e9
-        assert rig.controller.state == State.COMMANDING_ACTIVE, "the session is answered all the same"
+        assert rig.controller.state == State.COMMANDING_ACTIVE, (
+            "the session stays active, because it is still answered"
+        )
         rig.log.no_setpoint_after_safe(moved[0].t_ns)
 
     on_a_twin(tmp_path, test)
@@ -46,7 +48,7 @@ def test_saf_004_a_setpoint_that_is_re_sent_goes_on(tmp_path: Path) -> None:
         await rig.wire.arm(rig.permit)
         moved = rig.setpoints()
         await trio.sleep(TTL_S / 2)
-        assert rig.setpoints() <= moved + 1, "arming holds; one may have been on its way"
+        assert rig.setpoints() <= moved + 1, "arming holds, and one setpoint may have been under way"
 
     on_a_twin(tmp_path, test)
 
@@ -59,7 +61,7 @@ def test_saf_001_a_permit_that_is_taken_away_ends_the_motion_with_the_next_answe
         denied_ns = time.monotonic_ns()
         await rig.until(lambda: rig.log.host("safe", denied_ns))
         await trio.sleep(0.1)
-        assert rig.setpoints(denied_ns) <= 1, "one may have been on its way"
+        assert rig.setpoints(denied_ns) <= 1, "one setpoint may have been under way"
         rig.log.no_setpoint_after_safe(denied_ns)
         with pytest.raises(PermitDenied):
             await rig.write(1.0)
@@ -76,7 +78,9 @@ def test_saf_002_after_a_stop_no_answer_moves_the_arm(tmp_path: Path) -> None:
         assert all_safe(reports) and reports[0].acknowledged
         await trio.sleep(0.1)
         rig.log.no_setpoint_after_safe(began_ns)
-        assert rig.controller.state == State.COMMANDING_ACTIVE, "holding is answering"
+        assert rig.controller.state == State.COMMANDING_ACTIVE, (
+            "a hold is also an answer, so the session stays active"
+        )
         stood = rig.controller.plant.position_rad[0]
         await trio.sleep(0.2)
         assert rig.controller.plant.position_rad[0] == pytest.approx(stood, abs=0.002)
@@ -109,7 +113,7 @@ def test_a_motion_at_full_speed_is_taken_whole_by_the_controller(tmp_path: Path,
             if rig.controller.state == State.COMMANDING_ACTIVE:
                 await rig.wire.write((*target, 0.0), rig.permit)
             await trio.sleep(0.02)
-        assert rig.controller.motion, "it was not aborted"
+        assert rig.controller.motion, "the motion was not aborted"
 
     on_a_twin(tmp_path, test, {"sample_ms": sample_ms})
 
@@ -125,7 +129,7 @@ def test_a_cycle_that_cannot_be_kept_is_refused_by_name(tmp_path: Path, sample_m
         )
         with pytest.raises(WireDown, match=why):
             await rig.wire.open()
-        assert not [entry for entry in rig.log.entries() if entry.sender == "host"], "nothing was answered"
+        assert not [entry for entry in rig.log.entries() if entry.sender == "host"], "the wire answered nothing"
 
     on_a_twin(tmp_path, test, {"sample_ms": sample_ms, "multiplier": multiplier})
 
@@ -143,18 +147,18 @@ def test_a_session_that_gets_too_quick_is_refused_before_it_is_answered(tmp_path
     on_a_twin(tmp_path, test)
 
 
-def test_nobody_speaks(tmp_path: Path) -> None:
+def test_no_controller_sends(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         rig.server.unplug()
-        with pytest.raises(WireDown, match=r"no FRI message of 127\.\S+ at UDP port \d+ within 0.2 s"):
+        with pytest.raises(WireDown, match=r"no FRI message from 127\.\S+ at UDP port \d+ within 0.2 s"):
             await rig.wire.open()
 
     on_a_twin(tmp_path, test, connect_timeout=0.2)
 
 
-def test_only_the_controller_that_was_named_is_heard(tmp_path: Path) -> None:
+def test_only_messages_of_the_named_controller_are_read(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
-        with pytest.raises(WireDown, match=r"no FRI message of 127\.0\.0\.9"):
+        with pytest.raises(WireDown, match=r"no FRI message from 127\.0\.0\.9"):
             await rig.wire.open()
 
     def another(server_port: str) -> str:
@@ -164,7 +168,7 @@ def test_only_the_controller_that_was_named_is_heard(tmp_path: Path) -> None:
     on_a_twin(tmp_path, test, {"port": port}, port=another(str(port)), connect_timeout=0.3)
 
 
-def test_without_a_port_whoever_speaks_first_is_the_controller(tmp_path: Path) -> None:
+def test_without_a_port_the_first_sender_is_the_controller(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         await rig.connect()
         assert (await rig.wire.read()).sensors["fri_state"] == (State.COMMANDING_ACTIVE,)
@@ -173,7 +177,7 @@ def test_without_a_port_whoever_speaks_first_is_the_controller(tmp_path: Path) -
     on_a_twin(tmp_path, test, {"port": port, "from_port": free_port()}, port="", fri_port=port)
 
 
-def test_a_stranger_that_speaks_later_is_not_answered(tmp_path: Path) -> None:
+def test_a_later_foreign_sender_is_not_answered(tmp_path: Path) -> None:
     async def test(rig: Rig) -> None:
         await rig.connect()
         said = Monitoring(1, state=State.COMMANDING_WAIT, sample_ms=5, interpolated=(1.0,) * 7)
@@ -194,7 +198,7 @@ def test_saf_009_a_second_program_on_the_port_is_refused(tmp_path: Path) -> None
     async def test(rig: Rig) -> None:
         await rig.connect()
         second = Kuka("kuka_iiwa", rig.server.address, {}).open_wire(rig.clock)
-        with pytest.raises(WireDown, match=r"UDP port \d+ cannot be opened .* Check who else has it"):
+        with pytest.raises(WireDown, match=r"UDP port \d+ cannot be opened .* Another program may use it"):
             await second.open()
 
     on_a_twin(tmp_path, test)

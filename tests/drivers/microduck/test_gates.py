@@ -59,7 +59,7 @@ def refused(action: dict[str, Any], **known: Any) -> Refused:
     return refusal
 
 
-def test_a_twist_lasts_a_second_or_as_long_as_it_says() -> None:
+def test_a_twist_lasts_a_second_or_its_duration() -> None:
     usual = accepted({"vx": 0.2, "vyaw": 0.5})
     assert usual.until_ns == NOW_NS + 10**9
     assert usual.values[:3] == (0.2, 0.0, 0.5)
@@ -85,8 +85,8 @@ def test_a_twist_lasts_a_second_or_as_long_as_it_says() -> None:
         ({"vx": -0.51}, 1, "vx=-0.51 m/s is over 0.5 for roller"),
         ({"vy": 0.01}, 1, "vy=0.01 m/s is over 0 for roller"),
         ({"vyaw": 0.31}, 1, "vyaw=0.31 rad/s is over 0.3 for roller"),
-        ({"vx": 0.1}, -1, "the drive mode is not known"),
-        ({"vx": 0.1}, 7, "the drive mode is not known"),
+        ({"vx": 0.1}, -1, "the drive mode is unknown"),
+        ({"vx": 0.1}, 7, "the drive mode is unknown"),
     ],
 )
 def test_a_twist_past_its_mode_is_refused(action: dict[str, Any], mode: int, said: str) -> None:
@@ -117,15 +117,15 @@ def test_a_twist_at_its_limit_and_a_zero_in_any_mode_are_accepted() -> None:
         ({"head_roll": 0.44}, "head_roll"),
     ],
 )
-def test_what_is_out_of_range_is_refused_by_its_name(action: dict[str, Any], key: str) -> None:
+def test_a_value_out_of_range_is_refused_by_name(action: dict[str, Any], key: str) -> None:
     refusal = refused(action)
     assert refusal.code == "past_travel" and f"{key} " in refusal.reason
 
 
-def test_joints_and_skills_are_refused_with_what_takes_their_place() -> None:
+def test_joints_and_skills_are_refused_with_their_replacement() -> None:
     for key in ("left_knee", "left_knee.pos", "wheel", ""):
         refusal = refused({key: 0.1})
-        assert refusal.code == "unknown_joint" and "robotd takes no joint targets" in refusal.reason
+        assert refusal.code == "unknown_joint" and "robotd accepts no joint targets" in refusal.reason
         assert "head (" in refusal.remedy and "do(skill" in refusal.remedy
     assert "call do(skill='kick_left')" in refused({"skill": "kick_left"}).remedy
     assert refused({"vx": 0.1, "skill": "kick_left"}).code == "skill"
@@ -133,12 +133,12 @@ def test_joints_and_skills_are_refused_with_what_takes_their_place() -> None:
     assert refused({"duration": 1.0}).code in ("empty", "duration")
 
 
-def test_an_intent_is_whole_and_others_are_not_said() -> None:
+def test_an_intent_is_sent_whole_and_others_are_not_sent() -> None:
     target = {"head_yaw": 0.4, "z": -0.01, "active": 1.0, "open": 0.5}
     head = accepted({"head_pitch": 0.1}, target=target)
     assert head.values[3:7] == (0.0, 0.1, 0.4, 0.0)
     assert [head.values[at] for at in (MOVES, HEADS, POSES, MOUTHS)] == [0.0, 1.0, 0.0, 0.0]
-    assert head.until_ns == 0, "it stays"
+    assert head.until_ns == 0, "the head keeps its position without a time limit"
     pose = accepted({"roll": 0.1}, target=target)
     assert pose.values[7:11] == (-0.01, 0.1, 0.0, 1.0) and pose.values[POSES] == 1.0
     assert accepted({"active": False}, target=target).values[10] == 0.0
@@ -151,7 +151,7 @@ def test_an_intent_is_whole_and_others_are_not_said() -> None:
 def test_a_head_keeps_the_twist_that_lives_as_long_as_it_was_promised() -> None:
     live = accepted({"head_yaw": 0.1}, target={"vx": 0.2}, live=Live(NOW_NS + 5 * 10**8))
     assert live.values[0] == 0.2 and live.until_ns == NOW_NS + 5 * 10**8
-    assert live.values[MOVES] == 0.0, "it is not said again"
+    assert live.values[MOVES] == 0.0, "the twist is not sent again"
     over = accepted({"head_yaw": 0.1}, target={"vx": 0.2}, live=Live(NOW_NS - 1))
     assert over.values[0] == 0.0 and over.until_ns == 0
 
@@ -191,7 +191,7 @@ def test_saf_012_a_duck_that_is_not_ready_is_refused() -> None:
         ("fly", {}, "it has enable"),
     ],
 )
-def test_saf_014_services_refuse_what_they_do_not_take(service: str, arguments: dict[str, Any], said: str) -> None:
+def test_saf_014_services_refuse_invalid_arguments(service: str, arguments: dict[str, Any], said: str) -> None:
     refusal = duck().check_service(service, arguments)
     assert refusal is not None and said in refusal.remedy
 
@@ -209,7 +209,7 @@ def test_saf_014_services_refuse_what_they_do_not_take(service: str, arguments: 
         ("stand", {}),
     ],
 )
-def test_services_take_what_they_declare(service: str, arguments: dict[str, Any]) -> None:
+def test_services_accept_their_declared_arguments(service: str, arguments: dict[str, Any]) -> None:
     assert duck().check_service(service, arguments) is None
 
 
@@ -231,12 +231,12 @@ def test_a_port_is_a_path_or_a_host(port: str, endpoint: Endpoint) -> None:
     "port",
     ["robotd.sock", "ssh://", "ssh://-oProxyCommand=x", "ssh://a b", "ssh://a@-x", "ssh://a:99999", "tcp://x", ""],
 )
-def test_what_is_neither_is_refused(port: str) -> None:
+def test_a_port_of_another_form_is_refused(port: str) -> None:
     with pytest.raises(ValueError, match="ssh://"):
         parse_port(port)
 
 
-def test_the_environment_says_where_a_duck_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_gives_the_address_of_a_duck(monkeypatch: pytest.MonkeyPatch) -> None:
     assert endpoint_of_environment({}) == "/run/robotd.sock"
     assert endpoint_of_environment({"MICRODUCK_HOST": "duck.local"}) == "ssh://duck.local"
     assert endpoint_of_environment({"MICRODUCK_HOST": "a@duck", "MICRODUCK_SOCKET": "/tmp/s"}) == "/tmp/s"
@@ -244,14 +244,14 @@ def test_the_environment_says_where_a_duck_is_left_out(monkeypatch: pytest.Monke
     monkeypatch.setenv("DUCK_BOARD_USER", "me")
     driver = Microduck("microduck", "", {})
     assert driver.config.endpoint() == Endpoint("/run/robotd.sock", "me@duck.local")
-    assert driver.timing.open_s > duck().timing.open_s, "ssh has to connect, here and in the root"
+    assert driver.timing.open_s > duck().timing.open_s, "ssh has to connect in this process and in the root"
     assert Microduck("microduck", "/tmp/s", {}).config.endpoint() == Endpoint("/tmp/s")
     monkeypatch.setenv("MICRODUCK_HOST", "-oProxyCommand=x")
     with pytest.raises(ValueError, match="MICRODUCK_HOST"):
         Microduck.resolve("microduck", {})
 
 
-def test_options_are_checked_and_lengthen_what_may_be_waited_for() -> None:
+def test_options_are_checked_and_lengthen_the_timeouts() -> None:
     slow = duck(timeout=30.0, subscribe_hz=25, api_version=16)
     assert slow.timing.open_s > 30.0 and slow.SERVICES["health"].within_s > 30.0
     assert (slow.config.subscribe_hz, slow.config.api_version) == (25, 16)

@@ -63,7 +63,7 @@ def test_skills_come_as_a_list_or_before_version_17_as_members() -> None:
     assert p.read_skills(old) == ("kick_left",)
 
 
-def test_what_is_not_measured_is_not_zero() -> None:
+def test_a_value_that_is_not_measured_is_not_zero() -> None:
     health = p.read_health({"healthy": False, "reason": "no bus"})
     assert health.battery_pct != health.battery_pct and health.reason == "no bus"
     assert p.read_policies({"mode": "walk"}).sitting is None
@@ -103,7 +103,7 @@ def test_lines_in_any_pieces_and_never_more_than_the_longest() -> None:
     assert list(rpc.LineDecoder(10).feed(b"x" * 10 + b"\n")) == [b"x" * 10]
 
 
-def test_disturbed_answers_raise_nothing_but_the_codecs_own() -> None:
+def test_disturbed_answers_raise_only_the_codecs_error() -> None:
     """``STRANDS_ACTORS_FUZZ`` is their number."""
     chance = random.Random(22)
     lines = [rpc.encode_result(1, value) for _, value in READERS] + [rpc.encode_notification(p.STATE, STATE)]
@@ -130,7 +130,7 @@ def test_disturbed_answers_raise_nothing_but_the_codecs_own() -> None:
                     value = message.value if isinstance(message, rpc.Result) else getattr(message, "params", None)
                     READERS[min(at, len(READERS) - 1)][0](value)
                     taken += 1
-    assert taken > DISTURBED // 50, "some still make sense"
+    assert taken > DISTURBED // 50, "some disturbed answers are still valid"
 
 
 @given(
@@ -147,14 +147,14 @@ def test_no_value_of_json_is_taken_for_another(value: Any) -> None:
 
 
 @given(st.binary(max_size=200))
-def test_the_twin_lives_through_any_line(data: bytes) -> None:
+def test_no_line_breaks_the_twin(data: bytes) -> None:
     with contextlib.suppress(MalformedFrame):
         for line in rpc.LineDecoder(64).feed(data):
             with contextlib.suppress(MalformedFrame):
                 rpc.decode(line)
 
 
-def test_what_a_twin_says_of_itself_reads_back() -> None:
+def test_a_twins_description_can_be_decoded() -> None:
     assert json.loads(rpc.encode_failure(None, rpc.PARSE_ERROR, "x"))["error"] == {"code": -32700, "message": "x"}
     failure = rpc.decode(rpc.encode_failure("a", -32601, "unknown method"))
     assert failure == rpc.Failure("a", -32601, "unknown method")

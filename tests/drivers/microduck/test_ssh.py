@@ -1,5 +1,5 @@
 """Test a duck on another host: the system's ssh forwards its socket, as a child of each process that needs it.
-Here a stand-in for ssh connects to the twin."""
+A stand-in for ssh connects to the twin."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_ssh_asks_for_nothing_shares_nothing_and_takes_no_host_for_an_option() -
     assert "-p" not in command("ssh", "duck", 0, 5.0, [])
 
 
-def test_what_ssh_says_is_told(log: Path) -> None:
+def test_the_messages_of_ssh_are_shown(log: Path) -> None:
     async def main() -> None:
         forward = SshForward("refused.example", 0, ["/run/robotd.sock"])
         try:
@@ -86,14 +86,14 @@ def test_a_missing_ssh_is_named() -> None:
 
 
 @pytest.mark.long
-def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_own(twin: Twin, log: Path, run_dir: Path) -> None:
+def test_saf_003_a_duck_behind_ssh_is_stopped_through_the_roots_ssh(twin: Twin, log: Path, run_dir: Path) -> None:
     with Robot("microduck", mode="real", port="ssh://me@duck.example") as duck:
         connected(duck)
         act(duck, twin, vx=0.2, duration=10)
         by_parent = {call["parent"]: call["pid"] for call in calls(log)}
         assert all(call["words"][-1] == "me@duck.example" for call in calls(log))
         wire, root = pids(duck)["wire"], pids(duck)["root"]
-        assert {wire, root} <= set(by_parent), "each has an ssh of its own"
+        assert {wire, root} <= set(by_parent), "wire and root each start a separate ssh"
         began_ns = time.monotonic_ns()
         os.kill(wire, signal.SIGKILL)
         first_safe(twin.log, began_ns)
@@ -110,7 +110,7 @@ def test_one_frame_of_the_depth_sensor_comes_over_its_own_socket(
 ) -> None:
     path = tmp_path / "tof"
     frame = {"jsonrpc": "2.0", "method": "tof.frame", "params": {"distance_mm": [400 + at for at in range(64)]}}
-    asked: list[Any] = []
+    requested: list[Any] = []
     listener = socket.socket(socket.AF_UNIX)
     listener.bind(str(path))
     listener.listen()
@@ -119,7 +119,7 @@ def test_one_frame_of_the_depth_sensor_comes_over_its_own_socket(
     def serve() -> None:
         client, _ = listener.accept()
         with client:
-            asked.append(json.loads(client.makefile().readline()))
+            requested.append(json.loads(client.makefile().readline()))
             client.sendall(json.dumps(frame).encode() + b"\n")
             client.recv(1)
 
@@ -133,4 +133,4 @@ def test_one_frame_of_the_depth_sensor_comes_over_its_own_socket(
     finally:
         listener.close()
         tofd.join(10.0)
-    assert [call["method"] for call in asked] == ["tof.stream"]
+    assert [call["method"] for call in requested] == ["tof.stream"]

@@ -46,13 +46,13 @@ def duck(twin: Twin, run_dir: Path) -> Iterator[RealRobot]:
         yield robot
 
 
-def test_saf_001_a_twist_is_said_again_for_its_duration_and_ends_in_zero(duck: RealRobot, twin: Twin) -> None:
+def test_saf_001_a_twist_is_re_sent_for_its_duration_and_ends_in_zero(duck: RealRobot, twin: Twin) -> None:
     began_ns = act(duck, twin, vx=0.2, vyaw=-0.5, duration=0.6)
     zero = first_safe(twin.log, began_ns)
     assert zero.safe_state == "zero"
     assert (zero.t_ns - began_ns) / 1e9 > 0.55
     sent = moves(twin, began_ns)
-    assert 8 <= len(sent) <= 14, "20 Hz while it lives"
+    assert 8 <= len(sent) <= 14, "the twist is re-sent at 20 Hz for its duration"
     assert all(params(one) == {"vx": 0.2, "vy": 0.0, "vyaw": -0.5} for one in sent)
     time.sleep(0.4)
     twin.log.no_setpoint_after_safe(began_ns)
@@ -73,7 +73,7 @@ def test_saf_001_a_head_that_turns_neither_ends_nor_prolongs_the_twist(duck: Rea
     assert status(duck)["sensors"]["twist_requested"] == [0.0, 0.0, 0.0]
 
 
-def test_what_is_not_named_stays_and_is_said_once(duck: RealRobot, twin: Twin) -> None:
+def test_a_head_command_is_sent_once_and_keeps_the_other_joints(duck: RealRobot, twin: Twin) -> None:
     began_ns = act(duck, twin, head_yaw=0.4, head_pitch=-0.2)
     until(lambda: duck.get_observation()["head_yaw"] == pytest.approx(0.4), "it is there")
     json_of(duck.send_action({"head_roll": 0.1}))
@@ -88,7 +88,7 @@ def test_what_is_not_named_stays_and_is_said_once(duck: RealRobot, twin: Twin) -
         (p.POSE, {"z": -0.02, "roll": 0.0, "pitch": 0.0, "active": True}),
         (p.MOUTH, {"open": 0.5}),
     ]
-    assert twin.log.host("safe", began_ns) == [], "a head has no duration"
+    assert twin.log.host("safe", began_ns) == [], "a head command has no duration, so no stop follows it"
     json_of(duck.send_action({"active": False}))
     until(lambda: params(twin.log.host("setpoint", began_ns)[-1]).get("active") is False, "the pose ends")
 
@@ -108,7 +108,7 @@ def test_saf_005_a_stop_is_repeated_until_its_state_shows_no_twist(duck: RealRob
     assert "call resume() first" in why(duck.enable())
     assert "call resume() first" in why(duck.do(skill="kick_left"))
     json_of(duck.resume())
-    assert twin.log.setpoints_after_safe(began_ns) == 0, "a resume moves nothing"
+    assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 
 
 @pytest.mark.long
@@ -118,13 +118,15 @@ def test_saf_005_a_duck_that_reports_a_twist_is_not_reported_as_stopped(duck: Re
     until(lambda: status(duck)["sensors"]["odometry_linear_m_s"][0] > 0.5, "it reports too much")
     began_ns = time.monotonic_ns()
     assert "not confirmed: it reports speed" in why(duck.stop())
-    assert len(twin.log.host("safe", began_ns)) > 5, "and it is repeated"
+    assert len(twin.log.host("safe", began_ns)) > 5, "the stop is repeated"
     twin.fault("ok")
     until(lambda: state(duck) == "disarmed", "it is confirmed when it can be")
 
 
 @pytest.mark.long
-def test_saf_010_a_twist_that_waits_in_a_stopped_robotd_is_followed_by_a_stop(duck: RealRobot, twin: Twin) -> None:
+def test_saf_010_a_twist_in_the_socket_of_a_stopped_robotd_is_followed_by_a_stop(
+    duck: RealRobot, twin: Twin
+) -> None:
     """robotd is stopped with a twist in its socket. The caller stops, then robotd continues."""
     act(duck, twin, vx=0.1, duration=10)
     twin.pause()
@@ -137,9 +139,9 @@ def test_saf_010_a_twist_that_waits_in_a_stopped_robotd_is_followed_by_a_stop(du
     until(lambda: state(duck) == "disarmed", "it is back, disarmed, and confirmed")
     time.sleep(0.3)
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
-    assert frames[-1].kind == "safe", "whatever it carried out late"
+    assert frames[-1].kind == "safe", "a safe frame is the last one that is carried out"
     late = [one for one in frames if one.kind == "setpoint"]
-    assert len(late) <= 6, "what was on its way before robotd was seen to be silent, and none after"
+    assert len(late) <= 6, "only twists from before robotd counted as silent arrive"
     until(lambda: status(duck)["sensors"].get("twist_requested") == [0.0] * 3, "it stands")
 
 
@@ -162,13 +164,13 @@ def test_saf_010_no_stop_is_confirmed_while_a_skill_may_still_begin(duck: RealRo
     assert frames[-1].kind == "safe"
 
 
-def test_saf_004_nothing_is_fed_to_a_robot_that_is_silent(duck: RealRobot, twin: Twin) -> None:
+def test_saf_004_no_twist_is_sent_to_a_silent_robot(duck: RealRobot, twin: Twin) -> None:
     act(duck, twin, vx=0.2, duration=10)
     twin.fault("off")
     time.sleep(0.35)
     silent_ns = time.monotonic_ns()
     until(lambda: state(duck) in ("lost", "down", None), "it is noticed")
-    assert moves(twin, silent_ns) == [], "no twist that would be carried out late"
+    assert moves(twin, silent_ns) == [], "no twist is sent that would be carried out late"
     twin.fault("ok")
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
 
@@ -183,7 +185,7 @@ def test_saf_020_a_walk_does_not_go_on_in_a_robotd_that_was_frozen(duck: RealRob
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
     time.sleep(0.2)
     twin.log.no_setpoint_after_safe(back_ns)
-    assert len(moves(twin, back_ns)) <= 6, "what waited, and nothing new"
+    assert len(moves(twin, back_ns)) <= 6, "only the waiting twists arrive, and no new one"
 
 
 def test_saf_010_a_twist_that_outlives_the_wire_is_followed_by_the_roots_stop(duck: RealRobot, twin: Twin) -> None:
@@ -210,7 +212,9 @@ def test_a_stop_puts_the_theremin_down(duck: RealRobot, twin: Twin) -> None:
     assert with_it["theremin"]["zones"] == 0
     json_of(duck.stop())
     say_until(twin, lambda told: "theremin" not in told)
-    assert "call resume() first" in why(duck.theremin(active=True)), "it moves the mouth"
+    assert "call resume() first" in why(duck.theremin(active=True)), (
+        "the theremin moves the mouth, so it is refused after a stop"
+    )
     json_of(duck.theremin(active=False))
 
 
@@ -243,7 +247,7 @@ def test_saf_020_a_socket_that_is_back_carries_the_stop_first(duck: RealRobot, t
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow", "stuck"])
-def test_saf_006_a_stop_leaves_at_once_whatever_robotd_answers(duck: RealRobot, twin: Twin, fault: str) -> None:
+def test_saf_006_a_stop_is_sent_at_once_with_any_answer_of_robotd(duck: RealRobot, twin: Twin, fault: str) -> None:
     act(duck, twin, vx=0.2, duration=10)
     twin.fault(fault)
     time.sleep(0.1)
@@ -258,21 +262,19 @@ def test_saf_006_a_stop_leaves_at_once_whatever_robotd_answers(duck: RealRobot, 
 def test_saf_012_silence_is_no_state(duck: RealRobot, twin: Twin) -> None:
     twin.fault("off")
     until(lambda: state(duck) in ("lost", "down", None), "it is noticed")
-    assert "no state of robotd for 0.6 s" in why(duck.send_action({"vx": 0.1}))
+    assert "no state from robotd for 0.6 s" in why(duck.send_action({"vx": 0.1}))
     twin.fault("ok")
     until(lambda: state(duck) == "disarmed", "it is back, disarmed")
 
 
 @pytest.mark.long
-def test_saf_012_a_duck_that_says_the_same_again_and_again_is_lost_and_told_nothing(
-    duck: RealRobot, twin: Twin
-) -> None:
+def test_saf_012_a_duck_that_repeats_its_state_is_lost_and_sent_nothing(duck: RealRobot, twin: Twin) -> None:
     """Every socket is open, every request is answered, and its state comes 50 times a second."""
     act(duck, twin, vx=0.2, duration=10)
-    is_lost_while_stuck(duck, twin, {"vx": 0.1}, "stands still")
+    is_lost_while_stuck(duck, twin, {"vx": 0.1}, "has not changed")
 
 
-def test_saf_003_a_policy_that_somebody_takes_away_ends_what_is_live(duck: RealRobot, twin: Twin) -> None:
+def test_saf_003_the_removal_of_the_robots_policy_ends_the_live_command(duck: RealRobot, twin: Twin) -> None:
     began_ns = act(duck, twin, vx=0.2, duration=10)
     say(twin, p.ENABLE, on=False)
     first_safe(twin.log, began_ns)
@@ -303,14 +305,14 @@ def say_until(twin: Twin, is_so: Callable[[dict[str, Any]], bool]) -> dict[str, 
     raise AssertionError("the twin has closed the connection")
 
 
-def test_saf_014_what_collapses_the_duck_wants_a_confirmation(duck: RealRobot, twin: Twin) -> None:
+def test_saf_014_a_service_that_collapses_the_duck_needs_a_confirmation(duck: RealRobot, twin: Twin) -> None:
     act(duck, twin, head_yaw=0.1)
     began_ns = time.monotonic_ns()
     for refused in (duck.relax(), duck.init(), duck.reboot_motors(ids="20"), duck.relax(confirm="yes")):
         assert "(confirm=True)" in why(refused)
     time.sleep(0.1)
     asked = [json.loads(one.data)["method"] for one in twin.log.entries(began_ns) if one.sender == "host"]
-    assert set(asked) <= {p.HEALTH, p.POLICIES}, "nothing was written"
+    assert set(asked) <= {p.HEALTH, p.POLICIES}, "only questions were written"
     json_of(duck.relax(confirm=True))
     until(lambda: state(duck) == "disarmed", "a duck that is limp is let go of")
     assert "no policy drives it" in status(duck)["cause"]
@@ -335,7 +337,7 @@ def test_services(duck: RealRobot, twin: Twin) -> None:
     assert json_of(duck.stand()) == {"sitting": False, "already": True}
     json_of(duck.sit())
     until(lambda: status(duck)["sensors"]["sitting"] == [1.0], "it sits")
-    assert "the duck sits. call stand() first" in why(duck.send_action({"vx": 0.1}))
+    assert "the duck sits. Call stand() first" in why(duck.send_action({"vx": 0.1}))
     until(lambda: json_of(duck.monitor())["policy"] == "sitstand", "it has sat down")
     json_of(duck.stand())
     until(lambda: status(duck)["sensors"]["sitting"] == [0.0], "it stands")
@@ -344,7 +346,9 @@ def test_services(duck: RealRobot, twin: Twin) -> None:
     until(lambda: duck.get_observation()["head_yaw"] == pytest.approx(0.785, abs=0.01), "it looks there")
     json_of(duck.send_action({"head_roll": 0.2}))
     time.sleep(0.2)
-    assert duck.get_observation()["head_yaw"] == pytest.approx(0.785, abs=0.02), "what it looked at stays"
+    assert duck.get_observation()["head_yaw"] == pytest.approx(0.785, abs=0.02), (
+        "the head keeps looking at the target"
+    )
     assert json_of(duck.mode()) == {"mode": "walk"}
     json_of(duck.set_mode(mode="roller"))
     until(lambda: status(duck)["sensors"]["mode"] == [1.0], "it rolls")
@@ -366,14 +370,14 @@ def test_services(duck: RealRobot, twin: Twin) -> None:
     json_of(duck.disable())
 
 
-def test_saf_012_what_the_robot_feels_is_observed(duck: RealRobot, twin: Twin) -> None:
+def test_saf_012_sensors_are_in_the_observation(duck: RealRobot, twin: Twin) -> None:
     sensors = status(duck)["sensors"]
     assert sensors["battery_pct"] == [63.0] and sensors["battery_v"] == [7.6]
     assert len(sensors["gyro_rad_s"]) == 3 and len(sensors["orientation_wxyz"]) == 4
     assert sensors["odometry_xy_m"] == [0.0, 0.0] and sensors["mode"] == [0.0]
 
 
-def test_it_runs_no_policies_and_says_what_it_takes(duck: RealRobot) -> None:
+def test_a_policy_is_refused_with_the_accepted_commands(duck: RealRobot) -> None:
     for answer in (duck.run_policy(lambda _: {"vx": 0.1}), duck.start_task("walk")):
         said = why(answer)
         assert all(word in said for word in ("move", "head", "pose", "do(skill"))
@@ -415,7 +419,7 @@ def test_saf_003_the_root_loads_neither_the_wire_nor_the_twin() -> None:
     assert [name for name in unwanted if name in loaded] == []
 
 
-def test_an_older_robotd_is_a_warning_and_what_it_lacks_is_refused(tmp_path: Path, run_dir: Path) -> None:
+def test_an_older_robotd_gives_a_warning_and_its_missing_skills_are_refused(tmp_path: Path, run_dir: Path) -> None:
     serve = (
         "from strands_actors.drivers.microduck.twin import main\n"
         f"main('microduck', options={{'api_version': 16}}, port_file={str(tmp_path / 'port')!r})"
@@ -425,13 +429,13 @@ def test_an_older_robotd_is_a_warning_and_what_it_lacks_is_refused(tmp_path: Pat
         until(lambda: (tmp_path / "port").exists(), "it is served")
         with Robot("microduck", mode="real", port=(tmp_path / "port").read_text()) as duck:
             connected(duck)
-            assert "robotd speaks API 16, asked for was 31" in status(duck)["warning"]
+            assert "robotd speaks API 16, not 31 as configured" in status(duck)["warning"]
             json_of(duck.enable())
-            assert "kick_left" in json_of(duck.skills())["skills"], "as it says when states are asked for"
+            assert "kick_left" in json_of(duck.skills())["skills"], "the skill is listed as in the robot's state"
             json_of(duck.do(skill="kick_left"))
             assert "vx=0.5 m/s is over 0.3 for walk" in why(duck.send_action({"vx": 0.5}))
-            assert "robotd (API 16) does not have it" in why(duck.policies())
-            assert "robotd (API 16) does not have it" in why(duck.sit())
+            assert "robotd (API 16) does not have this function" in why(duck.policies())
+            assert "robotd (API 16) does not have this function" in why(duck.sit())
             json_of(duck.stop())
     finally:
         served.terminate()

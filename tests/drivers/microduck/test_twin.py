@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from strands_actors.drivers.common.codecs.json_rpc import Call
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.microduck import protocol as p
 from strands_actors.drivers.microduck.body import Duck
@@ -52,7 +52,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
         yield process
 
 
-def test_microduck_cli_drives_reads_and_is_refused_what_it_should_be(cli: dict[str, str], twin: Twin) -> None:
+def test_microduck_cli_drives_reads_and_gets_refusals(cli: dict[str, str], twin: Twin) -> None:
     def run(*words: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [sys.executable, "-m", "microduck_cli", "duck", *words, "--socket", twin.port],
@@ -70,7 +70,7 @@ def test_microduck_cli_drives_reads_and_is_refused_what_it_should_be(cli: dict[s
         return json.loads(done.stdout.splitlines()[-1])
 
     assert told("health")["healthy"] is True
-    assert told("version")["api_skew"] == [31, 16], "reported, not refused"
+    assert told("version")["api_skew"] == [31, 16], "the version difference is reported, not refused"
     refused = run("do", "kick-left", "--apply")
     assert refused.returncode != 0 and "enable it first" in refused.stderr
     assert told("enable", "--apply")["result"] == {"accepted": True, "reason": "driving"}
@@ -136,7 +136,7 @@ def client(path: str) -> Iterator[Client]:
         one.close()
 
 
-def test_what_it_does_not_know_is_refused_by_its_name_and_clamps_nothing(twin: Twin) -> None:
+def test_unknown_requests_are_refused_by_name_and_nothing_is_clamped(twin: Twin) -> None:
     with client(twin.port) as one:
         one.say("nonsense")
         assert one.hear()["error"]["code"] == -32700
@@ -151,7 +151,7 @@ def test_what_it_does_not_know_is_refused_by_its_name_and_clamps_nothing(twin: T
         assert one.ask(p.HELLO, api_version=16)["api_version"] == 31
 
 
-def test_states_come_at_the_rate_that_was_asked_for_and_a_flood_of_bytes_ends_only_its_sender(twin: Twin) -> None:
+def test_states_have_the_requested_rate_and_a_flood_of_bytes_ends_only_its_sender(twin: Twin) -> None:
     with client(twin.port) as one, client(twin.port) as other:
         with contextlib.suppress(ConnectionError):
             other.say("x" * 70_000)
@@ -189,7 +189,7 @@ def run(duck: Duck, clock: Clock, seconds: float) -> None:
         duck.pass_time()
 
 
-def test_a_twist_that_nobody_says_again_ends_after_half_a_second() -> None:
+def test_a_twist_that_is_not_re_sent_ends_after_half_a_second() -> None:
     twin, clock = twin_of(enabled=True)
     ask(twin, p.MOVE, vx=0.3)
     run(twin.body, clock, 0.45)
@@ -203,7 +203,7 @@ def test_a_twist_that_nobody_says_again_ends_after_half_a_second() -> None:
     assert never.body.applied[0] == 0.3
 
 
-def test_what_keeps_it_from_walking_is_told() -> None:
+def test_the_reason_not_to_walk_is_reported() -> None:
     twin, clock = twin_of()
     ask(twin, p.MOVE, vx=0.3)
     run(twin.body, clock, 0.3)
@@ -231,7 +231,7 @@ def test_it_walks_where_it_looks_and_turns_to_the_left() -> None:
     assert twin.body.y_m > 0.15 and twin.body.y_m > 2 * abs(twin.body.x_m)
 
 
-def test_an_older_robotd_knows_less() -> None:
+def test_an_older_robotd_has_fewer_requests() -> None:
     twin, _ = twin_of(api_version=16)
     assert ask(twin, p.HELLO, api_version=31)["api_version"] == 16
     assert "kick_left" in ask(twin, p.SUBSCRIBE) and "skills" not in ask(twin, p.SUBSCRIBE)
@@ -239,7 +239,7 @@ def test_an_older_robotd_knows_less() -> None:
         ask(twin, p.POLICIES)
 
 
-def test_its_legs_keep_its_feet_flat_and_within_reach_whatever_it_does() -> None:
+def test_its_legs_always_keep_its_feet_flat_and_within_reach() -> None:
     table = TABLES.table("microduck")
     twin, clock = twin_of(enabled=True, deadman_s=0)
     for vx, z in ((0.3, 0.0), (-0.3, -0.025), (0.0, 0.01)):
@@ -256,17 +256,17 @@ def test_its_legs_keep_its_feet_flat_and_within_reach_whatever_it_does() -> None
     assert len(twin.body.pose()) == spec.compile().nq == 6 + 15
 
 
-def test_what_the_wire_walks_the_simulation_does_not() -> None:
+def test_the_simulation_does_not_walk_while_the_wire_does() -> None:
     twin, clock = twin_of(enabled=True)
     body = twin.body
     ask(twin, p.MOVE, vx=0.2)
-    body.take(True)
-    body.aim((0.0,) * 12)
-    assert set(body.hands) == {Hand.WIRE} and body.requested == (0.2, 0.0, 0.0)
+    body.energise(True)
+    body.set_targets((0.0,) * 12)
+    assert set(body.commanders) == {Commander.WIRE} and body.requested == (0.2, 0.0, 0.0)
     run(body, clock, 0.7)
-    body.take(True)
-    body.aim((0.1, 0.0, 0.0, *(0.0,) * 9))
-    assert set(body.hands) == {Hand.SIM} and body.requested[0] == 0.1
+    body.energise(True)
+    body.set_targets((0.1, 0.0, 0.0, *(0.0,) * 9))
+    assert set(body.commanders) == {Commander.SIM} and body.requested[0] == 0.1
     body.hold()
     assert body.requested == (0.0, 0.0, 0.0)
 

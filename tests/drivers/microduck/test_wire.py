@@ -1,5 +1,5 @@
-"""Test what the wire re-sends, for how long, and to which peers it sends nothing. The test owns the socket and
-the clock."""
+"""Test which messages the wire re-sends, for how long, and to which peers it sends nothing. The test owns the
+socket and the clock."""
 
 from __future__ import annotations
 
@@ -56,8 +56,8 @@ class Rig:
     def tell_state(self, t_s: float | None = None, **changed: Any) -> None:
         """Deliver a state. ``t_s`` is the robot's own time; by default it is the test's."""
         t_s = self.clock.now_s if t_s is None else t_s
-        told = {**DuckTwin("microduck").state(), "t": t_s, **changed}
-        self.wire._link._take(Call(p.STATE, told, None, True))
+        reported = {**DuckTwin("microduck").state(), "t": t_s, **changed}
+        self.wire._link._take(Call(p.STATE, reported, None, True))
 
     def heard(self) -> list[dict[str, Any]]:
         try:
@@ -122,7 +122,7 @@ def test_saf_001_a_twist_past_its_end_is_zeroed_once_by_the_wire_itself(tmp_path
     run(tmp_path, test)
 
 
-def test_saf_010_nothing_is_said_to_a_robot_whose_state_is_old(tmp_path: Path) -> None:
+def test_saf_010_nothing_is_sent_to_a_robot_with_an_old_state(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         await one.walk(until_s=110.0)
         one.heard()
@@ -133,12 +133,12 @@ def test_saf_010_nothing_is_said_to_a_robot_whose_state_is_old(tmp_path: Path) -
         assert one.heard() == []
         one.tell_state()
         await one.wire.feed()
-        assert len(one.heard()) == 1, "it is back"
+        assert len(one.heard()) == 1, "the robot is sent messages again"
 
     run(tmp_path, test)
 
 
-def test_saf_012_a_state_whose_time_stands_still_is_not_new(tmp_path: Path) -> None:
+def test_saf_012_a_state_with_a_frozen_time_is_not_new(tmp_path: Path) -> None:
     """The loop of robotd is stuck, and its socket repeats the last state."""
 
     async def test(one: Rig) -> None:
@@ -160,16 +160,16 @@ def test_saf_012_a_state_whose_time_stands_still_is_not_new(tmp_path: Path) -> N
                 assert one.heard() == []
         one.clock.now_s += 0.02
         one.tell_state(12.34)
-        with pytest.raises(WireDown, match=r"the t of robotd's state stands still for 0\.6 s"):
+        with pytest.raises(WireDown, match=r"the time in robotd's states has not changed for 0\.6 s"):
             await one.wire.read()
         one.clock.now_s += 1.0
-        with pytest.raises(WireDown, match=r"no state of robotd for 0\.6 s"):
+        with pytest.raises(WireDown, match=r"no state from robotd for 0\.6 s"):
             await one.wire.read()
 
     run(tmp_path, test)
 
 
-def test_a_robotd_that_has_started_anew_counts_from_less_and_is_new(tmp_path: Path) -> None:
+def test_states_of_a_restarted_robotd_are_new_although_they_count_from_zero(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         for t_s in (500.0, 0.02, 0.04):
             one.clock.now_s += 0.5
@@ -196,7 +196,7 @@ def test_saf_012_connecting_waits_for_two_stamps(tmp_path: Path, before: float |
     run(tmp_path, test)
 
 
-def test_saf_002_what_was_made_safe_is_not_said_again(tmp_path: Path) -> None:
+def test_saf_002_no_twist_is_re_sent_after_a_safe_state(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         await one.walk(until_s=110.0)
         one.heard()
@@ -211,7 +211,7 @@ def test_saf_002_what_was_made_safe_is_not_said_again(tmp_path: Path) -> None:
     run(tmp_path, test)
 
 
-def test_saf_001_a_permit_is_asked_before_anything_leaves(tmp_path: Path) -> None:
+def test_saf_001_the_permit_is_checked_before_anything_is_sent(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         values = [*WALKS, *(0.0,) * 14]
         values[MOVES] = values[HEADS] = 1.0
@@ -224,7 +224,7 @@ def test_saf_001_a_permit_is_asked_before_anything_leaves(tmp_path: Path) -> Non
     run(tmp_path, test)
 
 
-def test_a_twist_of_zero_is_not_said_again(tmp_path: Path) -> None:
+def test_a_twist_of_zero_is_not_re_sent(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         await one.walk(until_s=110.0)
         values = [0.0] * 17
@@ -237,7 +237,7 @@ def test_a_twist_of_zero_is_not_said_again(tmp_path: Path) -> None:
     run(tmp_path, test)
 
 
-def test_saf_005_without_a_connection_nothing_is_called_written(tmp_path: Path) -> None:
+def test_saf_005_without_a_connection_nothing_is_reported_as_written(tmp_path: Path) -> None:
     async def test(one: Rig) -> None:
         one.wire._link.close()
         assert all(not report.written for report in await one.wire.make_safe("stop"))
@@ -246,7 +246,7 @@ def test_saf_005_without_a_connection_nothing_is_called_written(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("how", ["make_safe", "reach"])
-def test_saf_022_a_stop_is_said_on_a_connection_that_is_not_understood(tmp_path: Path, how: str) -> None:
+def test_saf_022_a_stop_is_sent_on_a_connection_with_invalid_answers(tmp_path: Path, how: str) -> None:
     """The stop is written at once, before another connection is made."""
 
     async def test(one: Rig) -> None:

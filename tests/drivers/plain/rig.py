@@ -52,11 +52,11 @@ class SmallArm:
         os.write(self._master, text.encode() + b"\n")
 
     def _serve(self) -> None:
-        heard = b""
+        received = b""
         while not self._over:
             if not select.select([self._master], [], [], 0.05)[0]:
                 continue
-            *lines, heard = (heard + os.read(self._master, 4096)).split(b"\n")
+            *lines, received = (received + os.read(self._master, 4096)).split(b"\n")
             for line in lines:
                 self._take(line.decode())
 

@@ -54,12 +54,14 @@ def test_a_class_within_a_function_is_refused() -> None:
     class Local(DeclaredArmDriver):
         pass
 
-    with pytest.raises(ValueError, match="is made within a function"):
+    with pytest.raises(ValueError, match="is defined in a function"):
         location_of_class(Local)
 
 
 def test_keywords_that_cannot_travel_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"data_config is <object .*cannot be given to DeclaredArmDriver"):
+    with pytest.raises(
+        ValueError, match=r"data_config is <object .*cannot be sent to the process of DeclaredArmDriver"
+    ):
         PlainDriver.options_of(DeclaredArmDriver, "mine", {"data_config": object()})
     options = PlainDriver.options_of(DeclaredArmDriver, "mine", {"data_config": (1, "a")})
     assert options["config"]["keywords"] == {"data_config": (1, "a")}
@@ -87,11 +89,11 @@ def test_a_script_that_would_run_again_as_a_whole_is_refused(small_port: str, tm
     script.write_text(SCRIPT.format(guard="if True:"))
     done = run(script, small_port)
     assert done.returncode == 1
-    assert "Mine stands in mine.py, which its process would run as a whole" in done.stderr
+    assert "Mine is defined in mine.py, and another process would run this script" in done.stderr
 
 
 def test_a_script_that_makes_its_robot_when_it_is_loaded_ends(small_port: str, tmp_path: Path) -> None:
     script = tmp_path / "mine.py"
     script.write_text(SCRIPT.format(guard="if True:") + '\nif __name__ == "__main__":\n    pass\n')
     done = run(script, small_port)
-    assert "Robot: called while Mine is loaded in a process of its robot" in done.stdout
+    assert "Robot: the file of Mine calls Robot() while it is imported" in done.stdout

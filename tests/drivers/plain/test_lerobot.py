@@ -81,7 +81,7 @@ def test_every_type_of_lerobots_has_a_name_here_and_a_class() -> None:
         assert list_driver_coverage()[canonical_name(kind.type)][0] == "lerobot"
 
 
-def test_without_lerobot_the_line_that_installs_it_is_told() -> None:
+def test_without_lerobot_the_error_has_its_install_line() -> None:
     with pytest.raises(
         ValueError, match=r"omx is driven by LeRobot's own class, .* pip install 'lerobot\[dynamixel\]'"
     ):
@@ -90,9 +90,11 @@ def test_without_lerobot_the_line_that_installs_it_is_told() -> None:
         Robot("ur5e", mode="real", port="192.0.2.1", driver="lerobot")
 
 
-def test_what_a_lerobot_that_is_there_lacks_is_told(lerobot: None) -> None:
+def test_the_missing_parts_of_an_installed_lerobot_are_named(lerobot: None) -> None:
     assert lerobot_missing("so101") == ""
-    assert lerobot_missing("omx") == "pip install -U 'lerobot[dynamixel]'"  # the stand-in is too old for it
+    assert (
+        lerobot_missing("omx") == "pip install -U 'lerobot[dynamixel]'"
+    )  # the stand-in is older than this robot's class
     assert lerobot_missing("reachy2") == ""
     assert lerobot_missing("unitree_g1").endswith(", and unitree_sdk2py, from Unitree")
 
@@ -101,17 +103,19 @@ def test_what_a_lerobot_that_is_there_lacks_is_told(lerobot: None) -> None:
     ("keywords", "text"),
     [
         ({}, "so101 needs 'port'"),
-        ({"port": "/dev/x", "transport": "twin"}, "has no twin of ours"),
+        ({"port": "/dev/x", "transport": "twin"}, "has no simulated robot for"),
         ({"port": "/dev/x", "cameras": {"wrist": {}}}, "opens no cameras"),
         ({"port": "/dev/x", "tool_name": "no such"}, "tool_name is 'no such'"),
     ],
 )
-def test_what_cannot_be_is_refused_when_it_is_made(lerobot: None, keywords: dict[str, Any], text: str) -> None:
+def test_impossible_keywords_are_refused_when_the_robot_is_made(
+    lerobot: None, keywords: dict[str, Any], text: str
+) -> None:
     with pytest.raises(ValueError, match=text):
         Robot("so101", mode="real", driver="lerobot", **keywords)
 
 
-def test_an_object_that_cannot_be_made_or_is_not_calibrated_says_why(
+def test_an_object_that_cannot_be_made_or_is_not_calibrated_gives_the_reason(
     twin: Twin, lerobot: None, tmp_path: Path
 ) -> None:
     for keywords, text in (
@@ -126,10 +130,10 @@ def test_an_object_that_cannot_be_made_or_is_not_calibrated_says_why(
             robot.cleanup()
 
 
-def test_saf_011_connecting_energises_nothing_and_arming_does_where_the_arm_is(twin: Twin, arm: Any) -> None:
-    told = status(arm)
-    assert told["lerobot_type"] == "so101_follower" and told["axes_from"] == "its type"
-    assert told["stop_channel"].startswith("torque off by our own codec")
+def test_saf_011_connecting_energises_nothing_and_arming_holds_the_present_position(twin: Twin, arm: Any) -> None:
+    reported = status(arm)
+    assert reported["lerobot_type"] == "so101_follower" and reported["axes_from"] == "its type"
+    assert reported["stop_channel"].startswith("torque off by our own codec")
     kinds = [frame.kind for frame in twin.log.entries() if frame.sender == "host"]
     assert kinds.count("enable") == 6  # once each, by arming; LeRobot's own connect would add six more
     assert kinds.index("setpoint") < kinds.index("enable")  # its position is the goal before it has torque
@@ -138,7 +142,7 @@ def test_saf_011_connecting_energises_nothing_and_arming_does_where_the_arm_is(t
     until(lambda: abs(arm.get_observation()["shoulder_pan"] - before["shoulder_pan"] - 10.0) < 1.0, "it moves")
 
 
-def test_saf_014_what_the_gate_refuses_never_reaches_lerobot(twin: Twin, arm: Any) -> None:
+def test_saf_014_a_refused_command_never_reaches_lerobot(twin: Twin, arm: Any) -> None:
     begun_ns = time.monotonic_ns()
     assert "shoulder_pan 400.0 deg is past" in why(arm.send_action({"shoulder_pan": 400.0}))
     assert "nan" in why(arm.send_action({"shoulder_pan.pos": float("nan")}))
@@ -159,14 +163,14 @@ def test_saf_005_a_stop_is_read_back_and_a_hold_keeps_the_torque(twin: Twin, arm
     until(lambda: state(arm) == "disarmed", "it is heard again")
 
 
-def test_saf_003_the_wire_process_is_killed_and_our_own_codec_takes_the_torque(twin: Twin, arm: Any) -> None:
+def test_saf_003_after_a_kill_of_the_wire_our_codec_turns_the_torque_off(twin: Twin, arm: Any) -> None:
     json_of(arm.send_action({"shoulder_pan": 8.0}))
     killed_ns = time.monotonic_ns()
     os.kill(pids(arm)["wire"], signal.SIGKILL)
     until(lambda: twin.log.first_safe(killed_ns), "it is limp")
     until(lambda: status(arm)["connected"] and state(arm) == "disarmed", "there is another wire")
     twin.log.no_setpoint_after_safe(killed_ns)
-    twin.log.silent_after(killed_ns, "enable")  # SAF-008: LeRobot's connect would energise, and is kept from it
+    twin.log.silent_after(killed_ns, "enable")  # SAF-008: LeRobot's connect would energise, and must not
     json_of(arm.resume())
 
 
@@ -179,12 +183,12 @@ def test_saf_016_root_and_wire_are_killed_and_the_standby_takes_the_torque(twin:
     until(lambda: twin.log.first_safe(killed_ns), "it is limp")
 
 
-def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm: SmallArm, lerobot: None) -> None:
+def test_a_type_with_an_unknown_bus_is_stopped_by_its_disconnect(small_arm: SmallArm, lerobot: None) -> None:
     robot = Robot("reachy2", mode="real", port=small_arm.port)
     try:
         assert robot.connect_eagerly() is None
         assert status(robot)["stop_channel"] == "none: a fresh process calls stop()"
-        assert robot.driver.fallbacks[Reason.POLICY] == "stop"  # it is not known how to hold it
+        assert robot.driver.fallbacks[Reason.POLICY] == "stop"  # the driver does not know how to hold this robot
         json_of(robot.send_action({"pan": 3.0}))
         until(lambda: small_arm.said("goal"), "it moves")
         json_of(robot.stop())
@@ -201,7 +205,7 @@ def test_a_type_without_a_bus_of_ours_is_stopped_by_its_own_disconnect(small_arm
 
 
 def test_saf_005_a_stop_takes_the_torque_of_the_others_when_one_servo_does_not_answer(twin: Twin, arm: Any) -> None:
-    """LeRobot's own loop over the motors ends at the first that does not answer."""
+    """LeRobot's own loop over the motors ends at the first motor that does not answer."""
     json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
     twin.fault("off:2")
     stopped_ns = time.monotonic_ns()
@@ -211,7 +215,7 @@ def test_saf_005_a_stop_takes_the_torque_of_the_others_when_one_servo_does_not_a
     twin.log.no_setpoint_after_safe(stopped_ns)
 
 
-def test_a_bus_that_cannot_be_asked_at_once_is_asked_motor_by_motor() -> None:
+def test_a_bus_without_sync_read_is_read_motor_by_motor() -> None:
     """LeRobot's bus of a HopeJR hand raises for a sync read."""
 
     class Bus:
@@ -231,12 +235,12 @@ def test_saf_019_neither_a_hold_nor_an_action_energises_a_limp_servo(twin: Twin,
     """On an STS3215 a goal turns the torque on."""
     moved_ns = time.monotonic_ns()
     json_of(arm.send_action({"shoulder_pan": arm.get_observation()["shoulder_pan"] + 5.0}))
-    until(lambda: twin.log.host("setpoint", moved_ns), "it is told")  # it energises nothing later
+    until(lambda: twin.log.host("setpoint", moved_ns), "it is told")  # the goal does not energise the motor later
     twin.power_cycle()
     until(lambda: len(status(arm)["faults"]) == len(MOTORS), "their torque is looked at")
     assert set(status(arm)["faults"].values()) == {"limp"} and state(arm) == "armed"
     begun_ns = time.monotonic_ns()
-    assert "shoulder_lift is limp" in why(arm.send_action({"shoulder_lift": 0.0}))
+    assert "shoulder_lift has lost its torque" in why(arm.send_action({"shoulder_lift": 0.0}))
     arm.release()
     until(lambda: state(arm) != "armed", "it was to be held")
     time.sleep(0.3)
@@ -363,7 +367,7 @@ ON, OFF = {"pan": 0, "lift": 1}, {"pan": 0, "lift": 0}
         ([ON] * 4, 1, False),
     ],
 )
-def test_saf_005_a_bus_out_of_step_confirms_nothing_by_one_look(
+def test_saf_005_one_reading_of_a_bus_with_late_answers_confirms_nothing(
     answers: list[dict[str, int] | Exception], agreeing: int, limp: bool
 ) -> None:
     bus = Late([*answers])
@@ -372,5 +376,5 @@ def test_saf_005_a_bus_out_of_step_confirms_nothing_by_one_look(
     else:
         with pytest.raises(ConnectionError, match=r"lift still has torque|no status packet"):
             follower._limp(bus, agreeing)
-    assert bus.forgotten == len(answers), "what came late is thrown away before each"
+    assert bus.forgotten == len(answers), "late bytes are dropped before each request"
     assert not bus.answers

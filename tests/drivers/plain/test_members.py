@@ -34,10 +34,12 @@ def test_axes_are_those_of_the_features_without_pictures() -> None:
     ("member", "given"),
     [("action_limits", {"Lift": (0, 1)}), ("action_speeds", {"lft": 1}), ("action_units", {"x": "m"})],
 )
-def test_what_is_said_of_no_axis_is_refused(member: str, given: dict[str, Any]) -> None:
+def test_limits_of_an_unknown_axis_are_refused(member: str, given: dict[str, Any]) -> None:
     """A misspelt limit would limit nothing."""
     (key,) = given
-    with pytest.raises(ValueError, match=rf"Arm\.{member} names '{key}', which is no axis\. It has pan\.pos, lift"):
+    with pytest.raises(
+        ValueError, match=rf"Arm\.{member} names '{key}', which is no axis\. Use one of pan\.pos, lift"
+    ):
         declared_by(Says(action_features=["pan.pos", "lift"], **{member: given}), "Arm")
 
 
@@ -51,7 +53,7 @@ def test_units_are_a_word_or_a_mapping() -> None:
         declared_by(Says(action_features=["pan"], action_units=["deg"]), "Arm")
 
 
-def test_a_property_of_a_class_is_asked_of_an_object() -> None:
+def test_a_property_of_a_class_is_read_from_an_object() -> None:
     class Lazy:
         @property
         def action_features(self) -> dict[str, type]:
@@ -64,17 +66,20 @@ def test_a_property_of_a_class_is_asked_of_an_object() -> None:
 @pytest.mark.parametrize(
     ("members", "text"),
     [
-        ({"action_features": "pan"}, "Arm.action_features is 'pan'. Give a mapping of keys, or the keys"),
-        ({"action_features": {1: float}}, "Arm.action_features has the key 1. Keys are text"),
+        (
+            {"action_features": "pan"},
+            "Arm.action_features is 'pan'. Give a mapping with the keys, or a list of keys",
+        ),
+        ({"action_features": {1: float}}, "Arm.action_features has the key 1. Give keys that are text"),
         ({"action_limits": 5}, "Arm.action_limits is 5. Give a mapping of keys"),
         ({"action_limits": {"pan": (1.0, -1.0)}}, r"Arm.action_limits\['pan'\] is \(1.0, -1.0\)"),
-        ({"action_limits": {"pan": (-math.inf, 1.0)}}, "Give the lowest and the highest, finite"),
+        ({"action_limits": {"pan": (-math.inf, 1.0)}}, "Give two finite numbers"),
         ({"action_speeds": {"pan": 0.0}}, "Give a finite number above 0"),
         ({"action_lifetime_s": True}, "Arm.action_lifetime_s is True"),
         ({"control_hz": 1000}, "Arm.control_hz is 1000. Give at most 250"),
     ],
 )
-def test_saf_014_what_is_declared_wrongly_is_refused(members: dict[str, Any], text: str) -> None:
+def test_saf_014_a_wrong_declaration_is_refused(members: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         declared_by(Says(**members), "Arm")
 
@@ -94,17 +99,17 @@ def test_numbers_of_any_library_are_numbers() -> None:
     [
         (None, ""),
         (True, ""),
-        (False, "it answered False"),
+        (False, "it returned False"),
         ("done", ""),
         ({"status": "success", "content": [{"json": {"stopped": True}}]}, ""),
         ({"status": "success", "content": [{"json": {"stopped": False, "reason": "busy"}}]}, "busy"),
         ({"status": "error", "content": [{"text": "move: no. yes"}]}, "move: no. yes"),
         ({"status": "error", "content": [{"json": {"stopped": False, "reason": "hangs"}}]}, "hangs"),
-        ({"status": "error"}, "it answered with an error"),
-        ({"status": "error", "content": 7}, "it answered with an error"),
+        ({"status": "error"}, "it returned an error"),
+        ({"status": "error", "content": 7}, "it returned an error"),
     ],
 )
-def test_an_answer_is_a_success_unless_it_says_otherwise(answer: Any, failure: str) -> None:
+def test_an_answer_is_a_success_unless_it_has_an_error(answer: Any, failure: str) -> None:
     assert failure_of(answer) == failure
 
 

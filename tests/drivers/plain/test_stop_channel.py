@@ -11,7 +11,7 @@ import trio
 from strands_actors.contract.wire import MotorReport
 from strands_actors.drivers.plain.config import PlainConfig
 from strands_actors.drivers.plain.driver import PlainDriver
-from strands_actors.drivers.plain.stop_channel import GONE_S, PlainStopChannel
+from strands_actors.drivers.plain.stop_channel import WIRE_END_S, PlainStopChannel
 from strands_actors.kernel.clock import MonotonicClock
 
 from .rig import SmallArm
@@ -36,11 +36,11 @@ def make_safe(config: PlainConfig, descriptors: Sequence[int] = ()) -> tuple[Mot
     return trio.run(main)
 
 
-def test_saf_005_without_a_stop_channel_the_report_says_so() -> None:
+def test_saf_005_the_report_names_a_missing_stop_channel() -> None:
     for report in make_safe(config_of(SmallArmDriver, "/dev/nowhere")):
         assert not (report.written or report.acknowledged or report.safe)
         assert report.detail.startswith(
-            "not confirmed: this driver has no stop channel, and a fresh process did not stop it "
+            "not confirmed: this driver has no stop channel, and a new process did not stop the robot "
             "(/dev/nowhere cannot be opened"
         )
 
@@ -65,7 +65,7 @@ def test_saf_009_no_other_object_is_made_while_the_wire_process_lives(small_arm:
         channel = PlainStopChannel(config_of(SmallArmDriver, small_arm.port), [ours], MonotonicClock())
 
         async def end() -> None:
-            await trio.sleep(0.5 * GONE_S)
+            await trio.sleep(0.5 * WIRE_END_S)
             assert small_arm.log == []
             gone_ns.append(time.monotonic_ns())
             os.close(theirs)
@@ -82,7 +82,7 @@ def test_saf_009_no_other_object_is_made_while_the_wire_process_lives(small_arm:
     assert small_arm.said("stop")[0].t_ns > gone_ns[0]
 
 
-def test_saf_003_a_stop_that_is_given_up_goes_on_and_is_answered_when_it_is_asked_again(
+def test_saf_003_a_stop_after_its_timeout_goes_on_and_answers_the_next_request(
     small_arm: SmallArm,
 ) -> None:
     async def main() -> None:
@@ -114,4 +114,4 @@ def test_a_wire_process_that_cannot_be_ended_is_waited_for_no_longer_than_a_seco
     reports = make_safe(config_of(SmallArmDriver, small_arm.port), [ours])
     os.close(theirs)
     assert all(report.safe for report in reports)
-    assert small_arm.said("stop")[0].t_ns - asked_ns >= GONE_S * 1e9
+    assert small_arm.said("stop")[0].t_ns - asked_ns >= WIRE_END_S * 1e9

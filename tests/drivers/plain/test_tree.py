@@ -30,10 +30,10 @@ def test_a_script_of_the_page_runs_and_its_object_is_in_the_wire_process(
 ) -> None:
     robot = new_robot(SmallArmDriver)
     assert robot.get_observation() == {"pan": 1.5, "lift": -2.5}
-    told = status(robot)
-    assert told["driver_class"] == "tests.drivers.plain.small_arm.SmallArmDriver"
-    assert told["axes_from"] == "the first observation"
-    assert told["stop_channel"] == "none: a fresh process calls stop()"
+    reported = status(robot)
+    assert reported["driver_class"] == "tests.drivers.plain.small_arm.SmallArmDriver"
+    assert reported["axes_from"] == "the first observation"
+    assert reported["stop_channel"] == "none: a fresh process calls stop()"
     assert json_of(robot.send_action({"pan.pos": 10.0}))["commanded"] == {"pan": 10.0}
     until(lambda: robot.get_observation()["pan"] == 10.0, "it moves")
     assert [line.text for line in small_arm.said("goal")] == ["goal pan.pos=10.0"]  # only the named axis
@@ -60,7 +60,7 @@ def test_sensors_that_are_members_of_the_class_reach_the_mesh(new_robot: NewRobo
         assert subscriber.record("odom")["theta"] == 0.5
         assert subscriber.known("health", "battery_pct") == 73.0
         assert "pose" not in subscriber.record("presence")["topics"] and subscriber.silent("pose")
-        assert robot.get_observation() == {"pan": 1.5, "lift": -2.5}  # whatever the pose does
+        assert robot.get_observation() == {"pan": 1.5, "lift": -2.5}  # independent of the pose
     finally:
         subscriber.close()
 
@@ -69,7 +69,7 @@ def test_sensors_that_are_members_of_the_class_reach_the_mesh(new_robot: NewRobo
 @pytest.mark.parametrize(
     ("action", "text"),
     [
-        ({"elbow": 1.0}, "elbow is not a joint of small_arm. use pan, lift"),
+        ({"elbow": 1.0}, "elbow is not a joint of small_arm. Use pan, lift"),
         ({"pan": float("nan")}, "pan is nan"),
         ({"pan": "fast"}, "pan is fast"),
         ({"pan": 1.0, "pan.pos": 2.0}, "both given"),
@@ -77,7 +77,7 @@ def test_sensors_that_are_members_of_the_class_reach_the_mesh(new_robot: NewRobo
         ({"pan": 91.0}, "pan 91.0000 degrees is past 90.0000"),
     ],
 )
-def test_saf_014_what_the_gates_refuse_never_reaches_the_class(
+def test_saf_014_a_refused_command_never_reaches_the_class(
     new_robot: NewRobot, small_arm: SmallArm, action: dict[str, object], text: str
 ) -> None:
     robot = new_robot(DeclaredArmDriver)
@@ -85,20 +85,20 @@ def test_saf_014_what_the_gates_refuse_never_reaches_the_class(
     assert small_arm.said("goal") == []
 
 
-def test_saf_014_a_stream_faster_than_the_class_says_is_refused(new_robot: NewRobot, small_arm: SmallArm) -> None:
+def test_saf_014_a_stream_faster_than_the_declared_speed_is_refused(
+    new_robot: NewRobot, small_arm: SmallArm
+) -> None:
     robot = new_robot(DeclaredArmDriver)
     json_of(robot.run_policy(lambda observation: {"pan": observation["pan"] + 50.0}, duration=2.0))
     assert task_ended(robot)["refusal"] == "too_fast"
     assert small_arm.said("goal") == []
 
 
-def test_what_the_class_itself_refuses_stops_the_robot_and_is_told(
-    new_robot: NewRobot, small_arm: SmallArm
-) -> None:
+def test_a_refusal_by_the_class_stops_the_robot_and_is_reported(new_robot: NewRobot, small_arm: SmallArm) -> None:
     robot = new_robot(SmallArmDriver)
     json_of(robot.send_action({"lift": 81.0}))
-    told = until(lambda: None if (now := status(robot))["state"] == "armed" else now, "it is stopped")
-    assert "lift does not go that far" in told["cause"]
+    reported = until(lambda: None if (now := status(robot))["state"] == "armed" else now, "it is stopped")
+    assert "lift does not go that far" in reported["cause"]
     assert small_arm.said("goal") == []
     until(lambda: state(robot) == "disarmed", "that is over")
     assert "disarmed" in why(robot.send_action({"lift": 10.0}))
@@ -149,9 +149,7 @@ def test_saf_003_a_class_with_a_stop_channel_is_stopped_by_that(new_robot: NewRo
     assert small_arm.said("stop", killed_ns) == []
 
 
-def test_saf_003_the_root_is_killed_and_the_wire_stops_its_own_object(
-    new_robot: NewRobot, small_arm: SmallArm
-) -> None:
+def test_saf_003_the_root_is_killed_and_the_wire_stops_its_object(new_robot: NewRobot, small_arm: SmallArm) -> None:
     robot = new_robot(SmallArmDriver)
     json_of(robot.send_action({"pan": 10.0}))
     killed_ns = time.monotonic_ns()
@@ -211,7 +209,7 @@ def test_saf_005_a_stop_that_the_class_does_not_confirm_is_no_success(
     assert "not confirmed by pan (id 0): stop: a thread hangs" in why(robot.stop())
 
 
-def test_saf_012_readings_that_fail_are_told_and_the_robot_is_stopped(
+def test_saf_012_failed_readings_are_reported_and_the_robot_is_stopped(
     new_robot: NewRobot, small_arm: SmallArm, wrong: Path
 ) -> None:
     robot = new_robot(SmallArmDriver)
@@ -250,7 +248,7 @@ def test_saf_016_the_process_that_would_stop_the_robot_is_replaced(
 # -- classes that cannot be run
 
 
-def test_a_robot_that_is_not_there_says_so(small_arm_known: None) -> None:
+def test_a_missing_robot_is_reported(small_arm_known: None) -> None:
     register_native_driver("small_arm", SmallArmDriver)
     robot = Robot("small_arm", mode="real", port="/dev/nowhere")
     problem = robot.connect_eagerly() or ""
@@ -258,10 +256,10 @@ def test_a_robot_that_is_not_there_says_so(small_arm_known: None) -> None:
     robot.cleanup()
 
 
-def test_a_class_that_says_nothing_of_its_axes_is_refused(small_arm_known: None, small_arm: SmallArm) -> None:
+def test_a_class_without_declared_axes_is_refused(small_arm_known: None, small_arm: SmallArm) -> None:
     register_native_driver("small_arm", SilentArmDriver)
     robot = Robot("small_arm", mode="real", port=small_arm.port)
-    assert "SilentArmDriver names no axes. Give it action_features" in (robot.connect_eagerly() or "")
+    assert "SilentArmDriver declares no axes. Give it action_features" in (robot.connect_eagerly() or "")
     assert [line.text for line in small_arm.log] == ["stop", "bye"]  # it was called, and closed in order
     robot.cleanup()
 
@@ -279,20 +277,18 @@ def test_a_connection_that_hangs_is_given_up(small_arm_known: None, small_arm: S
 # -- parts of a tree other than verbs
 
 
-def test_without_a_drill_that_is_required_nothing_moves(new_robot: NewRobot, small_arm: SmallArm) -> None:
+def test_without_the_required_drill_nothing_moves(new_robot: NewRobot, small_arm: SmallArm) -> None:
     robot = new_robot(SmallArmDriver, require_drill="30d")
     assert "no drill was passed" in why(robot.send_action({"pan": 10.0}))
     assert small_arm.said("goal") == []
 
 
-def test_an_agent_asks_an_operator_before_it_moves_what_is_guarded(
-    new_robot: NewRobot, small_arm: SmallArm
-) -> None:
-    asked: list[str] = []
+def test_an_agent_needs_approval_to_move_guarded_axes(new_robot: NewRobot, small_arm: SmallArm) -> None:
+    requested: list[str] = []
 
     def approve(request: Any) -> bool:
-        asked.append(str(request))
-        return len(asked) > 1
+        requested.append(str(request))
+        return len(requested) > 1
 
     robot = new_robot(SmallArmDriver, guarded=("move_to",), approve=approve, tool_name="left")
     verbs = robot.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
@@ -302,7 +298,7 @@ def test_an_agent_asks_an_operator_before_it_moves_what_is_guarded(
     assert small_arm.said("goal") == []
     json_of(asyncio.run(robot.use_tool(move, "agent")))
     until(lambda: small_arm.said("goal"), "it moves")
-    assert asked[0].startswith("agent asks left: move_to")
+    assert requested[0].startswith("agent asks left: move_to")
 
 
 def test_saf_007_an_estop_stops_and_locks_it(new_robot: NewRobot, small_arm: SmallArm) -> None:

@@ -22,10 +22,10 @@ def test_an_agent_keeps_it_and_can_stop_it(tmp_path: Path, run_dir: Path) -> Non
         assert agent.tool_names == ["rby1"]
         began_ns = time.monotonic_ns()
         agent("Look, then stop.")
-        ((first,), (sensors,), (told,), (stopped,), (refused,)) = model.heard
+        ((first,), (sensors,), (reported,), (stopped,), (refused,)) = model.heard
         assert len(json_of(first)["positions"]) == 22
         assert json_of(sensors)["sensors"]["battery_pct"] == [80.0]
-        assert json_of(told)["state"] == "armed"
+        assert json_of(reported)["state"] == "armed"
         assert json_of(stopped)["safe_state"] == "stop"
         assert "use sensors, state, status, move_to, stop" in why(refused)
         assert twin.log.first_safe(began_ns) is not None

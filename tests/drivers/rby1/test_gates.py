@@ -1,4 +1,4 @@
-"""Test which commands are refused with which messages, and that what a message allows is accepted."""
+"""Test which commands are refused with which messages. A value that a message allows is accepted."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def refused(action: Mapping[str, Any], at: GateState | None = None, by: RBY1 | N
     return answer
 
 
-def test_what_is_well_is_accepted_and_the_others_keep_their_target() -> None:
+def test_a_valid_command_is_accepted_and_other_joints_keep_their_targets() -> None:
     candidate = judge({"torso_1": 0.04, "head_1.pos": -0.06})
     assert isinstance(candidate, Candidate)
     assert (candidate.values[1], candidate.values[21], sum(map(abs, candidate.values))) == (
@@ -86,7 +86,7 @@ def test_what_is_well_is_accepted_and_the_others_keep_their_target() -> None:
         ({"head_0": "0.1"}, "not_finite"),
     ],
 )
-def test_saf_014_what_is_no_action_is_refused(action: Mapping[str, Any], code: str) -> None:
+def test_saf_014_an_invalid_action_is_refused(action: Mapping[str, Any], code: str) -> None:
     assert refused(action).code == code
 
 
@@ -96,10 +96,10 @@ def test_saf_014_what_is_no_action_is_refused(action: Mapping[str, Any], code: s
 @pytest.mark.parametrize(
     ("sensors", "says"),
     [
-        ({"emergency_stop": 1.0, "power": 0.0}, "the emergency stop button is pressed. release it"),
-        ({"control_manager": 3.0}, "the control manager is in MINOR_FAULT (3). fix its cause"),
-        ({"control_manager": 4.0}, "the control manager is in MAJOR_FAULT (4)"),
-        ({"control_manager": 1.0}, "the control manager is IDLE (1). see to its cause"),
+        ({"emergency_stop": 1.0, "power": 0.0}, "the emergency stop button is pressed. Release the button"),
+        ({"control_manager": 3.0}, "the robot's control manager reports MINOR_FAULT (3). Fix its cause"),
+        ({"control_manager": 4.0}, "the robot's control manager reports MAJOR_FAULT (4)"),
+        ({"control_manager": 1.0}, "the control manager is IDLE (1). Check the cause"),
         ({"power": 0.0}, "the motors have no power"),
         ({"joints_ready": 0.0}, "servos are off"),
     ],
@@ -108,7 +108,7 @@ def test_a_robot_that_does_not_follow_is_named(sensors: Mapping[str, float], say
     assert says in refused({"torso_0": 0.0}, state(seen(**sensors))).text
 
 
-def test_a_robot_that_has_said_nothing_is_not_trusted() -> None:
+def test_a_robot_without_a_report_is_refused_commands() -> None:
     bare = Observation(NOW_NS, (0.0,) * 22, (NOW_NS,) * 22)
     assert refused({"torso_0": 0.0}, state(bare)).code == "emergency_stop"
     good = msgspec.structs.replace(bare, sensors={name: (value,) for name, value in GOOD.items()})
@@ -123,7 +123,7 @@ def test_a_dropped_command_is_named() -> None:
     assert (refusal.code, "PREEMPTED" in refusal.text) == ("dropped", True)
 
 
-def test_saf_012_a_state_that_is_old_is_none() -> None:
+def test_saf_012_an_old_state_does_not_count() -> None:
     old = msgspec.structs.replace(seen(), stamp_ns=(NOW_NS - 151 * MS,) * 22)
     refusal = refused({"torso_0": 0.0}, state(old))
     assert (refusal.code, refusal.limit) == ("stale", "150 ms")
@@ -221,14 +221,14 @@ def test_an_unknown_keyword_names_the_nearest() -> None:
         RBY1.resolve("rby1", {"prority": 2})
 
 
-def test_which_reason_leads_where() -> None:
+def test_each_reason_leads_to_its_safe_state() -> None:
     usual, dropping = driver().fallbacks, driver(on_estop="power_off").fallbacks
     for reason in Reason:
         assert usual[reason] == ("hold" if reason in HOLDING_REASONS else "stop")
         assert dropping[reason] == ("off" if reason is Reason.ESTOP else usual[reason])
 
 
-def test_the_robots_own_watchdog_is_fed_in_time_and_told() -> None:
+def test_the_robots_watchdog_is_armed_with_enough_time() -> None:
     assert driver().timing.keepalive_s * 2 < HOLD_S
     assert "300 ms" in driver().firmware_watchdog
 
@@ -241,7 +241,7 @@ def test_the_port_is_an_address(port: str, address: tuple[str, int]) -> None:
     assert RBY1("rby1", port, {}).config.address() == address
 
 
-def test_what_send_action_answers() -> None:
+def test_the_answer_of_send_action() -> None:
     values = tuple(at / 10 for at in range(22))
-    told = driver().commanded({"torso_1.pos": 0.1, "head_1": 2.1}, values)
-    assert told == {"robot": "rby1", "joints": {"torso_1": 0.1, "head_1": 2.1}}
+    commanded = driver().commanded({"torso_1.pos": 0.1, "head_1": 2.1}, values)
+    assert commanded == {"robot": "rby1", "joints": {"torso_1": 0.1, "head_1": 2.1}}

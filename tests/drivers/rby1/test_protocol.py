@@ -101,7 +101,7 @@ def test_rows_are_read_packed_or_not() -> None:
         assert (read.position, read.velocity, read.torque, read.temperature) == (rows, rows, rows, (30.0, 31.0))
 
 
-def test_who_it_is_is_read_as_it_was_written() -> None:
+def test_the_robots_identity_is_decoded() -> None:
     info = RobotInfo("A", "1.2", ("right_wheel", "torso_0"), ("5v", "48v"), ("EMO",), (("torso", (1,)),))
     read = RobotInfo.decode(info.encode())
     assert (read.model, read.version, read.joints, read.supplies) == ("A", "1.2", info.joints, info.supplies)
@@ -109,14 +109,14 @@ def test_who_it_is_is_read_as_it_was_written() -> None:
 
 
 @pytest.mark.parametrize("finish", list(Finish))
-def test_what_a_robot_says_to_a_command(finish: Finish) -> None:
+def test_answers_to_a_command_are_decoded(finish: Finish) -> None:
     done = Feedback.decode(Feedback(Status.FINISHED, finish).encode())
     assert done.dropped == ("" if finish is Finish.OK else finish.name)
     assert Feedback.decode(Feedback(Status.RUNNING, finish).encode()).dropped == ""
     assert Feedback(Status.FINISHED, 99).dropped == "finish code 99"
 
 
-def test_an_answers_header_says_whether_it_was_done() -> None:
+def test_the_header_of_an_answer_shows_success() -> None:
     assert p.error_of(p.headed(b"")) == p.error_of(b"") == ""
     error = pb.varint_field(1, 2) + pb.bytes_field(2, b"busy")
     assert p.error_of(pb.bytes_field(1, pb.bytes_field(4, error))) == "busy"
@@ -157,7 +157,7 @@ def test_limits_are_read_past_prefixes_and_transmissions() -> None:
         ('<limit lower="x" upper="1" velocity="1"/>', "no limits of a"),
     ],
 )
-def test_limits_that_cannot_be_are_none(limit: str, says: str) -> None:
+def test_impossible_limits_are_ignored(limit: str, says: str) -> None:
     with pytest.raises(MalformedFrame, match=says):
         limits_of(f'<robot><joint name="a">{limit}</joint></robot>', ["a"])
 
@@ -203,7 +203,7 @@ def samples() -> dict[str, bytes]:
     }
 
 
-def test_disturbed_messages_raise_the_codecs_own_error_and_no_other() -> None:
+def test_disturbed_messages_raise_only_the_codecs_error() -> None:
     chance = random.Random(50051)
     good = samples()
     for name, data in good.items():
@@ -228,23 +228,23 @@ def test_disturbed_messages_raise_the_codecs_own_error_and_no_other() -> None:
     assert refused > DISTURBED // 20
 
 
-def test_a_disturbed_command_on_the_wire_moves_nothing_it_does_not_say() -> None:
+def test_a_disturbed_command_moves_only_the_joints_that_it_names() -> None:
     """Both ends of HTTP/2 take part. A call that cannot be decoded is no setpoint."""
     client, server = ClientEnd("h:1"), ServerEnd()
     stream = client.call(p.Method.COMMAND_STREAM)
     client.send(stream, b"\xff\xff")
-    heard = [event for event in server.feed(client.outgoing()) if getattr(event, "message", None)]
-    assert len(heard) == 1
+    received = [event for event in server.feed(client.outgoing()) if getattr(event, "message", None)]
+    assert len(received) == 1
     with pytest.raises(MalformedFrame):
         kind_of(p.Method.COMMAND_STREAM, b"\xff\xff")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_numbers_that_are_none_are_refused(value: float) -> None:
+def test_invalid_numbers_are_refused(value: float) -> None:
     bad = encode_command({"torso": JointPosition((value, *(0.0,) * 5))}, 1)
     with pytest.raises(MalformedFrame, match="joints at"):
         Command.decode(bad)
-    with pytest.raises(MalformedFrame, match="nowhere"):
+    with pytest.raises(MalformedFrame, match="not finite"):
         RobotState.decode(RobotState(*[(value,) * 2] * 5, (30.0,) * 2, (True,) * 2).encode())
 
 

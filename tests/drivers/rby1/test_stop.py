@@ -36,7 +36,9 @@ async def test_saf_005_a_stop_ends_the_stream_cancels_and_is_read_back(world: Wo
     motors = await wire.make_safe(safe_state)
     assert [motor.axis for motor in motors] == list(world.driver.axes)
     assert all(motor.written and motor.acknowledged and motor.safe and not motor.detail for motor in motors)
-    assert world.written[before].kind == "safe" and world.written[before].t_s == began_s, "before any wait"
+    assert world.written[before].kind == "safe" and world.written[before].t_s == began_s, (
+        "the stop is written before any wait"
+    )
     assert [entry.kind for entry in world.written[before:] if entry.kind != "read"] == ["safe"]
     assert world.controller.manager == Manager.ENABLED
     assert world.controller.control == Control.IDLE
@@ -46,7 +48,7 @@ async def test_saf_005_a_stop_ends_the_stream_cancels_and_is_read_back(world: Wo
 
 
 @in_a_world
-async def test_saf_011_a_hold_tells_where_it_holds(world: World) -> None:
+async def test_saf_011_a_hold_reports_its_position(world: World) -> None:
     """The report has the hold position, and not the position when the hold was sent."""
     wire = await armed(world)
     head, target = -2, world.controller.plant.position_rad
@@ -57,7 +59,7 @@ async def test_saf_011_a_hold_tells_where_it_holds(world: World) -> None:
     before = (await wire.read()).position
     motors = await wire.make_safe("hold")
     held = tuple(motor.target for motor in motors if motor.target is not None)
-    assert len(held) == 22 and held[head] - before[head] > 0.01, "it went on while it braked"
+    assert len(held) == 22 and held[head] - before[head] > 0.01, "the joint moved on while it braked"
     assert held == pytest.approx(world.controller.plant.position_rad, abs=2e-3)
     await wire.write(held, Permission())
     await cycle(wire, 30)
@@ -74,9 +76,9 @@ async def test_saf_005_states_that_repeat_prove_no_standstill(world: World, safe
     motors = await wire.make_safe(safe_state)
     assert trio.current_time() - began_s <= LONGEST_S
     assert {(motor.written, motor.safe, motor.target) for motor in motors} == {(True, False, None)}
-    assert {motor.detail for motor in motors} == {"its states stand still"}
+    assert {motor.detail for motor in motors} == {"the robot's states do not change"}
     orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
-    assert len(orders) == (ATTEMPTS if safe_state == "hold" else ATTEMPTS + 2), "it is tried again"
+    assert len(orders) == (ATTEMPTS if safe_state == "hold" else ATTEMPTS + 2), "the stop is tried again"
     world.service.faults.set(Fault.OK)
     assert all(motor.safe for motor in await wire.make_safe(safe_state))
 
@@ -95,7 +97,7 @@ async def test_after_a_stop_the_next_write_opens_a_new_stream(world: World) -> N
 
 
 @in_a_world
-async def test_saf_005_a_cancel_that_nobody_answers_is_tried_again_then_the_manager_is_disabled(
+async def test_saf_005_an_unanswered_cancel_is_retried_then_the_manager_is_disabled(
     world: World,
 ) -> None:
     wire = await armed(world)
@@ -111,8 +113,10 @@ async def test_saf_005_a_cancel_that_nobody_answers_is_tried_again_then_the_mana
     motors = await wire.make_safe("stop")
     orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
     assert [bool(entry.data) for entry in orders] == [False] * (ATTEMPTS + 1) + [True]
-    assert world.controller.manager == Manager.IDLE, "disabled"
-    assert all(not motor.safe and "refused" in motor.detail for motor in motors), "nobody said it was done"
+    assert world.controller.manager == Manager.IDLE, "the control manager is disabled"
+    assert all(not motor.safe and "refused" in motor.detail for motor in motors), (
+        "the robot did not confirm the stop"
+    )
     assert trio.current_time() - began_s <= LONGEST_S
 
 
@@ -141,12 +145,12 @@ async def test_a_hold_does_not_disable(world: World) -> None:
     motors = await wire.make_safe("hold")
     assert not any(motor.safe for motor in motors)
     assert {motor.detail for motor in motors} == {"its controller is EXECUTING (2)"}
-    assert {motor.target for motor in motors} == {None}, "nobody has seen where it holds"
+    assert {motor.target for motor in motors} == {None}, "no hold position was seen"
     assert world.controller.manager == Manager.ENABLED
 
 
 @in_a_world
-async def test_saf_005_joints_whose_speed_is_not_told_do_not_stand(world: World) -> None:
+async def test_saf_005_joints_without_a_reported_speed_do_not_count_as_at_rest(world: World) -> None:
     wire = await armed(world)
     state = world.controller.state
     world.controller.state = (
@@ -160,20 +164,22 @@ async def test_saf_005_joints_whose_speed_is_not_told_do_not_stand(world: World)
 
 
 @in_a_world
-async def test_off_takes_the_power_and_sees_that_it_is_gone(world: World) -> None:
+async def test_off_cuts_the_power_and_verifies_it(world: World) -> None:
     wire = await armed(world)
     await wire.write(stepped(world, 0.02), Permission())
     began_s, before = trio.current_time(), len(world.written)
     motors = await wire.make_safe("off")
     assert [entry.kind for entry in world.written[before : before + 3]] == ["safe"] * 3
-    assert {entry.t_s for entry in world.written[before : before + 3]} == {began_s}, "all before any wait"
+    assert {entry.t_s for entry in world.written[before : before + 3]} == {began_s}, (
+        "three orders are written before any wait"
+    )
     assert not world.controller.supplies["48v"] and not world.controller.runs
-    assert world.controller.supplies["24v"], "the computer goes on"
+    assert world.controller.supplies["24v"], "the supply of the computer stays on"
     assert all(motor.written and motor.acknowledged for motor in motors)
     await trio.sleep(2.0)  # the arms have fallen
     again = await wire.make_safe("off")
     assert all(motor.safe for motor in again), [motor for motor in again if not motor.safe][:3]
-    assert {motor.target for motor in again} == {None}, "what lies is held nowhere"
+    assert {motor.target for motor in again} == {None}, "fallen arms have no hold position"
 
 
 def refused(answer: bytes) -> bytes:
@@ -225,7 +231,7 @@ async def test_saf_005_power_that_is_off_is_seen_though_the_robot_refuses_the_ot
         (),
     ],
 )
-async def test_saf_005_power_is_off_when_that_of_the_motors_is_known_to_be(
+async def test_saf_005_off_is_confirmed_only_by_the_supply_of_the_motors(
     world: World, powers: tuple[Power, ...]
 ) -> None:
     """The power of one other supply does not count, nor does a robot without a report of its supplies."""
@@ -240,9 +246,9 @@ async def test_saf_005_power_is_off_when_that_of_the_motors_is_known_to_be(
         before = len(world.written)
         motors = await way.make_safe("off")
         orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
-        assert len(orders) == 3 * ATTEMPTS, "it is tried again"
+        assert len(orders) == 3 * ATTEMPTS, "the stop is tried again"
         assert {(motor.written, motor.safe) for motor in motors} == {(True, False)}
-        assert {motor.detail for motor in motors} == {"its 48v supply is not known to be off"}
+        assert {motor.detail for motor in motors} == {"its 48v supply is not reported as off"}
     told = (Power.ON, Power.ON, Power.ON, Power.OFF)
     for way in (wire, channel):
         assert all(motor.safe for motor in await way.make_safe("off"))
@@ -257,9 +263,9 @@ async def test_the_supply_of_the_motors_is_found_by_its_name(world: World) -> No
     world.controller._servos_off(range(24))
     await trio.sleep(2.0)
     world.controller.info = msgspec.structs.replace(info, supplies=("48v", "24v", "12v", "5v"))
-    assert not any(motor.safe for motor in await wire.make_safe("off")), "the first is on"
+    assert not any(motor.safe for motor in await wire.make_safe("off")), "the first supply is on"
     world.controller.info = msgspec.structs.replace(info, supplies=("5v", "12v", "24v", "motors"))
-    assert not any(motor.safe for motor in await wire.make_safe("off")), "there is none of that name"
+    assert not any(motor.safe for motor in await wire.make_safe("off")), "no supply has that name"
     world.controller.info = info
     assert all(motor.safe for motor in await wire.make_safe("off"))
 
@@ -275,21 +281,23 @@ async def test_saf_005_a_frozen_robot_is_an_error_that_names_every_joint_and_is_
     assert all(motor.written and not motor.acknowledged and not motor.safe for motor in motors)
     assert {motor.detail for motor in motors} == {"silent"}
     assert len(world.streams) == 2, "another connection was tried"
-    assert not world.streams[0].closed, "on which the order still stands"
+    assert not world.streams[0].closed, "the first connection stays open, because the stop is pending on it"
 
 
 @in_a_world
-async def test_saf_010_what_a_frozen_robot_finds_late_is_followed_by_the_stop(world: World) -> None:
+async def test_saf_010_a_late_setpoint_of_a_frozen_robot_is_followed_by_the_stop(world: World) -> None:
     wire = await armed(world)
     await cycle(wire, 5)
     world.frozen = True
     await wire.write(stepped(world, 0.03), Permission())
     assert not any(motor.safe for motor in await wire.make_safe("stop"))
     world.go_on()
-    assert world.kinds("read", "enable")[0] == "setpoint", "it was on its way"
+    assert world.kinds("read", "enable")[0] == "setpoint", "the setpoint was under way"
     assert set(world.kinds("read", "enable")[1:]) == {"safe"}
     assert world.controller.control == Control.IDLE
-    assert world.controller.manager == Manager.IDLE, "the last resort was found, too"
+    assert world.controller.manager == Manager.IDLE, (
+        "the robot also carried out the last resort: it disabled the manager"
+    )
 
 
 @in_a_world
@@ -319,7 +327,7 @@ async def test_saf_010_a_late_command_on_another_connection_is_seen_and_cancelle
 
 
 @in_a_world
-async def test_saf_020_a_stop_whose_connection_is_gone_takes_another(world: World) -> None:
+async def test_saf_020_a_stop_without_a_connection_opens_another(world: World) -> None:
     wire = await armed(world)
     await wire.write(stepped(world, 0.03), Permission())
     world.streams[-1].close()
@@ -337,10 +345,10 @@ async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same(world: World
     wire = await armed(world)
     await wire.write(stepped(world, 0.03), Permission())
     wire.close()
-    assert world.controller.control == Control.IDLE, "a stream that ends takes its command with it"
+    assert world.controller.control == Control.IDLE, "the end of a stream ends its command"
     before = len(world.written)
     assert all(motor.safe for motor in await wire.reach("stop"))
-    assert world.written[before].kind == "safe", "it asks nothing first"
+    assert world.written[before].kind == "safe", "the stop is written before any question"
 
 
 @in_a_world
@@ -348,7 +356,7 @@ async def test_not_connected_is_not_safe(world: World) -> None:
     wire = world.wire()
     motors = await wire.make_safe("stop")
     assert {(motor.written, motor.safe, motor.detail) for motor in motors} == {(False, False, "not connected")}
-    with pytest.raises(WireDown, match="Open it first"):
+    with pytest.raises(WireDown, match="Open the connection first"):
         await wire.read()
 
 
@@ -356,7 +364,7 @@ async def test_not_connected_is_not_safe(world: World) -> None:
 
 
 @in_a_world
-async def test_saf_003_the_stop_channel_has_a_connection_of_its_own_before_it_is_needed(world: World) -> None:
+async def test_saf_003_the_stop_channel_opens_a_separate_connection_early(world: World) -> None:
     wire = await armed(world)
     channel = world.stop_channel()
     async with trio.open_nursery() as nursery:
@@ -373,12 +381,14 @@ async def test_saf_003_the_stop_channel_has_a_connection_of_its_own_before_it_is
         assert len(world.streams) == 2
         nursery.cancel_scope.cancel()
     channel.close()
-    assert world.streams[-1].closed == "in order", "so that a frozen robot still finds it"
+    assert world.streams[-1].closed == "in order", (
+        "it is closed in order, so that a frozen robot can still read the stop"
+    )
 
 
 @in_a_world
-async def test_saf_020_a_kept_connection_that_has_died_in_silence_is_not_waited_for_twice(world: World) -> None:
-    """The connection is half open: it takes written bytes, but has no peer."""
+async def test_saf_020_a_dead_kept_connection_delays_only_one_attempt(world: World) -> None:
+    """The connection is half open. It accepts written bytes, but has no peer."""
     wire = await armed(world)
     channel = world.stop_channel()
     async with trio.open_nursery() as nursery:
@@ -412,7 +422,7 @@ async def test_saf_020_a_stop_is_written_to_a_robot_that_cannot_be_understood(wo
 
 
 @in_a_world
-async def test_a_robot_that_speaks_and_does_nothing_does_not_collect_connections(world: World) -> None:
+async def test_a_robot_that_ignores_stops_does_not_collect_connections(world: World) -> None:
     await armed(world)
     world.service.message = lambda call, t_ns, message: None  # type: ignore[method-assign]
     channel = world.stop_channel()
@@ -422,7 +432,7 @@ async def test_a_robot_that_speaks_and_does_nothing_does_not_collect_connections
         assert {motor.detail for motor in motors} == {"silent"}
         assert trio.current_time() - began_s <= LONGEST_S + 0.01 < world.driver.timing.safe_s
     assert sum(not stream.closed for stream in world.streams) <= 1 + KEPT + 1, (
-        "the wire's, the last ones, the newest"
+        "open are the wire's connection, the kept ones and the newest"
     )
     channel.close()
     assert sum(not stream.closed for stream in world.streams) == 1
@@ -441,7 +451,7 @@ async def test_a_connection_that_is_lost_is_replaced(world: World) -> None:
 
 
 @in_a_world
-async def test_a_stop_channel_that_nobody_serves_connects_when_it_is_used(world: World) -> None:
+async def test_a_stop_channel_that_is_not_served_connects_when_it_is_used(world: World) -> None:
     await armed(world)
     channel = world.stop_channel()
     assert all(motor.safe for motor in await channel.make_safe("stop"))
@@ -450,5 +460,5 @@ async def test_a_stop_channel_that_nobody_serves_connects_when_it_is_used(world:
     motors = await channel.make_safe("stop")
     assert not any(motor.written for motor in motors)
     world.gone = False
-    assert all(motor.safe for motor in await channel.make_safe("stop")), "it finds the robot anew"
+    assert all(motor.safe for motor in await channel.make_safe("stop")), "the channel connects to the robot again"
     channel.close()

@@ -62,10 +62,10 @@ def comes_back(robot: RealRobot, twin: Twin) -> None:
 
 
 def test_connect_observe_act_stop_resume(robot: RealRobot, twin: Twin) -> None:
-    told = status(robot)
-    assert (told["state"], told["model"], told["limits"]) == ("armed", "A", "the robot's own model")
-    assert told["firmware_watchdog"].startswith("control_hold_time, 300 ms")
-    assert told["sensors"]["battery_pct"] == [80.0]
+    reported = status(robot)
+    assert (reported["state"], reported["model"], reported["limits"]) == ("armed", "A", "the robot's own model")
+    assert reported["firmware_watchdog"].startswith("control_hold_time, 300 ms")
+    assert reported["sensors"]["battery_pct"] == [80.0]
     seen = robot.get_observation()
     assert len(seen) == 22 and next(iter(seen)) == "torso_0" and list(seen)[-1] == "head_1"
     answer = json_of(robot.send_action({"torso_5": seen["torso_5"] + 0.05}))
@@ -77,9 +77,9 @@ def test_connect_observe_act_stop_resume(robot: RealRobot, twin: Twin) -> None:
     assert stopped["safe_state"] == "stop"
     assert list(stopped["motors"]) == list(seen)
     made_safe(twin.log, began_ns)
-    assert not twin.log.first_safe(began_ns).data, "CancelControl"  # type: ignore[union-attr]
+    assert not twin.log.first_safe(began_ns).data, "the first safe frame is CancelControl"  # type: ignore[union-attr]
     comes_back(robot, twin)
-    assert not twin.log.host("enable", began_ns), "what was on has stayed on"
+    assert not twin.log.host("enable", began_ns), "the servos stayed on, so nothing is energised again"
 
 
 def test_saf_014_refusals_name_the_joint_and_write_nothing(robot: RealRobot, twin: Twin) -> None:
@@ -101,7 +101,7 @@ def test_a_policy_runs_at_50_hz_and_ends_in_a_hold(robot: RealRobot, twin: Twin)
     time.sleep(0.4)
     assert not twin.log.host("setpoint", held_ns)
     json_of(nudge(robot))
-    assert state(robot) == "armed", "without a resume"
+    assert state(robot) == "armed", "the robot is armed without a resume"
 
 
 def test_a_single_command_is_repeated_so_that_the_robot_holds_on_to_it(robot: RealRobot, twin: Twin) -> None:
@@ -111,7 +111,7 @@ def test_a_single_command_is_repeated_so_that_the_robot_holds_on_to_it(robot: Re
     frames = twin.log.host("setpoint", began_ns)
     assert len(frames) >= 5
     gaps = [(after.t_ns - before.t_ns) / 1e9 for before, after in itertools.pairwise(frames)]
-    assert sorted(gaps)[len(gaps) // 2] < 0.3, "before its hold time is over"
+    assert sorted(gaps)[len(gaps) // 2] < 0.3, "the command is repeated before its hold time is over"
     assert not status(robot)["faults"]
 
 
@@ -139,7 +139,7 @@ def test_saf_003_the_robot_stops_by_itself(moving: RealRobot, twin: Twin, order:
     time.sleep(0.2)
     twin.log.no_setpoint_after_safe(ordered_ns)
     assert says in why(moving.resume())
-    assert not twin.log.host("enable", ordered_ns), "refused before anything is energised"
+    assert not twin.log.host("enable", ordered_ns), "the command is refused before anything is energised"
     if order.startswith("manager"):
         until(lambda: moving.reset_fault_control_manager()["status"] == "success", "the fault is reset")
         until(lambda: status(moving)["sensors"]["control_manager"] == [1.0], "the manager is idle")
@@ -149,12 +149,12 @@ def test_saf_003_the_robot_stops_by_itself(moving: RealRobot, twin: Twin, order:
     json_of(nudge(moving))
 
 
-def test_the_button_is_named_at_connect_and_nothing_is_energised(twin: Twin, run_dir: Path) -> None:
+def test_connecting_names_the_pressed_button_and_energises_nothing(twin: Twin, run_dir: Path) -> None:
     twin.order("emergency-stop pressed")
     robot = Robot("rby1", mode="real", port=twin.port)
     try:
         until(lambda: "emergency stop button is pressed" in (robot.connect_eagerly() or ""), "it says so")
-        assert status(robot)["connected"], "it can be looked at"
+        assert status(robot)["connected"], "a refused robot stays connected"
         assert not twin.log.host("enable")
         twin.order("emergency-stop released")
         until(lambda: robot.connect_eagerly() is None, "it connects when it is released")
@@ -162,7 +162,7 @@ def test_the_button_is_named_at_connect_and_nothing_is_energised(twin: Twin, run
         robot.cleanup()
 
 
-def test_an_estop_takes_the_power_where_that_was_asked_for(twin: Twin, run_dir: Path) -> None:
+def test_an_estop_cuts_the_power_if_the_option_is_set(twin: Twin, run_dir: Path) -> None:
     with robot_on(twin.port, "rby1", on_estop="power_off") as robot:
         assert json_of(robot.stop())["safe_state"] == "stop"
         json_of(robot.resume())
@@ -177,7 +177,7 @@ def test_an_estop_takes_the_power_where_that_was_asked_for(twin: Twin, run_dir: 
 
 
 @pytest.mark.long
-def test_saf_010_what_a_frozen_robot_takes_up_late_is_followed_by_the_stop(moving: RealRobot, twin: Twin) -> None:
+def test_saf_010_late_setpoints_of_a_frozen_robot_are_followed_by_the_stop(moving: RealRobot, twin: Twin) -> None:
     twin.pause()
     until(lambda: not status(moving)["connected"], "it is noticed")
     assert "not confirmed by torso_0" in why(moving.stop())
@@ -186,9 +186,9 @@ def test_saf_010_what_a_frozen_robot_takes_up_late_is_followed_by_the_stop(movin
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     assert twin.log.host("safe", thawed_ns)
     late = twin.log.host("setpoint", thawed_ns)
-    assert len(late) < 15, "what was on its way, and no more"
+    assert len(late) < 15, "only the setpoints that were under way arrive"
     safe = twin.log.host("safe", thawed_ns)
-    assert not late or late[-1].t_ns <= safe[-1].t_ns, "followed by a stop"
+    assert not late or late[-1].t_ns <= safe[-1].t_ns, "a stop follows the late setpoints"
     comes_back(moving, twin)
 
 
@@ -215,7 +215,7 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "off", "stuck", "intermittent"])
-def test_it_recovers_from_what_it_cannot_use(moving: RealRobot, twin: Twin, fault: str) -> None:
+def test_the_tree_recovers_from_missing_answers(moving: RealRobot, twin: Twin, fault: str) -> None:
     twin.fault(fault)
     if fault == "intermittent":  # every third answer is missing, and states still come
         time.sleep(0.5)
@@ -225,7 +225,7 @@ def test_it_recovers_from_what_it_cannot_use(moving: RealRobot, twin: Twin, faul
     if fault == "garbage":
         began_ns = time.monotonic_ns()
         assert "not confirmed" in why(moving.stop())
-        assert twin.log.first_safe(began_ns) is not None, "a stop is written to who cannot be understood"
+        assert twin.log.first_safe(began_ns) is not None, "a stop is written although the answers cannot be decoded"
     twin.fault("ok")
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     comes_back(moving, twin)
@@ -246,7 +246,7 @@ def test_it_comes_back_however_often_it_is_unplugged(robot: RealRobot, twin: Twi
     json_of(nudge(robot))
 
 
-def test_nobody_listens_there(run_dir: Path) -> None:
+def test_a_port_without_a_listener_is_named(run_dir: Path) -> None:
     robot = Robot("rby1", mode="real", port="127.0.0.1:9")
     try:
         assert "cannot connect" in (robot.connect_eagerly() or "")

@@ -1,5 +1,5 @@
-"""Test the vendor's unmodified rby1-sdk against the twin, in a separate process: it may hang, and does not end
-by itself."""
+"""Test the vendor's unmodified rby1-sdk against the twin, in a separate process, because it may hang and
+does not end by itself."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def run(twin: TwinProcess, program: str) -> dict[str, Any]:
     )
     lines = [line for line in ran.stdout.splitlines() if line.startswith("{")]
     assert ran.returncode == 0 and lines, ran.stdout
-    told: dict[str, Any] = json.loads(lines[-1])
-    return told
+    reported: dict[str, Any] = json.loads(lines[-1])
+    return reported
 
 
 def commands(twin: TwinProcess) -> list[Command]:
@@ -71,8 +71,8 @@ def commands(twin: TwinProcess) -> list[Command]:
     return [Command.decode(bytes.fromhex(row["hex"])) for row in rows if row["kind"] == "setpoint"]
 
 
-def test_it_connects_and_asks_who_it_is(twin: TwinProcess) -> None:
-    told = run(
+def test_the_sdk_connects_and_reads_the_robots_identity(twin: TwinProcess) -> None:
+    reported = run(
         twin,
         """
 info, state = robot.get_robot_info(), robot.get_state()
@@ -86,22 +86,22 @@ end(model=info.robot_model_name, joints=[joint.name for joint in info.joint_info
     speed=list(limits.get_limit_qdot_upper(link)))
 """,
     )
-    assert (told["model"], len(told["joints"]), told["torso"], told["head"]) == (
+    assert (reported["model"], len(reported["joints"]), reported["torso"], reported["head"]) == (
         "A",
         24,
         [2, 3, 4, 5, 6, 7],
         [22, 23],
     )
-    assert told["powers"] == ["5v", "12v", "24v", "48v"]
-    assert (told["emo"], told["battery"], told["on"], told["servo"]) == ([0], 80.0, False, False)
-    assert told["position"][:6] == pytest.approx([0, 0, 0, 0.4, -0.8, 0.4], abs=0.01)
-    torso_0 = told["joints"].index("torso_0")
-    assert (told["lower"][torso_0], told["upper"][torso_0]) == pytest.approx((-0.261799, 0.261799))
-    assert told["speed"][torso_0] == pytest.approx(2.094395)
+    assert reported["powers"] == ["5v", "12v", "24v", "48v"]
+    assert (reported["emo"], reported["battery"], reported["on"], reported["servo"]) == ([0], 80.0, False, False)
+    assert reported["position"][:6] == pytest.approx([0, 0, 0, 0.4, -0.8, 0.4], abs=0.01)
+    torso_0 = reported["joints"].index("torso_0")
+    assert (reported["lower"][torso_0], reported["upper"][torso_0]) == pytest.approx((-0.261799, 0.261799))
+    assert reported["speed"][torso_0] == pytest.approx(2.094395)
 
 
 def test_it_powers_enables_and_moves_by_one_command(twin: TwinProcess) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 energise()
@@ -111,15 +111,15 @@ end(moved=list(robot.get_state().position[8:15] - here), finish=feedback.finish_
     manager=robot.get_control_manager_state().state.name)
 """,
     )
-    assert told["finish"] == "Ok" and told["manager"] == "Enabled"
-    assert told["moved"] == pytest.approx([0.1] * 7, abs=0.02)
+    assert reported["finish"] == "Ok" and reported["manager"] == "Enabled"
+    assert reported["moved"] == pytest.approx([0.1] * 7, abs=0.02)
     (command,) = commands(twin)
     assert list(command.parts) == ["right_arm"]
     assert (command.parts["right_arm"].minimum_s, command.parts["right_arm"].hold_s) == (0.3, 0.1)
 
 
 def test_its_streams_of_states_and_commands(twin: TwinProcess) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 energise()
@@ -142,16 +142,16 @@ robot.stop_state_update()
 end(samples=len(seen), moved=seen[-1] - here[0], running=running, before=before, cancelled=cancelled, after=after)
 """,
     )
-    assert told["samples"] > 20, "of about a hundred"
-    assert told["moved"] == pytest.approx(0.145, abs=0.02)
-    assert (told["running"], told["before"], told["after"]) == ("Running", "Executing", "Idle")
-    assert told["cancelled"] is True
+    assert reported["samples"] > 20, "at least 20 of about a hundred samples arrive"
+    assert reported["moved"] == pytest.approx(0.145, abs=0.02)
+    assert (reported["running"], reported["before"], reported["after"]) == ("Running", "Executing", "Idle")
+    assert reported["cancelled"] is True
     assert len(commands(twin)) == 230
 
 
 def test_faults_and_the_button_are_seen_and_a_fault_is_reset(twin: TwinProcess) -> None:
     twin.command("manager MAJOR_FAULT")
-    told = run(
+    reported = run(
         twin,
         """
 faulty = robot.get_control_manager_state().state.name
@@ -161,23 +161,23 @@ reset = robot.reset_fault_control_manager()
 end(faulty=faulty, refused=refused, reset=reset, enabled=robot.enable_control_manager())
 """,
     )
-    assert told == {"faulty": "MajorFault", "refused": False, "reset": True, "enabled": True}
+    assert reported == {"faulty": "MajorFault", "refused": False, "reset": True, "enabled": True}
     twin.command("emergency-stop pressed")
-    told = run(twin, 'end(on=robot.power_on("48v"), emo=[e.state.name for e in robot.get_state().emo_states])')
-    assert told == {"on": False, "emo": ["Pressed"]}
+    reported = run(twin, 'end(on=robot.power_on("48v"), emo=[e.state.name for e in robot.get_state().emo_states])')
+    assert reported == {"on": False, "emo": ["Pressed"]}
 
 
 def test_a_command_without_the_control_manager_is_refused(twin: TwinProcess) -> None:
-    told = run(
+    reported = run(
         twin,
         "end(finish=robot.send_command(right_arm(robot.get_state().position[8:15]), 1).get().finish_code.name)",
     )
-    assert told == {"finish": "ControlManagerIdle"}
+    assert reported == {"finish": "ControlManagerIdle"}
 
 
 def test_its_calls_hang_as_long_as_the_robot_is_frozen(twin: TwinProcess) -> None:
     """The reason why the wire does not use it: its calls have no deadline, ours have."""
-    told = run(
+    reported = run(
         twin,
         """
 import signal, threading
@@ -193,4 +193,4 @@ ask.join(10.0)
 end(hangs=hangs, answered=bool(done))
 """,
     )
-    assert told == {"hangs": True, "answered": True}
+    assert reported == {"hangs": True, "answered": True}

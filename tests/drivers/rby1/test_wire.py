@@ -1,5 +1,4 @@
-"""Test the wire in virtual time, on the twin's services: what it writes, in which order, and which answers it
-accepts."""
+"""Test the wire in virtual time, on the twin's services: its writes, their order, and which answers it accepts."""
 
 from __future__ import annotations
 
@@ -28,7 +27,7 @@ from .rig import World, armed, cycle, in_a_world, stepped, with_each
 
 
 @in_a_world
-async def test_opening_asks_and_moves_nothing(world: World) -> None:
+async def test_opening_only_reads_and_moves_nothing(world: World) -> None:
     wire = world.wire()
     facts = await wire.open()
     assert set(world.kinds()) == {"read"}
@@ -50,7 +49,7 @@ async def test_opening_asks_and_moves_nothing(world: World) -> None:
 async def test_another_model_is_named(world: World) -> None:
     info = world.controller.info
     world.controller.info = msgspec.structs.replace(info, model="UB", joints=info.joints[:8])
-    with pytest.raises(WireDown, match="is a model UB without right_arm_0, "):
+    with pytest.raises(WireDown, match="reports model UB, without right_arm_0, "):
         await world.wire().open()
     assert world.streams[-1].closed
 
@@ -82,9 +81,9 @@ async def test_a_port_that_is_no_address_is_named(world: World) -> None:
 
 
 @in_a_world
-async def test_a_robot_that_opens_and_says_nothing_is_named(world: World) -> None:
+async def test_a_robot_that_accepts_a_connection_and_never_answers_is_named(world: World) -> None:
     world.frozen = True
-    with pytest.raises(WireDown, match="does not speak gRPC"):
+    with pytest.raises(WireDown, match="no gRPC service answers"):
         await world.wire().open()
     assert world.streams[-1].closed
 
@@ -102,7 +101,7 @@ async def test_power_then_servos_then_the_control_manager(world: World) -> None:
     assert world.controller.manager == Manager.ENABLED
     assert not world.setpoints()
     await wire.arm(Permission())
-    assert world.kinds("read") == ["enable"] * 3, "what is on is not switched on again"
+    assert world.kinds("read") == ["enable"] * 3, "a supply that is on is not switched on again"
 
 
 @in_a_world
@@ -110,7 +109,7 @@ async def test_the_emergency_stop_button_is_refused_before_power_on(world: World
     world.controller.press(True)
     wire = world.wire()
     await wire.open()
-    with pytest.raises(WireDown, match=r"the emergency stop button is pressed\. release it"):
+    with pytest.raises(WireDown, match=r"the emergency stop button is pressed\. release the button"):
         await wire.arm(Permission())
     assert set(world.kinds()) == {"read"}
     world.controller.press(False)
@@ -151,7 +150,7 @@ def over_current(answer: bytes) -> bytes:
 async def test_a_fault_that_was_not_cleared_is_refused(
     world: World, answered: tuple[Callable[[bytes], bytes], Manager, str]
 ) -> None:
-    """Either the robot refuses, or the cause is still there."""
+    """The robot refuses to clear the fault, or the cause of the fault remains."""
     headed, state, why = answered
     world.controller.fail(Manager.MAJOR_FAULT)
     wire = world.wire()
@@ -194,9 +193,9 @@ async def test_saf_009_a_stop_during_bring_up_wins(world: World, denied_at: int)
 
     with pytest.raises(PermitDenied):
         await wire.arm(Watched())
-        for _ in range(denied_at):  # it made fewer checks than that
+        for _ in range(denied_at):  # deny a later check than arm() made
             Watched().check()
-    assert len(world.kinds("read")) == seen[-1], "nothing is written after the denial"
+    assert len(world.kinds("read")) == seen[-1], "nothing is written after the permit is denied"
 
 
 @in_a_world
@@ -260,7 +259,7 @@ def test_priority_and_frequency_reach_the_wire() -> None:
 
 
 @in_a_world
-async def test_saf_001_a_permit_that_is_gone_lets_nothing_leave(world: World) -> None:
+async def test_saf_001_nothing_is_sent_after_the_permit_is_withdrawn(world: World) -> None:
     wire = await armed(world)
     with pytest.raises(PermitDenied):
         await wire.write(stepped(world, 0.02), Permission(denied_at=0))
@@ -269,12 +268,12 @@ async def test_saf_001_a_permit_that_is_gone_lets_nothing_leave(world: World) ->
 
 
 @in_a_world
-async def test_saf_010_nothing_is_written_to_a_robot_that_is_silent(world: World) -> None:
+async def test_saf_010_nothing_is_written_to_a_silent_robot(world: World) -> None:
     wire = await armed(world)
     await cycle(wire, 5)
     world.frozen = True
     await trio.sleep(QUIET_S + 0.02)
-    with pytest.raises(PermitDenied, match="the robot is silent for 1"):
+    with pytest.raises(PermitDenied, match="the robot has sent no new state for 1"):
         await wire.write(stepped(world, 0.02), Permission())
     await trio.sleep(0.3)
     with pytest.raises(WireDown, match="silent for 4"):
@@ -320,7 +319,7 @@ async def test_a_stream_that_the_robot_ends_is_named(world: World) -> None:
 
 
 @in_a_world
-async def test_a_stream_that_the_robot_ends_without_an_error_is_not_opened_anew(world: World) -> None:
+async def test_a_stream_that_the_robot_ends_without_an_error_is_not_reopened(world: World) -> None:
     wire = await armed(world)
     await wire.write(stepped(world, 0.02), Permission())
     next(iter(world.service._commands)).end()
@@ -338,7 +337,7 @@ async def test_a_stream_that_the_robot_ends_without_an_error_is_not_opened_anew(
 
 @in_a_world
 async def test_a_command_that_is_not_repeated_ends_and_the_robot_holds(world: World) -> None:
-    """The robot's own watchdog is armed in every command. A target that is repeated lives on."""
+    """The robot's own watchdog is armed in every command. A repeated target stays live."""
     wire = await armed(world)
     target = stepped(world, 0.02)
     for _ in range(10):
@@ -347,7 +346,7 @@ async def test_a_command_that_is_not_repeated_ends_and_the_robot_holds(world: Wo
         assert world.controller.control == Control.EXECUTING
     await cycle(wire, round((HOLD_S + 0.05) / 0.01))
     assert world.controller.control == Control.IDLE
-    assert not (await wire.read()).faults, "it did what it was told"
+    assert not (await wire.read()).faults, "the robot carried the command out"
     await wire.write(stepped(world, 0.01), Permission())
     assert world.controller.control == Control.EXECUTING
 

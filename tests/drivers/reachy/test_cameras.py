@@ -107,7 +107,7 @@ def test_a_stream_that_ends_is_opened_again(reachy: RealRobot, media: Media) -> 
     until(lambda: opened(reachy) > 1 and sees(reachy, RED), "it is opened again")
     media.order("leave")
     media.order("end")
-    until(lambda: "no reachymini streams there: there are" in told(reachy)[1], "it is told who streams")
+    until(lambda: "no video sender 'reachymini' there. Senders: " in told(reachy)[1], "it is told who streams")
     with pytest.raises(StaleFrame):
         reachy.read_camera("head")
     media.close()
@@ -148,7 +148,7 @@ def test_a_stream_is_left_in_order(media: Media) -> None:
         ("kill", "gone|no video|connection has|no picture"),
     ],
 )
-def test_what_ends_the_stream_is_told(media: Media, order: str, why: str) -> None:
+def test_the_reason_for_the_end_of_the_stream_is_reported(media: Media, order: str, why: str) -> None:
     async def use() -> None:
         async with stream(media.port) as video:
             match order:
@@ -192,7 +192,7 @@ def test_nonsense_ends_the_stream_or_is_passed_over(media: Media, text: str, why
     trio.run(use)
 
 
-def test_nobody_there_is_told() -> None:
+def test_a_missing_server_is_reported() -> None:
     with pytest.raises(WireDown, match=r"ws://127\.0\.0\.1:9"):
         open_and_close(9)
 
@@ -200,36 +200,38 @@ def test_nobody_there_is_told() -> None:
 # -- the time of a picture
 
 
-def test_what_waited_is_as_old_as_it_is() -> None:
+def test_a_picture_that_waited_has_its_true_age() -> None:
     stamps = Stamps()
-    taken = [stamps.taken(at, 1000.0 + at) for at in (5.0, 5.1, 5.2)]
+    taken = [stamps.captured_s(at, 1000.0 + at) for at in (5.0, 5.1, 5.2)]
     assert taken == pytest.approx([1005.0, 1005.1, 1005.2], abs=1e-3)
-    assert stamps.taken(5.3, 1000.0 + 9.3) == pytest.approx(1005.3, abs=2e-3), "four seconds late"
-    assert stamps.taken(9.2, 1000.0 + 9.4) == pytest.approx(1009.2, abs=2e-3)
+    assert stamps.captured_s(5.3, 1000.0 + 9.3) == pytest.approx(1005.3, abs=2e-3), (
+        "a picture that is four seconds late has its true time"
+    )
+    assert stamps.captured_s(9.2, 1000.0 + 9.4) == pytest.approx(1009.2, abs=2e-3)
 
 
 def test_a_faster_one_shows_that_those_before_were_late() -> None:
     stamps = Stamps()
-    assert stamps.taken(0.0, 100.5) == 100.5
-    assert stamps.taken(1.0, 101.2) == pytest.approx(101.2)
-    assert stamps.taken(2.0, 102.5) == pytest.approx(102.2, abs=1e-3)
+    assert stamps.captured_s(0.0, 100.5) == 100.5
+    assert stamps.captured_s(1.0, 101.2) == pytest.approx(101.2)
+    assert stamps.captured_s(2.0, 102.5) == pytest.approx(102.2, abs=1e-3)
 
 
-def test_a_clock_that_goes_slower_is_followed() -> None:
+def test_a_slower_clock_is_tracked() -> None:
     """The clock is slower by 100 parts in a million, for an hour. The picture does not become late by that."""
     stamps = Stamps()
-    late_s = [now_s - stamps.taken(now_s * (1 - 1e-4), 500.0 + now_s) + 500.0 for now_s in range(3600)]
+    late_s = [now_s - stamps.captured_s(now_s * (1 - 1e-4), 500.0 + now_s) + 500.0 for now_s in range(3600)]
     assert max(late_s) < 0.01
 
 
-def test_stamps_that_go_back_begin_anew() -> None:
+def test_stamps_that_go_back_restart_the_count() -> None:
     stamps = Stamps()
-    stamps.taken(50.0, 150.0)
-    assert stamps.taken(0.0, 150.5) == pytest.approx(150.5)
-    assert stamps.taken(0.1, 150.0 + 0.6 + LATE_S) == pytest.approx(150.6, abs=2e-3)
+    stamps.captured_s(50.0, 150.0)
+    assert stamps.captured_s(0.0, 150.5) == pytest.approx(150.5)
+    assert stamps.captured_s(0.1, 150.0 + 0.6 + LATE_S) == pytest.approx(150.6, abs=2e-3)
 
 
 def test_each_is_later_than_the_one_before() -> None:
     stamps = Stamps()
-    first = stamps.taken(0.0, 100.5)
-    assert stamps.taken(0.1, 100.1) > first
+    first = stamps.captured_s(0.0, 100.5)
+    assert stamps.captured_s(0.1, 100.1) > first

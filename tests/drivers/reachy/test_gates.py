@@ -81,7 +81,7 @@ def test_saf_014_head_and_body_turn_together_up_to_their_own_limits() -> None:
     accepted({"head_yaw": 100.0, "body_yaw": 160.0})
     assert refused({"head_yaw": 180.5, "body_yaw": 120.0}).code == "past_travel"
     assert refused({"head_yaw": 100.0, "body_yaw": 160.5}).code == "past_travel"
-    assert refused({"head_yaw": math.degrees(9.0)}).limit == "-180.0..180.0", "the daemon answers ok"
+    assert refused({"head_yaw": math.degrees(9.0)}).limit == "-180.0..180.0", "the daemon itself would answer ok"
 
 
 def test_saf_014_a_head_turned_too_far_from_the_body_names_both_and_the_limit() -> None:
@@ -91,7 +91,7 @@ def test_saf_014_a_head_turned_too_far_from_the_body_names_both_and_the_limit() 
     accepted({"antenna_left": 5.0}, state((0.0, 0.0, 80.0, *REST[3:])))  # it turns neither
 
 
-def test_saf_014_a_sleeping_head_is_woken_or_told_whole() -> None:
+def test_saf_014_a_sleeping_head_needs_wake_up_or_a_whole_target() -> None:
     refusal = refused({"head_yaw": 5.0}, state(ASLEEP))
     assert refusal.code == "asleep" and "head_z would stay at -50.0" in refusal.reason
     accepted({"antenna_left": 100.0, "antenna_right": -100.0}, state(ASLEEP))
@@ -99,7 +99,7 @@ def test_saf_014_a_sleeping_head_is_woken_or_told_whole() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "far", True, None])
-def test_saf_014_what_is_no_finite_number_is_refused(value: object) -> None:
+def test_saf_014_a_value_that_is_not_a_finite_number_is_refused(value: object) -> None:
     assert refused({"head_yaw": value}).code == "not_finite"
     assert refused({"look_x": value, "look_y": 0.0, "look_z": 0.0}).code == "not_finite"
     if value is not None:
@@ -112,7 +112,7 @@ def test_saf_014_a_duration_past_its_limits(duration: float) -> None:
     assert (refusal.code, refusal.limit) == ("duration", "0.1..10 s")
 
 
-def test_saf_014_unknown_keys_are_refused_with_all_there_are() -> None:
+def test_saf_014_unknown_keys_are_refused_with_all_known_ones() -> None:
     assert "duration or look_x, look_y, look_z beside them" in refused({"interpolation": 1.0}).remedy
     assert refused({"duration": 1.0}).code == "empty"
     assert refused({}).code == "empty"
@@ -124,19 +124,19 @@ def test_saf_014_a_move_that_is_too_quick_is_refused_with_the_shortest_there_is(
     accepted({"antenna_left": 120.0, "duration": 0.5})
     far = refused({"head_x": 1.0, "duration": 0.1}, state((0.0, 0.0, 60.0, *REST[3:]), REST))
     assert far.code == "too_fast" and "head_yaw" in far.reason, (
-        "measured from where it is, not from the last target"
+        "the move counts from the present position, not from the last target"
     )
 
 
-def test_small_steps_are_told_at_once_and_large_ones_take_time() -> None:
+def test_small_steps_are_sent_at_once_and_large_ones_take_time() -> None:
     assert accepted({"head_yaw": 7.0}).values[9] == 0.0
     assert accepted({"head_yaw": 7.5}).values[9] == 0.1
     assert accepted({"head_yaw": 60.0}).values[9] == pytest.approx(0.5)
     on_its_way = state((0.0, 0.0, 10.0, *REST[3:]), (0.0, 0.0, 60.0, *REST[3:], 5.0))
-    assert accepted({"head_yaw": 61.0}, on_its_way).values[9] > 0.4, "no jump over what it has not done yet"
+    assert accepted({"head_yaw": 61.0}, on_its_way).values[9] > 0.4, "the rest of the last move counts as well"
 
 
-def test_what_is_not_named_keeps_its_target() -> None:
+def test_joints_that_are_not_named_keep_their_targets() -> None:
     candidate = accepted({"head_roll": 3.0}, state((1.0,) * 9, (2.0,) * 9))
     assert candidate.values[:9] == (2.0, 3.0, *(2.0,) * 7) and candidate.named == (1,)
 
@@ -170,7 +170,7 @@ def test_saf_014_motors_without_torque_are_refused(mode: str) -> None:
     motors_on, heeded = (condition.check for condition in driver().conditions)
     refusal = motors_on(seen(mode=mode), NOW_NS)
     assert refusal is not None and refusal.code == "motors_off" and 'motors(mode="enabled")' in refusal.remedy
-    assert motors_on(Observation(NOW_NS, REST, (NOW_NS,) * 9), NOW_NS) is not None, "nobody has told"
+    assert motors_on(Observation(NOW_NS, REST, (NOW_NS,) * 9), NOW_NS) is not None, "the motors' mode is unknown"
     assert motors_on(seen(), NOW_NS) is None and heeded(seen(), NOW_NS) is None
     ignored = heeded(seen(ignored=True), NOW_NS)
     assert ignored is not None and "another client" in ignored.reason
@@ -181,7 +181,7 @@ def test_saf_014_while_another_clients_move_runs_none_of_ours_begins() -> None:
     at.observation.sensors["others_move"] = (1.0,)
     assert refused({"head_yaw": 40.0}, at).code == "ignored"
     assert all(condition.check(at.observation, NOW_NS) is None for condition in driver().conditions), (
-        "it goes on: what was refused ends nothing"
+        "a refused command does not end the other move"
     )
 
 
@@ -210,7 +210,7 @@ def test_saf_014_arguments_that_a_service_does_not_take(
 
 
 @pytest.mark.parametrize("text", ["", "x" * 501, 3])
-def test_a_text_that_cannot_be_said(text: object) -> None:
+def test_a_text_that_cannot_be_spoken(text: object) -> None:
     speaks = driver(tts_url="http://192.0.2.2:5000/tts")
     refusal = speaks.check_service("say", {"text": text})
     assert refusal is not None and refusal.code == "bad_argument"
@@ -226,7 +226,7 @@ def test_a_text_that_cannot_be_said(text: object) -> None:
         ({"tts": "x"}, "'tts' -> 'tts_url'?"),
     ],
 )
-def test_options_are_refused_with_what_would_do(options: dict[str, Any], says: str) -> None:
+def test_invalid_options_are_refused_with_valid_ones(options: dict[str, Any], says: str) -> None:
     with pytest.raises((TypeError, ValueError)) as refusal:
         driver(**options)
     assert says in str(refusal.value)
@@ -250,22 +250,26 @@ def test_where_the_daemon_may_be(
     assert driver(port, **options).config.addresses() == addresses
 
 
-def test_the_environment_says_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_gives_the_address(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("REACHY_HOST", "192.0.2.9")
     monkeypatch.setenv("REACHY_PORT", "8123")
     assert driver("").config.addresses() == (("192.0.2.9", 8123),)
-    assert driver("192.0.2.1").config.addresses() == (("192.0.2.1", 8000),), "port= wins"
+    assert driver("192.0.2.1").config.addresses() == (("192.0.2.1", 8000),), (
+        "port= has priority over the environment"
+    )
     resolved = Reachy.resolve("reachy_mini", {})
     monkeypatch.setenv("REACHY_HOST", "192.0.2.10")
-    assert Reachy("reachy_mini", "", resolved).config.addresses() == (("192.0.2.9", 8123),), "asked for once"
+    assert Reachy("reachy_mini", "", resolved).config.addresses() == (("192.0.2.9", 8123),), (
+        "the environment is read once"
+    )
     monkeypatch.setenv("REACHY_PORT", "many")
     with pytest.raises(ValueError, match="REACHY_PORT is 'many'"):
         driver("")
 
 
 @pytest.mark.parametrize("port", ["https://192.0.2.1", "http://u:p@192.0.2.1", "http://192.0.2.1/api", "/dev/tty1"])
-def test_saf_014_what_is_no_address_of_the_service_is_refused(port: str) -> None:
-    with pytest.raises(ValueError, match="It speaks no https"):
+def test_saf_014_an_invalid_address_of_the_service_is_refused(port: str) -> None:
+    with pytest.raises(ValueError, match="https is not supported"):
         driver(port).config.addresses()
 
 
@@ -288,7 +292,7 @@ VERBS = {
 }
 
 
-def test_every_verb_of_its_users_is_there_and_what_nothing_gives_is_refused() -> None:
+def test_every_verb_of_the_vendors_client_exists_or_is_refused() -> None:
     verbs = {verb.name: verb for verb in Reachy.TOOL_VERBS}
     assert set(verbs) == {*VERBS, "move_to", "goto", "wake_up", "goto_sleep", "play_move"} and len(VERBS) == 24
     assert {name for name, verb in verbs.items() if verb.does == "service"} == set(Reachy.SERVICES)

@@ -61,7 +61,7 @@ def test_a_target_in_radians_and_metres_the_right_antenna_first() -> None:
     assert json.loads(p.encode_uuid(UUID)) == {"uuid": UUID}
 
 
-def test_what_the_daemon_tells() -> None:
+def test_the_daemons_reports_are_decoded() -> None:
     joints = p.decode_sdk(json.dumps(JOINTS))
     assert joints == p.Joints(math.degrees(0.1), math.degrees(-0.3), math.degrees(0.2))
     head = p.decode_sdk(json.dumps(HEAD))
@@ -71,28 +71,28 @@ def test_what_the_daemon_tells() -> None:
     assert p.decode_sdk('{"type":"recorded_data","data":[]}') is None
     status = p.decode_status(json.dumps(STATUS).encode())
     assert (status.state, status.wireless, status.simulated, status.version) == ("running", False, True, "1.13.0")
-    assert math.isnan(status.battery_pct), "1.13.0 tells none"
+    assert math.isnan(status.battery_pct), "daemon 1.13.0 reports no charge"
     assert p.decode_status(json.dumps({**STATUS, "battery_pct": 71}).encode()).battery_pct == 71.0
     assert p.decode_status(json.dumps({**STATUS, "backend_status": {"error": "no bus"}}).encode()).error == "no bus"
     assert p.MODES[p.decode_mode(b'{"mode":"gravity_compensation"}')] == "gravity_compensation"
     assert p.decode_running(json.dumps([{"uuid": UUID}]).encode()) == (UUID,)
     assert not p.decode_target_answer(b'{"status":"ignored","reason":"move_running"}')
     left_deg, speech = p.decode_direction(b'{"angle":0.0,"speech_detected":false}') or (0.0, True)
-    assert (left_deg, speech) == (90.0, False), "0 is to the left"
+    assert (left_deg, speech) == (90.0, False), "an angle of 0 is to the left"
     assert p.decode_direction(b"null") is None
 
 
 @given(st.tuples(*[st.floats(-80, 80)] * 3, *[st.floats(-25, 25)] * 3, *[st.floats(-150, 150)] * 3))
 def test_a_row_survives_the_wire_and_the_matrix(row: tuple[float, ...]) -> None:
     twin = ReachyTwin("reachy_mini", lambda: 0.0)
-    twin.body.here = row
+    twin.body.position = row
     joints, head, _ = (p.decode_sdk(json.dumps(frame)) for frame in twin._sdk_frames())
     assert isinstance(joints, p.Joints) and isinstance(head, p.Head)
     assert p.row_of(head, joints) == pytest.approx(row, abs=1e-6)
 
 
 @pytest.mark.parametrize(("decode", "told"), DECODERS)
-def test_fuzz_no_exception_but_the_codecs_own(decode: Callable[[bytes], Any], told: Any) -> None:
+def test_fuzz_raises_only_the_codecs_error(decode: Callable[[bytes], Any], told: Any) -> None:
     chance = random.Random(7)
     good = json.dumps(told).encode()
     decode(good)
@@ -113,7 +113,7 @@ def test_fuzz_no_exception_but_the_codecs_own(decode: Callable[[bytes], Any], to
 
 
 @pytest.mark.parametrize("value", [None, "x", [], {}, [1.0] * 6, [1.0] * 6 + ["x"], [1.0] * 6 + [None], 1e400])
-def test_saf_014_joints_that_are_none(value: object) -> None:
+def test_saf_014_invalid_joints(value: object) -> None:
     with pytest.raises(MalformedFrame):
         p.decode_sdk(json.dumps({**JOINTS, "head_joint_positions": value}))
 

@@ -37,7 +37,7 @@ class Told(ReachyWire):
         super().__init__(Reachy("reachy_mini", "192.0.2.1", {}).config, self.clock)
 
     def tell(self, **frame: object) -> None:
-        self._hear(json.dumps(frame))
+        self._process(json.dumps(frame))
 
     def later(self, seconds: float) -> Observation:
         """Read after this time, with new positions and a new mode."""
@@ -48,7 +48,7 @@ class Told(ReachyWire):
         return trio.run(self.read)
 
 
-def test_saf_012_an_imu_that_says_nothing_any_more_is_not_told() -> None:
+def test_saf_012_a_silent_imu_is_not_in_the_observation() -> None:
     wire = Told()
     wire.tell(**IMU)
     assert wire.later(0.5).sensors.keys() >= IMU_KEYS
@@ -66,4 +66,4 @@ def test_saf_012_a_charge_is_the_newest_and_not_an_old_one() -> None:
     assert "battery_pct" not in wire.later(2.0).sensors
     wire.tell(type="daemon_status", state="running", battery_pct=81.0)
     wire.tell(type="daemon_status", state="running")
-    assert "battery_pct" not in wire.later(0.1).sensors, "it tells none any more"
+    assert "battery_pct" not in wire.later(0.1).sensors, "the old charge is not reported any more"

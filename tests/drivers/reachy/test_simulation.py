@@ -10,7 +10,7 @@ from strands_actors import Robot
 from tests.answers import json_of, until, why
 
 
-def test_a_simulated_reachy_moves_what_it_is_told(run_dir: Path) -> None:
+def test_a_simulated_reachy_moves_the_commanded_joints(run_dir: Path) -> None:
     with Robot("reachy_mini") as sim:
         json_of(sim.send_action({"head_yaw": 30.0, "antenna_left": -45.0, "head_z": 10.0}))
         until(lambda: abs(sim.get_observation()["antenna_left"] + 45.0) < 0.1, "it is there")

@@ -103,7 +103,7 @@ def test_saf_005_each_place_is_stopped_and_one_that_is_silent_is_named(safe_stat
     trio.run(main)
 
 
-def test_saf_005_the_channel_is_told_where_the_wire_found_the_daemon() -> None:
+def test_saf_005_the_channel_gets_the_address_at_which_the_wire_found_the_daemon() -> None:
     """Another robot's daemon now runs at an address that is tried earlier."""
 
     async def main() -> None:
@@ -112,8 +112,8 @@ def test_saf_005_the_channel_is_told_where_the_wire_found_the_daemon() -> None:
             wire = ReachyWire(config(NOWHERE, second.address), MonotonicClock())
             assert list(wire.handover()) == []
             await wire.open()
-            (told,) = wire.handover()
-            for path in [ReachyStopChannel(places, [os.dup(told)], MonotonicClock()) for _ in range(2)]:
+            (reported,) = wire.handover()
+            for path in [ReachyStopChannel(places, [os.dup(reported)], MonotonicClock()) for _ in range(2)]:
                 twin.body.play(Move("b9cbfc2f-79b0-4181-bce4-8ce04b277b90", [(FAR, 9.0)]))
                 assert all(report.safe for report in await path.make_safe("hold"))
                 assert twin.body.move is None and other.body.move is not None
@@ -123,9 +123,9 @@ def test_saf_005_the_channel_is_told_where_the_wire_found_the_daemon() -> None:
     trio.run(main)
 
 
-def test_saf_005_nothing_there_and_an_address_that_is_none() -> None:
+def test_saf_005_no_daemon_and_an_invalid_address() -> None:
     async def main() -> None:
-        for place, why in ((NOWHERE, "cannot connect"), ("http://a/b", "It speaks no https")):
+        for place, why in ((NOWHERE, "cannot connect"), ("http://a/b", "https is not supported")):
             reports = await channel(place).make_safe("hold")
             assert not any(one.written or one.safe for one in reports) and why in reports[0].detail
 
@@ -153,7 +153,7 @@ def test_saf_005_no_stop_is_confirmed_before_the_daemon_has_read_it(
     async def only_tell(twin: ReachyTwin, client: WebSocketClient) -> None:
         await twin._stream(client, twin._sdk_frames)
 
-    monkeypatch.setattr(ReachyTwin, "_hear_sdk", only_tell)
+    monkeypatch.setattr(ReachyTwin, "_receive_sdk", only_tell)
 
     async def main() -> None:
         async with daemon() as (twin, server):
@@ -168,13 +168,13 @@ def test_saf_005_no_stop_is_confirmed_before_the_daemon_has_read_it(
             assert twin.body.move is not None
             assert all(one.written and one.acknowledged and not one.safe for one in reports)
             assert "no pong" in reports[0].detail
-            assert not twin.tracking, "what is ended over HTTP, is"
+            assert not twin.tracking, "tracking was ended over HTTP"
 
     trio.run(main)
 
 
 @pytest.mark.parametrize("answer", [Answer(500, b""), Answer(p.OK, b'{"enabled": true}'), Answer(p.OK, b"[]")])
-def test_saf_005_face_tracking_that_is_not_known_to_be_off_is_no_held_robot(answer: Answer) -> None:
+def test_saf_005_with_unknown_face_tracking_the_robot_does_not_count_as_held(answer: Answer) -> None:
     async def main() -> None:
         async with daemon() as (twin, server):
             write = twin._write
@@ -198,7 +198,7 @@ def test_saf_005_a_daemon_that_cannot_track_is_confirmed() -> None:
     trio.run(main)
 
 
-def test_saf_005_a_wire_that_hears_nothing_any_more_still_sees_its_stop_read() -> None:
+def test_saf_005_a_wire_without_messages_still_confirms_its_stop() -> None:
     """Its link was lost elsewhere, and the WebSocket is open."""
 
     async def main() -> None:
@@ -294,7 +294,7 @@ def test_saf_010_a_command_waits_for_the_answer_to_the_one_before() -> None:
     trio.run(main)
 
 
-def test_moves_of_our_own_are_not_taken_for_another_clients() -> None:
+def test_our_moves_do_not_count_as_another_clients() -> None:
     async def main() -> None:
         async with daemon() as (twin, server):
             twin.body.end_move()
@@ -327,9 +327,9 @@ def test_saf_002_a_stop_does_not_overtake_a_command_that_waits_in_a_frozen_daemo
                 reports = await wire.make_safe("hold")
                 assert all(one.safe for one in reports), reports[0].detail
                 assert twin.body.move is None and twin.body.ended == []
-                here = twin.body.here
+                here = twin.body.position
                 await trio.sleep(0.3)
-                assert twin.body.here == pytest.approx(here, abs=0.5)
+                assert twin.body.position == pytest.approx(here, abs=0.5)
                 nursery.cancel_scope.cancel()
             wire.close()
 
@@ -376,7 +376,7 @@ class Slow(HttpPort):
         ("track_face", {"enabled": True}),
     ],
 )
-def test_saf_010_no_stop_is_confirmed_before_what_a_service_asked_for_is_carried_out(
+def test_saf_010_no_stop_is_confirmed_before_a_services_request_is_carried_out(
     monkeypatch: pytest.MonkeyPatch, service: str, given: dict[str, object]
 ) -> None:
     monkeypatch.setattr(services, "HttpPort", Slow)
@@ -391,13 +391,13 @@ def test_saf_010_no_stop_is_confirmed_before_what_a_service_asked_for_is_carried
             async def perform() -> None:
                 with scope:
                     await wire.perform(service, given, Free())
-                assert scope.cancelled_caught, "it is not told as done"
+                assert scope.cancelled_caught, "the call does not report success"
 
             nursery.start_soon(perform)
             await Slow.taken.wait()
             scope.cancel()  # as a stop does
             reports = await wire.make_safe("limp")
-            assert Slow.done.is_set(), "it may yet be carried out"
+            assert Slow.done.is_set(), "the request is carried out later"
             assert all(one.safe for one in reports), reports[0].detail
             await trio.sleep(0.3)
             assert (twin.body.mode, twin.body.move, twin.tracking) == ("disabled", None, False)
@@ -405,7 +405,7 @@ def test_saf_010_no_stop_is_confirmed_before_what_a_service_asked_for_is_carried
     trio.run(main)
 
 
-def test_saf_010_what_is_carried_out_while_a_stop_looks_is_followed_by_the_stop() -> None:
+def test_saf_010_a_request_that_is_carried_out_during_a_stop_is_followed_by_another_stop() -> None:
     """The answer comes just after the motors' mode was read."""
 
     async def main() -> None:
@@ -429,7 +429,7 @@ def test_saf_010_what_is_carried_out_while_a_stop_looks_is_followed_by_the_stop(
     trio.run(main)
 
 
-def test_saf_009_a_request_that_has_left_is_not_taken_for_denied() -> None:
+def test_saf_009_a_request_that_was_sent_does_not_count_as_denied() -> None:
     """A request without a body is complete with its head."""
 
     async def main() -> None:
@@ -452,9 +452,9 @@ def test_saf_010_a_service_that_is_not_answered_ends_the_link(service: str) -> N
             server.freeze(1.7)
             with pytest.raises(WireDown, match="no answer within"):
                 await wire.perform(service, {}, Free())
-            with pytest.raises(WireDown, match=r"a service was not answered: .* no answer within"):
+            with pytest.raises(WireDown, match=r"the daemon did not answer a request: .* no answer within"):
                 await wire.read()
-            with pytest.raises(WireDown, match="or no answer"):
+            with pytest.raises(WireDown, match="or an answer is missing"):
                 await wire.write((*FAR, 0.0), Free())
             reports = await wire.reach("limp")
             assert all(one.safe for one in reports), reports[0].detail
@@ -469,7 +469,7 @@ def test_saf_012_frames_that_are_no_state_do_not_count() -> None:
             await wire.read()
             twin.set_fault(Fault.GARBAGE)
             await trio.sleep(1.3)
-            with pytest.raises(WireDown, match=r"no daemon frame for 1 s \(no JSON"):
+            with pytest.raises(WireDown, match=r"no state from the daemon for 1 s \(no JSON"):
                 await wire.read()
 
     trio.run(main)

@@ -101,11 +101,11 @@ def test_saf_005_a_stop_ends_the_move_where_it_is_and_no_other_follows(reachy: R
     assert "call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
     assert "call resume() first" in why(reachy.wake())
     json_of(reachy.resume())
-    assert twin.log.setpoints_after_safe(began_ns) == 0, "a resume moves nothing"
+    assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 
 
-def test_saf_005_a_stop_ends_what_another_client_began_too(reachy: RealRobot, twin: Twin) -> None:
-    """A move over ``/ws/sdk`` is in none of the daemon's lists."""
+def test_saf_005_a_stop_also_ends_another_clients_move(reachy: RealRobot, twin: Twin) -> None:
+    """The daemon lists no move over ``/ws/sdk``."""
     with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
         until(lambda: reachy.get_observation()["antenna_left"] > 5.0, "it moves")
@@ -114,14 +114,14 @@ def test_saf_005_a_stop_ends_what_another_client_began_too(reachy: RealRobot, tw
 
 
 @pytest.mark.long
-def test_targets_that_the_daemon_ignores_are_told_and_all_moves_end(reachy: RealRobot, twin: Twin) -> None:
+def test_targets_that_the_daemon_ignores_are_reported_and_all_moves_end(reachy: RealRobot, twin: Twin) -> None:
     with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
         until(lambda: reachy.get_observation()["antenna_left"] > 5.0, "it moves")
         began_ns = move(reachy, twin, head_yaw=1.0)
         first_safe(twin.log, began_ns)
         until(lambda: state(reachy) == "disarmed", "it is let go of")
-        assert "a move of another client is running" in why(reachy.send_action({"head_yaw": 1.0}))
+        assert "a move of another client runs" in why(reachy.send_action({"head_yaw": 1.0}))
         stands(reachy)
 
 
@@ -129,12 +129,14 @@ def test_moves_and_services_that_the_daemon_would_ignore_are_refused(reachy: Rea
     began_ns = time.monotonic_ns()
     body = {"antennas": [1.0, 1.0], "duration": 60.0}
     theirs = httpx.post(f"http://{twin.port}{p.GOTO}", json=body, trust_env=False).json()
-    assert "wake: the daemon ignores it: a move of another client is running" in why(reachy.wake())
+    assert "wake: the daemon ignores commands while a move of another client runs" in why(reachy.wake())
     until(lambda: status(reachy)["sensors"]["others_move"] == [1.0], "it is seen")
-    assert "a move of another client is running" in why(reachy.send_action({"head_yaw": 40.0}))
-    assert "a move of another client is running" in why(reachy.express(move="yes1"))
-    assert len(twin.log.host("setpoint", began_ns)) == 1, "the other client's"
-    assert ask(twin, p.RUNNING) == [theirs] and not twin.log.host("safe", began_ns), "nobody ended it"
+    assert "a move of another client runs" in why(reachy.send_action({"head_yaw": 40.0}))
+    assert "a move of another client runs" in why(reachy.express(move="yes1"))
+    assert len(twin.log.host("setpoint", began_ns)) == 1, "only the other client's move is running"
+    assert ask(twin, p.RUNNING) == [theirs] and not twin.log.host("safe", began_ns), (
+        "the other client's move was not ended"
+    )
     httpx.post(f"http://{twin.port}{p.STOP}", json=theirs, trust_env=False)
     until(lambda: status(reachy)["sensors"]["others_move"] == [0.0], "it is over")
     json_of(reachy.send_action({"head_yaw": 40.0}))
@@ -142,15 +144,15 @@ def test_moves_and_services_that_the_daemon_would_ignore_are_refused(reachy: Rea
 
 
 @pytest.mark.long
-def test_a_move_that_is_ignored_for_one_in_no_list_is_told(reachy: RealRobot, twin: Twin) -> None:
+def test_a_move_that_is_ignored_for_an_unlisted_one_is_reported(reachy: RealRobot, twin: Twin) -> None:
     with connect(f"ws://{twin.port}{p.SDK}", proxy=None, close_timeout=0.2) as other:
         other.send(json.dumps({"type": "goto_target", "antennas": [2.0, 2.0], "duration": 9.0}))
         until(lambda: reachy.get_observation()["antenna_left"] > 5.0, "it moves")
-        assert "a move of another client is running" in why(reachy.wake())
+        assert "a move of another client runs" in why(reachy.wake())
         began_ns = move(reachy, twin, head_yaw=40.0)
         first_safe(twin.log, began_ns)
         until(lambda: state(reachy) == "disarmed", "it is let go of")
-        assert "a move of another client is running" in status(reachy)["cause"]
+        assert "a move of another client runs" in status(reachy)["cause"]
         stands(reachy)
 
 
@@ -167,8 +169,10 @@ def test_saf_010_a_move_that_waits_in_a_stopped_daemon_is_ended(reachy: RealRobo
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed, and confirmed")
     assert ask(twin, p.RUNNING) == []
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
-    assert frames[-1].kind == "safe", "whatever it carried out late"
-    assert len([one for one in frames if one.kind == "setpoint"]) <= 1, "one was on its way, none after"
+    assert frames[-1].kind == "safe", "a safe frame is the last one that is carried out"
+    assert len([one for one in frames if one.kind == "setpoint"]) <= 1, (
+        "at most one command was under way, and none follows"
+    )
     stands(reachy)
 
 
@@ -194,10 +198,10 @@ def test_saf_010_torque_that_waits_in_a_stopped_daemon_is_taken_away_again(
     assert why(next(one for one in answers if isinstance(one, dict)))
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed, and confirmed")
     time.sleep(1.0)
-    heard = [one for one in twin.log.entries(back_ns) if one.sender == "host" and b"set_m" in one.data]
+    received = [one for one in twin.log.entries(back_ns) if one.sender == "host" and b"set_m" in one.data]
     enabled = f"{p.SET_MODE}enabled".encode()
-    assert any(enabled in one.data for one in heard), "it was on its way, and no stop overtakes it"
-    assert heard[-1].safe_state == "limp", "whatever it carried out late"
+    assert any(enabled in one.data for one in received), "the request was under way, and a stop cannot overtake it"
+    assert received[-1].safe_state == "limp", "a safe frame is the last one that is carried out"
     assert ask(twin, p.MOTORS) == {"mode": "disabled"}
     assert twin.log.host("setpoint", back_ns) == []
 
@@ -217,7 +221,7 @@ def test_saf_003_the_stop_channel_ends_the_move(reachy: RealRobot, twin: Twin, n
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("service", ["wake", "track_face"])
-def test_saf_003_what_a_service_began_ends_with_its_caller(twin: Twin, run_dir: Path, service: str) -> None:
+def test_saf_003_a_services_motion_ends_with_its_caller(twin: Twin, run_dir: Path, service: str) -> None:
     script = (
         "import sys, time\nfrom strands_actors import Robot\n"
         f"robot = Robot('reachy_mini', mode='real', port='{twin.port}')\n"
@@ -244,10 +248,12 @@ def test_saf_020_a_cable_that_is_back_carries_the_safe_frame_first(reachy: RealR
     back_ns = time.monotonic_ns()
     twin.plug()
     safe_ns = first_safe(twin.log, back_ns).t_ns
-    heard = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind != "read"]
-    before = [one for one in heard if one.t_ns < safe_ns]
+    received = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind != "read"]
+    before = [one for one in received if one.t_ns < safe_ns]
     halves = tuple(f"POST {path} ".encode() for path in (p.STOP, p.TRACKING_OFF))
-    assert all(one.data.startswith(halves) for one in before), "the rest of a stop, on its own connection"
+    assert all(one.data.startswith(halves) for one in before), (
+        "earlier frames are the rest of a stop on the stop's connection"
+    )
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed")
     twin.log.no_setpoint_after_safe(back_ns)
     stands(reachy)
@@ -255,7 +261,7 @@ def test_saf_020_a_cable_that_is_back_carries_the_safe_frame_first(reachy: RealR
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
-def test_saf_006_a_stop_leaves_at_once_whatever_the_daemon_answers(
+def test_saf_006_a_stop_is_sent_at_once_with_any_answer_of_the_daemon(
     reachy: RealRobot, twin: Twin, fault: str
 ) -> None:
     move(reachy, twin, antenna_left=100.0, duration=8.0)
@@ -276,15 +282,15 @@ def test_saf_014_motors_without_torque_are_refused_and_nothing_is_written(twin: 
         connected(robot)
         json_of(robot.resume())
         for refusal in (robot.send_action({"head_yaw": 5.0}), robot.wake(), robot.express(move="yes1")):
-            assert 'the motors are disabled. call motors(mode="enabled") first' in why(refusal)
+            assert 'the motors are disabled. Call motors(mode="enabled") first' in why(refusal)
         assert twin.log.host("setpoint", began_ns) == []
-        assert ask(twin, p.MOTORS) == {"mode": "disabled"}, "connecting and resume() give no torque"
+        assert ask(twin, p.MOTORS) == {"mode": "disabled"}, "connecting and resume() turn no torque on"
         json_of(robot.motors(mode="enabled"))
         until(lambda: robot.send_action({"head_yaw": 5.0})["status"] == "success", "and now it moves")
         until(lambda: robot.get_observation()["head_yaw"] == pytest.approx(5.0, abs=0.1), "it is there")
 
 
-def test_saf_003_torque_that_somebody_takes_away_ends_what_is_live(reachy: RealRobot, twin: Twin) -> None:
+def test_saf_003_torque_off_by_another_client_ends_the_live_command(reachy: RealRobot, twin: Twin) -> None:
     began_ns = move(reachy, twin, antenna_left=100.0, duration=8.0)
     httpx.post(f"http://{twin.port}{p.SET_MODE}gravity_compensation", trust_env=False)
     first_safe(twin.log, began_ns)
@@ -296,7 +302,7 @@ def test_saf_003_torque_that_somebody_takes_away_ends_what_is_live(reachy: RealR
 def test_services(reachy: RealRobot, twin: Twin) -> None:
     assert set(json_of(reachy.list_moves())["moves"]) == {"amazed1", "cheerful1", "yes1"}
     assert len(json_of(reachy.express(move="yes1"))["move"]) == 36
-    assert "it has amazed1, cheerful1, yes1" in why(reachy.express(move="nothing"))
+    assert "use one of amazed1, cheerful1, yes1" in why(reachy.express(move="nothing"))
     json_of(reachy.set_volume(volume=30))
     assert json_of(reachy.volume())["volume"] == 30
     assert json_of(reachy.turn_to_sound_status()) == {"left_deg": pytest.approx(30.0), "speech": True}
@@ -314,7 +320,9 @@ def test_services(reachy: RealRobot, twin: Twin) -> None:
     assert reachy.get_observation()["antenna_left"] == pytest.approx(-60.0, abs=1.0)
     json_of(reachy.send_action({"antenna_right": 50.0}))
     time.sleep(0.3)
-    assert reachy.get_observation()["antenna_left"] == pytest.approx(-60.0, abs=1.0), "what sleep moved stays there"
+    assert reachy.get_observation()["antenna_left"] == pytest.approx(-60.0, abs=1.0), (
+        "the antenna stays where sleep moved it"
+    )
 
 
 def test_a_stop_cuts_a_service_short(reachy: RealRobot, twin: Twin) -> None:
@@ -329,13 +337,13 @@ def test_a_stop_cuts_a_service_short(reachy: RealRobot, twin: Twin) -> None:
     stands(reachy)
 
 
-def test_speech_is_made_where_tts_url_says(twin: Twin, run_dir: Path) -> None:
-    asked: list[Any] = []
+def test_speech_is_made_at_tts_url(twin: Twin, run_dir: Path) -> None:
+    requested: list[Any] = []
 
     class Speech(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
-            asked.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-            body = b"RIFF....WAVE" if asked[-1]["text"] == "hello" else b"no"
+            requested.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            body = b"RIFF....WAVE" if requested[-1]["text"] == "hello" else b"no"
             self.send_response(200)
             self.send_header("Content-Length", str(len(body)))
             self.end_headers()
@@ -357,7 +365,7 @@ def test_speech_is_made_where_tts_url_says(twin: Twin, run_dir: Path) -> None:
         server.shutdown()
         thread.join()
         server.server_close()
-    assert asked[0] == {"text": "hello"}
+    assert requested[0] == {"text": "hello"}
     sent = [one.data for one in twin.log.entries() if one.sender == "host" and p.UPLOAD_SOUND.encode() in one.data]
     assert len(sent) == 1 and b"RIFF....WAVE" in sent[0]
 
@@ -374,18 +382,18 @@ def test_an_agent_has_every_verb(reachy: RealRobot, twin: Twin) -> None:
     until(lambda: max(map(abs, reachy.get_observation().values())) < 0.5, "it is at home")
     json_of(tool(action="wake"))
     assert json_of(tool(action="turn_to_sound_status"))["speech"] is True
-    assert "it takes" in why(tool(action="express", movement="x"))
+    assert "there is no input" in why(tool(action="express", movement="x"))
     assert "1..128 letters" in why(tool(action="express", move="../x"))
     assert json_of(tool(action="get_state"))["positions"]["head_yaw"] == pytest.approx(0.0, abs=0.5)
     json_of(tool(action="stop"))
     assert "disarmed" in why(tool(action="wake"))
 
 
-def test_saf_012_what_the_robot_feels_is_observed(reachy: RealRobot, twin: Twin) -> None:
+def test_saf_012_sensors_are_in_the_observation(reachy: RealRobot, twin: Twin) -> None:
     until(lambda: "accelerometer_m_s2" in status(reachy)["sensors"], "the IMU of a Wireless")
     sensors = status(reachy)["sensors"]
     assert sensors["accelerometer_m_s2"] == [0.0, 0.0, 9.81] and len(sensors["head_rpy_rad"]) == 3
-    assert "battery_pct" not in sensors, "the daemon tells none"
+    assert "battery_pct" not in sensors, "the daemon reports no charge"
     facts = status(reachy)
     assert "Wireless" in json.dumps(facts) and "1.13.0" in json.dumps(facts)
 
@@ -393,7 +401,7 @@ def test_saf_012_what_the_robot_feels_is_observed(reachy: RealRobot, twin: Twin)
 def test_saf_012_silence_is_no_state(reachy: RealRobot, twin: Twin) -> None:
     twin.fault("off")
     until(lambda: state(reachy) in ("lost", "down", None), "it is noticed")
-    assert re.search("no daemon frame for|not told any more", why(reachy.send_action({"head_yaw": 1.0})))
+    assert re.search("no state from the daemon for|no longer reports", why(reachy.send_action({"head_yaw": 1.0})))
     twin.fault("ok")
     until(lambda: state(reachy) == "disarmed", "it is back, disarmed")
 

@@ -91,7 +91,7 @@ def test_targets_and_states_over_their_own_websockets(client: httpx.Client, twin
         assert 0.2 < time.monotonic() - began_s < 4.0
 
 
-def test_a_path_that_is_none(client: httpx.Client, twin: Twin) -> None:
+def test_an_unknown_path(client: httpx.Client, twin: Twin) -> None:
     assert client.get("/api/nothing").status_code == 404
     assert client.post(p.GOTO, content=b"{").status_code == 422
     assert client.post(p.GOTO, json={"duration": "long"}).status_code == 422
@@ -121,17 +121,17 @@ def test_any_number_is_ok_as_with_the_daemon() -> None:
     twin, clock = reachy()
     assert ask(twin, "POST", p.SET_TARGET, {"target_head_pose": {"yaw": 9.0}}) == {"status": "ok"}
     run(twin, clock, 5.0)
-    assert twin.body.here[p.YAW] == pytest.approx(math.degrees(9.0))
+    assert twin.body.position[p.YAW] == pytest.approx(math.degrees(9.0))
 
 
 def test_motors_without_torque_take_commands_and_do_not_move() -> None:
     twin, clock = reachy(motors="disabled")
     assert ask(twin, "POST", p.SET_TARGET, {"target_body_yaw": 0.5}) == {"status": "ok"}
     run(twin, clock, 1.0)
-    assert twin.body.here[p.BODY] == 0.0
+    assert twin.body.position[p.BODY] == 0.0
     ask(twin, "POST", f"{p.SET_MODE}enabled")
     run(twin, clock, 1.0)
-    assert twin.body.here[p.BODY] == 0.0, "torque comes on where it is"
+    assert twin.body.position[p.BODY] == 0.0, "torque starts at the present position"
     assert ask(twin, "POST", f"{p.SET_MODE}on") == 422
 
 
@@ -140,7 +140,7 @@ def test_a_second_move_is_over_at_once_and_changes_nothing() -> None:
     ask(twin, "POST", p.GOTO, {"body_yaw": 0.5, "duration": 1.0})
     ask(twin, "POST", p.GOTO, {"body_yaw": -0.5, "duration": 1.0})
     run(twin, clock, 1.2)
-    assert twin.body.here[p.BODY] == pytest.approx(math.degrees(0.5), abs=0.5)
+    assert twin.body.position[p.BODY] == pytest.approx(math.degrees(0.5), abs=0.5)
 
 
 def test_faults() -> None:
@@ -148,7 +148,7 @@ def test_faults() -> None:
     ask(twin, "POST", p.SET_TARGET, {"target_body_yaw": 0.2})
     twin.set_fault(Fault.STUCK)
     run(twin, clock, 0.5)
-    assert twin.body.here[p.BODY] == 0.0
+    assert twin.body.position[p.BODY] == 0.0
     twin.set_fault(Fault.WRONG)
     run(twin, clock, 0.5)
     assert ask(twin, "GET", "/api/state/full")["body_yaw"] == pytest.approx(0.2 + math.radians(5.0), abs=1e-3)

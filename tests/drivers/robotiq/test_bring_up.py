@@ -24,7 +24,7 @@ OPENS_WITHIN_S = 1.2
 # -- open
 
 
-def test_open_moves_nothing_and_tells_who_is_there() -> None:
+def test_open_moves_nothing_and_identifies_the_gripper() -> None:
     async def main() -> None:
         rig = Rig()
         facts = await rig.wire.open()
@@ -62,7 +62,7 @@ def test_a_silent_gripper_is_named_within_its_bound() -> None:
     virtual(main)
 
 
-def test_a_port_that_is_no_address_is_told_as_such() -> None:
+def test_a_port_that_is_no_address_is_named() -> None:
     async def main() -> None:
         rig = Rig()
         config = msgspec.structs.replace(rig.driver.config, port="ttyUSB0:x")
@@ -168,7 +168,7 @@ def test_arming_is_refused_when_the_gripper_does_not_take_the_position() -> None
         rig = Rig(activated=True)
         await rig.wire.open()
         rig.twin.set_fault(Fault.WRONG)
-        assert "does not take its position as target" in await refused(rig)
+        assert "does not confirm the hold" in await refused(rig)
 
     virtual(main)
 
@@ -203,4 +203,6 @@ print(before, *sorted(name for name in ("pymodbus", "numpy", "mujoco", "serial")
 
 def test_pymodbus_is_loaded_when_it_is_needed_and_nothing_heavy_ever() -> None:
     done = subprocess.run([sys.executable, "-c", LEAN], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "pymodbus", "serial"], "serial: a stop imports nothing"
+    assert done.stdout.split() == ["False", "pymodbus", "serial"], (
+        "pyserial is loaded early, because a stop must not import"
+    )

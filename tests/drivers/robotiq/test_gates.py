@@ -106,7 +106,7 @@ def test_only_finite_numbers(key: str, value: object) -> None:
 
 
 @given(st.dictionaries(st.sampled_from([*POSITIONS, "speed", "force", "x"]), st.floats(), max_size=4))
-def test_what_passes_is_a_whole_target_in_range(action: dict[str, float]) -> None:
+def test_accepted_targets_are_whole_and_in_range(action: dict[str, float]) -> None:
     answer = decide(action)
     if isinstance(answer, Candidate):
         assert len(answer.values) == 3
@@ -152,9 +152,9 @@ def test_the_answer_of_send_action() -> None:
 
 
 @pytest.mark.parametrize(("contact", "held"), [(1.0, True), (-1.0, True), (0.0, False), (math.nan, None)])
-def test_the_answer_says_whether_something_is_held(contact: float, held: bool | None) -> None:
-    told = GRIPPER.accepted({"gripper": 0.5}, values({"gripper": 0.5}), {"contact": (contact,)})
-    assert told["holding"] is held
+def test_the_answer_shows_whether_an_object_is_held(contact: float, held: bool | None) -> None:
+    reported = GRIPPER.accepted({"gripper": 0.5}, values({"gripper": 0.5}), {"contact": (contact,)})
+    assert reported["holding"] is held
     assert GRIPPER.accepted({"gripper": 0.5}, values({"gripper": 0.5}), {})["holding"] is None
 
 
@@ -168,7 +168,7 @@ def test_no_reason_ever_opens_it() -> None:
 
 
 @pytest.mark.parametrize("robot", ["robotiq_2f85", "robotiq_2f85_v4", "2f85"])
-def test_every_robot_can_be_built_from_what_it_resolves_to(robot: str) -> None:
+def test_every_robot_can_be_built_from_its_resolved_options(robot: str) -> None:
     resolved = Robotiq.resolve(robot, {"tool_name": "hand"})
     driver = Robotiq(robot, "192.0.2.10:1502", resolved)
     assert (driver.config.unit_id, driver.config.stroke_mm, driver.config.activate) == (9, 85.0, True)

@@ -47,7 +47,7 @@ def test_a_status_comes_back_as_it_was(status: p.Status) -> None:
 
 
 @given(st.lists(st.integers(0, 0xFFFF), min_size=3, max_size=3))
-def test_whatever_a_gripper_says_is_understood(registers: list[int]) -> None:
+def test_any_status_of_a_gripper_can_be_decoded(registers: list[int]) -> None:
     status = p.Status.from_registers(registers)
     assert p.fault_words(status.fault)
     p.Contact(status.contact)
@@ -62,28 +62,32 @@ def test_a_safe_command_neither_goes_nor_opens_nor_activates(status: p.Status) -
     command = p.safe_command(status)
     assert not command.go_to and not command.release
     if not status.activated or status.activation == p.Activation.ACTIVATING:
-        assert not command.activate, "its rising edge would move the fingers; only a reset ends an activation"
+        assert not command.activate, "a rising rACT moves the fingers, and only a reset ends an activation"
     else:
-        assert command == p.Command(position=command.position), "it keeps its grip"
+        assert command == p.Command(position=command.position), "the gripper keeps its grip"
         assert abs(command.position - status.position) <= 1 and 0 <= command.position <= p.TOP
-        assert command.position != status.request, "else its echo is there before it"
+        assert command.position != status.request, "another position than before, so that its echo is new"
 
 
 @pytest.mark.parametrize(
     ("status", "command", "says"),
     [
-        (p.Status(True, True, 3, request=7), HOLD, "still going"),
+        (p.Status(True, True, 3, request=7), HOLD, "fingers still move"),
         (p.Status(True, False, 1, request=7), HOLD, "activating"),
         (p.Status(True, False, 3, request=7, fault=0x0B), HOLD, "the fingers open"),
-        (p.Status(True, False, 3, request=6), HOLD, "has not taken the hold up: told 7, it repeats 6"),
+        (
+            p.Status(True, False, 3, request=6),
+            HOLD,
+            "the gripper has not confirmed the hold (sent 7, it repeats 6)",
+        ),
         (p.Status(False, False, 0, request=7), HOLD, "no longer activated"),
         (p.Status(True, False, 3, request=7), HOLD, ""),
-        (p.Status(True, False, 3), p.RESET, "has not taken the reset up"),
+        (p.Status(True, False, 3), p.RESET, "the gripper has not carried out the reset"),
         (p.Status(True, False, 1), p.RESET, "activating"),
         (p.Status(False, False, 0, request=7), p.RESET, ""),
     ],
 )
-def test_what_is_not_safe_is_named(status: p.Status, command: p.Command, says: str) -> None:
+def test_the_reason_for_an_unsafe_report_is_named(status: p.Status, command: p.Command, says: str) -> None:
     words = p.unsafe_words(status, command)
     assert says in words and bool(says) == bool(words)
 
@@ -99,5 +103,5 @@ def test_what_is_not_safe_is_named(status: p.Status, command: p.Command, says: s
         (p.RESET, False, "safe"),
     ],
 )
-def test_a_hold_can_be_told_from_an_activation(command: p.Command, active: bool, kind: str) -> None:
+def test_a_hold_differs_from_an_activation(command: p.Command, active: bool, kind: str) -> None:
     assert p.classify(command, active) == kind

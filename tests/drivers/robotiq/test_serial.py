@@ -86,8 +86,8 @@ class Line:
 def test_it_opens_arms_and_moves() -> None:
     async def main() -> None:
         line = Line()
-        told = await line.wire.open()
-        assert told["baud"] == 115_200
+        reported = await line.wire.open()
+        assert reported["baud"] == 115_200
         await line.wire.arm(Permission())
         await line.go(0.5)
         seen = await line.observe_for(2.0)
@@ -106,7 +106,7 @@ def test_saf_005_a_stop_waits_for_the_answer_on_its_way_and_is_read_back() -> No
         await line.go(0.9, speed=0.0)
         await line.observe_for(0.5)
         with trio.move_on_after(0.001):
-            await line.wire.read()  # a stop ends it before the answer arrives
+            await line.wire.read()  # a stop ends the request before its answer arrives
         began_s = trio.current_time()
         written = len(line.ports[0].written)
         assert await line.wire.make_safe("hold") == (MotorReport("gripper", 9, True, True, True),)
@@ -119,7 +119,7 @@ def test_saf_005_a_stop_waits_for_the_answer_on_its_way_and_is_read_back() -> No
     virtual(main)
 
 
-def test_saf_005_a_stop_that_nobody_answers_is_written_all_the_same() -> None:
+def test_saf_005_a_stop_without_an_answer_is_written_all_the_same() -> None:
     async def main() -> None:
         line = await Line().armed()
         await line.go(0.9, speed=0.0)
@@ -139,8 +139,8 @@ def test_saf_005_a_stop_that_nobody_answers_is_written_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("after_s", [0.07, 0.08, 0.09, 0.1, 0.11, 0.15])
-def test_saf_005_a_stop_to_a_gripper_that_is_heard_no_more_is_written_within_the_bound(after_s: float) -> None:
-    """It is read first and then reset. It may have been without power, and a hold would activate it."""
+def test_saf_005_a_stop_to_a_silent_gripper_is_written_within_the_bound(after_s: float) -> None:
+    """The gripper is read first and then reset. It may have lost power, and a hold would activate it."""
 
     async def main() -> None:
         line = await Line().armed()
@@ -158,7 +158,7 @@ def test_saf_005_a_stop_to_a_gripper_that_is_heard_no_more_is_written_within_the
         (report,) = await line.wire.make_safe("hold")
         at_s, frame = next(each for each in line.ports[0].written[written:] if each[1][1] == 0x10)
         assert at_s - began_s < line.driver.bound_s
-        assert frame[7] == 0, "rACT 0"
+        assert frame[7] == 0, "rACT is 0: a reset"
         assert report.written and not report.safe
 
     virtual(main)
@@ -182,7 +182,7 @@ def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
     async def main() -> None:
         line = await Line().armed()
         line.delay_s = 0.05
-        await line.wire.read()  # given up before it arrives
+        await line.wire.read()  # the request ends before its answer arrives
         line.delay_s = ANSWERS_AFTER_S
         moved = await line.observe_for(0.5)
         assert moved.stamp_ns[0] > 0
@@ -192,17 +192,17 @@ def test_a_late_answer_is_not_taken_for_the_next_one() -> None:
     virtual(main)
 
 
-def test_saf_012_a_gripper_that_says_nothing_is_lost() -> None:
+def test_saf_012_a_silent_gripper_is_lost() -> None:
     async def main() -> None:
         line = await Line().armed()
         line.twin.set_fault(Fault.OFF)
-        with pytest.raises(WireDown, match="no answer for"):
+        with pytest.raises(WireDown, match="did not answer for"):
             await line.observe_for(3.0)
 
     virtual(main)
 
 
-def test_the_stop_channel_goes_on_with_the_port_of_the_wire_or_opens_it_anew() -> None:
+def test_the_stop_channel_uses_the_port_of_the_wire_or_reopens_it() -> None:
     async def main() -> None:
         line = await Line().armed()
         await line.go(0.9, speed=0.0)
@@ -224,8 +224,8 @@ def test_the_stop_channel_goes_on_with_the_port_of_the_wire_or_opens_it_anew() -
 @pytest.mark.parametrize(
     ("port", "options", "says"),
     [
-        (PORT, {"tcp_port": 502}, "a serial device, which has no tcp_port"),
-        ("192.0.2.10", {"baud": 9600}, "an address, which has no baud"),
+        (PORT, {"tcp_port": 502}, "a serial device, so tcp_port has no meaning"),
+        ("192.0.2.10", {"baud": 9600}, "an address, so baud has no meaning"),
         (PORT, {"baud": 12345}, "baud is 12345. Use one of 2400"),
     ],
 )
@@ -255,10 +255,10 @@ def test_saf_003_a_dead_wire_leaves_a_gripper_that_holds(twin: TwinProcess) -> N
         assert log.setpoints_after_safe(killed_ns) == 0
 
 
-def test_a_gripper_at_another_speed_is_told_as_such(twin: TwinProcess) -> None:
+def test_a_gripper_at_another_baud_rate_is_named(twin: TwinProcess) -> None:
     gripper = Robot("robotiq_2f85", mode="real", port=twin.port)
     try:
-        assert "no answer" in (gripper.connect_eagerly() or "")
+        assert "does not answer" in (gripper.connect_eagerly() or "")
         assert "garbled" in [kind for kind, _ in twin.logged("host")]
     finally:
         gripper.cleanup()

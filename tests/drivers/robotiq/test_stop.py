@@ -36,7 +36,7 @@ def test_a_stop_holds_where_it_is_and_is_read_back() -> None:
         assert rig.written == ["setpoint", "safe"]
         held = (await rig.observe_for(0.1)).position
         assert (await rig.observe_for(2.0)).position == held
-        assert rig.twin.gripper.status().activation == 3, "it keeps its grip"
+        assert rig.twin.gripper.status().activation == 3, "the gripper keeps its grip"
 
     virtual(main)
 
@@ -65,14 +65,14 @@ def test_a_stop_that_is_not_taken_is_not_called_success() -> None:
         await rig.observe_for(0.1)
         rig.twin.set_fault(Fault.STUCK)
         report = await rig.stop()
-        assert report == MotorReport("gripper", 9, True, True, False, "still going to its position")
+        assert report == MotorReport("gripper", 9, True, True, False, "the fingers still move to their target")
 
     virtual(main)
 
 
 @pytest.mark.parametrize("channel", ["wire", "root"])
 @pytest.mark.parametrize("echo_s", [0.0, 0.02])
-def test_saf_005_a_hold_is_not_confirmed_by_what_was_so_before_it(channel: str, echo_s: float) -> None:
+def test_saf_005_a_hold_is_not_confirmed_by_an_earlier_status(channel: str, echo_s: float) -> None:
     """The setpoint is still under way inside the gripper, and the hold gets lost. The gripper does not move
     yet, but will."""
 
@@ -85,7 +85,7 @@ def test_saf_005_a_hold_is_not_confirmed_by_what_was_so_before_it(channel: str, 
         began_s = trio.current_time()
         report = await (rig.stop() if channel == "wire" else rig.stop_channel())
         assert (report.written, report.acknowledged, report.safe) == (True, True, False)
-        assert report.detail == "still going to its position"
+        assert report.detail == "the fingers still move to their target"
         assert trio.current_time() - began_s < HOLD_S
 
     virtual(main)
@@ -99,7 +99,7 @@ def test_saf_005_a_hold_that_gets_lost_is_not_confirmed_by_a_gripper_that_stands
         rig.twin.gripper.write = lambda command: None  # type: ignore[method-assign]
         report = await (rig.stop() if channel == "wire" else rig.stop_channel())
         assert not report.safe
-        assert "has not taken the hold up" in report.detail
+        assert "has not confirmed the hold" in report.detail
 
     virtual(main)
 
@@ -122,14 +122,14 @@ def test_a_hold_is_confirmed_once_it_is_taken_up(channel: str, echo_s: float) ->
     virtual(main)
 
 
-def test_a_reset_that_is_not_taken_up_yet_is_followed_by_no_hold() -> None:
+def test_no_hold_follows_a_reset_that_is_still_pending() -> None:
     """A hold behind a reset is the rising edge that activates the gripper."""
 
     async def main() -> None:
         rig = Rig(activated=True, echo_s=0.08)
         gripper = await open_gripper(rig.driver.config, rig.clock, rig.connect)
         report = await hold(gripper, p.Status(), rig.driver.config)
-        assert (report.safe, report.detail) == (False, "has not taken the reset up")
+        assert (report.safe, report.detail) == (False, "the gripper has not carried out the reset")
         assert set(rig.written) == {"safe"}
         await trio.sleep(1.0)
         rig.twin.gripper.pass_time()
@@ -155,7 +155,7 @@ def test_saf_005_a_stop_after_a_dip_of_the_supply_activates_nothing(away_s: floa
         rig.twin.set_fault(Fault.OK)
         rig.written.clear()
         assert await rig.stop() == MotorReport("gripper", 9, True, True, True)
-        assert rig.written == ["safe"], "and none that sets rACT anew"
+        assert rig.written == ["safe"], "no request sets rACT again"
         await trio.sleep(2.0)
         rig.twin.gripper.pass_time()
         assert (rig.twin.gripper.status().activation, rig.twin.gripper.position) == (p.Activation.RESET, held)
@@ -178,13 +178,13 @@ def test_saf_005_a_stop_behind_a_lost_answer_asks_first_and_holds() -> None:
         assert frame[7:10] == b"\x10\x03\xe8"
         assert at_s - began_s < 0.005
         status = rig.twin.gripper.status()
-        assert not status.going and status.activation == p.Activation.ACTIVE, "it keeps its activation"
+        assert not status.going and status.activation == p.Activation.ACTIVE, "the gripper keeps its activation"
 
     virtual(main)
 
 
-def test_saf_005_a_gripper_that_hears_and_is_not_heard_is_stopped_within_the_bound() -> None:
-    """It may have been reset, so a hold is not sent. A reset stops its fingers, and activates nothing."""
+def test_saf_005_a_gripper_with_a_link_in_one_direction_is_stopped_within_the_bound() -> None:
+    """The gripper may have been reset, so no hold is sent. A reset stops its fingers and activates nothing."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -199,7 +199,7 @@ def test_saf_005_a_gripper_that_hears_and_is_not_heard_is_stopped_within_the_bou
         assert trio.current_time() - began_s < STOPS_WITHIN_S
         at_s, frame = next(each for each in rig.ports[0].written[before:] if each[1][7] == 0x10)
         assert at_s - began_s < rig.driver.bound_s / 2
-        assert frame[13] == 0, "rACT 0"
+        assert frame[13] == 0, "rACT is 0: a reset"
         assert set(rig.written[1:]) == {"safe"}
 
     virtual(main)
@@ -237,15 +237,15 @@ def test_saf_005_a_stop_is_written_to_a_gripper_that_is_not_understood(number: i
             rig.twin.faults.apply(Reply(0.0, b"answer"))
         (report,) = await rig.wire.reach("hold")
         assert rig.written[:1] == ["safe"]
-        assert (report.written, report.safe) == (True, False), "it is not understood, so it is not confirmed"
+        assert (report.written, report.safe) == (True, False), "without a valid answer the stop is not confirmed"
         assert rig.ports[-1].closed
 
     virtual(main)
 
 
-def test_saf_022_a_gripper_that_says_nothing_is_reset() -> None:
-    """It may have been without power: a hold would activate it, which moves its fingers. A reset does not. It
-    also stops a gripper that receives us but whose answers are lost."""
+def test_saf_022_a_silent_gripper_is_reset() -> None:
+    """The gripper may have lost power. A hold would activate it and move its fingers. A reset does not. It
+    also stops a gripper that receives requests while its answers are lost."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -255,13 +255,15 @@ def test_saf_022_a_gripper_that_says_nothing_is_reset() -> None:
         (report,) = await rig.wire.reach("hold")
         assert (rig.written[0], report.written, report.safe) == ("safe", True, False)
         assert not p.Command.from_registers(rig.twin.output()).activate
-        assert await RobotiqWire(rig.driver.config, rig.clock, rig.connect).reach("hold") == (), "never connected"
+        assert await RobotiqWire(rig.driver.config, rig.clock, rig.connect).reach("hold") == (), (
+            "the wire was never connected"
+        )
 
     virtual(main)
 
 
-def test_a_gripper_that_answers_again_is_held_by_what_it_says() -> None:
-    """If it was without power in the meantime, a stop does not activate it."""
+def test_a_gripper_that_answers_again_is_held_by_its_status() -> None:
+    """A stop does not activate a gripper that was without power in the meantime."""
 
     async def main() -> None:
         rig = await Rig().armed()
@@ -325,7 +327,7 @@ def test_the_stop_channel_to_a_silent_gripper_is_bounded_and_honest() -> None:
     virtual(main)
 
 
-def test_saf_022_the_stop_channel_resets_a_gripper_whose_connection_is_lost_before_it_answers() -> None:
+def test_saf_022_the_stop_channel_resets_a_gripper_after_a_lost_connection() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         rig.wire.close()

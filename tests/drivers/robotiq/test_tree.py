@@ -76,7 +76,7 @@ def move(robot: RealRobot, closed: float) -> None:
 
 
 def works_again(robot: RealRobot, twin: TwinProcess, since_ns: int) -> None:
-    """Assert the recovery after a loss in motion: it is held first, stays still, and moves after a resume."""
+    """Assert the recovery after a loss in motion: first a hold, then no motion before a resume."""
     until_state(robot, "disarmed")
     log = WireLog(twin.log_path)
     assert log.host("safe", since_ns)
@@ -94,11 +94,11 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("STRANDS_ACTORS_TWIN_LOG", str(tmp_path / "wire.ndjson"))
     log = WireLog(tmp_path / "wire.ndjson")
     with Robot("robotiq_2f85", mode="real", transport="twin") as robot:
-        told = status(robot)
-        assert (told["state"], told["connected"], told["unit_id"]) == ("armed", True, 9)
-        assert told["firmware_watchdog"].startswith("none")
-        assert set(told["fallbacks"].values()) == {"hold"}
-        assert told["sensors"]["activation"] == [3.0]
+        reported = status(robot)
+        assert (reported["state"], reported["connected"], reported["unit_id"]) == ("armed", True, 9)
+        assert reported["firmware_watchdog"].startswith("none")
+        assert set(reported["fallbacks"].values()) == {"hold"}
+        assert reported["sensors"]["activation"] == [3.0]
         assert [entry.kind for entry in log.entries() if entry.sender == "host" and entry.kind != "read"] == [
             "safe",
             "enable",
@@ -118,13 +118,15 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
         until(lambda: robot.get_observation()["gripper.pos"] == pytest.approx(0.6), "it is there")
         until(lambda: status(robot)["holding"] is False, "nothing is held")
         assert (status(robot)["position"], status(robot)["aperture_mm"]) == (153, 34.0)
-        asked = len(log.host("setpoint"))
+        requested = len(log.host("setpoint"))
         assert "is past 85" in why(robot.send_action({"aperture_mm": 86}))
         assert "are both given" in why(robot.send_action({"gripper": 0.5, "position": 42.5}))
         assert "runs no separate policy" in why(robot.run_policy(lambda observation: {"gripper": 0.1}))
         assert "runs no separate policy" in why(robot.start_task("grip"))
         before_ns = time.monotonic_ns()
-        assert len([entry for entry in log.host("setpoint") if entry.t_ns < before_ns]) - asked <= 1  # a re-send
+        assert (
+            len([entry for entry in log.host("setpoint") if entry.t_ns < before_ns]) - requested <= 1
+        )  # a re-send
 
         json = json_of(robot.stop())
         assert (json["stopped"], json["safe_state"]) == (True, "hold")
@@ -214,7 +216,7 @@ def test_the_power_is_cut(armed: RealRobot, twin: TwinProcess) -> None:
 
 
 @pytest.mark.parametrize("fault", ["garbage", "off"])
-def test_it_recovers_from_what_it_cannot_understand(armed: RealRobot, twin: TwinProcess, fault: str) -> None:
+def test_the_tree_recovers_from_invalid_answers(armed: RealRobot, twin: TwinProcess, fault: str) -> None:
     json_of(armed.send_action(SLOWLY))
     twin.command(f"fault {fault}")
     until(lambda: not status(armed)["connected"], "the loss is noticed")
@@ -276,7 +278,7 @@ def test_it_freezes_while_it_moves(armed: RealRobot, twin: TwinProcess, delay_s:
     works_again(armed, twin, since_ns)
 
 
-def test_a_short_freeze_needs_nobody(armed: RealRobot, twin: TwinProcess) -> None:
+def test_a_short_freeze_needs_no_action(armed: RealRobot, twin: TwinProcess) -> None:
     json_of(armed.send_action(SLOWLY))
     twin.process.send_signal(signal.SIGSTOP)
     time.sleep(0.2)
@@ -286,7 +288,7 @@ def test_a_short_freeze_needs_nobody(armed: RealRobot, twin: TwinProcess) -> Non
     move(armed, 0.2)
 
 
-def test_nothing_is_left(gripper: RealRobot, twin: TwinProcess) -> None:
+def test_no_process_is_left(gripper: RealRobot, twin: TwinProcess) -> None:
     assert gripper.connect_eagerly() is None
     victims = [pids(gripper)[role] for role in ("root", "wire")]
     json_of(gripper.cleanup())

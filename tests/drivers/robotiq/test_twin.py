@@ -37,8 +37,8 @@ class Bench:
         """Let time pass, as with a client that reads the gripper at 50 Hz."""
         for _ in range(round(seconds * 50)):
             self.now_s += 0.02
-            self.gripper.hear()
-        self.gripper.hear()
+            self.gripper.note_request()
+        self.gripper.note_request()
         return self.gripper.status()
 
     def go(self, position: int, speed: int = 255, force: int = 255) -> None:
@@ -72,7 +72,7 @@ def test_its_speed(speed: int, mm_s: float) -> None:
     assert moved_mm == pytest.approx(0.4 * mm_s, abs=0.4)
 
 
-def test_the_echo_is_at_once_and_the_first_reading_says_moving() -> None:
+def test_the_echo_comes_at_once_and_the_first_reading_shows_motion() -> None:
     bench = Bench(activated=True)
     bench.go(3)
     status = bench.gripper.status()
@@ -117,7 +117,7 @@ def test_a_hold_stops_it_where_it_is() -> None:
     assert (status.position, status.going, status.activation) == (held.position, False, p.Activation.ACTIVE)
 
 
-def test_a_silence_is_told_once() -> None:
+def test_a_silence_is_reported_once() -> None:
     bench = Bench(activated=True)
     bench.after(0.1)
     bench.now_s += 1.5
@@ -147,21 +147,21 @@ def test_a_pause_of_the_process_is_not_caught_up() -> None:
     bench.go(230, 0)
     bench.after(0.1)
     bench.now_s += 60
-    bench.gripper.hear()
+    bench.gripper.note_request()
     assert bench.gripper.status().position < 100
 
 
 # -- its reports
 
 
-def test_off_forgets_and_stuck_feels_nothing() -> None:
+def test_off_resets_the_gripper_and_stuck_detects_nothing() -> None:
     now_s = [0.0]
     twin = twin_of("robotiq_2f85", lambda: now_s[0], activated=True)
     twin.set_fault(Fault.STUCK)
     felt = twin.status()
     twin.write(0, p.Command(go_to=True, position=200).registers())
     now_s[0] += 0.4
-    twin.gripper.hear()
+    twin.gripper.note_request()
     assert twin.status() == felt
     twin.set_fault(Fault.WRONG)
     assert twin.status().position == 255 - twin.gripper.status().position
@@ -190,7 +190,7 @@ def test_an_unknown_option_or_robot_is_refused_by_name() -> None:
         max_size=8,
     )
 )
-def test_no_request_whatever_it_says_breaks_the_twin(sent: list[tuple[int, int, int, int, bytes]]) -> None:
+def test_no_request_breaks_the_twin(sent: list[tuple[int, int, int, int, bytes]]) -> None:
     twin = twin_of("robotiq_2f85", lambda: 0.0, activated=True)
     session = TcpSession(twin)
     for unit, function, address, count, rest in sent:
@@ -308,7 +308,7 @@ def test_a_pulled_cable_ends_connections_and_refuses_new_ones(twin: TwinProcess,
     twin.command("plug")
     until(lambda: not pulled(), "the cable is in")
     with connect(twin) as again:
-        assert status_of(again).active, "the robot itself did not notice"
+        assert status_of(again).active, "the gripper itself stays active"
 
 
 def test_a_test_can_pull_the_cable_by_its_name(tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_a_test_can_pull_the_cable_by_its_name(tmp_path: Path) -> None:
         socket.create_connection((host, int(port)), PATIENCE_S).close()
 
 
-def test_faults_are_heard(twin: TwinProcess, client: ModbusTcpClient) -> None:
+def test_faults_take_effect(twin: TwinProcess, client: ModbusTcpClient) -> None:
     tell(client, p.ACTIVATE)
     until(lambda: status_of(client).active, "it is activated")
     position = status_of(client).position
@@ -338,7 +338,7 @@ def test_faults_are_heard(twin: TwinProcess, client: ModbusTcpClient) -> None:
     assert longest_s >= 0.3
 
 
-def test_a_delayed_answer_comes_late_under_its_own_number(twin: TwinProcess) -> None:
+def test_a_delayed_answer_keeps_its_number(twin: TwinProcess) -> None:
     twin.command("fault delayed")
     with socket.create_connection(address(twin), PATIENCE_S) as one:
         question = bytes.fromhex("0001 0000 0006 09 04 07d0 0003")
@@ -351,7 +351,7 @@ def test_a_delayed_answer_comes_late_under_its_own_number(twin: TwinProcess) -> 
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_it_and_nothing_is_left(
+def test_a_signal_ends_the_process_and_leaves_no_files(
     twin: TwinProcess, client: ModbusTcpClient, number: signal.Signals
 ) -> None:
     assert status_of(client) == p.Status(position=3)

@@ -51,14 +51,16 @@ def test_an_object_is_felt_and_held() -> None:
     virtual(main)
 
 
-def test_objects_are_not_believed_before_the_echo() -> None:
+def test_object_detection_does_not_count_before_the_echo() -> None:
     async def main() -> None:
         rig = await Rig(object_mm=42.5, echo_s=0.03).armed()
         await rig.go(1.0)
         assert sensor(await rig.observe_for(1.0), "contact") == 1.0
         await rig.go(0.2, speed=0.0)
         seen = await rig.wire.read()
-        assert rig.twin.gripper.status().contact == p.Contact.CLOSING, "it still tells of the last command"
+        assert rig.twin.gripper.status().contact == p.Contact.CLOSING, (
+            "the contact still belongs to the last command"
+        )
         assert math.isnan(sensor(seen, "contact")) and math.isnan(sensor(seen, "moving"))
         seen = await rig.observe_for(0.1)
         assert sensor(seen, "moving") == 1.0
@@ -77,7 +79,7 @@ def test_a_write_stops_at_the_permit() -> None:
     virtual(main)
 
 
-def test_a_gripper_that_was_reset_is_never_told_to_go() -> None:
+def test_a_reset_gripper_never_gets_a_move() -> None:
     """A setpoint has rACT set. It would activate the gripper, which moves through its whole stroke."""
 
     async def main() -> None:
@@ -121,7 +123,7 @@ def test_a_supply_that_dips_in_the_middle_of_a_stream_activates_nothing(away_s: 
                 except PermitDenied:
                     denied += 1
                 await trio.sleep(0.02)
-        assert denied > 0, "while it is silent"
+        assert denied > 0, "commands are refused while the gripper is silent"
         assert rig.written == []
         await trio.sleep(2.0)
         rig.twin.gripper.pass_time()
@@ -176,7 +178,7 @@ def test_a_setpoint_behind_a_late_answer_waits_for_that() -> None:
     virtual(main)
 
 
-def test_a_target_that_somebody_else_changes_is_told() -> None:
+def test_a_target_changed_by_another_client_is_reported() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         await rig.go(0.4)
@@ -194,7 +196,7 @@ def test_a_target_that_somebody_else_changes_is_told() -> None:
 
 @pytest.mark.parametrize("late", range(1, 20))
 def test_one_late_answer_shifts_nothing(late: int) -> None:
-    """An earlier version never recovered from it: it refused every command and every stop from then on."""
+    """An earlier version never recovered, and refused every later command and stop."""
 
     async def main() -> None:
         rig = Rig(activated=True)
@@ -244,7 +246,7 @@ def test_a_reading_is_never_waited_for_long() -> None:
                 assert "no answer for" in str(down)
                 break
             assert trio.current_time() - asked_s <= READ_S + 0.001
-            assert seen.t_ns == first.t_ns, "an old reading keeps its age"
+            assert seen.t_ns == first.t_ns, "an old reading keeps its time stamp"
         assert trio.current_time() - began_s < SILENT_S + 0.2
 
     virtual(main)
@@ -271,13 +273,13 @@ def test_damaged_answers_end_the_connection() -> None:
     virtual(main)
 
 
-def test_what_was_not_taken_is_told() -> None:
+def test_a_command_that_was_not_accepted_is_reported() -> None:
     async def main() -> None:
         rig = await Rig().armed()
         rig.twin.set_fault(Fault.STUCK)
         await rig.go(0.5)
         seen = await rig.observe_for(0.2)
-        assert seen.faults == {"gripper": "unconfirmed: asked for 128, it repeats 3"}
+        assert seen.faults == {"gripper": "unconfirmed: sent 128, it repeats 3"}
         assert math.isnan(sensor(seen, "contact"))
         rig.twin.set_fault(Fault.OK)
         assert (await rig.observe_for(1.0)).faults == {}

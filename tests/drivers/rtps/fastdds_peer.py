@@ -25,13 +25,13 @@ def say(**fields: object) -> None:
 
 
 def main(domain: int) -> None:
-    heard: list[list[float]] = []
+    received: list[list[float]] = []
     enough = threading.Event()
 
     def on_state(state: booster.LowState) -> None:
         # The object is valid only within this callback.
-        heard.append([motor.q for motor in state.motor_state_serial])
-        if len(heard) == STATES:
+        received.append([motor.q for motor in state.motor_state_serial])
+        if len(received) == STATES:
             enough.set()
 
     booster.ChannelFactory.Instance().Init(domain, "127.0.0.1")
@@ -41,7 +41,7 @@ def main(domain: int) -> None:
     commands.InitChannel()
     client = booster.B1LocoClient()
     client.Init()
-    say(states=heard[:STATES] if enough.wait(PATIENCE_S) else None)
+    say(states=received[:STATES] if enough.wait(PATIENCE_S) else None)
     client.ChangeMode(booster.RobotMode.kWalking)  # raises without an answer
     say(mode=int(client.GetMode().mode))
     command = booster.LowCmd()

@@ -221,22 +221,22 @@ def test_our_robot_and_a_cyclone_driver(reliable: bool) -> None:
         ):
             # A robot offers reliable in any case. It accepts commands as they are offered.
             ours = Robotics(participant, [STATE, RESPONSE], [], reliable=True)
-            asked = Robotics(participant, [], [COMMAND, REQUEST], reliable=reliable)
+            requested = Robotics(participant, [], [COMMAND, REQUEST], reliable=reliable)
             await ours.matched(participant)
-            await asked.matched(participant)
+            await requested.matched(participant)
             await driver.until_it_has_matched(COMMAND, REQUEST)
             for command, state in zip(commands, states, strict=True):
                 assert ours.writers[STATE].write(HEAD + state) == 1
                 await driver.do(do="write", topic=COMMAND, image=command_image(command).hex())
             await driver.do(do="request", id=9, api=7101, text='{"data":1}')
-            await driver.until(lambda _: len(asked.heard[COMMAND]) == 20 and asked.heard[REQUEST])
+            await driver.until(lambda _: len(requested.heard[COMMAND]) == 20 and requested.heard[REQUEST])
             ours.writers[RESPONSE].write(response(9, 7101, 0, "ok"))
-            (told,) = await driver.until(lambda said: [line for line in said if line.get("topic") == RESPONSE])
+            (reported,) = await driver.until(lambda said: [line for line in said if line.get("topic") == RESPONSE])
             await driver.until(lambda _: len(driver.images(STATE)) == 20)
-            assert asked.heard[COMMAND] == [HEAD + command for command in commands]
-            assert asked.heard[REQUEST] == [request(9, 7101, '{"data":1}')]
+            assert requested.heard[COMMAND] == [HEAD + command for command in commands]
+            assert requested.heard[REQUEST] == [request(9, 7101, '{"data":1}')]
             assert driver.images(STATE) == [state_image(state).hex() for state in states]
-            assert told == {"topic": RESPONSE, "id": 9, "api": 7101, "code": 0, "text": "ok"}
+            assert reported == {"topic": RESPONSE, "id": 9, "api": 7101, "code": 0, "text": "ok"}
 
     run(main)
 

@@ -40,7 +40,7 @@ def test_a_write_is_one_datagram_for_each_address() -> None:
 # -- reliable
 
 
-def test_what_was_lost_is_asked_for_again_and_delivered_in_order() -> None:
+def test_lost_samples_are_requested_again_and_delivered_in_order() -> None:
     pair = Pair()
     pair.read()
     pair.write(1, then_s=0.01)
@@ -67,7 +67,7 @@ def test_the_last_sample_is_not_lost_either() -> None:
     assert to == {(A, 7410), (B, 7410)}  # everything is acknowledged, so they only announce themselves
 
 
-def test_what_fell_out_of_the_history_is_given_up() -> None:
+def test_samples_that_left_the_history_are_given_up() -> None:
     pair = Pair(depth=2)
     pair.read()
     pair.write(1, then_s=0.01)
@@ -91,7 +91,7 @@ def test_a_late_reader_gets_old_samples_only_if_both_want_it(transient_local: bo
     assert pair.writer.unacknowledged == 0
 
 
-def test_a_late_reader_that_asks_for_what_is_not_its_business_gets_a_gap() -> None:
+def test_a_late_reader_that_requests_older_samples_gets_a_gap() -> None:
     pair = Pair()
     pair.write(1, 2)
     pair.read()
@@ -146,7 +146,7 @@ def test_a_repeated_heartbeat_is_answered_once() -> None:
     assert len(pair.network.sent) == 1
 
 
-def test_what_comes_too_early_waits_within_bounds() -> None:
+def test_early_samples_wait_within_bounds() -> None:
     pair = Pair()
     pair.read()
     guid = pair.writer.data.guid

@@ -34,7 +34,7 @@ def test_endpoints_made_before_and_after_discovery_match(reliable: bool) -> None
     assert pair.log.writers == [pair.writer.data.guid, late.data.guid]
 
 
-def test_only_topics_asked_for_are_heard() -> None:
+def test_only_requested_topics_are_received() -> None:
     pair = Pair(reliable=False)
     pair.read()
     stranger, log = pair.a.writer("rt/other", "T_", False, False, 8), Log()
@@ -47,7 +47,7 @@ def test_only_topics_asked_for_are_heard() -> None:
     assert pair.b.counters.unmatched == 1
 
 
-def test_a_sample_in_the_name_of_an_unknown_participant_is_not_heard() -> None:
+def test_a_sample_in_the_name_of_an_unknown_participant_is_ignored() -> None:
     pair = Pair(reliable=False)
     pair.read()
     sent = messages.data(wire_types.UNKNOWN, pair.writer.data.guid[12:], 1, payloads(7)[0])
@@ -56,7 +56,7 @@ def test_a_sample_in_the_name_of_an_unknown_participant_is_not_heard() -> None:
     assert pair.log.payloads == []
 
 
-def test_other_types_do_not_match_and_it_is_said_why() -> None:
+def test_other_types_do_not_match_and_the_reason_is_given() -> None:
     pair = Pair()
     reader = pair.b.reader("rt/t", "Other_", True, False, pair.log)
     pair.network.run(0.5)
@@ -65,7 +65,7 @@ def test_other_types_do_not_match_and_it_is_said_why() -> None:
     assert "Other_" in pair.writer.mismatch
 
 
-def test_who_does_not_know_of_us_is_not_matched() -> None:
+def test_a_peer_that_does_not_know_us_is_not_matched() -> None:
     """B has announced its reader but does not know A's writer. B would not accept A's samples now."""
     pair = Pair(reliable=False)
     pair.reader = pair.b.reader("rt/t", "T_", False, False, pair.log)
@@ -78,7 +78,7 @@ def test_who_does_not_know_of_us_is_not_matched() -> None:
     assert (pair.writer.matched, pair.reader.matched) == (1, 1)
 
 
-def test_a_reliable_reader_that_was_never_heard_is_asked_again() -> None:
+def test_a_reliable_reader_that_never_answered_is_asked_again() -> None:
     pair = Pair()
     pair.reader = pair.b.reader("rt/t", "T_", True, False, pair.log)
     entity = pair.reader.entity
@@ -122,25 +122,25 @@ def test_a_peer_that_says_goodbye_is_forgotten_at_once() -> None:
     assert (pair.reader.matched, pair.b.peers) == (0, 0)
 
 
-def test_nobody_can_say_goodbye_for_another() -> None:
+def test_a_peer_cannot_send_a_goodbye_for_another() -> None:
     pair = Pair()
     pair.read()
     guid = pair.a.data.prefix + wire_types.PARTICIPANT
-    key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+    key = discovery.encode_ended(guid, parameters.PARTICIPANT_GUID)
     sent = messages.disposal(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 2, guid, key)
     pair.network.arrive(C, (B, 7410), messages.header(bytes(12)) + sent)
     pair.network.run(0.1)
     assert pair.reader.matched == 1
 
 
-def test_nobody_speaks_for_another() -> None:
+def test_a_peer_cannot_announce_for_another() -> None:
     pair = Pair()
     pair.read()
     other = bytes(range(12))
     prefix = pair.a.data.prefix
     handshake = discovery.encode_participant(ParticipantData(other, ((C, 7410),), (), 10.0))
     writer = EndpointData(other + pair.writer.data.guid[12:], "rt/t", "T_", True, 0, ((C, 7411),))
-    gone = discovery.encode_gone(other + wire_types.PARTICIPANT, parameters.PARTICIPANT_GUID)
+    gone = discovery.encode_ended(other + wire_types.PARTICIPANT, parameters.PARTICIPANT_GUID)
     for submessage in (
         messages.data(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 1, handshake),
         messages.data(wire_types.UNKNOWN, wire_types.PUBLICATIONS_WRITER, 2, discovery.encode_endpoint(writer)),
@@ -157,7 +157,7 @@ def test_a_reader_that_ends_is_written_to_no_more() -> None:
     pair = Pair(reliable=False)
     pair.read()
     guid = pair.reader.data.guid
-    key = discovery.encode_gone(guid, parameters.ENDPOINT_GUID)
+    key = discovery.encode_ended(guid, parameters.ENDPOINT_GUID)
     sent = messages.disposal(wire_types.UNKNOWN, wire_types.SUBSCRIPTIONS_WRITER, 2, guid, key)
     pair.network.arrive(B, (A, 7410), messages.header(pair.b.data.prefix) + sent)
     pair.network.run(0.1)
@@ -172,7 +172,7 @@ def announcement(prefix: bytes, host: str, lease_s: float = 10.0) -> bytes:
     )
 
 
-def test_a_peer_that_has_moved_is_met_anew_once_it_is_gone_from_where_it_was() -> None:
+def test_a_peer_that_moved_is_found_again_after_its_old_address_is_silent() -> None:
     pair = Pair(lease_s=1.0)
     pair.read()
     moved = announcement(pair.a.data.prefix, C)

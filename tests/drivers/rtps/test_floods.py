@@ -11,7 +11,7 @@ import pytest
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.rtps import discovery, messages, parameters, participant, wire_types
 from strands_actors.drivers.common.rtps.discovery import EndpointData
-from strands_actors.drivers.common.rtps.engine import MOST_CHANGES, MOST_HEARD
+from strands_actors.drivers.common.rtps.engine import MOST_CHANGES, MOST_PROCESSED
 from strands_actors.drivers.common.rtps.matching import MAX_MATCHED
 from strands_actors.drivers.common.rtps.participant import Participant
 from strands_actors.drivers.common.rtps.wire_types import PUBLICATIONS_WRITER, SUBSCRIPTIONS_WRITER, Address
@@ -68,7 +68,7 @@ def test_saf_025_a_datagram_of_more_parts_than_any_has_is_refused_at_once() -> N
         messages.decode(memoryview(datagram), pair.b.data.prefix)
 
 
-def test_saf_025_what_is_left_out_of_a_datagram_has_cost_something_all_the_same() -> None:
+def test_saf_025_ignored_parts_of_a_datagram_count_as_cost() -> None:
     """A turn that counted only answers would process a hundred such datagrams."""
     pair = settled()
     writer = pair.writer.data.guid
@@ -77,7 +77,7 @@ def test_saf_025_what_is_left_out_of_a_datagram_has_cost_something_all_the_same(
 
 
 @pytest.mark.parametrize("says", ["it is another one", "it goes, and is back"])
-def test_saf_025_a_peer_is_met_anew_a_few_times_between_two_ticks(says: str) -> None:
+def test_saf_025_a_peer_is_rediscovered_only_a_few_times_between_two_ticks(says: str) -> None:
     pair = settled()
     data = pair.a.data
     here = [
@@ -96,10 +96,10 @@ def test_saf_025_a_peer_is_met_anew_a_few_times_between_two_ticks(says: str) -> 
     assert 0 < handshakes <= MOST_CHANGES
     assert pair.b.counters.refused
     pair.network.run(3.0)
-    assert pair.writer.matched == pair.reader.matched == 1, "it is known again"
+    assert pair.writer.matched == pair.reader.matched == 1, "the peer is matched again"
 
 
-def test_saf_025_of_one_datagram_so_many_parts_are_heard_and_the_rest_comes_again() -> None:
+def test_saf_025_only_a_limited_number_of_parts_of_a_datagram_is_read() -> None:
     pair = settled()
     for at in range(PARTS):
         pair.a._publications.write(endpoint(pair, at, 0x03, "rt/else"))
@@ -115,7 +115,7 @@ def test_saf_025_of_one_datagram_so_many_parts_are_heard_and_the_rest_comes_agai
         ),
     )
     known = pair.b._matching._remote_writers
-    assert len(known) == 1 + MOST_HEARD
+    assert len(known) == 1 + MOST_PROCESSED
     pair.network.run(2.0)
     assert len(known) == 1 + PARTS
 
@@ -125,7 +125,7 @@ def test_saf_025_an_endpoint_is_matched_with_so_many_of_a_peer_and_no_more(reads
     """Otherwise each sample would be sent a thousand times, to any address that the peer names."""
     pair = settled(reliable=False)
     ours = pair.b.writer("rt/back", "T_", False, False, 1)
-    heard = pair.b.reader("rt/forth", "T_", False, False, lambda *_: None)
+    reader = pair.b.reader("rt/forth", "T_", False, False, lambda *_: None)
     builtin = SUBSCRIPTIONS_WRITER if reads else PUBLICATIONS_WRITER
     announced = (pair.a._subscriptions if reads else pair.a._publications).sequence
     for at in range(PARTS):
@@ -137,12 +137,12 @@ def test_saf_025_an_endpoint_is_matched_with_so_many_of_a_peer_and_no_more(reads
     if reads:
         assert ours.matched == len(pair.network.sent) == MAX_MATCHED
     else:
-        assert heard.matched == MAX_MATCHED
+        assert reader.matched == MAX_MATCHED
 
 
 def goodbye(pair: Pair) -> bytes:
     guid = pair.a.data.prefix + wire_types.PARTICIPANT
-    key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+    key = discovery.encode_ended(guid, parameters.PARTICIPANT_GUID)
     return messages.disposal(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 2, guid, key)
 
 
@@ -151,7 +151,7 @@ def test_saf_022_a_stop_is_sent_to_where_the_last_reader_was() -> None:
     pair = settled(reliable=False)
     log = Log()
     ours = pair.b.writer("rt/back", "T_", False, False, 1)
-    assert not ours.has_parted and ours.write_stop(b"\0\1\0\0") == 0, "nobody has ever read it"
+    assert not ours.has_parted and ours.write_stop(b"\0\1\0\0") == 0, "no reader ever existed"
     pair.a.reader("rt/back", "T_", False, False, log)
     pair.network.run(0.5)
     assert ours.matched == 1 and ours.write(payloads(1)[0]) == 1
@@ -166,7 +166,7 @@ def test_saf_022_a_stop_is_sent_to_where_the_last_reader_was() -> None:
     assert ours.matched == 1 and not ours.has_parted
 
 
-def test_saf_022_a_peer_that_is_another_one_is_still_told_a_stop() -> None:
+def test_saf_022_a_stop_is_also_sent_to_a_restarted_peer() -> None:
     """The stop goes to the peer's present address, although it has not announced its readers again."""
     pair = settled(reliable=False)
     log = Log()

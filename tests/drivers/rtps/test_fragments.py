@@ -49,7 +49,7 @@ def test_reassembly_is_bounded_in_number_size_and_time() -> None:
     parts = Reassembly()
     for sequence in range(100):
         parts.add(fragment(sequence), 0)
-    assert (len(parts), parts.given_up) == (MAX_SAMPLES, 100 - MAX_SAMPLES)
+    assert (len(parts), parts.dropped) == (MAX_SAMPLES, 100 - MAX_SAMPLES)
     parts.tick(PATIENCE_NS)
     assert len(parts) == MAX_SAMPLES
     parts.tick(PATIENCE_NS + 1)
@@ -80,7 +80,7 @@ def test_fragments_that_do_not_fit_together_are_malformed() -> None:
     assert len(parts) == 0
 
 
-def test_fragments_whose_rest_never_comes_are_given_up() -> None:
+def test_incomplete_fragments_are_given_up() -> None:
     pair = Pair(reliable=False)
     pair.read()
     guid = pair.writer.data.guid

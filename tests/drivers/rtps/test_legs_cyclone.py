@@ -59,7 +59,7 @@ def test_a_cyclone_client_bends_the_knee_of_the_twin(tmp_path: Path) -> None:
     run(main)
 
 
-def test_the_twin_speaks_at_its_rate(tmp_path: Path) -> None:
+def test_the_twin_sends_at_its_rate(tmp_path: Path) -> None:
     async def main() -> None:
         with Twin("unitree_g1", tmp_path) as twin:
             peers = f'<Peers><Peer address="{twin.port.partition(":")[0]}"/></Peers>'

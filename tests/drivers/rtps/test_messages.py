@@ -102,15 +102,15 @@ def test_big_endian_is_understood() -> None:
 
 def test_a_disposal_is_no_data() -> None:
     guid = PEER + wire_types.PARTICIPANT
-    key = discovery.encode_gone(guid, parameters.PARTICIPANT_GUID)
+    key = discovery.encode_ended(guid, parameters.PARTICIPANT_GUID)
     (part,) = decoded(messages.disposal(wire_types.SPDP_READER, wire_types.SPDP_WRITER, 2, guid, key))
     assert isinstance(part, Data)
     assert part.disposed
-    assert discovery.gone(part.payload, part.key, parameters.PARTICIPANT_GUID) == guid
-    assert discovery.gone(part.payload, b"", parameters.PARTICIPANT_GUID) == guid
+    assert discovery.ended_guid(part.payload, part.key, parameters.PARTICIPANT_GUID) == guid
+    assert discovery.ended_guid(part.payload, b"", parameters.PARTICIPANT_GUID) == guid
 
 
-def test_only_what_is_addressed_to_us_is_heard() -> None:
+def test_only_messages_addressed_to_us_are_read() -> None:
     beat = messages.heartbeat(READER, WRITER, 1, 2, 3, True)
     everybody = messages.info_destination(bytes(12))
     other, us = messages.info_destination(PEER[::-1]), messages.info_destination(OWN)
@@ -121,14 +121,14 @@ def test_only_what_is_addressed_to_us_is_heard() -> None:
     assert messages.decode(memoryview(messages.header(OWN) + us + beat), OWN) == []  # our own datagram
 
 
-def test_what_is_unknown_is_skipped() -> None:
+def test_unknown_parts_are_skipped() -> None:
     beat = messages.heartbeat(READER, WRITER, 1, 2, 3, True)
     timestamp = b"\x09\x01\x08\x00" + bytes(8)
     assert len(decoded(timestamp, b"\x80\x01\x04\x00abcd", b"\x01\x01\x00\x00", b"\x09\x03\x00\x00", beat)) == 1
 
 
 @given(st.data())
-def test_a_datagram_that_is_cut_off_says_nothing_new(choice: st.DataObject) -> None:
+def test_a_truncated_datagram_adds_nothing(choice: st.DataObject) -> None:
     submessages = (
         messages.info_destination(OWN),
         messages.data(READER, WRITER, 7, b"\x00\x01\x00\x00" + bytes(20)),
@@ -204,7 +204,7 @@ def test_endpoint_data(
     assert discovery.decode_endpoint(memoryview(discovery.encode_endpoint(sent)), is_writer) == sent
 
 
-def test_what_an_endpoint_does_not_say_has_its_default() -> None:
+def test_missing_fields_of_an_endpoint_have_defaults() -> None:
     said = parameters.payload(
         parameters.encoded(parameters.ENDPOINT_GUID, PEER + WRITER),
         parameters.encoded_text(parameters.TOPIC, "rt/lowstate"),
@@ -239,7 +239,7 @@ def test_discovery_data_of_any_bytes_decodes_or_is_malformed(content: bytes) -> 
         for decode in (
             discovery.decode_participant,
             lambda view: discovery.decode_endpoint(view, True),
-            lambda view: discovery.gone(view, b"", parameters.ENDPOINT_GUID),
+            lambda view: discovery.ended_guid(view, b"", parameters.ENDPOINT_GUID),
         ):
             try:
                 decode(memoryview(payload))
@@ -292,13 +292,13 @@ ENDPOINT = EndpointData(PEER + WRITER, "t", "T", False, 0, ())
         ({"partitions": ("",)}, {}, ""),
     ],
 )
-def test_a_writer_and_a_reader_fit_or_it_is_said_why_not(writer: dict, reader: dict, word: str) -> None:  # type: ignore[type-arg]
+def test_a_writer_and_a_reader_match_or_the_reason_is_given(writer: dict, reader: dict, word: str) -> None:  # type: ignore[type-arg]
     said = discovery.mismatch(ENDPOINT._replace(**writer), ENDPOINT._replace(**reader))
     assert word in said
     assert bool(word) == bool(said)
 
 
-def test_the_nearest_address_is_where_the_peer_speaks_from() -> None:
+def test_the_nearest_address_is_the_one_that_the_peer_sends_from() -> None:
     both = (("192.0.2.9", 7411), ("127.0.0.1", 7411), ("10.0.0.9", 7411))
     assert discovery.nearest(both, "10.0.0.9", "10.0.0.1") == both[2]
     assert discovery.nearest(both, "172.16.0.1", "127.0.0.7") == both[1]

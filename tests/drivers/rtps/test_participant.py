@@ -59,7 +59,7 @@ def test_command_and_state_go_both_ways(multicast: bool, reliable: bool) -> None
     run(main)
 
 
-def test_without_multicast_and_peers_nobody_is_found() -> None:
+def test_without_multicast_and_peers_no_participant_is_found() -> None:
     async def main() -> None:
         async with (
             open_participant(DOMAIN, "127.0.0.22", (), False) as one,
@@ -116,7 +116,7 @@ def test_it_is_served_by_polling_too_and_a_sample_has_its_true_age() -> None:
     driver.poll()
 
 
-def test_what_waited_is_taken_at_once_and_what_has_just_come_one_by_one() -> None:
+def test_waiting_datagrams_are_read_at_once_and_fresh_ones_one_by_one() -> None:
     """After a robot's one message per period, the socket is not read a second time. No datagram remains behind."""
     robot = Participant(DOMAIN, "127.0.0.32", (), False)
     driver = Participant(DOMAIN, "127.0.0.33", (robot.address,), False)
@@ -183,7 +183,7 @@ def test_a_wall_clock_that_is_set_ages_a_sample_by_no_more_than_the_time_it_can_
 
 @pytest.mark.parametrize("only_host", [True, False])
 def test_a_driver_has_no_other_peer_than_its_robot(only_host: bool) -> None:
-    """SAF-009: another robot that knows the driver's address receives none of its commands.
+    """SAF-009: another robot that knows the driver's address receives no command of it.
 
     Once, the wire of a restarted robot had the address of another wire that was killed before. The other robot
     still sent to that address.
@@ -195,10 +195,10 @@ def test_a_driver_has_no_other_peer_than_its_robot(only_host: bool) -> None:
     other = Participant(DOMAIN, others_host, (driver.address,), False)
     commands, stolen, states = Log(), Log(), Log()
     writer, reader = driver.writer(*LOW_CMD), driver.reader(*LOW_STATE, states)
-    heard, overheard = robot.reader(*LOW_CMD, commands), other.reader(*LOW_CMD, stolen)
+    received, overheard = robot.reader(*LOW_CMD, commands), other.reader(*LOW_CMD, stolen)
     own_state, others_state = robot.writer(*LOW_STATE), other.writer(*LOW_STATE)
     deadline = time.monotonic() + PATIENCE_S
-    while not (writer.matched and reader.matched and heard.matched and driver.counters.strangers > 2):
+    while not (writer.matched and reader.matched and received.matched and driver.counters.strangers > 2):
         assert time.monotonic() < deadline
         for each in (driver, robot, other):
             each.poll()
@@ -274,7 +274,7 @@ def test_senseless_arguments_are_refused(arguments: dict, word: str) -> None:  #
         Participant(**arguments)
 
 
-def test_an_address_of_somebody_else_is_refused() -> None:
+def test_the_address_of_another_host_is_refused() -> None:
     with pytest.raises(WireDown, match=r"192\.0\.2\.77"):
         Participant(DOMAIN, "192.0.2.77", (), False)
 

@@ -18,13 +18,13 @@ FAR = 1 << 40
 
 
 def in_the_name_of(pair: Pair, sequence: int, number: int = 999) -> bytes:
-    """Return a datagram as this pair's writer sends it. Its GUID is in all of its own datagrams."""
+    """Return a datagram as this pair's writer sends it. All datagrams of the writer contain its GUID."""
     guid = pair.writer.data.guid
     return messages.header(guid[:12]) + messages.data(wire_types.UNKNOWN, guid[12:], sequence, payloads(number)[0])
 
 
 @pytest.mark.parametrize("reliable", [False, True])
-def test_saf_017_a_sample_in_a_peers_name_from_elsewhere_is_not_heard(reliable: bool) -> None:
+def test_saf_017_a_sample_in_a_peers_name_from_another_address_is_ignored(reliable: bool) -> None:
     pair = Pair(reliable)
     pair.read()
     pair.write(1, 2, then_s=0.01)
@@ -36,7 +36,7 @@ def test_saf_017_a_sample_in_a_peers_name_from_elsewhere_is_not_heard(reliable: 
     assert pair.b.counters.misplaced == 2
 
 
-def test_saf_017_a_goodbye_and_a_lost_reader_from_elsewhere_end_nothing() -> None:
+def test_saf_017_a_goodbye_or_lost_reader_from_another_address_ends_nothing() -> None:
     pair = Pair()
     pair.read()
     prefix = pair.a.data.prefix
@@ -46,7 +46,7 @@ def test_saf_017_a_goodbye_and_a_lost_reader_from_elsewhere_end_nothing() -> Non
         wire_types.SPDP_WRITER,
         2,
         guid,
-        discovery.encode_gone(guid, parameters.PARTICIPANT_GUID),
+        discovery.encode_ended(guid, parameters.PARTICIPANT_GUID),
     )
     pair.network.arrive(C, (B, 7410), messages.header(prefix) + goodbye)
     reader = pair.reader.data.guid
@@ -55,7 +55,7 @@ def test_saf_017_a_goodbye_and_a_lost_reader_from_elsewhere_end_nothing() -> Non
         wire_types.SUBSCRIPTIONS_WRITER,
         2,
         reader,
-        discovery.encode_gone(reader, parameters.ENDPOINT_GUID),
+        discovery.encode_ended(reader, parameters.ENDPOINT_GUID),
     )
     pair.network.arrive(C, (A, 7410), messages.header(pair.b.data.prefix) + lost)
     pair.network.run(0.05)
@@ -63,7 +63,7 @@ def test_saf_017_a_goodbye_and_a_lost_reader_from_elsewhere_end_nothing() -> Non
     assert (pair.a.counters.misplaced, pair.b.counters.misplaced) == (1, 1)
 
 
-def test_saf_017_one_peer_says_nothing_in_the_name_of_another() -> None:
+def test_saf_017_a_peer_cannot_send_in_the_name_of_another() -> None:
     """The attempt is a submessage that names another source than its datagram."""
     pair = Pair(reliable=False)
     pair.read()
@@ -121,7 +121,7 @@ def test_a_writer_that_was_silent_goes_on_at_any_number() -> None:
     assert pair.log.payloads == payloads(1, 2, 3)
 
 
-def test_saf_017_a_heartbeat_or_a_gap_that_leaps_skips_nothing() -> None:
+def test_saf_017_a_heartbeat_or_gap_with_a_far_number_skips_nothing() -> None:
     pair = Pair()
     pair.read()
     guid = pair.writer.data.guid
@@ -137,7 +137,7 @@ def test_saf_017_a_heartbeat_or_a_gap_that_leaps_skips_nothing() -> None:
     assert (pair.reader.leaps, pair.reader.lost) == (2, 0)
 
 
-def test_a_reliable_writer_is_heard_again_after_a_forged_heartbeat() -> None:
+def test_a_reliable_writer_is_received_again_after_a_forged_heartbeat() -> None:
     """Its own heartbeats show that it was never at that number."""
     pair = Pair()
     pair.read()
@@ -155,7 +155,7 @@ def test_a_reliable_writer_is_heard_again_after_a_forged_heartbeat() -> None:
 # -- places
 
 
-def test_saf_017_who_claims_the_robots_address_is_no_peer() -> None:
+def test_saf_017_a_participant_that_claims_the_robots_address_is_no_peer() -> None:
     network = Network()
     robot = network.participant(A, [B])
     driver = network.participant(B, [A])
@@ -182,7 +182,7 @@ def test_saf_017_who_claims_the_robots_address_is_no_peer() -> None:
         ("10.0.0.1:7412", (A, 7412), False),  # received from there, but not announced
     ],
 )
-def test_a_place_is_where_it_is_heard_from(only: str, sender: tuple[str, int], is_there: bool) -> None:
+def test_a_peers_address_is_the_one_that_it_sends_from(only: str, sender: tuple[str, int], is_there: bool) -> None:
     data = ParticipantData(bytes(12), ((A, 7410),), ((A, 7411),), 10.0)
     assert parse_peer_address(only).has(data, sender) is is_there
 
@@ -216,7 +216,7 @@ def test_a_sample_that_is_longer_than_its_reader_takes_is_not_begun() -> None:
     assert pair.log.payloads == payloads(1)
 
 
-def test_endpoints_are_taken_from_who_has_them_alone() -> None:
+def test_endpoints_are_accepted_only_from_their_owner() -> None:
     pair = Pair()
     pair.read()
     stolen = EndpointData(pair.a.data.prefix + b"evil", "rt/t", "T_", True, 0, ((C, 7411),))

@@ -1,5 +1,5 @@
-"""Test that a hold of servos moves no joint and energises none, whatever the wire knows of them (SAF-019). On
-the twin's servos in memory and virtual time."""
+"""Test that a hold of servos moves no joint and energises none, with any readings (SAF-019). The tests
+run on the twin's servos in memory, in virtual time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def loses_answers_of(rig: Rig, motors: Iterable[int]) -> None:
 
 
 @both
-def test_saf_019_a_joint_that_is_not_heard_keeps_its_goal(rig_class: type[Rig]) -> None:
+def test_saf_019_a_joint_that_does_not_answer_keeps_its_goal(rig_class: type[Rig]) -> None:
     """An earlier version swung it back to its last reading, by 74 degrees at full speed."""
 
     async def main() -> None:
@@ -76,7 +76,7 @@ def test_saf_019_a_joint_that_is_not_heard_keeps_its_goal(rig_class: type[Rig]) 
 
 
 @both
-def test_saf_019_when_nobody_is_heard_everybody_keeps_its_goal(rig_class: type[Rig]) -> None:
+def test_saf_019_when_no_servo_answers_every_servo_keeps_its_goal(rig_class: type[Rig]) -> None:
     """This happens in the middle of a stream, where the last readings are old."""
 
     async def main() -> None:
@@ -92,7 +92,7 @@ def test_saf_019_when_nobody_is_heard_everybody_keeps_its_goal(rig_class: type[R
         began_s = trio.current_time()
         written = len(rig.port.written)
         reports = await rig.wire.make_safe("hold")
-        assert rig.port.written[written][0] == began_s, "the first frame waits for nothing"
+        assert rig.port.written[written][0] == began_s, "the first frame is written without any wait"
         assert rig.all_of(goal) == goals
         assert not any(report.safe for report in reports)
 
@@ -101,7 +101,7 @@ def test_saf_019_when_nobody_is_heard_everybody_keeps_its_goal(rig_class: type[R
 
 @both
 @pytest.mark.parametrize("since_reading_s", [0.0, 0.02, 0.045, 0.2, 2.0])
-def test_saf_019_a_hold_at_full_speed_pulls_nobody_back(rig_class: type[Rig], since_reading_s: float) -> None:
+def test_saf_019_a_hold_at_full_speed_pulls_no_joint_back(rig_class: type[Rig], since_reading_s: float) -> None:
     async def main() -> None:
         rig = await rig_class().armed()
         await rig.wire.write(FAR, Permission())
@@ -117,14 +117,14 @@ def test_saf_019_a_hold_at_full_speed_pulls_nobody_back(rig_class: type[Rig], si
         wanted = [axis.count(value) for axis, value in zip(rig.driver.joints, FAR, strict=True)]
         for before, after, far in zip(began, where(rig), wanted, strict=True):
             onward = 1 if far > before else -1
-            assert (after - before) * onward >= -2 * ONE_DEG, "back"
-            assert abs(after - before) <= 10 * ONE_DEG, "and it does stop"
+            assert (after - before) * onward >= -2 * ONE_DEG, "no joint moves back"
+            assert abs(after - before) <= 10 * ONE_DEG, "every joint stops"
 
     virtual(main)
 
 
 @both
-def test_saf_019_a_reading_from_before_a_setpoint_is_none(rig_class: type[Rig]) -> None:
+def test_saf_019_a_reading_from_before_a_setpoint_does_not_count(rig_class: type[Rig]) -> None:
     """The joint was at rest when it was read, and has been sent away since."""
 
     async def main() -> None:
@@ -176,7 +176,7 @@ def test_a_setpoint_energises_no_motor_that_is_limp() -> None:
     virtual(main)
 
 
-def test_a_servo_whose_supply_comes_back_is_not_energised_by_what_the_others_are_told() -> None:
+def test_a_servo_after_a_power_loss_is_not_energised_by_the_others_setpoints() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()
         rig.bus.set_fault(Fault.OFF, VICTIM)

@@ -38,7 +38,7 @@ def test_servos_with_other_ids_are_the_joints_in_their_order(new_rig: Callable[.
 
 @pytest.mark.parametrize("new_rig", RIGS)
 @pytest.mark.parametrize(("options", "allowed_s"), [({}, 0.5), ({"timeout": 1.5}, 1.5)])
-def test_a_bus_may_be_silent_for_as_long_as_was_said(
+def test_a_bus_may_be_silent_for_the_configured_time(
     new_rig: Callable[..., Rig], options: dict[str, Any], allowed_s: float
 ) -> None:
     async def main() -> None:

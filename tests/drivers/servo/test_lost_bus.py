@@ -174,7 +174,7 @@ def test_saf_020_replies_are_lost_and_writes_pass(cable_class: NewCable) -> None
             deaf_s = trio.current_time()
             await tree.until("lost", within_s=1.5)
             await trio.sleep(0.05)
-            assert cable.torque() == [0] * 6, "as soon as the link is given up"
+            assert cable.torque() == [0] * 6, "torque is off as soon as the link is given up"
             assert min(cable.limps(deaf_s)) - trio.current_time() < 0.1
             for pause_s in (0.0, 0.7, 1.9, 3.3):  # at any phase of the attempts to open it again
                 await trio.sleep(pause_s)
@@ -184,7 +184,7 @@ def test_saf_020_replies_are_lost_and_writes_pass(cable_class: NewCable) -> None
                 assert not report.confirmed and all(motor.written for motor in report.motors)
                 assert min(cable.limps(stopped_s)) - stopped_s <= 0.02
                 assert cable.torque() == [0] * 6
-            assert len(tree.wires_made) == 1, "nothing of it was taken for a freeze"
+            assert len(tree.wires_made) == 1, "the wire did not count as frozen"
 
     virtual(main)
 
@@ -197,13 +197,13 @@ def test_saf_020_the_cable_is_back_and_one_servo_stays_mute(cable_class: NewCabl
         async with moving(cable) as tree:
             cable.pull()
             await trio.sleep(1.5)
-            assert cable.torque() == [1] * 6, "nobody can let go of it"
+            assert cable.torque() == [1] * 6, "without a link the torque cannot be turned off"
             cable.deaf_to.add(MUTE)
             cable.plugged = True
             plugged_s = trio.current_time()
             await trio.sleep(2.5)
             assert set(cable.first_frames(plugged_s)) <= {"limp", "read"}
-            assert cable.first_frames(plugged_s)[0] == "limp", "before any ping"
+            assert cable.first_frames(plugged_s)[0] == "limp", "the safe frame is sent before any ping"
             assert cable.torque() == [0] * 6
             assert (await tree.status()).mode == "lost"
             cable.energise()
@@ -217,7 +217,7 @@ def test_saf_020_the_cable_is_back_and_one_servo_stays_mute(cable_class: NewCabl
 
 
 @both
-def test_saf_020_the_roots_own_way_finds_a_port_that_was_pulled_and_is_back(cable_class: NewCable) -> None:
+def test_saf_020_the_stop_channel_reopens_a_port_that_was_unplugged(cable_class: NewCable) -> None:
     async def main() -> None:
         cable = cable_class()
         async with moving(cable) as tree:
@@ -233,7 +233,7 @@ def test_saf_020_the_roots_own_way_finds_a_port_that_was_pulled_and_is_back(cabl
             assert cable.torque() == [0] * 6
             assert cable.first_frames(0.0)[-1] == "limp"
             cable.deaf_to.clear()
-            assert all(report.safe for report in await path.make_safe("limp")), "it may be asked again"
+            assert all(report.safe for report in await path.make_safe("limp")), "another stop is confirmed, too"
             path.close()
 
     virtual(main)

@@ -45,7 +45,7 @@ def decide(rig: Rig, degrees: float, seen: Observation) -> Candidate | Refused:
 def test_a_goal_that_the_servo_would_not_go_to_is_refused(rig_class: type[Rig]) -> None:
     async def main() -> None:
         rig = rig_class()
-        assert rig.driver.joints[0].limits[1] > 90, "not calibrated: the range of the model"
+        assert rig.driver.joints[0].limits[1] > 90, "without a calibration the model's range applies"
         narrow(rig)
         await rig.armed()
         seen = await rig.wire.read()

@@ -18,7 +18,7 @@ def test_limp_is_confirmed_motor_by_motor(rig_class: type[Rig]) -> None:
         rig = await rig_class().armed()
         began = trio.current_time()
         reports = await rig.wire.make_safe("limp")
-        assert rig.port.written[0][0] == began, "the first frame waits for nothing"
+        assert rig.port.written[0][0] == began, "the first frame is written without any wait"
         assert rig.port.written[0][1].startswith(rig.protocol.RESYNC + rig.protocol.LIMP)
         assert [report.id for report in reports] == [1, 2, 3, 4, 5, 6]
         assert all(report.safe and report.written and report.acknowledged for report in reports)
@@ -30,7 +30,7 @@ def test_limp_is_confirmed_motor_by_motor(rig_class: type[Rig]) -> None:
 
 
 @both
-def test_a_motor_that_missed_the_broadcasts_is_reached_alone(rig_class: type[Rig]) -> None:
+def test_a_motor_that_missed_the_broadcasts_gets_a_separate_frame(rig_class: type[Rig]) -> None:
     async def main() -> None:
         rig = await rig_class().armed()
         broadcast, write = rig.protocol.BROADCAST, rig.protocol.WRITE
@@ -44,7 +44,7 @@ def test_a_motor_that_missed_the_broadcasts_is_reached_alone(rig_class: type[Rig
 
 @both
 @pytest.mark.parametrize("safe_state", ["hold", "limp", "a safe state nobody knows"])
-def test_a_dead_link_is_a_report_not_an_error(rig_class: type[Rig], safe_state: str) -> None:
+def test_a_dead_link_gives_a_report_and_no_error(rig_class: type[Rig], safe_state: str) -> None:
     async def main() -> None:
         rig = rig_class()
         for report in await rig.wire.make_safe(safe_state):

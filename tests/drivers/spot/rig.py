@@ -107,7 +107,7 @@ class _Client(Connection):
         self.asked = ""
 
     def send(self, data: bytes) -> None:
-        self._stream.told += data
+        self._stream.received += data
         self._stream.news.set()
 
     def abort(self) -> None:
@@ -142,7 +142,7 @@ class MemoryStream:
     def __init__(self, world: World, authority: str) -> None:
         self.world = world
         self.authority = authority
-        self.told = b""
+        self.received = b""
         self.news = trio.Event()
         self._waiting: list[bytes] = []
         self._open = True
@@ -174,10 +174,10 @@ class MemoryStream:
 
     def read_waiting(self) -> bytes | None:
         self._check()
-        if self.world.frozen or not self.told:
+        if self.world.frozen or not self.received:
             return None
-        told, self.told, self.news = self.told, b"", trio.Event()
-        return told
+        reported, self.received, self.news = self.received, b"", trio.Event()
+        return reported
 
     def close(self) -> None:
         self._open = False
@@ -281,10 +281,10 @@ def target(world: World, seen: Observation, **action: float) -> tuple[float, ...
 
 
 def velocity(taken: Taken) -> dict[str, Any]:
-    asked: dict[str, Any] = taken.body["command"]["synchronized_command"]["mobility_command"][
+    requested: dict[str, Any] = taken.body["command"]["synchronized_command"]["mobility_command"][
         "se2_velocity_request"
     ]
-    return asked
+    return requested
 
 
 def confirmed(reports: tuple[MotorReport, ...]) -> bool:

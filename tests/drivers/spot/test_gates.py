@@ -37,7 +37,7 @@ ARMLESS = (0.0, 0.0, 0.0, *(NAN,) * 7)
         ({}, "empty", "names no joint"),
     ],
 )
-def test_saf_014_a_command_that_is_none_is_refused(action: dict[str, Any], code: str, says: str) -> None:
+def test_saf_014_an_invalid_command_is_refused(action: dict[str, Any], code: str, says: str) -> None:
     refusal = refused(action)
     assert refusal.code == code
     assert says in f"{refusal.reason}. {refusal.remedy}"
@@ -51,11 +51,11 @@ def test_no_leg_is_moved_by_us(leg: str) -> None:
 @pytest.mark.parametrize(
     ("sensors", "faults", "code", "says"),
     [
-        ({"estopped": 1.0}, {}, "estopped", "the robot is E-stopped. release it first"),
-        ({"motors": 1.0}, {}, "motors_off", "its motors are off. call stand() first"),
+        ({"estopped": 1.0}, {}, "estopped", "the robot is E-stopped. Release it first"),
+        ({"motors": 1.0}, {}, "motors_off", "its motors are off. Call stand() first"),
         ({"motors": 3.0}, {}, "motors_off", "powering on"),
         ({}, {"lease": "the lease was taken over by tablet-7"}, "lease_lost", "tablet-7"),
-        ({}, {"estop": "the robot's e-stop was set up anew by somebody else"}, "estop_lost", "call resume()"),
+        ({}, {"estop": "another client has set up the robot's e-stop"}, "estop_lost", "call resume()"),
     ],
 )
 def test_saf_014_a_robot_that_may_not_be_moved(
@@ -68,7 +68,7 @@ def test_saf_014_a_robot_that_may_not_be_moved(
     assert says in f"{refusal.reason}. {refusal.remedy}"
 
 
-def test_a_robot_without_an_arm_says_so_and_walks() -> None:
+def test_a_robot_without_an_arm_refuses_arm_commands_and_walks() -> None:
     at = state(observed(ARMLESS))
     assert refused({"arm_sh0": 0.0}, at).reason == "this robot has no arm"
     assert refused({"arm_f1x": 0.0}, at).reason == "this robot has no claw"
@@ -82,7 +82,7 @@ def test_a_joint_that_was_not_read_for_long_is_not_moved() -> None:
     assert refused({"arm_sh0": 0.1}, state(old)).code == "stale"
 
 
-def test_saf_001_a_twist_ends_and_the_arm_holds_what_it_was_told() -> None:
+def test_saf_001_a_twist_ends_and_the_arm_holds_its_target() -> None:
     assert accepted({"vx": 0.5}).until_ns == NOW_NS + 600_000_000
     assert accepted({"vx": 0.0}).until_ns == 0
     assert accepted({"arm_sh0": 0.5}).until_ns == 0
@@ -99,17 +99,17 @@ def test_saf_001_an_arm_command_goes_on_with_a_twist_and_does_not_prolong_it() -
     assert goes_on.values[0] == 0.5 and goes_on.values[DRIVES] == 1.0
     assert goes_on.until_ns == NOW_NS + 10**8
     rests = accepted({"vy": 0.1}, walking)
-    assert rests.values[:3] == (0.0, 0.1, 0.0), "what is not named rests"
+    assert rests.values[:3] == (0.0, 0.1, 0.0), "axes that the twist does not name are zero"
 
 
-def test_parts_that_are_not_named_are_not_told_anything() -> None:
+def test_parts_that_are_not_named_get_no_command() -> None:
     assert accepted({"arm_sh0": 0.1}).values[DRIVES:] == (0.0, 1.0, 0.0)
     assert accepted({"arm_f1x": -0.1}).values[DRIVES:] == (0.0, 0.0, 1.0)
-    assert accepted({"wz": 0.0}).values[DRIVES:] == (1.0, 0.0, 0.0), "a zero is told: it stops a twist"
+    assert accepted({"wz": 0.0}).values[DRIVES:] == (1.0, 0.0, 0.0), "a zero is sent, because it stops a twist"
 
 
-def test_saf_014_a_joint_without_a_target_is_never_told_one_that_was_made_up() -> None:
-    """Its reading was missing when the robot was armed, and exists now. A command always has all joints of the
+def test_saf_014_a_joint_without_a_target_never_gets_an_invented_one() -> None:
+    """The joint's reading was missing at arming, and exists now. A command always has all joints of the
     arm."""
     armed = (0.0, 0.0, 0.0, 0.1, -2.8, NAN, 0.0, 0.0, 0.0, -0.2)
     seen = observed((0.0, 0.0, 0.0, 0.1, -2.8, 2.8, 0.0, 0.0, 0.0, -0.2))
@@ -117,18 +117,18 @@ def test_saf_014_a_joint_without_a_target_is_never_told_one_that_was_made_up() -
     at = GateState(NOW_NS, seen, first, NOW_NS, False)
     refusal = refused({"arm_sh0": 0.15}, at)
     assert refusal.code == "stale"
-    assert "no position from arm_el0" in refusal.text and "name arm_el0 too" in refusal.text
+    assert "arm_el0 had no position" in refusal.text and "Give arm_el0, too" in refusal.text
     walks = accepted({"vx": 0.1, "arm_f1x": -0.3}, at)
-    assert walks.values[DRIVES:] == (1.0, 0.0, 1.0), "parts that are not the arm are told"
+    assert walks.values[DRIVES:] == (1.0, 0.0, 1.0), "the parts other than the arm are sent"
     after = GateState(NOW_NS, seen, walks.values, NOW_NS, False)
-    assert refused({"arm_sh0": 0.15}, after).code == "stale", "and a walk makes no target up either"
+    assert refused({"arm_sh0": 0.15}, after).code == "stale", "after a walk the joint still has no target"
     whole = accepted({"arm_sh0": 0.15, "arm_el0": 2.8}, after)
     assert whole.values[3:9] == (0.15, -2.8, 2.8, 0.0, 0.0, 0.0)
     assert accepted({"arm_sh0": 0.2}, GateState(NOW_NS, seen, whole.values, NOW_NS, False))
 
 
 @given(st.dictionaries(st.sampled_from(KEYS), st.floats(-4, 4), min_size=1))
-def test_saf_014_what_is_accepted_is_within_the_ranges(action: dict[str, float]) -> None:
+def test_saf_014_accepted_values_are_within_the_ranges(action: dict[str, float]) -> None:
     from .rig import answer
 
     found = answer(action)
@@ -141,11 +141,11 @@ def test_a_stream_may_not_step_further_than_the_arm_moves() -> None:
     streaming = state(stream=True)
     assert accepted({"arm_sh0": 0.29}, streaming)
     assert refused({"arm_sh0": 0.35}, streaming).code == "too_fast"
-    assert accepted({"arm_sh0": 2.0}), "on its own it may: the robot limits its speed"
+    assert accepted({"arm_sh0": 2.0}), "a single command may, because the robot limits its speed"
 
 
 @pytest.mark.parametrize("arguments", [{"vx": 2.0}, {"wz": NAN}, {"vx": "fast"}, {"speed": 1.0}])
-def test_saf_014_a_set_twist_that_is_none_is_refused(arguments: dict[str, Any]) -> None:
+def test_saf_014_an_invalid_set_twist_is_refused(arguments: dict[str, Any]) -> None:
     refusal = Spot("spot", "", {}).check_service("set_twist", arguments)
     assert refusal is not None
     assert Spot("spot", "", {}).check_service("set_twist", {"vx": 0.5, "wz": -0.1}) is None
@@ -155,7 +155,7 @@ def test_saf_014_a_set_twist_that_is_none_is_refused(arguments: dict[str, Any]) 
     ("option", "value"),
     [("control_frequency", 100.0), ("estop_timeout_s", 0.1), ("on_estop", "fall"), ("controlfrequency", 10.0)],
 )
-def test_options_that_are_none_are_refused(option: str, value: Any) -> None:
+def test_invalid_options_are_refused(option: str, value: Any) -> None:
     with pytest.raises((ValueError, TypeError), match=option):
         Spot.resolve("spot", {option: value})
 

@@ -66,7 +66,7 @@ def test_the_parameters_of_a_walk_are_the_vendors() -> None:
     assert p.MOBILITY_PARAMS.endswith(spot.MobilityParams.DESCRIPTOR.full_name)
 
 
-def test_the_vendor_reads_what_we_write() -> None:
+def test_the_vendors_client_decodes_our_messages() -> None:
     commands = importlib.import_module("bosdyn.api.robot_command_pb2")
     method = p.METHODS["RobotCommand"]
     command = p.together(p.twist((0.5, -0.1, 0.2), 1_700_000_000_600_000_000), p.arm((0.1,) * 6, 2.5), p.claw(-1.0))
@@ -86,7 +86,7 @@ def test_the_vendor_reads_what_we_write() -> None:
         assert whole.command.full_body_command.HasField(field)
 
 
-def test_we_read_what_the_vendor_writes() -> None:
+def test_we_decode_the_vendors_messages() -> None:
     states = importlib.import_module("bosdyn.api.robot_state_pb2")
     reply = states.RobotStateResponse()
     reply.header.error.code = 1
@@ -106,10 +106,10 @@ def test_we_read_what_the_vendor_writes() -> None:
     read = p.reading(p.reply(p.METHODS["GetRobotState"], reply.SerializeToString()))
     assert read.motors is p.Motors.ON and read.pressed == ("button",) and read.battery_pct == 55.0
     assert read.joints["arm0.sh0"][0] == 0.25 and read.stamp_ns == 5_000_000_000
-    assert math.isnan(read.joints["arm0.sh0"][1]) and read.joints["arm0.sh1"][1] == 0.0, "a zero is told"
+    assert math.isnan(read.joints["arm0.sh0"][1]) and read.joints["arm0.sh1"][1] == 0.0, "a zero is encoded"
     assert read.xyz_m == pytest.approx((1.0, 2.0, 0.0))
     assert read.rpy_rad == pytest.approx((0.0, 0.0, math.pi / 2))
-    assert read.twist == pytest.approx((0.5, 0.0, 0.0)), "ahead, as the body has it"
+    assert read.twist == pytest.approx((0.5, 0.0, 0.0)), "the twist is in the frame of the body"
     assert math.isnan(read.battery_v)
 
 
@@ -124,7 +124,7 @@ def test_a_challenge_is_answered_by_its_ones_complement(challenge: int) -> None:
     assert response == ~challenge & (2**64 - 1) and p.challenge_response(response) == challenge
 
 
-def test_a_header_that_tells_of_an_error_is_one() -> None:
+def test_a_header_with_an_error_is_an_error() -> None:
     method = p.METHODS["GetRobotState"]
     for code in (0, 2, 3):
         data = encode(method.reply, {"header": {"error": {"code": code, "message": "no"}}})
@@ -145,26 +145,26 @@ def samples() -> list[tuple[p.Method, bytes, bytes]]:
     found = []
     bodies = {"EstopCheckIn": {"stop_level": 4}, "RobotCommand": {"command": p.stand()}}
     for method in p.METHODS.values():
-        asked = p.request(method, bodies.get(method.name, {}), "us", 1)
-        told, _ = twin.answer(method.name, decode(method.request, asked))
-        found.append((method, asked, encode(method.reply, {"header": {"error": {"code": 1}}, **told})))
+        requested = p.request(method, bodies.get(method.name, {}), "us", 1)
+        reported, _ = twin.answer(method.name, decode(method.request, requested))
+        found.append((method, requested, encode(method.reply, {"header": {"error": {"code": 1}}, **reported})))
     return found
 
 
-def test_whatever_comes_is_read_or_malformed() -> None:
+def test_any_bytes_are_decoded_or_malformed() -> None:
     chance = random.Random(22)
     twin, whole = SpotTwin("spot", lambda: 0.0), samples()
     refused = 0
     for _ in range(DISTURBED):
-        method, asked, told = chance.choice(whole)
+        method, requested, reported = chance.choice(whole)
         try:
-            request = decode(method.request, disturbed(chance, asked))
+            request = decode(method.request, disturbed(chance, requested))
             answer, _ = twin.answer(method.name, request)
             encode(method.reply, answer)
         except MalformedFrame:
             refused += 1
         try:
-            reply = p.reply(method, disturbed(chance, told))
+            reply = p.reply(method, disturbed(chance, reported))
             if method.name == "GetRobotState":
                 p.reading(reply)
         except MalformedFrame:

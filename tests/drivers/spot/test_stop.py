@@ -10,7 +10,7 @@ import trio
 
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import WireDown
-from strands_actors.drivers.common.physics.body import Hand
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.protocol import Motors
@@ -30,7 +30,7 @@ from .rig import (
 # -- safe
 
 
-def test_saf_005_a_stop_is_confirmed_by_what_it_reports_afterwards() -> None:
+def test_saf_005_a_stop_is_confirmed_by_a_later_report() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -38,7 +38,7 @@ def test_saf_005_a_stop_is_confirmed_by_what_it_reports_afterwards() -> None:
         await wire.write(target(world, seen, vx=1.0), Go())
         await pass_time(world, 0.3, wire)
         assert confirmed(await wire.make_safe("hold"))
-        assert world.twin.mechanism.runs == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
+        assert world.twin.mechanism.present_twist == pytest.approx((0.0, 0.0, 0.0), abs=0.05)
         for fault in (Fault.WRONG, Fault.STUCK):
             world.twin.set_fault(fault)
             reports = await wire.make_safe("hold")
@@ -47,7 +47,7 @@ def test_saf_005_a_stop_is_confirmed_by_what_it_reports_afterwards() -> None:
     virtual(test)
 
 
-def test_saf_011_a_hold_says_where_the_arm_is_held() -> None:
+def test_saf_011_a_hold_reports_the_arms_position() -> None:
     """The next command holds the joints that it does not name at this position, and not at an older reading."""
 
     async def test() -> None:
@@ -59,9 +59,9 @@ def test_saf_011_a_hold_says_where_the_arm_is_held() -> None:
         reports = await wire.make_safe("hold")
         assert world.safe()[-1] == "hold" and confirmed(reports)
         assert [report.target for report in reports] == [0.0] * 3 + world.twin.mechanism.joints
-        assert 0.3 < world.twin.mechanism.joints[0] < 1.9, "on its way"
+        assert 0.3 < world.twin.mechanism.joints[0] < 1.9, "the arm is in motion"
         world.twin.set_fault(Fault.WRONG)
-        assert {report.target for report in await wire.make_safe("hold")} == {None}, "not confirmed"
+        assert {report.target for report in await wire.make_safe("hold")} == {None}, "the hold is not confirmed"
 
     virtual(test)
 
@@ -77,12 +77,12 @@ def test_saf_005_an_arm_that_goes_on_after_a_stop_is_not_reported_as_held() -> N
         world.twin.mechanism._table = {**world.twin.mechanism._table, "arm_rad_s": 0.2}
         reports = await wire.make_safe("hold")
         assert not confirmed(reports)
-        assert reports[0].detail == "not confirmed: its arm reports 0.20 rad/s"
+        assert reports[0].detail == "not confirmed: the arm reports 0.20 rad/s"
 
     virtual(test)
 
 
-def test_saf_005_an_arm_that_does_not_tell_its_speed_is_not_known_to_stand() -> None:
+def test_saf_005_an_arm_without_a_reported_speed_does_not_count_as_at_rest() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -96,7 +96,7 @@ def test_saf_005_an_arm_that_does_not_tell_its_speed_is_not_known_to_stand() -> 
         await pass_time(world, 0.1, wire)
         reports = await wire.make_safe("hold")
         assert not confirmed(reports)
-        assert reports[0].detail == "not confirmed: its arm does not report its speed"
+        assert reports[0].detail == "not confirmed: the arm does not report its speed"
         assert math.isnan((await wire.read()).velocity[3])
 
     virtual(test)
@@ -110,7 +110,7 @@ def test_a_robot_without_an_arm_is_held() -> None:
     virtual(test)
 
 
-def test_saf_005_a_robot_that_nobody_has_the_lease_of_is_held_only_when_it_stands() -> None:
+def test_saf_005_a_robot_without_a_lease_holder_counts_as_held_only_at_rest() -> None:
     """The robot has taken the lease from us without a new holder. An earlier command may still run."""
 
     async def test() -> None:
@@ -124,12 +124,12 @@ def test_saf_005_a_robot_that_nobody_has_the_lease_of_is_held_only_when_it_stand
         world.twin.leases.owner = ""
         reports = await wire.make_safe("hold")
         assert reports[0].written and not confirmed(reports)
-        assert reports[0].detail == "not confirmed: it reports speed 0.50"
-        assert (await wire.read()).faults["lease"] == "the lease is not ours any more"
+        assert reports[0].detail == "not confirmed: the robot reports speed 0.50"
+        assert (await wire.read()).faults["lease"] == "we no longer have the lease"
         await trio.sleep(10.0)
         world.taken.clear()
-        assert confirmed(await wire.make_safe("hold")), "its twist has ended"
-        assert "RobotCommand" not in world.names(), "nothing is told by a lease that is not ours"
+        assert confirmed(await wire.make_safe("hold")), "the twist has ended"
+        assert "RobotCommand" not in world.names(), "no command is sent without our lease"
 
     virtual(test)
 
@@ -139,7 +139,7 @@ def test_a_robot_that_another_has_the_lease_of_is_his_however_often_it_is_stoppe
         world = World()
         wire = await ready(world)
         world.twin.leases.acquire("tablet-7", take=True)
-        world.twin.mechanism.walk((0.5, 0.0, 0.0), 10.0, Hand.NONE)
+        world.twin.mechanism.walk((0.5, 0.0, 0.0), 10.0, Commander.NONE)
         for _ in range(2):
             assert confirmed(await wire.make_safe("hold"))
             assert (await wire.read()).faults["lease"] == "the lease was taken over by tablet-7"
@@ -148,7 +148,7 @@ def test_a_robot_that_another_has_the_lease_of_is_his_however_often_it_is_stoppe
     virtual(test)
 
 
-def test_saf_005_a_robot_that_does_not_tell_its_speed_is_not_known_to_stand() -> None:
+def test_saf_005_a_robot_without_a_reported_speed_does_not_count_as_at_rest() -> None:
     reading = p.reading({"robot_state": {"power_state": {"motor_power_state": 2}}})
     assert math.isnan(reading.speed)
 
@@ -166,11 +166,11 @@ def test_saf_010_a_command_that_comes_late_behind_a_stop_is_refused_by_its_lease
         world.taken.clear()
         late[-1].take_waiting()
         ((kind, _),) = [(one.kind, one.name) for one in world.taken]
-        assert kind == "setpoint", "it is done after all"
-        assert confirmed(await wire.make_safe("hold")), "so it is stopped"
+        assert kind == "setpoint", "the robot carries the command out after all"
+        assert confirmed(await wire.make_safe("hold")), "the robot is then stopped"
         lease = world.of("RobotCommand")[0].body["lease"]
         use = world.twin.leases.use(lease)
-        assert use["status"] == p.LeaseUse.OLDER, "and once it is, nothing older moves it"
+        assert use["status"] == p.LeaseUse.OLDER, "after the stop an older command is refused"
 
     virtual(test)
 
@@ -202,9 +202,9 @@ def test_saf_010_a_service_that_the_robot_refuses_for_its_clock_ends_the_link() 
         world = World()
         wire = await ready(world)
         wire._time.clock_identifier = "the clock before"
-        with pytest.raises(WireDown, match="clock was set anew"):
+        with pytest.raises(WireDown, match="clock was changed"):
             await wire.perform("set_twist", {"vx": 0.5}, Go())
-        with pytest.raises(WireDown, match="clock was set anew"):
+        with pytest.raises(WireDown, match="clock was changed"):
             await wire.read()
 
     virtual(test)
@@ -229,7 +229,7 @@ async def let_it_speak(world: World) -> None:
     world.twin.muted = set()
 
 
-def test_saf_005_sitting_that_is_not_done_is_followed_by_the_e_stop() -> None:
+def test_saf_005_a_failed_sit_is_followed_by_the_e_stop() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -243,7 +243,7 @@ def test_saf_005_sitting_that_is_not_done_is_followed_by_the_e_stop() -> None:
     virtual(test)
 
 
-def test_an_e_stop_that_cuts_is_said_at_once_and_alone() -> None:
+def test_a_cutting_e_stop_is_sent_at_once_and_alone() -> None:
     async def test() -> None:
         world = World({"on_estop": "cut"})
         assert world.driver.fallbacks["estop"] == "off"  # type: ignore[index]
@@ -252,7 +252,7 @@ def test_an_e_stop_that_cuts_is_said_at_once_and_alone() -> None:
         assert world.safe() == ["off"] and world.twin.mechanism.motors is Motors.OFF
         world.taken.clear()
         await pass_time(world, 5.0, wire)
-        assert world.of("EstopCheckIn") == [], "nothing lifts it but a resume"
+        assert world.of("EstopCheckIn") == [], "only a resume releases the e-stop"
         await wire.arm(Go())
         assert world.twin.estop.level is p.StopLevel.NONE
 
@@ -280,7 +280,7 @@ def test_saf_012_an_answer_that_is_missing_leaves_the_age_and_a_silent_robot_is_
         first = await wire.read()
         world.frozen = True
         again = await wire.read()
-        assert again.stamp_ns == first.stamp_ns, "an old reading keeps its age"
+        assert again.stamp_ns == first.stamp_ns, "an old reading keeps its time stamp"
         with pytest.raises(WireDown, match="has not answered"):
             for _ in range(5):
                 await wire.read()
@@ -305,10 +305,10 @@ def test_saf_012_an_answer_that_repeats_itself_is_not_new_and_ends_the_link() ->
         refusals = [refusal.code for gate in world.driver.gates if (refusal := gate(candidate, late))]
         assert refusals == ["stale"]
         await trio.sleep(0.2)
-        with pytest.raises(WireDown, match="what it reports stands still for"):
+        with pytest.raises(WireDown, match="has reported nothing new for"):
             await wire.read()
         world.taken.clear()
-        with pytest.raises(WireDown, match="what it reports stands still for 1 s"):
+        with pytest.raises(WireDown, match="has reported nothing new for 1 s"):
             await world.wire().open()
         assert not {"setpoint", "enable", "safe"} & {one.kind for one in world.taken}
         world.twin.set_fault(Fault.OK)
@@ -371,7 +371,7 @@ def test_saf_003_the_stop_channel_asserts_our_endpoint_and_needs_no_lease() -> N
     virtual(test)
 
 
-def test_saf_003_the_stop_channel_connects_anew_when_its_connection_is_dead() -> None:
+def test_saf_003_the_stop_channel_replaces_a_dead_connection() -> None:
     async def test() -> None:
         world = World()
         await ready(world)
@@ -387,7 +387,7 @@ def test_saf_003_the_stop_channel_connects_anew_when_its_connection_is_dead() ->
     virtual(test)
 
 
-def test_a_stop_channel_whose_login_is_not_renewed_keeps_its_session_and_tries_every_minute() -> None:
+def test_a_stop_channel_without_a_renewed_login_keeps_its_session_and_retries() -> None:
     async def test() -> None:
         world = World()
         channel = world.stop_channel()
@@ -396,7 +396,7 @@ def test_a_stop_channel_whose_login_is_not_renewed_keeps_its_session_and_tries_e
             session = channel.session
             world.twin.muted = {"GetAuthToken"}
             await trio.sleep(1.2 * 3600.0)
-            assert 10 < len(world.of("GetAuthToken")) < 20, "every minute"
+            assert 10 < len(world.of("GetAuthToken")) < 20, "the token is requested every minute"
             assert channel.session is session
             nursery.cancel_scope.cancel()
 
@@ -432,7 +432,7 @@ def test_saf_005_a_robot_that_our_lease_has_powered_is_not_safe_because_its_e_st
         channel = world.stop_channel()
         reports = await channel.make_safe("settle")
         assert not confirmed(reports)
-        assert reports[0].detail == "not confirmed: its motors are on, and its e-stop is another's"
+        assert reports[0].detail == "not confirmed: the motors are on, and another client has configured the e-stop"
         world.twin.mechanism.cut()
         assert confirmed(await channel.make_safe("settle"))
         channel.close()
@@ -440,7 +440,7 @@ def test_saf_005_a_robot_that_our_lease_has_powered_is_not_safe_because_its_e_st
     virtual(test)
 
 
-def test_a_stop_by_a_channel_without_anything_of_ours_leaves_the_robot_alone() -> None:
+def test_a_stop_channel_without_lease_and_e_stop_leaves_the_robot_alone() -> None:
     async def test() -> None:
         world = World()
         let_a_tablet_drive(world)

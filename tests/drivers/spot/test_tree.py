@@ -88,14 +88,14 @@ def motors(robot: RealRobot) -> float:
     return float(now)
 
 
-def test_it_stands_up_before_it_walks_and_says_so(spot: RealRobot, twin: Twin) -> None:
+def test_the_robot_stands_up_before_it_walks_and_reports_it(spot: RealRobot, twin: Twin) -> None:
     assert status(spot)["clock_skew_s"] == pytest.approx(123.456, abs=0.05)
     json_of(spot.resume())
     began_ns = time.monotonic_ns()
-    assert "its motors are off. call stand() first" in why(spot.send_action({"vx": 0.1}))
+    assert "its motors are off. Call stand() first" in why(spot.send_action({"vx": 0.1}))
     assert twin.log.host("setpoint", began_ns) == [] and twin.log.host("enable", began_ns) == []
     json_of(service(spot, "stand"))
-    assert len(twin.log.host("enable", began_ns)) == 2, "motors, then stand"
+    assert len(twin.log.host("enable", began_ns)) == 2, "two requests: motors on, then stand"
     assert json_of(spot.send_action({"vx": 0.2, "arm_sh0": 0.3})) == {
         "robot": "spot",
         "joints": {"arm_sh0": 0.3},
@@ -103,7 +103,9 @@ def test_it_stands_up_before_it_walks_and_says_so(spot: RealRobot, twin: Twin) -
     }
     until(lambda: spot.get_observation()["arm_sh0"] == pytest.approx(0.3), "the arm is there")
     legs = {key for key in spot.get_observation() if key.endswith(("_hx", "_hy", "_kn"))}
-    assert len(legs) == 12 and legs <= json_of(spot.state())["joints"].keys(), "read, though not commanded"
+    assert len(legs) == 12 and legs <= json_of(spot.state())["joints"].keys(), (
+        "the legs are read, but not commanded"
+    )
 
 
 def test_saf_001_a_twist_ends_on_the_robots_clock_and_nothing_repeats_it(spot: RealRobot, twin: Twin) -> None:
@@ -131,14 +133,14 @@ def test_a_twist_by_its_service_is_a_twist(spot: RealRobot, twin: Twin) -> None:
     assert "is past" in why(service(spot, "set_twist", vx=9.0))
     json_of(service(spot, "set_twist", vx=0.1))
     json_of(spot.stop())
-    assert "call resume() first" in why(service(spot, "set_twist", vx=0.1))
+    assert "Call resume() first" in why(service(spot, "set_twist", vx=0.1))
 
 
 def test_saf_004_check_ins_stop_with_the_process_that_earns_them(spot: RealRobot, twin: Twin) -> None:
     stand(spot)
     began_ns = time.monotonic_ns()
     time.sleep(2.5)
-    assert 2 <= len(check_ins(twin, began_ns)) <= 4, "a third of 3 s apart"
+    assert 2 <= len(check_ins(twin, began_ns)) <= 4, "check-ins are 1 s apart, a third of the timeout"
     os.kill(pids(spot)["wire"], signal.SIGSTOP)
     safe = first_safe(twin.log, began_ns)
     assert safe.safe_state == "settle"
@@ -167,34 +169,34 @@ def test_saf_013_when_all_of_us_are_killed_at_once_the_robot_settles_by_itself(
         other.cleanup()
 
 
-def test_saf_005_a_stop_stands_it_still_and_nothing_follows(spot: RealRobot, twin: Twin) -> None:
+def test_saf_005_after_a_stop_the_robot_stands_still_and_nothing_follows(spot: RealRobot, twin: Twin) -> None:
     walk(spot, twin, vx=1.0)
     time.sleep(0.2)
     began_ns = time.monotonic_ns()
     stopped = json_of(spot.stop())
     assert stopped["safe_state"] == "hold" and len(stopped["motors"]) == 10
     first_safe(twin.log, began_ns)
-    assert "call resume() first" in why(spot.send_action({"vx": 0.1}))
+    assert "Call resume() first" in why(spot.send_action({"vx": 0.1}))
     assert "stand: the robot is disarmed" in why(service(spot, "stand"))
     assert twin.log.host("enable", began_ns) == []
     time.sleep(3.5)
-    assert motors(spot) == p.Motors.ON, "it stands: its e-stop is fed as long as the chain is alive"
+    assert motors(spot) == p.Motors.ON, "the robot stands, because check-ins go on while all processes live"
     json_of(spot.resume())
     twin.log.no_setpoint_after_safe(began_ns)
 
 
 @pytest.mark.long
-def test_saf_005_a_robot_whose_report_moves_is_not_reported_as_stopped(spot: RealRobot, twin: Twin) -> None:
+def test_saf_005_a_robot_that_reports_motion_is_not_reported_as_stopped(spot: RealRobot, twin: Twin) -> None:
     walk(spot, twin, vx=0.5)
     twin.fault("wrong")
     until(lambda: spot.get_observation()["vx"] > 0.7, "it reports too much")
-    assert "not confirmed: it reports speed" in why(spot.stop())
+    assert "not confirmed: the robot reports speed" in why(spot.stop())
     twin.fault("ok")
     until(lambda: state(spot) == "disarmed", "it is confirmed when it can be")
 
 
 @pytest.mark.long
-def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_safe_frame(
+def test_saf_010_a_command_in_the_socket_of_a_stopped_robot_is_followed_by_a_safe_frame(
     spot: RealRobot, twin: Twin
 ) -> None:
     """The robot is stopped with a command in its socket. The caller stops, then the robot continues."""
@@ -209,13 +211,11 @@ def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_safe_f
     until(lambda: state(spot) == "disarmed", "it is back, disarmed, and confirmed")
     time.sleep(0.3)
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
-    assert frames[-1].kind == "safe", "whatever it carried out late"
+    assert frames[-1].kind == "safe", "a safe frame is the last one that is carried out"
     until(lambda: spot.get_observation().get("vx") == 0.0, "it stands")
 
 
-def test_saf_010_a_service_that_is_taken_and_not_answered_is_followed_by_a_safe_frame(
-    spot: RealRobot, twin: Twin
-) -> None:
+def test_saf_010_an_unanswered_service_is_followed_by_a_safe_frame(spot: RealRobot, twin: Twin) -> None:
     armed(spot)
     twin.order("mute PowerCommand")
     began_ns = time.monotonic_ns()
@@ -273,7 +273,9 @@ def test_saf_020_a_cable_that_is_back_carries_no_command_before_the_safe_frame(s
 
 @pytest.mark.long
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
-def test_saf_006_a_stop_leaves_at_once_whatever_the_robot_answers(spot: RealRobot, twin: Twin, fault: str) -> None:
+def test_saf_006_a_stop_is_sent_at_once_with_any_answer_of_the_robot(
+    spot: RealRobot, twin: Twin, fault: str
+) -> None:
     walk(spot, twin, vx=0.5)
     twin.fault(fault)
     began_ns = time.monotonic_ns()
@@ -285,9 +287,7 @@ def test_saf_006_a_stop_leaves_at_once_whatever_the_robot_answers(spot: RealRobo
 
 
 @pytest.mark.long
-def test_saf_002_a_robot_whose_answers_are_damaged_is_told_to_stand_still_on_a_connection_that_is_not_heard(
-    spot: RealRobot, twin: Twin
-) -> None:
+def test_saf_002_a_robot_with_damaged_answers_still_gets_the_stop(spot: RealRobot, twin: Twin) -> None:
     walk(spot, twin, vx=0.5)
     twin.fault("garbage")
     until(lambda: state(spot) in ("lost", "down", None), "no connection can be heard")
@@ -312,7 +312,7 @@ def test_a_lease_that_was_taken_over_is_named_and_not_returned(spot: RealRobot, 
     json_of(spot.stop())
     assert "held by tablet-7" in why(spot.resume())
     stopped = json_of(spot.cleanup())
-    assert "taken over by tablet-7: it is not returned" in stopped["motors"]["vx"]["detail"]
+    assert "taken over by tablet-7, so it is not returned" in stopped["motors"]["vx"]["detail"]
     assert first_safe(twin.log, began_ns).safe_state in ("", "settle")
 
 
@@ -360,7 +360,7 @@ def test_saf_003_the_root_loads_no_wire() -> None:
     assert [name for name in unwanted if name in loaded] == []
 
 
-def test_what_a_real_robot_needs_is_named_when_it_is_connected(
+def test_missing_settings_of_a_real_robot_are_named_at_connect(
     monkeypatch: pytest.MonkeyPatch, run_dir: Path, twin: Twin
 ) -> None:
     with monkeypatch.context() as patch:
@@ -372,8 +372,8 @@ def test_what_a_real_robot_needs_is_named_when_it_is_connected(
     robot = Robot("spot", mode="real", port=twin.port.partition("?")[0])
     try:
         refusal = robot.connect_eagerly() or ""
-        assert "certificate is not accepted" in refusal, "a stranger with another certificate is not believed"
-        assert twin.log.host("config") == [], "nor told a password"
+        assert "certificate is not accepted" in refusal, "a server with another certificate is refused"
+        assert twin.log.host("config") == [], "no password is sent to it"
     finally:
         robot.cleanup()
 
@@ -421,9 +421,7 @@ def test_saf_007_an_estop_settles_it(spot: RealRobot, twin: Twin) -> None:
 
 
 @pytest.mark.long
-def test_saf_012_a_robot_that_says_the_same_again_and_again_is_lost_and_told_to_move_no_more(
-    spot: RealRobot, twin: Twin
-) -> None:
+def test_saf_012_a_robot_that_repeats_its_report_is_lost_and_gets_no_command(spot: RealRobot, twin: Twin) -> None:
     """Every connection is open, and every call is answered."""
     walk(spot, twin, vx=0.2)
-    is_lost_while_stuck(spot, twin, {"vx": 0.2}, "what it reports stands still")
+    is_lost_while_stuck(spot, twin, {"vx": 0.2}, "has reported nothing new")

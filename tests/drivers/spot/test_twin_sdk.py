@@ -22,11 +22,13 @@ def test_the_vendors_client_drives_the_twin(tmp_path: Path) -> None:
             check=False,
         )
         assert done.returncode == 0, done.stderr
-        told = json.loads(done.stdout.splitlines()[-1])
-        assert len(twin.log.host("setpoint")) == 5, "three twists, the arm, and one after the cut"
-    assert told["skew_s"] == pytest.approx(123.456, abs=0.05)
-    assert told["walked_m"] == pytest.approx(0.3, abs=0.06), "0.5 m/s for 0.6 s"
-    assert {key: told[key] for key in told if key not in ("skew_s", "walked_m")} == {
+        reported = json.loads(done.stdout.splitlines()[-1])
+        assert len(twin.log.host("setpoint")) == 5, (
+            "five commands: three twists, the arm, and one after the power cut"
+        )
+    assert reported["skew_s"] == pytest.approx(123.456, abs=0.05)
+    assert reported["walked_m"] == pytest.approx(0.3, abs=0.06), "0.5 m/s for 0.6 s are 0.3 m"
+    assert {key: reported[key] for key in reported if key not in ("skew_s", "walked_m")} == {
         "serial": "spot-twin",
         "bad_login": "InvalidLoginError",
         "lease": "body",

@@ -1,9 +1,10 @@
-"""Test the wire in virtual time, over the twin's services in memory: what is sent, and when."""
+"""Test the wire in virtual time, over the twin's services in memory: the requests and their times."""
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncIterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,14 @@ def test_opening_logs_in_reads_the_directory_and_learns_the_robots_clock() -> No
         assert (facts["serial"], facts["nickname"], facts["software"]) == ("spot-twin", "twin", "5.2.0")
         assert world.names()[:3] == ["GetRobotId", "GetAuthToken", "ListServiceEntries"]
         assert {stream.authority for stream in world.streams} == set(p.AUTHORITIES.values())
-        assert world.names("setpoint") == world.names("enable") == world.names("safe") == [], "and moves nothing"
+        assert world.names("setpoint") == world.names("enable") == world.names("safe") == [], (
+            "opening writes no command"
+        )
 
     virtual(test)
 
 
-def test_a_clock_that_is_known_late_is_waited_for_and_one_that_never_is_is_named() -> None:
+def test_opening_waits_for_the_clock_offset_and_names_a_missing_one() -> None:
     async def test() -> None:
         began_s = trio.current_time()
         await World(sync_s=4.0).wire().open()
@@ -70,13 +73,13 @@ def test_saf_013_arming_takes_the_lease_and_reads_the_e_stop_back() -> None:
         (endpoint,) = set_up.body["config"]["endpoints"]
         assert p.stamp_ns(endpoint["timeout"]) == 2_000_000_000
         assert world.twin.leases.owner == endpoint["name"]
-        assert "GetEstopSystemStatus" in world.names(), "and is read back"
+        assert "GetEstopSystemStatus" in world.names(), "the e-stop's state is read back"
         assert world.twin.mechanism.motors is Motors.OFF, "nothing is energised"
 
     virtual(test)
 
 
-def test_saf_013_an_endpoint_that_waits_longer_than_it_was_told_is_not_armed_with() -> None:
+def test_saf_013_an_endpoint_with_a_longer_timeout_than_requested_is_not_used() -> None:
     async def test() -> None:
         world = World()
         wire = world.wire()
@@ -88,7 +91,7 @@ def test_saf_013_an_endpoint_that_waits_longer_than_it_was_told_is_not_armed_wit
             return set_config({"endpoints": [{**one, "timeout": p.duration(60.0)}]}, target, motors_on)
 
         world.twin.estop.set_config = lazy  # type: ignore[method-assign]
-        with pytest.raises(WireDown, match="waits 60 s, not 3"):
+        with pytest.raises(WireDown, match="timeout is 60 s, not 3"):
             await wire.arm(Go())
 
     virtual(test)
@@ -113,7 +116,7 @@ def test_a_lease_that_another_has_is_a_refusal_that_names_him_and_one_of_ours_is
     virtual(test)
 
 
-def test_a_lease_is_returned_when_the_e_stop_had_to_sit_it_down_and_one_that_cannot_be_is_told() -> None:
+def test_a_lease_is_returned_after_the_e_stop_and_a_failure_is_reported() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -130,7 +133,7 @@ def test_a_lease_is_returned_when_the_e_stop_had_to_sit_it_down_and_one_that_can
     virtual(test)
 
 
-def test_a_button_that_is_pressed_is_named_and_nothing_is_armed() -> None:
+def test_a_pressed_button_is_named_and_nothing_is_armed() -> None:
     async def test() -> None:
         world = World()
         world.twin.estop.pressed = True
@@ -144,20 +147,20 @@ def test_a_button_that_is_pressed_is_named_and_nothing_is_armed() -> None:
     virtual(test)
 
 
-def test_an_endpoint_that_another_has_with_motors_on_is_left_to_him() -> None:
+def test_another_clients_endpoint_is_left_alone_while_motors_are_on() -> None:
     async def test() -> None:
         world = World()
         let_a_tablet_drive(world)
         wire = world.wire()
         await wire.open()
-        assert confirmed(await wire.make_safe("settle")), "nothing of ours is energised"
+        assert confirmed(await wire.make_safe("settle")), "we have energised no motor"
         world.twin.leases.owner = ""
-        with pytest.raises(WireDown, match="no endpoint of ours"):
+        with pytest.raises(WireDown, match="refuses our endpoint"):
             await wire.arm(Go())
-        assert world.twin.leases.owner == "", "nor is it kept from him"
+        assert world.twin.leases.owner == "", "the lease is free for the other client"
         reports = await wire.make_safe("settle")
-        assert not confirmed(reports), "nobody drives it, and its motors are on"
-        assert reports[0].detail == "not confirmed: its motors are on, and its e-stop is another's"
+        assert not confirmed(reports), "no client drives the robot, and its motors are on"
+        assert reports[0].detail == "not confirmed: the motors are on, and another client has configured the e-stop"
         assert world.safe() == [] and world.twin.mechanism.motors is Motors.ON
         world.twin.mechanism.cut()
         assert confirmed(await wire.make_safe("settle"))
@@ -178,13 +181,13 @@ def test_saf_001_every_twist_ends_six_tenths_later_on_the_robots_clock() -> None
         await pass_time(world, 0.3, wire)
         assert (await wire.read()).position[0] == pytest.approx(0.5)
         await pass_time(world, 0.6, wire)
-        assert (await wire.read()).position[0] == 0.0, "it stands, and nobody told it"
+        assert (await wire.read()).position[0] == 0.0, "the robot stands without our command"
         assert world.safe() == []
 
     virtual(test)
 
 
-def test_arm_and_claw_are_told_when_they_are_named_and_not_otherwise() -> None:
+def test_arm_and_claw_are_commanded_only_if_named() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -195,13 +198,13 @@ def test_arm_and_claw_are_told_when_they_are_named_and_not_otherwise() -> None:
         first, second = (one.body["command"]["synchronized_command"] for one in world.of("RobotCommand"))
         assert list(first) == ["arm_command"]
         point = first["arm_command"]["arm_joint_move_command"]["trajectory"]["points"][0]["position"]
-        assert point["el0"]["value"] == 1.5 and point["sh1"]["value"] == -2.8, "the others stay"
+        assert point["el0"]["value"] == 1.5 and point["sh1"]["value"] == -2.8, "the other joints keep their targets"
         assert sorted(second) == ["gripper_command", "mobility_command"]
 
     virtual(test)
 
 
-def test_saf_002_a_permit_that_is_denied_sends_nothing() -> None:
+def test_saf_002_nothing_is_sent_without_a_permit() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -247,16 +250,39 @@ def test_saf_004_check_ins_come_at_a_third_of_the_time_out_and_only_when_fed() -
             await trio.sleep(0.1)
         assert world.of("EstopCheckIn") == []
         await pass_time(world, 3.0)
-        assert world.twin.mechanism.motors is Motors.OFF, "and the robot settles by itself"
+        assert world.twin.mechanism.motors is Motors.OFF, "the robot settles by itself"
 
     virtual(test)
 
 
-def test_a_challenge_that_another_used_up_is_asked_for_again() -> None:
+@pytest.mark.parametrize(
+    ("control_hz", "timeout_s", "longest_s"),
+    [(2.0, 3.0, 1.0), (2.0, 2.0, 0.5), (2.0, 1.0, 0.5), (10.0, 3.0, 1.0), (30.0, 1.0, 1 / 3)],
+)
+def test_saf_004_check_ins_come_in_time_at_each_control_frequency(
+    control_hz: float, timeout_s: float, longest_s: float
+) -> None:
+    """The wire is fed once in each control period."""
+
+    async def test() -> None:
+        world = World({"control_frequency": control_hz, "estop_timeout_s": timeout_s})
+        wire = await ready(world, stands=False)
+        world.taken.clear()
+        for _ in range(round(10 * control_hz)):
+            await wire.feed()
+            await trio.sleep(1 / control_hz)
+        times_s = [request.t_s for request in world.of("EstopCheckIn")]
+        assert 8 <= len(times_s) <= 2 * 10 / longest_s + 2
+        assert max(later - earlier for earlier, later in pairwise(times_s)) <= longest_s + 0.05
+
+    virtual(test)
+
+
+def test_a_used_challenge_is_requested_again() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
-        (end,) = world.twin.estop._ends.values()
+        (end,) = world.twin.estop._endpoints.values()
         end.challenge += 100
         await pass_time(world, 5.0, wire)
         assert world.twin.mechanism.motors is Motors.ON
@@ -287,7 +313,7 @@ def test_saf_009_a_stop_during_bring_up_keeps_the_e_stop_asserted() -> None:
         with pytest.raises(PermitDenied):
             await wire.arm(Go(1))  # the stop comes after the first check, directly before the check-in
         await pass_time(world, 4.0, wire)
-        assert world.of("EstopCheckIn") == [], "and nothing that feeds it lifts it"
+        assert world.of("EstopCheckIn") == [], "no check-in releases the e-stop"
         assert world.twin.estop.level is not p.StopLevel.NONE
 
     virtual(test)
@@ -334,9 +360,9 @@ def test_a_login_that_is_not_renewed_delays_no_call_and_ends_the_link_when_the_t
                 await wire.read()
                 assert trio.current_time() - began_s < world.driver.timing.call_s / 2
                 await trio.sleep(0.1)
-            assert len(world.of("GetAuthToken")) == 2, "at first, and after an hour"
+            assert len(world.of("GetAuthToken")) == 2, "the token is requested at first and after an hour"
             await trio.sleep(300.0)
-            assert 5 <= len(world.of("GetAuthToken")) <= 8, "and every minute"
+            assert 5 <= len(world.of("GetAuthToken")) <= 8, "after a failure the token is requested every minute"
             serving.check()
             monkeypatch.setattr(session, "TOKEN_S", 3600.0 + 400.0)
             await trio.sleep(200.0)
@@ -356,7 +382,9 @@ def test_a_token_is_renewed_every_hour_and_a_failure_after_a_minute() -> None:
             await trio.sleep(3650.0)
             world.twin.muted = set()
             await trio.sleep(2 * 3600.0 - 60.0)
-            assert len(world.of("GetAuthToken")) == 4, "at first, in vain, a minute later, an hour later"
+            assert len(world.of("GetAuthToken")) == 4, (
+                "four requests: at first, one that fails, a minute later, an hour later"
+            )
             assert not [one for one in world.streams if one.is_open and one.authority == p.AUTHORITIES["auth"]]
             await trio.sleep(3600.0)
             serving.check()
@@ -364,7 +392,7 @@ def test_a_token_is_renewed_every_hour_and_a_failure_after_a_minute() -> None:
     virtual(test)
 
 
-def test_a_clock_that_is_not_told_again_ends_the_link_only_when_what_is_known_is_old() -> None:
+def test_missing_clock_updates_end_the_link_only_when_the_known_offset_is_old() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -372,10 +400,12 @@ def test_a_clock_that_is_not_told_again_ends_the_link_only_when_what_is_known_is
         async with served(wire) as serving:
             world.twin.muted = {"TimeSyncUpdate"}
             await pass_time(world, 70.0, wire)
-            assert len(world.of("TimeSyncUpdate")) == 3, "twice at first, then after a minute"
+            assert len(world.of("TimeSyncUpdate")) == 3, "time sync: twice at first, then after a minute"
             await wire.write(target(world, seen, vx=0.5), Go())
             await pass_time(world, 0.3, wire)
-            assert world.twin.mechanism.runs[0] == pytest.approx(0.5), "it walks by the clock that is known"
+            assert world.twin.mechanism.present_twist[0] == pytest.approx(0.5), (
+                "the robot walks with the last known clock offset"
+            )
             serving.check()
             await trio.sleep(600.0)
             with pytest.raises(WireDown, match="TimeSyncUpdate"):
@@ -384,7 +414,7 @@ def test_a_clock_that_is_not_told_again_ends_the_link_only_when_what_is_known_is
     virtual(test)
 
 
-def test_a_clock_that_takes_a_while_to_be_told_again_delays_no_call() -> None:
+def test_a_slow_clock_update_delays_no_call() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -424,7 +454,7 @@ def test_a_sign_that_is_overtaken_by_a_newer_command_is_no_lost_lease() -> None:
     virtual(test)
 
 
-def test_hosts_of_one_name_are_told_apart(tmp_path: Path) -> None:
+def test_hosts_with_the_same_name_are_distinguished(tmp_path: Path) -> None:
     names = set()
     for number in ("a", "b"):
         (tmp_path / number).write_text(f"{number * 32}\n")
@@ -433,7 +463,7 @@ def test_hosts_of_one_name_are_told_apart(tmp_path: Path) -> None:
     assert all("a" * 32 not in name for name in names)
 
 
-def test_a_stolen_lease_is_told_with_its_owner_and_he_is_left_alone() -> None:
+def test_a_stolen_lease_is_reported_with_its_new_owner_who_is_left_alone() -> None:
     async def test() -> None:
         world = World()
         wire = await ready(world)
@@ -442,12 +472,12 @@ def test_a_stolen_lease_is_told_with_its_owner_and_he_is_left_alone() -> None:
         await wire.write(target(world, seen, vx=0.5), Go())
         seen = await wire.read()
         assert seen.faults["lease"] == "the lease was taken over by tablet-7"
-        assert world.twin.mechanism.told == (0.0, 0.0, 0.0), "the robot did not do it"
+        assert world.twin.mechanism.target_twist == (0.0, 0.0, 0.0), "the robot did not carry the command out"
         (broken,) = [one for one in world.driver.conditions if one.check(seen, seen.t_ns)]
         refusal = broken.check(seen, seen.t_ns)
         assert isinstance(refusal, Refused) and "tablet-7" in refusal.reason
         assert confirmed(await wire.make_safe("hold"))
-        assert world.safe() in ([], [""]), "nothing that stops him"
+        assert world.safe() in ([], [""]), "nothing is sent that stops the other client"
         answer = await wire.perform("set_twist", {"vx": 0.1}, Go())
         assert isinstance(answer, Refused) and "tablet-7" in answer.reason
 
@@ -477,8 +507,8 @@ def test_sitting_down_returns_the_lease_and_one_that_was_taken_over_is_reported(
         wire = await ready(world)
         world.twin.leases.acquire("tablet-7", take=True)
         reports = await wire.make_safe("settle")
-        assert confirmed(reports), "by our e-stop endpoint"
-        assert reports[0].detail == "the lease was taken over by tablet-7: it is not returned"
+        assert confirmed(reports), "our e-stop endpoint confirms the stop"
+        assert reports[0].detail == "the lease was taken over by tablet-7, so it is not returned"
         assert world.of("ReturnLease") == [] and world.twin.leases.owner == "tablet-7"
 
     virtual(test)

@@ -31,21 +31,21 @@ def main(port: str) -> dict[str, Any]:
     sdk = bosdyn.client.create_standard_sdk("vendor", cert_resource_glob=certificate)
     robot = sdk.create_robot(host)
     robot.update_secure_channel_port(int(number))
-    told: dict[str, Any] = {"serial": robot.get_id().serial_number}
-    told["bad_login"] = failure(lambda: robot.authenticate("user", "wrong"))
+    reported: dict[str, Any] = {"serial": robot.get_id().serial_number}
+    reported["bad_login"] = failure(lambda: robot.authenticate("user", "wrong"))
     robot.authenticate("user", "password")
     robot.time_sync.wait_for_sync(8)
-    told["skew_s"] = robot.time_sync.endpoint.clock_skew.ToNanoseconds() / 1e9
+    reported["skew_s"] = robot.time_sync.endpoint.clock_skew.ToNanoseconds() / 1e9
     leases, estops = robot.ensure_client("lease"), robot.ensure_client("estop")
-    told["lease"] = leases.acquire("body").lease_proto.resource
-    told["second_lease"] = failure(lambda: leases.acquire("body"))
+    reported["lease"] = leases.acquire("body").lease_proto.resource
+    reported["second_lease"] = failure(lambda: leases.acquire("body"))
     keep_lease = LeaseKeepAlive(leases, must_acquire=False, return_at_exit=False)
-    told["power_without_estop"] = failure(lambda: robot.power_on(timeout_sec=5))
+    reported["power_without_estop"] = failure(lambda: robot.power_on(timeout_sec=5))
     endpoint = EstopEndpoint(estops, "vendor", 3.0)
     endpoint.force_simple_setup()
     keep_estop = EstopKeepAlive(endpoint)
     time.sleep(0.5)
-    told["level"] = int(estops.get_status().stop_level)
+    reported["level"] = int(estops.get_status().stop_level)
     robot.power_on(timeout_sec=10)
     commands, states = robot.ensure_client("robot-command"), robot.ensure_client("robot-state")
     blocking_stand(commands, timeout_sec=10)
@@ -53,22 +53,22 @@ def main(port: str) -> dict[str, Any]:
     began_x = position(states)
     commands.robot_command(walk, end_time_secs=time.time() + 0.6)
     time.sleep(1.0)
-    told["walked_m"] = position(states) - began_x
-    told["late"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() - 1))
-    told["far"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() + 700))
+    reported["walked_m"] = position(states) - began_x
+    reported["late"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() - 1))
+    reported["far"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() + 700))
     arm = commands.robot_command(RobotCommandBuilder.arm_joint_command(0.1, -1.0, 1.5, 0.0, 0.2, 0.0))
-    told["arrived"] = block_until_arm_arrives(commands, arm, 10)
+    reported["arrived"] = block_until_arm_arrives(commands, arm, 10)
     joints = {joint.name: joint.position.value for joint in states.get_robot_state().kinematic_state.joint_states}
-    told["joints"] = {name: round(joints[name], 3) for name in ("arm0.sh0", "arm0.sh1", "arm0.el0", "arm0.wr0")}
-    told["legs"] = sum(name[:2] in ("fl", "fr", "hl", "hr") for name in joints)
+    reported["joints"] = {name: round(joints[name], 3) for name in ("arm0.sh0", "arm0.sh1", "arm0.el0", "arm0.wr0")}
+    reported["legs"] = sum(name[:2] in ("fl", "fr", "hl", "hr") for name in joints)
     blocking_sit(commands, timeout_sec=10)
     blocking_stand(commands, timeout_sec=10)
     keep_estop.shutdown()
     time.sleep(4.5)
-    told["motors_after_silence"] = int(states.get_robot_state().power_state.motor_power_state)
-    told["after_the_cut"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() + 0.6))
+    reported["motors_after_silence"] = int(states.get_robot_state().power_state.motor_power_state)
+    reported["after_the_cut"] = failure(lambda: commands.robot_command(walk, end_time_secs=time.time() + 0.6))
     keep_lease.shutdown()
-    return told
+    return reported
 
 
 def position(states: Any) -> float:

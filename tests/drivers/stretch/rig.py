@@ -15,8 +15,8 @@ from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.config import StretchConfig
 from strands_actors.drivers.stretch.parameters import parameters_of
 from strands_actors.drivers.stretch.stop_channel import StretchStopChannel
-from strands_actors.drivers.stretch.twin.boards import Ear
-from strands_actors.drivers.stretch.twin.server import ears_of
+from strands_actors.drivers.stretch.twin.boards import DeviceDecoder
+from strands_actors.drivers.stretch.twin.server import decoders_of
 from strands_actors.drivers.stretch.twin.world import World
 from strands_actors.drivers.stretch.wire import StretchWire
 from strands_actors.kernel.clock import VirtualClock
@@ -49,7 +49,9 @@ class Rig:
 
     def __init__(self, **changes: Any) -> None:
         self.world = World("stretch3", trio.current_time)
-        self.ears: dict[str, Ear] = {name: ear for name, (ear, _) in ears_of(self.world).items()}
+        self.decoders: dict[str, DeviceDecoder] = {
+            name: decoder for name, (decoder, _) in decoders_of(self.world).items()
+        }
         self.ports: dict[str, list[MemoryPort]] = {}
         self.kinds: list[tuple[str, str, str | None]] = []
         """The messages of each port: its name, kind and safe state."""
@@ -73,7 +75,7 @@ class Rig:
 
     def _peer(self, name: str) -> Peer:
         def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
-            for heard in self.ears[name].frames(data, 115_200):
+            for heard in self.decoders[name].frames(data, 115_200):
                 exchange = heard.act()
                 self.kinds.append((name, exchange.kind, exchange.safe_state))
                 if name not in self.mute:
@@ -87,7 +89,7 @@ class Rig:
         for port in self.ports.get(name, ()):
             port.unplugged = True
 
-    def told(self, *kinds: str) -> list[str]:
+    def ports_written(self, *kinds: str) -> list[str]:
         """Return the ports that received frames of these kinds."""
         return [name for name, kind, _ in self.kinds if kind in kinds]
 

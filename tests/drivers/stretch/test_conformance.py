@@ -30,5 +30,5 @@ def test_a_simulated_stretch_lifts_reaches_and_drives_for_its_lifetime(name: str
         until(lambda: sim.get_observation()["vx"] > 0.01, "it drives")
         until(lambda: sim.get_observation()["vx"] == pytest.approx(0.0, abs=1e-6), "it stands when that has ended")
         assert state(sim) == "holding"
-        assert "cannot strafe" in why(sim.set_twist(vy=0.1))
+        assert "cannot drive sideways" in why(sim.set_twist(vy=0.1))
         json_of(sim.stop())

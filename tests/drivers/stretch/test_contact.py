@@ -1,6 +1,6 @@
 """Test contacts of lift and arm.
 
-Both stop by themselves at an obstacle, until they receive another goal. So the wire sends each goal once, and
+Both stop by themselves at an obstacle and wait for another goal. So the wire sends each goal once, and
 reports the contact.
 """
 
@@ -48,22 +48,22 @@ async def armed(rig: Rig) -> StretchWire:
     return wire
 
 
-def test_a_goal_that_is_sent_again_is_told_lift_and_arm_once_and_the_wheels_each_time() -> None:
+def test_a_re_sent_goal_goes_to_lift_and_arm_once_and_to_the_wheels_each_time() -> None:
     async def test() -> None:
         rig = Rig()
         wire = await armed(rig)
         await resend(wire, target(LIFT_ALONE | ARM_ALONE | BASE_ALONE, lift=0.6, arm=0.2, vx=0.1), 1.0)
         assert (len(goals(rig, LIFT)), len(goals(rig, ARM)), len(goals(rig, LEFT))) == (1, 1, 10)
         await resend(wire, target(LIFT_ALONE | ARM_ALONE, lift=0.7, arm=0.2), 0.5)
-        assert (len(goals(rig, LIFT)), len(goals(rig, ARM))) == (2, 1), "another goal is told"
+        assert (len(goals(rig, LIFT)), len(goals(rig, ARM))) == (2, 1), "another goal is sent"
         await wire.make_safe("hold")
         await resend(wire, target(LIFT_ALONE | ARM_ALONE, lift=0.7, arm=0.2), 0.5)
-        assert (len(goals(rig, LIFT)), len(goals(rig, ARM))) == (3, 2), "and behind a hold the same one"
+        assert (len(goals(rig, LIFT)), len(goals(rig, ARM))) == (3, 2), "after a hold the same goal is sent"
 
     virtual(test)
 
 
-def test_a_goal_that_was_not_acknowledged_is_told_again_until_it_is() -> None:
+def test_a_goal_is_re_sent_until_it_is_acknowledged() -> None:
     async def test() -> None:
         rig = Rig()
         wire = await armed(rig)
@@ -81,7 +81,7 @@ def test_a_goal_that_was_not_acknowledged_is_told_again_until_it_is() -> None:
     virtual(test)
 
 
-def test_an_acknowledgement_that_nobody_waited_for_is_not_taken_for_that_of_a_goal() -> None:
+def test_an_unexpected_acknowledgement_does_not_count_for_a_goal() -> None:
     async def test() -> None:
         rig = Rig()
         wire = await armed(rig)
@@ -95,18 +95,20 @@ def test_an_acknowledgement_that_nobody_waited_for_is_not_taken_for_that_of_a_go
     virtual(test)
 
 
-def test_saf_014_an_arm_that_meets_something_pushes_once_and_says_so() -> None:
+def test_saf_014_an_arm_at_an_obstacle_pushes_once_and_reports_it() -> None:
     async def test() -> None:
         rig = Rig()
         wire = await armed(rig)
         rig.world.set_contact("arm", True)
         seen = await resend(wire, target(ARM_ALONE, arm=0.4), 3.0)
         arm = rig.world.steppers["arm"]
-        assert (arm.contacts, arm.mode) == (1, p.Mode.SAFETY), "what is sent again does not push again"
+        assert (arm.contacts, arm.mode) == (1, p.Mode.SAFETY), "a re-sent goal does not push again"
         assert seen.faults == {"arm": "contact"} and broken(seen) == ["contact"]
         assert all(report.safe for report in await wire.make_safe("hold"))
         assert arm.mode == p.Mode.HOLD
-        assert (await wire.read()).faults == {"arm": "contact"}, "until it is armed again"
+        assert (await wire.read()).faults == {"arm": "contact"}, (
+            "the contact stays reported until the arm is armed again"
+        )
         seen = await wire.arm(Permission())
         assert seen.faults == {} and broken(seen) == []
         seen = await resend(wire, target(ARM_ALONE, arm=0.05), 2.0)
@@ -134,13 +136,15 @@ def test_saf_014_a_contact_that_a_stream_of_goals_has_cleared_is_seen_all_the_sa
     virtual(test)
 
 
-def test_saf_014_a_lift_in_its_safety_mode_without_a_runstop_is_told() -> None:
+def test_saf_014_a_lift_in_safety_mode_without_a_runstop_is_reported() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
         await wire.open()
         seen = await wire.read()
-        assert rig.world.steppers["lift"].mode == p.Mode.SAFETY and seen.faults == {}, "nobody has energised it"
+        assert rig.world.steppers["lift"].mode == p.Mode.SAFETY and seen.faults == {}, (
+            "the lift was not energised, so its contact is no fault"
+        )
         await wire.arm(Permission())
         assert broken(await wire.read()) == []
         rig.world.steppers["lift"].take(p.Command(p.Mode.SAFETY))
@@ -154,7 +158,7 @@ def test_saf_014_a_lift_in_its_safety_mode_without_a_runstop_is_told() -> None:
     virtual(test)
 
 
-def test_after_an_estop_nobody_is_told_of_a_safety_mode() -> None:
+def test_after_an_estop_no_safety_mode_is_reported() -> None:
     async def test() -> None:
         rig = Rig()
         wire = await armed(rig)
@@ -163,6 +167,6 @@ def test_after_an_estop_nobody_is_told_of_a_safety_mode() -> None:
         seen = await wire.read()
         assert {motor.mode for motor in rig.world.steppers.values()} == {p.Mode.SAFETY}
         assert seen.faults == {} and broken(seen) == []
-        assert PIMU in rig.told("safe")
+        assert PIMU in rig.ports_written("safe")
 
     virtual(test)

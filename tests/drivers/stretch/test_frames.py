@@ -30,7 +30,7 @@ def test_a_frame_as_it_is_on_the_wire() -> None:
 
 
 @given(codes, payloads)
-def test_what_is_framed_is_read_back_and_has_no_zero_inside(code: int, data: bytes) -> None:
+def test_a_frame_can_be_decoded_and_has_no_zero_inside(code: int, data: bytes) -> None:
     whole = f.frame(code, data)
     assert whole.endswith(b"\0") and b"\0" not in whole[:-1]
     assert len(whole) == len(data) + f.OVERHEAD <= f.MAX_FRAME
@@ -65,12 +65,12 @@ def test_20_000_disturbed_frames_raise_nothing_and_keep_nothing() -> None:
                     whole.insert(chance.randrange(len(whole) + 1), chance.randrange(256))
         wrong += sum(f.frame(*found) not in good for found in decoder.feed(bytes(whole)))
         assert decoder.pending < f.MAX_FRAME
-    assert wrong < DISTURBED / 1000, "a checksum of 16 bits lets few through"
+    assert wrong < DISTURBED / 1000, "a 16-bit checksum accepts few damaged frames"
     decoder.clear()
     assert list(decoder.feed(good[0])) == [f.Frame(f.PUSH_ONLY, p.Command(5, 1.5, 2.5).call())]
 
 
-def test_an_endless_frame_is_dropped_and_the_next_is_heard() -> None:
+def test_an_endless_frame_is_dropped_and_the_next_is_read() -> None:
     decoder = f.Decoder()
     for _ in range(1000):
         assert list(decoder.feed(b"\x55" * 100)) == []
@@ -79,7 +79,7 @@ def test_an_endless_frame_is_dropped_and_the_next_is_heard() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"\x00", b"\x05\x01", b"\x01", b"\x04abc"])
-def test_what_is_no_frame_is_refused(data: bytes) -> None:
+def test_an_invalid_frame_is_refused(data: bytes) -> None:
     with pytest.raises(MalformedFrame):
         f.parse(data)
 
@@ -98,11 +98,11 @@ def test_a_long_reply_is_pulled_in_parts(reply: bytes) -> None:
     parts = [next(iter(f.Decoder().feed(part))) for part in f.answers(reply)]
     assert b"".join(part.data for part in parts) == reply
     assert [part.code for part in parts] == [*[f.PULL_MORE] * (len(parts) - 1), f.PULL_LAST]
-    assert {part.id for part in parts} == {f.PULL_LAST}, "either is the answer that is waited for"
+    assert {part.id for part in parts} == {f.PULL_LAST}, "all parts have the id of a valid answer"
 
 
 def test_a_call_that_is_too_long_is_refused() -> None:
-    with pytest.raises(ValueError, match="1025 bytes"):
+    with pytest.raises(ValueError, match="not 1025"):
         f.pushes(bytes(f.MAX_CALL + 1))
     with pytest.raises(ValueError, match="do not fit"):
         f.push(bytes(59))

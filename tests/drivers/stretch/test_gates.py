@@ -13,7 +13,7 @@ from strands_actors.drivers import canonical_name, list_driver_coverage, list_na
 from strands_actors.drivers.stretch.driver import Stretch
 from strands_actors.drivers.stretch.gates import named_in
 from strands_actors.kernel.messages import Refused
-from strands_actors.supervisors.gate.admission import Admission, Known
+from strands_actors.supervisors.gate.admission import Admission, GateSnapshot
 from strands_actors.supervisors.gate.failsafe import Mode, State
 from strands_actors.supervisors.gate.lease import Leases
 from strands_actors.supervisors.gate.messages import Perform
@@ -72,7 +72,7 @@ def accepted(action: dict[str, Any], observation: Observation | None = None, **m
     return found
 
 
-def test_a_goal_that_is_live_is_told_with_the_next_one_and_not_after_a_hold() -> None:
+def test_a_live_goal_is_sent_with_the_next_one_and_not_after_a_hold() -> None:
     """Two commands may wait for the wire at once. The wire gets only the newer one, so that one has to contain
     both goals."""
     lift = accepted({"lift": 0.6}).values
@@ -83,7 +83,9 @@ def test_a_goal_that_is_live_is_told_with_the_next_one_and_not_after_a_hold() ->
     turning = accepted({"wz": 0.1}, target=both, live=Live()).values
     assert named_in(turning, DRIVER.axes) == {"lift", "arm", "vx", "wz"}
     still = accepted({"vx": 0.0}, target=turning, live=Live()).values
-    assert named_in(still, DRIVER.axes) == {"lift", "arm", "vx"}, "a twist ends by itself"
+    assert named_in(still, DRIVER.axes) == {"lift", "arm", "vx"}, (
+        "the hold has lift, arm and the twist, which ends by itself"
+    )
     for target, live in ((HERE, Live()), (both, None)):  # the hold position, and the time before it is known
         held = accepted({"arm": 0.1}, target=target, live=live).values
         assert named_in(held, DRIVER.axes) == {"arm"}
@@ -116,7 +118,7 @@ def test_axes_are_lift_and_arm_in_metres_wrist_and_head_in_radians_and_a_twist_w
         ({"gripper": 0.1}, "unknown_joint", "gripper", ", ".join(DRIVER.axes)),
     ],
 )
-def test_saf_014_what_it_cannot_do_is_refused_and_never_clipped(
+def test_saf_014_impossible_commands_are_refused_and_never_clipped(
     action: dict[str, Any], code: str, offered: str, limit: str
 ) -> None:
     assert refused(action) == (code, offered, limit)
@@ -137,10 +139,10 @@ def test_saf_014_a_joint_that_is_not_homed_is_not_moved_and_the_base_is(joint: s
     accepted({"vx": 0.1}, lost)
     accepted({"head_pan": 0.1}, lost)
     unknown = msgspec.structs.replace(lost, sensors={k: v for k, v in lost.sensors.items() if k != "homed"})
-    assert refused({joint: 0.1}, unknown)[0] == "not_homed", "nobody has said that it is"
+    assert refused({joint: 0.1}, unknown)[0] == "not_homed", "a joint with unknown homing counts as not homed"
 
 
-def test_saf_014_a_runstop_ends_what_is_live_and_refuses_everything() -> None:
+def test_saf_014_a_runstop_ends_the_live_command_and_refuses_all_others() -> None:
     pressed = seen(runstop=(1.0,))
     for action in ({"lift": 0.5}, {"vx": 0.1}, {"vx": 0.0}):
         assert refused(action, pressed)[0] == "runstop"
@@ -150,14 +152,16 @@ def test_saf_014_a_runstop_ends_what_is_live_and_refuses_everything() -> None:
 @pytest.mark.parametrize(
     ("sensor", "why", "remedy"),
     [
-        ("", "the runstop is pressed", "release it on the robot, then resume()"),
-        ("low_battery", "the battery is low", "charge it, then release it on the robot, then resume()"),
+        ("", "the runstop is pressed", "release the runstop on the robot, then resume()"),
+        ("low_battery", "the battery is low", "charge it, then release the runstop on the robot, then resume()"),
         ("tilted", "the robot is tilted", "set it upright, then release"),
         ("at_cliff", "the base has met a cliff", "move it away, switch the robot off and on, then release"),
-        ("high_current", "drawn too much current", "clear what it works against, then release"),
+        ("high_current", "drawn too much current", "remove what blocks the robot, then release"),
     ],
 )
-def test_saf_014_why_the_runstop_is_on_is_told_with_what_to_do(sensor: str, why: str, remedy: str) -> None:
+def test_saf_014_the_refusal_has_the_reason_of_the_runstop_and_the_remedy(
+    sensor: str, why: str, remedy: str
+) -> None:
     found = answer({"lift": 0.5}, seen(**{"runstop": (1.0,), "low_battery": (0.0,), sensor: (1.0,)}))
     assert isinstance(found, Refused) and found.code == "runstop"
     assert why in found.reason and found.remedy.startswith(remedy)
@@ -165,7 +169,7 @@ def test_saf_014_why_the_runstop_is_on_is_told_with_what_to_do(sensor: str, why:
 
 
 @pytest.mark.parametrize(("word", "code"), [("contact", "contact"), ("safety mode", "safety_mode")])
-def test_saf_014_a_lift_or_arm_that_its_board_has_stopped_ends_what_is_live(word: str, code: str) -> None:
+def test_saf_014_a_lift_or_arm_stopped_by_its_board_ends_the_live_command(word: str, code: str) -> None:
     for joint in ("lift", "arm"):
         stopped = msgspec.structs.replace(seen(), faults={joint: f"{word}, silent"})
         for action in ({"lift": 0.5}, {"arm": 0.2}, {"vx": 0.1}):
@@ -182,7 +186,7 @@ def test_saf_013_no_twist_without_the_wheels_watchdog() -> None:
     accepted({"lift": 0.6}, off)
 
 
-def test_saf_012_what_was_read_too_long_ago_moves_nothing() -> None:
+def test_saf_012_with_old_readings_commands_are_refused() -> None:
     assert refused({"lift": 0.5}, seen(age_ns=300_000_000))[0] == "stale"
     assert refused({"vx": 0.1}, seen(age_ns=300_000_000))[0] == "stale"
 
@@ -191,15 +195,15 @@ def test_saf_001_a_twist_ends_after_300_ms_and_a_joints_goal_with_the_lease() ->
     assert accepted({"lift": 0.6}).until_ns == 0
     assert accepted({"vx": 0.1}).until_ns == NOW_NS + 300_000_000
     assert accepted({"vx": 0.1, "lift": 0.6}).until_ns == NOW_NS + 300_000_000
-    assert accepted({"vx": 0.0, "wz": 0.0}).until_ns == 0, "a base that rests needs no end"
+    assert accepted({"vx": 0.0, "wz": 0.0}).until_ns == 0, "a base at rest needs no end time"
 
 
-def test_saf_001_a_joint_alone_goes_on_with_the_twist_that_is_live_and_does_not_prolong_it() -> None:
+def test_saf_001_a_joints_command_keeps_the_live_twist_and_does_not_prolong_it() -> None:
     driving = (*HERE[:7], 0.1, 0.2, 384.0)  # as ``parse`` left it
     until_ns = NOW_NS + 120_000_000
     found = accepted({"lift": 0.6}, target=driving, live=Live(until_ns))
     assert found.values[:9] == (0.6, *HERE[1:7], 0.1, 0.2) and found.until_ns == until_ns
-    assert named_in(found.values, DRIVER.axes) == {"lift", "vx", "wz"}, "and the base hears of it, too"
+    assert named_in(found.values, DRIVER.axes) == {"lift", "vx", "wz"}, "the command contains the live twist, too"
     ended = accepted({"lift": 0.6}, target=driving, live=Live(NOW_NS - 1))
     assert ended.values[7:9] == (0.0, 0.0) and named_in(ended.values, DRIVER.axes) == {"lift"}
 
@@ -215,7 +219,7 @@ def test_saf_001_a_joint_alone_goes_on_with_the_twist_that_is_live_and_does_not_
         ({"joint": "lift"}, "lift None..None"),
     ],
 )
-def test_soft_limits_that_are_none_are_refused(arguments: dict[str, Any], why: str) -> None:
+def test_invalid_soft_limits_are_refused(arguments: dict[str, Any], why: str) -> None:
     found = DRIVER.check_service("set_soft_limits", arguments)
     assert found is not None and found.code == "bad_argument" and why in found.reason
     assert DRIVER.check_service("set_soft_limits", {"joint": "lift", "low": 0.2, "high": 0.9}) is None
@@ -223,7 +227,7 @@ def test_soft_limits_that_are_none_are_refused(arguments: dict[str, Any], why: s
 
 def test_a_command_that_comes_as_a_service_is_refused_at_the_gate() -> None:
     """As a service it would have no lifetime. The handle sends it as an action."""
-    known = Known(State(Mode.ARMED, 1), Leases(0), "", None, "", seen(), HERE, NOW_NS, 0, False)
+    known = GateSnapshot(State(Mode.ARMED, 1), Leases(0), "", None, "", seen(), HERE, NOW_NS, 0, False)
     refusal = Admission(DRIVER).service(Perform(1, 1, "set_twist", {"vx": 0.1}), known, NOW_NS)
     assert refusal is not None and refusal.code == "a_command"
 
@@ -232,5 +236,5 @@ def test_the_robots_are_known_by_their_names() -> None:
     native = list_native_drivers()
     assert native["stretch"] == native["stretch3"] == "StretchDriver"
     assert canonical_name("stretch2") == "stretch" and canonical_name("Stretch 3") == "stretch3"
-    assert list_driver_coverage()["stretch3"] == ("strands",), "LeRobot has no class for it"
+    assert list_driver_coverage()["stretch3"] == ("strands",), "LeRobot has no class for a Stretch 3"
     assert port_kind("stretch3") == "serial"

@@ -56,10 +56,10 @@ def test_saf_014_a_servo_that_was_reset_has_lost_its_turns_and_is_not_moved_unti
         seen = await read_for(wire, 0.7)
         assert seen.faults["wrist_yaw"] == "limp" and seen.sensors["homed"][YAW] == 0.0
         refusal = refused({"wrist_yaw": 0.1}, seen, seen.t_ns)
-        assert refusal is not None and refusal.code == "limp", "first of all it is to be energised"
+        assert refusal is not None and refusal.code == "limp", "the joint must be energised first"
         await wire.make_safe("hold")
         seen = await wire.arm(Permission())
-        assert seen.position[YAW] > 2.0, "it says that it is elsewhere"
+        assert seen.position[YAW] > 2.0, "the joint reports a wrong position"
         refusal = refused({"wrist_yaw": 0.1}, seen, seen.t_ns)
         assert refusal is not None and refusal.code == "not_homed"
         assert refused({"wrist_pitch": 0.1}, seen, seen.t_ns) is None
@@ -90,7 +90,7 @@ def test_saf_014_a_reset_between_a_stop_and_the_next_arming_is_seen() -> None:
     virtual(test)
 
 
-def test_a_servo_that_lost_its_torque_alone_is_energised_again_and_still_homed() -> None:
+def test_a_servo_that_lost_only_its_torque_is_energised_again_and_still_homed() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -98,7 +98,9 @@ def test_a_servo_that_lost_its_torque_alone_is_energised_again_and_still_homed()
         await wire.arm(Permission())
         rig.world.chains[0].handle(dxl.Packet(YAW_ID, dxl.WRITE, bytes((t.TORQUE_ENABLE.address, 0, 0))))
         seen = await read_for(wire, 0.7)
-        assert seen.faults["wrist_yaw"] == "limp" and seen.sensors["homed"][YAW] == 0.0, "it may have been a reset"
+        assert seen.faults["wrist_yaw"] == "limp" and seen.sensors["homed"][YAW] == 0.0, (
+            "the missing reading may have been a reset"
+        )
         await wire.make_safe("hold")
         seen = await wire.arm(Permission())
         assert refused({"wrist_yaw": 0.1}, seen, seen.t_ns) is None
@@ -106,7 +108,7 @@ def test_a_servo_that_lost_its_torque_alone_is_energised_again_and_still_homed()
     virtual(test)
 
 
-def test_a_wrist_that_does_not_tell_whether_it_is_homed_is_not_energised() -> None:
+def test_a_wrist_with_unknown_homing_is_not_energised() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -121,7 +123,7 @@ def test_a_wrist_that_does_not_tell_whether_it_is_homed_is_not_energised() -> No
         rig.kinds.clear()
         with pytest.raises(WireDown, match=r"wrist_yaw .*does not tell whether it is homed"):
             await wire.arm(Permission())
-        assert WRIST not in rig.told("enable")
+        assert WRIST not in rig.ports_written("enable")
 
     virtual(test)
 

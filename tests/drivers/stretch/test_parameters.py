@@ -1,4 +1,4 @@
-"""Test the robot's own YAML: what it overrides, and which values are refused."""
+"""Test the robot's own YAML: overridden parameters and refused values."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def folder(at: Path, configuration: Any, user: Any = None) -> Path:
     return at / "stretch-se3-1234"
 
 
-def test_what_a_model_has_in_common_is_overridden_by_its_calibration_and_that_by_its_user(tmp_path: Path) -> None:
+def test_parameters_of_a_model_are_overridden_by_calibration_and_user(tmp_path: Path) -> None:
     calibrated = {**MODEL, "lift": {"range_m": [0.0, 1.09], "i_feedforward": 1.1}, "wrist_yaw": {"zero_t": 7000}}
     found = read_folder("stretch3", folder(tmp_path, calibrated, {"lift": {"range_m": [0.1, 0.9]}}))
     common = parameters_of("stretch3")
@@ -51,16 +51,18 @@ def test_units_of_the_two_joints_that_are_metres() -> None:
 @pytest.mark.parametrize(
     ("robot", "said", "why"),
     [
-        ("stretch3", {"robot": {"model_name": "RE2V0"}}, "it is a RE2V0, and stretch3 is a SE3"),
-        ("stretch", {"robot": {"model_name": "RE1V0"}}, "it is a RE1V0, and stretch is a RE2V0"),
-        ("stretch3", {"robot": {"model_name": "SE3", "tool": "hammer"}}, "its tool is 'hammer'"),
-        ("stretch3", {**MODEL, "lift": {"range_m": None}}, "a value is none that fits"),
+        ("stretch3", {"robot": {"model_name": "RE2V0"}}, "its YAML is of a RE2V0, but stretch3 is a SE3"),
+        ("stretch", {"robot": {"model_name": "RE1V0"}}, "its YAML is of a RE1V0, but stretch is a RE2V0"),
+        ("stretch3", {"robot": {"model_name": "SE3", "tool": "hammer"}}, "its YAML names the tool 'hammer'"),
+        ("stretch3", {**MODEL, "lift": {"range_m": None}}, "a value has a wrong type or range"),
         ("stretch3", {**MODEL, "lift": {"range_m": [0.0]}}, "not enough values"),
-        ("stretch3", {**MODEL, "base": {"wheel_diameter_m": 0.0}}, "a value is none that fits"),
+        ("stretch3", {**MODEL, "base": {"wheel_diameter_m": 0.0}}, "a value has a wrong type or range"),
         ("stretch3", {**MODEL, "lift": {"motion": {"default": {"vel_m": float("inf")}}}}, "not finite"),
     ],
 )
-def test_what_is_not_this_robots_is_refused(robot: str, said: dict[str, Any], why: str, tmp_path: Path) -> None:
+def test_parameters_of_another_robot_are_refused(
+    robot: str, said: dict[str, Any], why: str, tmp_path: Path
+) -> None:
     with pytest.raises(WireDown, match=why):
         read_folder(robot, folder(tmp_path, said))
 
@@ -81,16 +83,14 @@ def test_a_file_that_is_no_yaml_or_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(WireDown, match=r"stretch_user_params\.yaml cannot be read"):
         read_folder("stretch3", at)
     (at / FILES[1]).write_text("just text")
-    with pytest.raises(WireDown, match="is no table"):
+    with pytest.raises(WireDown, match="contains no YAML mapping"):
         read_folder("stretch3", at)
     (at / FILES[0]).unlink()
     with pytest.raises(WireDown, match=r"stretch_configuration_params\.yaml cannot be read"):
         read_folder("stretch3", at)
 
 
-def test_away_from_a_robot_the_environment_is_what_is_missing(
-    monkeypatch: pytest.MonkeyPatch, run_dir: Path
-) -> None:
+def test_without_a_robot_the_missing_environment_is_named(monkeypatch: pytest.MonkeyPatch, run_dir: Path) -> None:
     monkeypatch.delenv("HELLO_FLEET_PATH", raising=False)
     with pytest.raises(WireDown, match="HELLO_FLEET_PATH and HELLO_FLEET_ID are not set"):
         folder_of({"HELLO_FLEET_ID": "stretch-se3-1234"})
@@ -112,7 +112,9 @@ def test_a_control_frequency_that_no_stretch_has_is_refused(hz: Any) -> None:
     assert Stretch("stretch3", "", {}).timing.control_hz == 15.0
 
 
-def test_it_is_completed_once_from_the_robots_own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parameters_are_completed_once_from_the_robots_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     at = folder(tmp_path, {**MODEL, "lift": {"range_m": [0.0, 1.05]}})
     monkeypatch.setenv("HELLO_FLEET_PATH", str(tmp_path))
     monkeypatch.setenv("HELLO_FLEET_ID", at.name)

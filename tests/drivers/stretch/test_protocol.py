@@ -46,7 +46,7 @@ def test_a_command_is_read_back(fields: tuple[float, ...]) -> None:
         (p.Command(p.Mode.CURRENT), "setpoint"),
     ],
 )
-def test_a_stop_is_told_from_a_setpoint_of_zero(command: p.Command, kind: str) -> None:
+def test_a_stop_differs_from_a_setpoint_of_zero(command: p.Command, kind: str) -> None:
     assert command.kind == kind
 
 
@@ -60,13 +60,13 @@ def test_a_steppers_status(protocol: int) -> None:
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf")])
-def test_a_status_with_a_number_that_is_none_is_no_status(number: float) -> None:
+def test_a_status_with_an_invalid_number_is_refused(number: float) -> None:
     status = p.StepperStatus(5, 0.0, number, 0.0, 0.0, 0, 0, 0.0, 0, 0.0, 0, 0.0)
-    with pytest.raises(MalformedFrame, match="a number that is none"):
+    with pytest.raises(MalformedFrame, match="a number that is not finite"):
         p.parse_stepper_status(p.pack_stepper_status(status, 5))
 
 
-def test_a_power_boards_status_whatever_the_firmware_adds() -> None:
+def test_a_power_boards_status_with_fields_of_newer_firmware() -> None:
     status = p.PimuStatus(
         (0.5, 1.0, 9.75), (0.25, 0.0, 0.0), (1.0, 2.0, 3.0), (10.0, 20.0, 350.0), (1.0, 0.0, 0.0, 0.0), 0.5,
         655.0, 170.0, 300.0, (1.0, 2.0, 3.0, 4.0), p.State.RUNSTOP | p.State.CHARGER, 123456789, 3, 0.5,
@@ -97,7 +97,7 @@ def test_a_configuration_of_the_power_board() -> None:
     assert not p.stops_at_runstop(p.pimu_config_call(without)[1:])
 
 
-def test_who_a_board_is() -> None:
+def test_the_identity_of_a_board() -> None:
     info = p.parse_board_info(p.board_info_reply("Stepper.3", "Stepper.v0.7.2p5", 4))
     assert (info.kind, info.version, info.protocol, info.hardware) == ("Stepper", (0, 7), 5, 3)
     old = p.parse_board_info(p.board_info_reply("Stepper.Irma.V1", "Stepper.v0.5.1p1"))
@@ -105,13 +105,13 @@ def test_who_a_board_is() -> None:
 
 
 @pytest.mark.parametrize("data", [b"", bytes(39), bytes(42), b"Stepper.3".ljust(40, b"\0"), b"\xff" * 40])
-def test_what_is_no_name_is_refused(data: bytes) -> None:
+def test_an_invalid_name_is_refused(data: bytes) -> None:
     with pytest.raises(MalformedFrame):
         p.parse_board_info(data)
 
 
 @given(st.binary(max_size=150))
-def test_any_bytes_raise_the_codecs_own_error_or_are_read(data: bytes) -> None:
+def test_any_bytes_are_decoded_or_raise_the_codecs_error(data: bytes) -> None:
     for parse in (
         p.parse_command, p.parse_stepper_status, p.parse_pimu_status, p.parse_gains, p.parse_trigger,
         p.parse_motion_limits, p.parse_pimu_trigger, p.parse_board_info, p.stops_at_runstop,

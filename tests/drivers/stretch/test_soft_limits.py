@@ -14,13 +14,13 @@ from .test_wire import LIFT_ALONE, target
 ARM_ALONE = 2
 
 
-def test_soft_limits_are_told_the_firmware_of_lift_and_arm() -> None:
+def test_soft_limits_are_sent_to_the_boards_of_lift_and_arm() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
         await wire.open()
-        told = await wire.perform("set_soft_limits", {"joint": "arm", "low": 0.1, "high": 0.3}, Permission())
-        assert told == {"joint": "arm", "low": 0.1, "high": 0.3}
+        reported = await wire.perform("set_soft_limits", {"joint": "arm", "low": 0.1, "high": 0.3}, Permission())
+        assert reported == {"joint": "arm", "low": 0.1, "high": 0.3}
         scale = rig.config.parameters.arm.rad_per_m
         assert rig.world.steppers["arm"].limits == pytest.approx((0.1 * scale, 0.3 * scale))
         sensors = (await wire.read()).sensors
@@ -30,7 +30,7 @@ def test_soft_limits_are_told_the_firmware_of_lift_and_arm() -> None:
 
 
 @pytest.mark.parametrize("joint", ["lift", "arm"])
-def test_soft_limits_are_told_beside_readings_and_setpoints(joint: str) -> None:
+def test_soft_limits_are_sent_during_readings_and_setpoints(joint: str) -> None:
     """A service runs at the same time as both. Each gets the answer to its own request."""
 
     async def test() -> None:
@@ -59,12 +59,12 @@ def test_soft_limits_are_told_beside_readings_and_setpoints(joint: str) -> None:
                 assert rig.world.steppers[joint].limits == pytest.approx((0.1 * scale, high * scale))
                 await trio.sleep(0.0003)
             nursery.cancel_scope.cancel()
-        assert reads > 20, "nor is it kept from reading"
+        assert reads > 20, "readings go on meanwhile"
 
     virtual(test)
 
 
-def test_soft_limits_that_a_board_does_not_acknowledge_are_not_set_and_hold_nobody_up() -> None:
+def test_soft_limits_without_an_acknowledgement_are_not_set_and_delay_nothing() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -84,7 +84,7 @@ def test_soft_limits_that_a_board_does_not_acknowledge_are_not_set_and_hold_nobo
 
         async with trio.open_nursery() as nursery:
             nursery.start_soon(read)
-            with pytest.raises(WireDown, match="lift does not take its limits of motion"):
+            with pytest.raises(WireDown, match="lift did not acknowledge its motion limits"):
                 await wire.perform("set_soft_limits", limits, Permission())
             nursery.cancel_scope.cancel()
         assert longest_s < 0.09, "a wire that does not answer for 0.1 s counts as frozen"
@@ -94,7 +94,7 @@ def test_soft_limits_that_a_board_does_not_acknowledge_are_not_set_and_hold_nobo
 
 @pytest.mark.parametrize("is_cut", [True, False], ids=["cut", "goes_on"])
 @pytest.mark.parametrize("safe_state", ["hold", "stop"])
-def test_saf_006_a_stop_does_not_wait_for_soft_limits_that_are_being_told(safe_state: str, is_cut: bool) -> None:
+def test_saf_006_a_stop_does_not_wait_for_soft_limits_being_sent(safe_state: str, is_cut: bool) -> None:
     """With ``is_cut`` the service is cancelled, as the transport does when a stop comes."""
 
     async def test() -> None:
@@ -113,7 +113,7 @@ def test_saf_006_a_stop_does_not_wait_for_soft_limits_that_are_being_told(safe_s
         async with trio.open_nursery() as nursery:
             nursery.start_soon(tell)
             await trio.sleep(ANSWER_S / 2)
-            assert rig.kinds[-1][:2] == (LIFT, "config"), "its acknowledgement is awaited"
+            assert rig.kinds[-1][:2] == (LIFT, "config"), "the last frame is the one with a pending acknowledgement"
             rig.kinds.clear()
             began_s = trio.current_time()
             if is_cut:
@@ -124,7 +124,7 @@ def test_saf_006_a_stop_does_not_wait_for_soft_limits_that_are_being_told(safe_s
         assert trio.current_time() - began_s < 0.2
         told_s = [at_s for at_s, _ in rig.ports[LIFT][0].written if at_s >= began_s]
         assert told_s[0] == began_s and next(kind for name, kind, _ in rig.kinds if name == LIFT) == "safe"
-        assert rig.told("setpoint", "config") == [], "nothing of it leaves behind the stop"
+        assert rig.ports_written("setpoint", "config") == [], "the cancelled service sends nothing after the stop"
         assert rig.world.safe_state == safe_state
 
     virtual(test)

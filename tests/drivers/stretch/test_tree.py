@@ -77,7 +77,7 @@ def test_saf_001_a_twist_is_repeated_for_its_lifetime_then_everything_holds(stre
     assert lived_s > 0.25
     sent = commands(twin.log.host("setpoint", began_ns))
     # A process that waited for a processor sends one more, however late it is.
-    assert 4 <= len(sent) <= 2 * (lived_s / 0.1 + 2), "both wheels, every 100 ms while it lives"
+    assert 4 <= len(sent) <= 2 * (lived_s / 0.1 + 2), "both wheels get the twist every 100 ms for its lifetime"
     assert {one.mode for one in sent} == {p.Mode.VELOCITY_PROFILE}
     turn = 0.4 * 0.3153 / 2
     assert {round(one.velocity / WHEEL, 4) for one in sent} == {round(0.1 - turn, 4), round(0.1 + turn, 4)}
@@ -87,7 +87,7 @@ def test_saf_001_a_twist_is_repeated_for_its_lifetime_then_everything_holds(stre
     drive(stretch, twin)  # a late writer may go on
 
 
-def test_it_drives_on_the_floor_and_its_odometry_says_where(stretch: RealRobot, twin: Twin) -> None:
+def test_it_drives_on_the_floor_and_reports_odometry(stretch: RealRobot, twin: Twin) -> None:
     for _ in range(15):
         json_of(stretch.set_twist(vx=0.2))
         time.sleep(0.1)
@@ -102,7 +102,7 @@ def test_it_drives_on_the_floor_and_its_odometry_says_where(stretch: RealRobot, 
     assert sensor(stretch, "rpy_rad")[2] == pytest.approx(sensor(stretch, "odometry_yaw_rad")[0], abs=0.1)
 
 
-def test_joints_go_where_they_are_told_and_only_those_that_are_named(stretch: RealRobot, twin: Twin) -> None:
+def test_only_the_named_joints_move_to_their_targets(stretch: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
     told = json_of(stretch.send_action({"lift.pos": 0.53, "wrist_yaw": 1.2}))
     assert told == {"robot": "stretch3", "joints": {"lift": 0.53, "wrist_yaw": 1.2}}
@@ -110,7 +110,7 @@ def test_joints_go_where_they_are_told_and_only_those_that_are_named(stretch: Re
     until(lambda: stretch.get_observation()["wrist_yaw"] == pytest.approx(1.2, abs=0.01), "the wrist is there")
     sent = commands(twin.log.host("setpoint", began_ns))
     goals = {round(one.position, 2) for one in sent}
-    assert goals == {round(0.53 * parameters_of("stretch3").lift.rad_per_m, 2)}, "nothing for arm and wheels"
+    assert goals == {round(0.53 * parameters_of("stretch3").lift.rad_per_m, 2)}, "arm and wheels get no goal"
     assert {one.mode for one in sent} == {p.Mode.POSITION_PROFILE}
     assert stretch.get_observation()["arm"] == pytest.approx(0.1, abs=1e-4)
 
@@ -131,13 +131,15 @@ def test_saf_005_a_stop_holds_every_motor_and_reads_each_back(stretch: RealRobot
     where = stretch.get_observation()
     assert where["lift"] < 0.6
     time.sleep(0.4)
-    assert stretch.get_observation()["lift"] == pytest.approx(where["lift"], abs=1e-3), "held on its way"
-    assert "call resume() first" in why(stretch.send_action({"lift": 0.6}))
+    assert stretch.get_observation()["lift"] == pytest.approx(where["lift"], abs=1e-3), (
+        "the lift is held in the middle of its motion"
+    )
+    assert "Call resume() first" in why(stretch.send_action({"lift": 0.6}))
     json_of(stretch.resume())
-    assert twin.log.host("setpoint", stopped_ns) == [], "a resume moves nothing"
+    assert twin.log.host("setpoint", stopped_ns) == [], "no setpoint is sent after the stop, not even by a resume"
 
 
-def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_hold(
+def test_saf_010_a_command_in_the_port_of_a_stopped_robot_is_followed_by_a_hold(
     stretch: RealRobot, twin: Twin
 ) -> None:
     """The robot pauses with a command under way. The caller stops, then the robot continues."""
@@ -146,14 +148,14 @@ def test_saf_010_a_command_that_waits_in_a_stopped_robot_is_followed_by_a_hold(
     stretch.set_twist(vx=0.29)
     time.sleep(0.03)
     refusal = stretch.stop()
-    assert refusal["status"] == "error", "it is not told to have stopped"
+    assert refusal["status"] == "error", "the stop is not reported as confirmed"
     assert "left_wheel" in why(refusal)
     back_ns = time.monotonic_ns()
     twin.go_on()
     first_safe(twin.log, back_ns, "hold")
     until(lambda: state(stretch) == "disarmed", "it is back, disarmed, and confirmed")
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
-    assert frames[-1].kind == "safe", "whatever it carried out late"
+    assert frames[-1].kind == "safe", "a safe frame is the last one that is carried out"
     twin.log.no_setpoint_after_safe(back_ns)
     until(lambda: stretch.get_observation().get("vx") == 0.0, "it stands")
 
@@ -206,7 +208,7 @@ def test_saf_005_one_board_that_is_unplugged_keeps_no_other_from_being_stopped(
     resumed(stretch)
 
 
-def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robot(
+def test_a_pressed_runstop_ends_the_live_command_and_is_released_on_the_robot(
     stretch: RealRobot, twin: Twin
 ) -> None:
     json_of(stretch.send_action({"lift": 0.8}))
@@ -214,37 +216,33 @@ def test_a_runstop_that_is_pressed_ends_what_is_live_and_is_released_on_the_robo
     until(lambda: "runstop" in str(status(stretch)["cause"]), "it is seen")
     until(lambda: state(stretch) == "disarmed", "and ends the motion")
     assert sensor(stretch, "runstop") == [1.0]
-    assert "the runstop is pressed. Release it on the robot" in why(stretch.resume())
+    assert "the runstop is pressed. Release the runstop on the robot" in why(stretch.resume())
     twin.order("runstop off")
     resumed(stretch)
     json_of(stretch.send_action({"lift": 0.5}))
 
 
-def test_an_empty_battery_is_told_as_such_and_not_as_a_button_that_somebody_pressed(
-    stretch: RealRobot, twin: Twin
-) -> None:
+def test_an_empty_battery_is_not_reported_as_a_pressed_button(stretch: RealRobot, twin: Twin) -> None:
     json_of(stretch.send_action({"lift": 0.8}))
     twin.order("low-battery on")
     until(lambda: "sets its runstop: the battery is low" in str(status(stretch)["cause"]), "it is told")
     twin.order("runstop off")
-    assert "the battery is low. Charge it, then release it on the robot" in why(stretch.resume())
+    assert "the battery is low. Charge it, then release the runstop on the robot" in why(stretch.resume())
     assert (sensor(stretch, "runstop"), sensor(stretch, "low_battery")) == ([1.0], [1.0])
     twin.order("low-battery off")
     twin.order("runstop off")
     resumed(stretch)
 
 
-def test_an_arm_that_meets_something_is_not_sent_against_it_again_and_everything_holds(
-    stretch: RealRobot, twin: Twin
-) -> None:
+def test_after_a_contact_the_goal_is_not_sent_again_and_all_motors_hold(stretch: RealRobot, twin: Twin) -> None:
     armed(stretch)
     twin.order("contact arm on")
     began_ns = time.monotonic_ns()
     json_of(stretch.send_action({"arm": 0.4}))
-    until(lambda: "arm has met something" in str(status(stretch)["cause"]), "it is told")
+    until(lambda: "arm has met an obstacle" in str(status(stretch)["cause"]), "it is told")
     until(lambda: state(stretch) == "disarmed", "and ends the motion")
     first_safe(twin.log, began_ns, "hold")
-    assert len(commands(twin.log.host("setpoint", began_ns))) == 1, "it pushes once"
+    assert len(commands(twin.log.host("setpoint", began_ns))) == 1, "the arm pushes once"
     twin.log.no_setpoint_after_safe(began_ns)
     twin.order("contact arm off")
     json_of(stretch.resume())
@@ -252,7 +250,7 @@ def test_an_arm_that_meets_something_is_not_sent_against_it_again_and_everything
     until(lambda: stretch.get_observation()["arm"] == pytest.approx(0.15, abs=1e-3), "it is there")
 
 
-def test_a_lifts_goal_is_told_once_and_the_wheels_velocity_again(stretch: RealRobot, twin: Twin) -> None:
+def test_a_lifts_goal_is_sent_once_and_the_wheels_velocity_is_re_sent(stretch: RealRobot, twin: Twin) -> None:
     armed(stretch)
     began_ns = time.monotonic_ns()
     json_of(stretch.send_action({"lift": 0.6}))
@@ -266,12 +264,14 @@ def test_a_lifts_goal_is_told_once_and_the_wheels_velocity_again(stretch: RealRo
 
 
 @pytest.mark.parametrize("joint", ["lift", "arm", "wrist_yaw"])
-def test_saf_014_what_is_not_homed_is_refused_with_what_to_run(twin: Twin, run_dir: Path, joint: str) -> None:
+def test_saf_014_a_joint_that_is_not_homed_is_refused_with_the_command_to_run(
+    twin: Twin, run_dir: Path, joint: str
+) -> None:
     twin.order(f"homed {joint} off")
     with Robot("stretch3", mode="real", port=twin.port) as robot:
         began_ns = time.monotonic_ns()
         text = why(robot.send_action({joint: 0.2}))
-        assert f"{joint} not homed" in text and "run the homing routine" in text
+        assert f"{joint} is not homed" in text and "Run the homing routine" in text
         assert twin.log.host("setpoint", began_ns) == []
         json_of(robot.set_twist(vx=0.05))
 
@@ -285,8 +285,8 @@ def test_saf_014_soft_limits_that_are_set_hold_at_once(stretch: RealRobot, twin:
     json_of(stretch.resume())
     began_ns = time.monotonic_ns()
     until(lambda: sensor(stretch, "limit_high")[0] == 0.6, "they are reported")
-    assert "outside its soft limits of now. stay within 0.3000..0.6000" in why(stretch.send_action({"lift": 0.65}))
-    assert "outside its soft limits" in why(stretch.send_action({"wrist_yaw": 0.6}))
+    assert "outside its present soft limits. Stay within 0.3000..0.6000" in why(stretch.send_action({"lift": 0.65}))
+    assert "outside its present soft limits" in why(stretch.send_action({"wrist_yaw": 0.6}))
     assert twin.log.host("setpoint", began_ns) == []
     json_of(stretch.send_action({"lift": 0.59}))
     assert "lift 0.2..1.3" in why(stretch.set_soft_limits(joint="lift", low=0.2, high=1.3))
@@ -301,7 +301,7 @@ def test_saf_003_soft_limits_that_are_set_again_and_again_end_no_process(twin: T
             json_of(robot.set_soft_limits(joint="lift", low=0.1 + 0.001 * at, high=0.9))
             time.sleep(0.01)
         assert pids(robot)["wire"] == wire
-        assert twin.log.host("safe", began_ns) == [], "nobody had to stop it"
+        assert twin.log.host("safe", began_ns) == [], "the robot was not stopped"
 
 
 def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_all_are_gone(
@@ -324,7 +324,7 @@ def test_saf_013_the_wheels_watchdog_is_armed_and_read_back_and_stops_them_when_
         assert other.get_observation()["vx"] == 0.0
 
 
-def test_saf_013_a_robot_whose_yaml_has_the_watchdog_off_does_not_drive(
+def test_saf_013_a_robot_with_the_watchdog_off_in_its_yaml_does_not_drive(
     twin: Twin, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The setting comes from the robot's own YAML, as on a real robot."""
@@ -343,7 +343,7 @@ def test_saf_013_a_robot_whose_yaml_has_the_watchdog_off_does_not_drive(
         json_of(robot.send_action({"lift": 0.51}))
 
 
-def test_an_agent_reads_and_stops_it_and_moves_it_with_approval_alone(stretch: RealRobot, twin: Twin) -> None:
+def test_an_agent_reads_and_stops_the_robot_and_moves_it_only_with_approval(stretch: RealRobot, twin: Twin) -> None:
     def asked(given: dict[str, Any]) -> dict[str, Any]:
         return asyncio.run(stretch.use_tool(given, "an agent"))
 
@@ -370,6 +370,6 @@ def test_saf_007_an_estop_presses_the_runstop(stretch: RealRobot, twin: Twin) ->
     assert pressed, "the runstop is on, and everything holds"
     twin.log.no_setpoint_after_safe(began_ns)
     assert "e-stopped by the red button" in why(stretch.set_twist(vx=0.1))
-    assert "the runstop is pressed" in why(stretch.resume()), "who lifts the lock releases it on the robot"
+    assert "the runstop is pressed" in why(stretch.resume()), "the runstop must be released on the robot"
     twin.order("runstop off")
     resumed(stretch)

@@ -12,8 +12,8 @@ from strands_actors.drivers.common.dynamixel import protocol as dxl
 from strands_actors.drivers.common.twin import Exchange, Fault
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p
-from strands_actors.drivers.stretch.twin.boards import Heard
-from strands_actors.drivers.stretch.twin.server import commands_first, ears_of
+from strands_actors.drivers.stretch.twin.boards import ReceivedFrame
+from strands_actors.drivers.stretch.twin.server import commands_first, decoders_of
 from strands_actors.drivers.stretch.twin.world import World
 from tests.drivers.disturbed import DISTURBED
 
@@ -34,7 +34,7 @@ def test_20_000_disturbed_frames_move_nothing_and_raise_nothing() -> None:
     """Damaged calls of every kind except commands. A board accepts only whole frames."""
     chance = random.Random(11)
     robot = world()
-    ears = [ear for ear, _ in ears_of(robot).values()]
+    decoders = [decoder for decoder, _ in decoders_of(robot).values()]
     calls = [
         f.pull(p.STATUS),
         f.push(bytes((p.TRIGGER,))),
@@ -46,13 +46,13 @@ def test_20_000_disturbed_frames_move_nothing_and_raise_nothing() -> None:
         data = bytearray(chance.choice(calls))
         for _ in range(chance.randrange(3)):
             data[chance.randrange(len(data))] = chance.randrange(256)
-        for heard in chance.choice(ears).frames(bytes(data) + chance.randbytes(chance.randrange(4)), 115_200):
+        for heard in chance.choice(decoders).frames(bytes(data) + chance.randbytes(chance.randrange(4)), 115_200):
             assert all(len(reply.data) < 200 for reply in heard.act().replies)
     assert all(motor.velocity == 0.0 for motor in robot.steppers.values())
 
 
-def heard(kind: str, said: list[str]) -> Heard:
-    return Heard(kind, partial(_say, kind, said))
+def heard(kind: str, said: list[str]) -> ReceivedFrame:
+    return ReceivedFrame(kind, partial(_say, kind, said))
 
 
 def _say(kind: str, said: list[str]) -> Exchange:
@@ -60,7 +60,7 @@ def _say(kind: str, said: list[str]) -> Exchange:
     return Exchange(kind, b"", ())
 
 
-def test_of_one_sweep_commands_are_told_before_stops_and_each_port_in_its_order() -> None:
+def test_a_sweep_reports_commands_before_stops_and_keeps_each_ports_order() -> None:
     said: list[str] = []
     waiting = {
         "a": deque([heard("safe", said), heard("read", said)]),
@@ -83,7 +83,7 @@ def test_a_motor_that_is_off_or_stuck_does_not_move(fault: Fault) -> None:
     if fault is Fault.STUCK:
         assert robot.metres("lift") == pytest.approx(0.5)
     else:
-        assert not lift.homed, "without power it forgets where it is"
+        assert not lift.homed, "without power the lift loses its position"
     robot.set_fault(Fault.OK, None)
     assert not lift.stuck
 
@@ -98,9 +98,9 @@ def test_the_runstop_lets_go_of_arm_and_wheels_and_holds_the_lift() -> None:
     assert {motor.mode for motor in robot.steppers.values()} == {p.Mode.SAFETY}
     assert all(motor.status().has(p.Diag.RUNSTOP) for motor in robot.steppers.values())
     robot.steppers["arm"].take(robot.config.goal("arm", 0.3))
-    assert robot.steppers["arm"].mode == p.Mode.SAFETY, "and takes no command"
+    assert robot.steppers["arm"].mode == p.Mode.SAFETY, "the arm accepts no command"
     robot.set_runstop(False)
-    assert robot.steppers["arm"].mode == p.Mode.SAFETY, "nor does it go on with an old one"
+    assert robot.steppers["arm"].mode == p.Mode.SAFETY, "the arm does not continue an old command"
 
 
 @pytest.mark.parametrize("mode", [p.Mode.VELOCITY, p.Mode.VELOCITY_PROFILE])
@@ -113,7 +113,7 @@ def test_the_wheels_watchdog_lets_go_after_a_second_until_the_next_command(mode:
     robot.run(0.99)
     assert (wheel.mode, wheel.velocity) == (mode, pytest.approx(5.0))
     robot.run(0.02)
-    assert wheel.mode == p.Mode.SAFETY and wheel.velocity > 4.0, "it does not brake"
+    assert wheel.mode == p.Mode.SAFETY and wheel.velocity > 4.0, "the wheel does not brake"
     robot.run(0.5)
     assert wheel.velocity == 0.0 and not wheel.status().has(p.Diag.RUNSTOP)
     wheel.take(drives)
@@ -122,7 +122,7 @@ def test_the_wheels_watchdog_lets_go_after_a_second_until_the_next_command(mode:
 
 
 @pytest.mark.parametrize("is_guarded", [True, False])
-def test_who_pushes_against_something_is_stopped_by_its_board_until_the_next_command(is_guarded: bool) -> None:
+def test_a_motor_that_pushes_is_stopped_by_its_board_until_the_next_command(is_guarded: bool) -> None:
     robot = world()
     arm, goal = robot.steppers["arm"], robot.config.goal("arm", 0.4)
     config = arm.gains.config & ~int(p.Config.SYNC)
@@ -138,12 +138,12 @@ def test_who_pushes_against_something_is_stopped_by_its_board_until_the_next_com
         assert arm.mode == (p.Mode.SAFETY if is_guarded else p.Mode.POSITION_PROFILE)
     arm.take(robot.config.goal("arm", 0.05))
     robot.run(2.0)
-    assert robot.metres("arm") == pytest.approx(0.05, abs=1e-3), "it may go back"
+    assert robot.metres("arm") == pytest.approx(0.05, abs=1e-3), "the arm may move back"
     robot.set_contact("arm", False)
     arm.take(goal)
     robot.run(4.0)
     assert robot.metres("arm") == pytest.approx(0.4, abs=1e-3)
-    with pytest.raises(ValueError, match="wrist_yaw meets nothing here"):
+    with pytest.raises(ValueError, match="wrist_yaw cannot meet an obstacle here"):
         robot.set_contact("wrist_yaw", True)
 
 
@@ -158,14 +158,14 @@ def test_limits_that_are_narrowed_on_the_way_hold_for_the_goal_too() -> None:
     assert robot.metres("lift") == pytest.approx(0.52, abs=1e-3)
 
 
-def test_a_robot_is_at_rest_when_all_that_moved_has_been_told() -> None:
+def test_a_robot_is_at_rest_when_every_moving_motor_got_a_stop() -> None:
     robot = world()
     robot.steppers["lift"].take(robot.config.goal("lift", 0.6))
     robot.dirty_servos.add(13)
     robot.steppers["left_wheel"].take(robot.config.stand("left_wheel"))
     assert robot.safe_state == ""
     robot.steppers["lift"].take(robot.config.hold("lift"))
-    assert robot.safe_state == "", "a servo is on its way"
+    assert robot.safe_state == "", "a servo still moves"
     robot.dirty_servos.clear()
     assert robot.safe_state == "hold"
 

@@ -65,7 +65,7 @@ def test_an_arm_is_moved_by_steps(client: Client) -> None:
     assert seen["started"] and seen["to"] == pytest.approx(0.12, abs=3e-3)
 
 
-def test_a_stepper_waits_for_its_pulse_and_tells_the_gains_in_its_flash(client: Client) -> None:
+def test_a_stepper_waits_for_its_pulse_and_reports_the_gains_in_its_flash(client: Client) -> None:
     seen = client("stepper")
     assert seen["started"] and seen["waited_for_sync"] and seen["mode"] == 2
     assert (seen["watchdog_in_flash"], seen["pKp_d"]) == (0, 6.0)
@@ -80,7 +80,7 @@ def test_the_power_board_presses_the_runstop_and_releases_it(client: Client) -> 
 
 
 @pytest.mark.long
-def test_a_base_drives_and_its_firmware_stops_it_when_nobody_speaks(client: Client) -> None:
+def test_a_base_drives_and_its_firmware_stops_it_without_commands(client: Client) -> None:
     seen = client("base")
     assert seen["started"] and seen["fastest"] == pytest.approx(0.1, abs=0.01) and seen["x"] > 0.05
     assert seen["left_alone"] == pytest.approx(0.0, abs=1e-3)

@@ -14,7 +14,7 @@ from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.driver import Stretch
 from strands_actors.drivers.stretch.odometry import START, moved
 from strands_actors.drivers.stretch.parameters import parameters_of
-from strands_actors.drivers.stretch.twin.boards import PimuEar, StepperEar
+from strands_actors.drivers.stretch.twin.boards import PimuDecoder, StepperDecoder
 from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import ARM, HEAD, LEFT, LIFT, PIMU, RIGHT, WRIST, Rig
@@ -37,7 +37,7 @@ def test_opening_sets_gains_and_limits_and_moves_nothing() -> None:
         wire = rig.wire()
         facts = await wire.open()
         assert facts["model"] == "SE3" and facts["firmware"]["lift"] == "Stepper.v0.7.2p5"
-        assert rig.told("setpoint", "safe", "enable") == []
+        assert rig.ports_written("setpoint", "safe", "enable") == []
         lift = rig.world.steppers["lift"]
         assert not lift.has(p.Config.SYNC) and lift.has(p.Config.RUNSTOP)
         assert lift.limits == pytest.approx((0.0, 1.1 * rig.config.parameters.lift.rad_per_m))
@@ -57,20 +57,18 @@ def test_opening_sets_gains_and_limits_and_moves_nothing() -> None:
         (LIFT, ("Pimu.3", "Pimu.v0.7.2p6"), "lift is a Pimu board, must be a Stepper"),
         (ARM, ("Stepper.Irma.V1", "Stepper.v0.3.1p0"), "arm has firmware Stepper.v0.3.1p0"),
         (ARM, ("Stepper.3", "Stepper.v0.9.0p9"), "arm has firmware Stepper.v0.9.0p9"),
-        (PIMU, ("Pimu.3", "bootloader"), "pimu says that its firmware is 'bootloader'"),
+        (PIMU, ("Pimu.3", "bootloader"), "the firmware's name is 'bootloader'"),
     ],
 )
-def test_another_board_and_firmware_that_is_not_known_are_refused(
-    board: str, info: tuple[str, str], why: str
-) -> None:
+def test_unknown_boards_and_firmware_are_refused(board: str, info: tuple[str, str], why: str) -> None:
     async def test() -> None:
         rig = Rig()
-        ear = rig.ears[board]
-        assert isinstance(ear, StepperEar | PimuEar)
-        ear.INFO = info
+        decoder = rig.decoders[board]
+        assert isinstance(decoder, StepperDecoder | PimuDecoder)
+        decoder.INFO = info
         with pytest.raises(WireDown, match=why):
             await rig.wire().open()
-        assert rig.told("setpoint", "safe", "enable") == []
+        assert rig.ports_written("setpoint", "safe", "enable") == []
         assert all(port.closed for ports in rig.ports.values() for port in ports)
 
     virtual(test)
@@ -91,14 +89,14 @@ def test_a_board_that_is_mute_or_not_there_is_named(board: str) -> None:
     virtual(test)
 
 
-def test_a_board_whose_gains_in_flash_are_none_is_named() -> None:
+def test_a_board_with_invalid_gains_in_flash_is_named() -> None:
     async def test() -> None:
         rig = Rig()
-        ear = rig.ears[LEFT]
-        assert isinstance(ear, StepperEar)
-        do = ear.do
-        ear.do = lambda call, data: b"\1\2" if call == p.FLASH_GAINS else do(call, data)  # type: ignore[method-assign]
-        with pytest.raises(WireDown, match="left_wheel does not tell its gains in flash: gains has 81 bytes"):
+        decoder = rig.decoders[LEFT]
+        assert isinstance(decoder, StepperDecoder)
+        do = decoder.do
+        decoder.do = lambda call, data: b"\1\2" if call == p.FLASH_GAINS else do(call, data)  # type: ignore[method-assign]
+        with pytest.raises(WireDown, match="left_wheel does not report its gains in flash: gains has 81 bytes"):
             await rig.wire().open()
 
     virtual(test)
@@ -117,14 +115,14 @@ def test_saf_011_arming_holds_everything_where_it_is() -> None:
     virtual(test)
 
 
-def test_saf_009_no_board_is_told_anything_without_a_permit() -> None:
+def test_saf_009_nothing_is_sent_to_a_board_without_a_permit() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
         await wire.open()
         with pytest.raises(PermitDenied):
             await wire.arm(Permission(denied_at=0))
-        assert rig.told("safe", "enable", "setpoint") == []
+        assert rig.ports_written("safe", "enable", "setpoint") == []
         with pytest.raises(PermitDenied):
             await wire.write(target(LIFT_ALONE, lift=0.6), Permission())
         await wire.arm(Permission())
@@ -142,14 +140,14 @@ def test_nothing_is_armed_while_the_runstop_is_pressed_or_not_known() -> None:
         wire = rig.wire()
         await wire.open()
         rig.mute.add(PIMU)
-        with pytest.raises(WireDown, match="does not tell whether the runstop is pressed"):
+        with pytest.raises(WireDown, match="does not report whether the runstop is pressed"):
             await wire.arm(Permission())
         rig.mute.clear()
         await trio.sleep(0.2)
         rig.world.set_runstop(True)
         with pytest.raises(WireDown, match="the runstop is pressed"):
             await wire.arm(Permission())
-        assert rig.told("safe", "enable", "setpoint") == []
+        assert rig.ports_written("safe", "enable", "setpoint") == []
 
     virtual(test)
 
@@ -157,10 +155,14 @@ def test_nothing_is_armed_while_the_runstop_is_pressed_or_not_known() -> None:
 @pytest.mark.parametrize(
     ("alert", "sensor", "why"),
     [
-        (p.State.LOW_VOLTAGE, "low_battery", "the battery is low. Charge it, then release it on the robot"),
-        (p.State.OVER_TILT, "tilted", "the robot is tilted. Set it upright, then release it on the robot"),
+        (
+            p.State.LOW_VOLTAGE,
+            "low_battery",
+            "the battery is low. Charge it, then release the runstop on the robot",
+        ),
+        (p.State.OVER_TILT, "tilted", "the robot is tilted. Set it upright, then release the runstop on the robot"),
         (p.State.CLIFF, "at_cliff", "the base has met a cliff. Move it away"),
-        (p.State.HIGH_CURRENT, "high_current", "the robot has drawn too much current. Clear what"),
+        (p.State.HIGH_CURRENT, "high_current", "the robot has drawn too much current. Remove what"),
     ],
 )
 def test_nothing_is_armed_while_the_robot_sets_its_runstop_by_itself(alert: p.State, sensor: str, why: str) -> None:
@@ -184,7 +186,7 @@ def test_nothing_is_armed_while_the_robot_sets_its_runstop_by_itself(alert: p.St
     virtual(test)
 
 
-def test_a_setpoint_goes_to_what_it_names_and_to_nothing_else() -> None:
+def test_a_setpoint_goes_only_to_the_motors_that_it_names() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -198,12 +200,12 @@ def test_a_setpoint_goes_to_what_it_names_and_to_nothing_else() -> None:
         ):
             rig.kinds.clear()
             await wire.write(target(mask, lift=lift_m, vx=0.1, wrist_yaw=0.1), Permission())
-            assert set(rig.told("setpoint", "config")) == ports
+            assert set(rig.ports_written("setpoint", "config")) == ports
 
     virtual(test)
 
 
-def test_a_servo_is_told_its_profile_again_behind_a_hold() -> None:
+def test_a_servo_gets_its_profile_again_after_a_hold() -> None:
     """A hold has no profile, so that a servo does not ease into its stop."""
 
     async def test() -> None:
@@ -223,7 +225,7 @@ def test_a_servo_is_told_its_profile_again_behind_a_hold() -> None:
     virtual(test)
 
 
-def test_saf_012_a_report_with_the_time_of_the_one_before_is_none() -> None:
+def test_saf_012_a_report_with_an_unchanged_time_does_not_count() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -248,7 +250,7 @@ def test_saf_012_a_report_with_the_time_of_the_one_before_is_none() -> None:
 
 
 def test_a_board_that_was_reset_is_connected_again() -> None:
-    """After a reset the gains in flash apply, whatever was set before."""
+    """A reset restores the gains in flash. Gains that were set before are lost."""
 
     async def test() -> None:
         rig = Rig()
@@ -264,7 +266,7 @@ def test_a_board_that_was_reset_is_connected_again() -> None:
     virtual(test)
 
 
-def test_saf_013_wheels_without_their_watchdog_are_told_to_the_gates() -> None:
+def test_saf_013_the_gates_learn_that_the_wheels_have_no_watchdog() -> None:
     async def test() -> None:
         common = parameters_of("stretch3")
         gains = common.right.gains
@@ -294,7 +296,7 @@ def test_the_twins_watchdog_stops_the_wheels_and_lift_and_arm_go_on() -> None:
             await trio.sleep(0.1)
             rig.world.pass_time()
         assert rig.world.steppers["left_wheel"].mode == p.Mode.SAFETY
-        assert 0.0 < rig.world.metres_per_s("left_wheel") < 0.1, "let go of, it rolls out"
+        assert 0.0 < rig.world.metres_per_s("left_wheel") < 0.1, "a released wheel rolls out"
         for _ in range(12):
             await trio.sleep(0.1)
             rig.world.pass_time()
@@ -306,7 +308,7 @@ def test_the_twins_watchdog_stops_the_wheels_and_lift_and_arm_go_on() -> None:
 
 @pytest.mark.parametrize("by", ["wire", "stop_channel"])
 @pytest.mark.parametrize("safe_state", ["hold", "stop"])
-def test_saf_005_every_board_is_told_before_it_is_asked(by: str, safe_state: str) -> None:
+def test_saf_005_every_board_gets_the_stop_before_any_is_read(by: str, safe_state: str) -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -349,12 +351,12 @@ def test_saf_005_a_board_that_does_not_answer_is_named_and_the_others_are_confir
         assert not reports["right_wheel"].safe and reports["right_wheel"].written
         assert reports["right_wheel"].detail == "silent"
         assert all(report.safe for axis, report in reports.items() if axis != "right_wheel")
-        assert rig.commands(RIGHT)[-1].mode == p.Mode.VELOCITY, "it is told all the same"
+        assert rig.commands(RIGHT)[-1].mode == p.Mode.VELOCITY, "the wheel gets the command all the same"
 
     virtual(test)
 
 
-def test_saf_020_ports_that_count_as_lost_are_tried_and_then_opened_anew() -> None:
+def test_saf_020_lost_ports_are_tried_and_then_reopened() -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -365,7 +367,9 @@ def test_saf_020_ports_that_count_as_lost_are_tried_and_then_opened_anew() -> No
         reports = {report.axis: report for report in await wire.reach("hold")}
         assert not reports["lift"].safe and "cannot open" in reports["lift"].detail
         assert reports["left_wheel"].safe and reports["arm"].safe
-        assert all(port.closed for ports in rig.ports.values() for port in ports), "another wire can open them"
+        assert all(port.closed for ports in rig.ports.values() for port in ports), (
+            "all ports are closed, so another wire can open them"
+        )
         rig.gone.clear()
         reports = {report.axis: report for report in await rig.wire().reach("hold")}
         assert reports["lift"].safe and rig.commands(LIFT)[-1].mode == p.Mode.HOLD
@@ -396,7 +400,7 @@ def test_saf_005_a_wheel_that_rolls_on_is_not_reported_as_stopped() -> None:
 
 
 @pytest.mark.parametrize("by", ["wire", "stop_channel"])
-def test_saf_005_a_board_that_hangs_does_not_confirm_a_stop_by_what_it_said_before(by: str) -> None:
+def test_saf_005_an_earlier_report_of_a_hung_board_confirms_no_stop(by: str) -> None:
     async def test() -> None:
         rig = Rig()
         wire = rig.wire()
@@ -431,7 +435,7 @@ def test_saf_005_a_report_from_before_a_board_took_the_stop_proves_nothing() -> 
     virtual(test)
 
 
-def test_saf_012_a_report_of_the_power_board_with_the_time_of_the_one_before_is_none() -> None:
+def test_saf_012_a_power_board_report_with_an_unchanged_time_does_not_count() -> None:
     """The runstop is read from this report."""
 
     async def test() -> None:

@@ -1,4 +1,4 @@
-"""SAF-014: test the commands that robots with legs are not sent: each gate and each condition by itself, with
+"""SAF-014: test the commands that are refused for robots with legs: each gate and each condition by itself, with
 its message. No I/O."""
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def here(driver: Driver, joint: str) -> float:
 # -- accepted commands
 
 
-def test_a_number_is_a_position_with_the_joints_own_gains() -> None:
+def test_a_number_is_a_position_with_the_joints_gains() -> None:
     driver = g1()
     at = state(driver)
     accepted = verdict(driver, {"left_knee": here(driver, "left_knee") + 0.01}, at)
@@ -98,7 +98,7 @@ def test_a_number_is_a_position_with_the_joints_own_gains() -> None:
     assert accepted.values[count * KP] == 60.0
 
 
-def test_a_dict_says_more_and_keeps_nothing_of_before() -> None:
+def test_a_dict_sets_all_values_and_keeps_no_earlier_ones() -> None:
     driver = g1()
     first = verdict(
         driver, {"left_knee": {"q": here(driver, "left_knee"), "tau": 12.0, "kp": 150, "kd": 3.0}}, state(driver)
@@ -131,7 +131,7 @@ def test_every_spelling_of_a_joint(spelling: str) -> None:
     assert driver.commanded({spelling: 0.0}, accepted.values)["joints"] == ["left_knee"]
 
 
-def test_what_send_action_answers() -> None:
+def test_the_answer_of_send_action() -> None:
     driver = go2()
     accepted = verdict(driver, {"FL_hip_joint": here(driver, "FL_hip_joint")}, state(driver))
     assert isinstance(accepted, Candidate)
@@ -189,7 +189,7 @@ def whole(driver: Driver, **rows: float) -> dict[str, dict[str, float]]:
 
 
 @pytest.mark.parametrize("rows", [{}, {"kp": 20.0}, {"kd": 1.0, "tau": 0.5, "dq": 0.1, "kp": 3.0}])
-def test_an_action_with_the_same_rows_for_all_joints_is_what_it_is_joint_by_joint(rows: dict[str, float]) -> None:
+def test_an_action_for_all_joints_equals_one_joint_by_joint(rows: dict[str, float]) -> None:
     driver = go2()
     action = whole(driver, **rows)
     candidate = verdict(driver, action, state(driver))
@@ -209,7 +209,7 @@ def test_saf_014_a_number_in_rows_that_are_all_alike_is_refused_by_its_joint(row
     assert (refusal.code, "left_knee" in refusal.reason) == ("not_finite", True)
 
 
-def test_saf_014_finite_numbers_without_a_finite_sum_are_refused_for_what_they_are() -> None:
+def test_saf_014_finite_numbers_without_a_finite_sum_are_refused_by_value() -> None:
     refusal = refused(g1(), whole(g1(), kp=1e308), state(g1()))
     assert (refusal.code, "kp=1e+308" in refusal.reason) == ("gain", True)
 
@@ -279,7 +279,7 @@ def test_saf_014_the_g1_is_commanded_in_three_states(
 @pytest.mark.parametrize("robot", Go2Driver.SUPPORTED_ROBOTS)
 @pytest.mark.parametrize(("released", "code", "words"), [
     ((1.0, NOW_S), None, ""),
-    ((0.0, NOW_S), "sport_mode", "sport mode 'normal' still active"),
+    ((0.0, NOW_S), "sport_mode", "the onboard sport mode 'normal' is still active"),
     ((1.0, NOW_S - 1.2), "sport_mode_stale", "the onboard mode is 1.2 s old (limit 1.0 s)"),
     (None, "sport_mode_unknown", "the onboard mode is not known"),
 ])  # fmt: skip
@@ -310,7 +310,7 @@ def told(battery: tuple[float, float] | None) -> dict[str, tuple[float, ...] | N
 @pytest.mark.parametrize("make", [g1, go2])
 @pytest.mark.parametrize(("battery", "code", "words"), [
     ((15.0, NOW_S), None, ""),
-    ((14.9, NOW_S), "battery_low", "battery 14.9 % is under the floor of 15.0 %"),
+    ((14.9, NOW_S), "battery_low", "battery 14.9 % is below the minimum of 15.0 %"),
     ((12.0, NOW_S), "battery_low", "battery 12.0 % is under"),
     (None, "battery_unknown", "the battery's charge is not known"),
     ((80.0, NOW_S - 11.0), "battery_unknown", "the battery's charge is 11 s old"),
@@ -328,10 +328,10 @@ def test_saf_014_a_low_battery_and_an_unknown_one_are_two_refusals(
 @pytest.mark.parametrize("robot", ["unitree_g1", *Go2Driver.SUPPORTED_ROBOTS])
 @pytest.mark.parametrize("row", [Q, DQ, TAU, KP, KD])
 @pytest.mark.parametrize("value", [math.nan, math.inf])
-def test_saf_014_a_joint_that_is_not_named_is_told_no_number_that_is_not_finite(
+def test_saf_014_a_joint_that_is_not_named_never_gets_a_non_finite_number(
     robot: str, row: int, value: float
 ) -> None:
-    """Every frame gives such a joint its reading, or the target that was accepted before."""
+    """In every frame such a joint gets its reading, or the target that was accepted before."""
     driver = g1() if robot == "unitree_g1" else go2(robot)
     count = len(driver.axes)
     named, lost = driver.axes[:2]
@@ -354,7 +354,7 @@ def test_saf_014_a_joint_that_is_not_named_is_told_no_number_that_is_not_finite(
 def test_the_floor_is_an_option() -> None:
     driver = g1(battery_floor_pct=50)
     refusal = refused(driver, {"left_knee": here(driver, "left_knee")}, state(driver, **told((40.0, NOW_S))))
-    assert "under the floor of 50.0 %" in refusal.reason
+    assert "below the minimum of 50.0 %" in refusal.reason
 
 
 # -- of the command
@@ -424,7 +424,7 @@ def test_the_joints_of_every_robot_are_limited() -> None:
                 assert refused(driver, {joint.key: past}, at).code == "past_travel", joint.key
 
 
-def test_a_policy_may_return_what_it_observed_of_a_joint_at_its_stop() -> None:
+def test_a_policy_may_return_the_observed_position_of_a_joint_at_its_stop() -> None:
     """The values are in float32 and with sensor noise. A joint that rests on its stop is often measured past it."""
     driver = g1()
     for joint in driver.table:

@@ -91,19 +91,19 @@ def test_saf_001_a_velocity_ends_with_its_lifetime_and_the_robot_stands(world: W
         await trio.sleep(0.5)
         moves = [entry.t_ns / NS - began_s for entry in world.log.host("setpoint", round(began_s * NS))]
         stop_s = world.log.host("safe", round(began_s * NS))[0].t_ns / NS - began_s
-        assert 3 <= len(moves) <= 4, "sent again ten times a second"
+        assert 3 <= len(moves) <= 4, "the velocity is re-sent ten times a second"
         assert max(moves) < 0.3 < stop_s <= 0.3 + 0.02
         world.log.no_setpoint_after_safe(round(began_s * NS))
         assert world.gait.twist == REST and world.gait.mode in words_of(world).walks
         assert world.gait.position[0] == pytest.approx(0.5 * stop_s, abs=0.5 * 2 * TICK_S)
         assert not numbers_asked(world)
         await robot.acquire()
-        assert isinstance(await robot.move(vx=0.1), Accepted), "a hold takes the next velocity"
+        assert isinstance(await robot.move(vx=0.1), Accepted), "after a hold the next velocity is accepted"
 
     on(world, act)
 
 
-def test_saf_001_the_robot_ends_a_velocity_by_itself_when_nobody_is_heard(make_world: MakeWorld) -> None:
+def test_saf_001_the_robot_ends_a_velocity_by_itself_without_requests(make_world: MakeWorld) -> None:
     """The duration is part of the request."""
     world = make_world("unitree_g1", keeps_s=1.0)
 
@@ -180,7 +180,7 @@ def test_saf_023_a_stop_that_is_not_answered_is_not_confirmed(world: World) -> N
         assert all("it has not answered" in motor.detail for motor in report.motors)
         world.bus.deaf = False
         await robot.tree.until("disarmed")
-        assert world.gait.twist == REST, "it is tried again"
+        assert world.gait.twist == REST, "the stop is tried again"
 
     on(world, act)
 
@@ -226,7 +226,7 @@ def test_saf_021_a_stop_overtakes_standing_up_and_nothing_follows_it(world: Worl
     on(world, act)
 
 
-def test_saf_023_a_g1_without_odometry_is_confirmed_once_it_had_time_to_tell_its_speed(
+def test_saf_023_a_g1_without_odometry_is_confirmed_after_the_report_time(
     make_world: MakeWorld,
 ) -> None:
     """The root begins to receive odometry when it stops the robot. The answer alone would confirm the stop at
@@ -281,12 +281,12 @@ def test_saf_021_a_stop_that_is_refused_counts_only_of_a_robot_that_rests(
         ("unitree_g1", SQUAT, "call stand_up() first"),
         ("unitree_g1", SIT, "call stand_up() first"),
         ("unitree_g1", G1.stand, "call stand_up() first"),
-        ("unitree_g1", 702, "wait until that is over"),
+        ("unitree_g1", 702, "wait until this motion has ended"),
         ("unitree_h1", DAMP, "call stand_up() first"),
         ("unitree_h1", H1.stand, "call stand_up() first"),
     ],
 )
-def test_saf_014_a_robot_that_would_ignore_a_velocity_is_told_none(
+def test_saf_014_a_velocity_that_the_robot_would_ignore_is_not_sent(
     make_world: MakeWorld, robot_name: str, mode: int, remedy: str
 ) -> None:
     """The robot answers success, but the twin shows that it does not move."""
@@ -315,7 +315,7 @@ def test_saf_014_a_robot_that_would_ignore_a_velocity_is_told_none(
         ({}, "empty"),
     ],
 )
-def test_saf_014_a_command_that_is_none_is_not_written(world: World, action: dict[str, float], code: str) -> None:
+def test_saf_014_an_invalid_command_is_not_written(world: World, action: dict[str, float], code: str) -> None:
     async def act(robot: Commander) -> None:
         refused = await robot.move(**action)
         assert isinstance(refused, Refused) and refused.code == code, refused
@@ -336,7 +336,7 @@ def test_postures_are_done_when_the_robot_reports_them(make_world: MakeWorld) ->
             assert isinstance(done, Performed) and not done.result["already"], done
             assert world.gait.mode == mode
         refused = await robot.do("balance")
-        assert isinstance(refused, Refused) and "the robot is damp" in refused.reason
+        assert isinstance(refused, Refused) and "not possible in the mode damp" in refused.reason
         done = await robot.do("damp")
         assert isinstance(done, Performed) and done.result["already"]
 
@@ -357,7 +357,7 @@ def test_saf_021_a_robot_that_answers_and_does_not_stand_up_is_no_success(
         async with trio.open_nursery() as nursery:
             nursery.start_soon(stand_up)
             await trio.sleep(2.0)
-            assert not answers and len(numbers_asked(world)) > 3, "it is asked again"
+            assert not answers and len(numbers_asked(world)) > 3, "the state is requested again"
             await stop(robot)
         assert isinstance(answers[0], Refused) and world.gait.mode == DAMP
 
@@ -428,16 +428,16 @@ def test_a_speed_is_the_difference_of_two_poses_in_the_frame_of_the_body() -> No
     odometry.take_pose((1.0, 2.05, math.pi / 2), NS + NS // 10)
     state = odometry.state()
     assert state is not None and state.velocity == pytest.approx((0.5, 0.0, 0.0))
-    assert odometry.stamp_ns == NS, "as old as the older of mode and pose"
+    assert odometry.stamp_ns == NS, "the stamp is that of the older of mode and pose"
     odometry.take_mode(1, NS // 2)
-    assert odometry.state() == state, "an older answer counts for nothing"
+    assert odometry.state() == state, "an older answer changes nothing"
     odometry.take_pose((1.0, 2.05, -math.pi + 0.1), NS + 2 * NS // 10)
     turned = odometry.state()
     assert turned is not None and turned.velocity[2] == pytest.approx(10 * (math.pi / 2 + 0.1))
 
 
 @pytest.mark.parametrize("data", ['{"x": 1, "y": 2}', '{"x": 1, "y": 2, "z": NaN}', '{"x": 1, "y": 2, "z": "a"}'])
-def test_a_pose_that_is_none_is_refused(data: str) -> None:
+def test_an_invalid_pose_is_refused(data: str) -> None:
     with pytest.raises(ValueError, match="pose"):
         rpc.odometry(rpc.Response(1, rpc.LOCO_GET_ODOM, 0, data))
 

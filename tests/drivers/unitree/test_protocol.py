@@ -159,7 +159,7 @@ def test_one_wrong_bit_is_no_command(robot: str, data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_frame_keeps_nothing_of_the_one_before_nor_changes_it(robot: str) -> None:
+def test_a_frame_neither_keeps_nor_changes_an_earlier_frame(robot: str) -> None:
     model = model_of(robot)
     codec, zeros = CommandCodec(model), [0.0] * (5 * len(model.joints))
     first = codec.encode(5, flat(rows(model)))
@@ -178,7 +178,7 @@ def test_the_frame_of_the_other_family_is_no_command() -> None:
 
 
 @given(st.binary(max_size=3000))
-def test_noise_is_garbled_and_nothing_worse(noise: bytes) -> None:
+def test_noise_raises_only_the_codecs_error(noise: bytes) -> None:
     model = model_of("unitree_g1")
     for read in (
         CommandCodec(model).decode,
@@ -194,14 +194,14 @@ def test_noise_is_garbled_and_nothing_worse(noise: bytes) -> None:
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("row", ["quaternion", "gyroscope", "accelerometer", "q", "dq", "tau"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_saf_014_a_state_with_a_number_that_is_not_finite_is_none(robot: str, row: str, value: float) -> None:
+def test_saf_014_a_state_with_a_non_finite_number_is_refused(robot: str, row: str, value: float) -> None:
     """The wire holds joints at the positions in a state."""
     codec = StateCodec(model_of(robot))
     state = sample(model_of(robot))
     broken = state._replace(**{row: (*getattr(state, row)[:-1], value)})
     with pytest.raises(MalformedFrame, match="not finite"):
         codec.decode(codec.encode(broken))
-    assert codec.decode(codec.encode(state)).q == state.q, "and nothing of it is kept"
+    assert codec.decode(codec.encode(state)).q == state.q, "the codec keeps nothing of the refused state"
 
 
 def test_a_battery_is_read_from_its_state_of_charge() -> None:
@@ -241,17 +241,17 @@ def test_requests_and_responses_read_back(number: int, api: int, text: str, flag
 
 
 @pytest.mark.parametrize("data", ["", "{}", '{"data": "801"}', '{"data": true}', "[1]", "nan", "["])
-def test_an_fsm_id_that_is_none_is_garbled(data: str) -> None:
+def test_an_invalid_fsm_id_is_refused(data: str) -> None:
     with pytest.raises(MalformedFrame):
         rpc.fsm_id(rpc.Response(1, rpc.GET_FSM_ID, 0, data))
 
 
-def test_what_the_services_answer() -> None:
+def test_the_answers_of_the_services() -> None:
     assert rpc.fsm_id(rpc.Response(1, rpc.GET_FSM_ID, 0, '{"data": 801}')) == 801
     assert rpc.mode_name(rpc.Response(1, rpc.CHECK_MODE, 0, '{"form":"0","name":"ai"}')) == "ai"
-    assert rpc.Response(1, 1, 0).why == ""
-    assert rpc.Response(1, 1, 3104).why == "the service does not answer (3104)"
-    assert rpc.Response(1, 1, 9999).why == "an error (9999)"
+    assert rpc.Response(1, 1, 0).error == ""
+    assert rpc.Response(1, 1, 3104).error == "the service does not answer (3104)"
+    assert rpc.Response(1, 1, 9999).error == "an error (9999)"
 
 
 # -- the tables
@@ -295,7 +295,7 @@ def test_the_motor_order_of_the_sdk() -> None:
     ("waist_pitch", -0.52, 0.52, 35, 30),
     ("right_wrist_yaw", -1.61443, 1.61443, 5, 22),
 ])  # fmt: skip
-def test_what_a_joint_of_the_g1_can(joint: str, low: float, high: float, torque: float, speed: float) -> None:
+def test_the_limits_of_the_joints_of_a_g1(joint: str, low: float, high: float, torque: float, speed: float) -> None:
     found = next(row for row in model_of("g1").joints if row.key == joint)
     assert (found.low, found.high, found.torque, found.speed) == (low, high, torque, speed)
 
@@ -312,7 +312,7 @@ def test_left_and_right_mirror_each_other() -> None:
                 )  # fmt: skip
 
 
-def test_a_state_says_roll_pitch_and_yaw() -> None:
+def test_a_state_has_roll_pitch_and_yaw() -> None:
     """Some clients do not convert the quaternion themselves."""
     half = math.sqrt(0.5)
     for robot, at in (("unitree_g1", 56), ("unitree_go2", 64)):

@@ -35,10 +35,10 @@ def refusal_of(port: str, **options: object) -> str:
     return str(down.value)
 
 
-def test_what_is_discarded_is_named(tmp_path: Path) -> None:
+def test_discarded_messages_are_named(tmp_path: Path) -> None:
     with TwinProcess(tmp_path, "unitree_g1", "unitree", options=SIMULATOR) as served:
         why = refusal_of(served.port, domain=1)
-    assert "LowStates come, all with a wrong checksum: a simulator?" in why
+    assert "LowStates have arrived, all with a wrong checksum. For Unitree's own simulator" in why
     assert "simulator=True" in why
 
 
@@ -65,7 +65,7 @@ ChannelFactoryInitialize(1, "lo")
 state = unitree_hg_msg_dds__LowState_()  # no checksum, no mode_machine
 told = [""]
 
-def heard(command):
+def report(command):
     motors = command.motor_cmd[:29]
     said = "limp" if all(not (each.kp or each.kd or each.tau) for each in motors) else "held"
     if said != told[0]:
@@ -75,8 +75,8 @@ def heard(command):
 states = ChannelPublisher("rt/lowstate", LowState_)
 states.Init()
 commands = ChannelSubscriber("rt/lowcmd", LowCmd_)
-commands.Init(heard, 10)
-for _ in range(20_000):  # 100 s: whoever waits for its words ends, too
+commands.Init(report, 10)
+for _ in range(20_000):  # 100 s: then a test that waits for its output ends, too
     states.Write(state)
     threading.Event().wait(0.005)
 """
@@ -103,12 +103,12 @@ def test_unitrees_own_simulator_is_found_on_this_host() -> None:
 def test_saf_014_a_robot_that_is_called_a_simulator_is_not_commanded(tmp_path: Path) -> None:
     """Without mode, FSM and battery the driver would check nothing before the robot moves."""
     with TwinProcess(tmp_path, "unitree_g1", "unitree", options={"domain": 1}) as served:
-        assert "that is a robot" in refusal_of(served.port, simulator=True)
+        assert "this is a real robot" in refusal_of(served.port, simulator=True)
         assert not [line for line in served.logged("host") if line[0] in ("setpoint", "safe")]
 
 
 def test_saf_014_robots_have_their_domain_to_themselves() -> None:
-    with pytest.raises(ValueError, match="domain 0 is the robots' own"):
+    with pytest.raises(ValueError, match="domain 0 is reserved for real robots"):
         G1Driver("unitree_g1", "127.0.0.1", {"simulator": True, "domain": 0})
     assert G1Driver("unitree_g1", "127.0.0.1", {"simulator": True}).config.domain == 1
     assert G1Driver("unitree_g1", "127.0.0.1", {}).config.domain == 0
@@ -127,7 +127,7 @@ def test_a_twin_takes_no_command_for_another_machine(tmp_path: Path) -> None:
             return look
 
         try:
-            until(polled(lambda: link.heard), "they find each other")
+            until(polled(lambda: link.matched), "they find each other")
             link.send(link.encode((0.0,) * 145))  # no state was received: mode_machine is 0
             until(polled(lambda: "other" in [kind for kind, _ in served.logged("host")]), "it is heard")
         finally:

@@ -117,7 +117,7 @@ class Stand:
 # -- gates
 
 
-def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
+def test_saf_014_a_refused_command_is_not_written(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         here = g1.robot.get_observation()
         knee, elbow = here["left_knee"], here["left_elbow"]
@@ -130,7 +130,7 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
 
         g1.order("battery 12", lambda: g1.sensor("battery_pct") == 12)
         code, words = g1.refused(fine)
-        assert code == "battery_low" and "battery 12.0 % is under the floor of 15.0 %" in words
+        assert code == "battery_low" and "battery 12.0 % is below the minimum of 15.0 %" in words
         g1.order("battery 80", lambda: g1.sensor("battery_pct") == 80)
 
         for action, expected in (
@@ -147,9 +147,9 @@ def test_saf_014_what_is_refused_is_not_written(tmp_path: Path) -> None:
         ):
             assert g1.refused(action)[0] == expected
 
-        told = g1.robot.send_action(fine)["content"][0]["json"]
-        assert (told["fsm_id"], told["joints"]) == (801, ["left_elbow"])
-        assert told["mode_machine"] == g1.status()["mode_machine"] == json_of(g1.robot.state())["mode_machine"]
+        answer = g1.robot.send_action(fine)["content"][0]["json"]
+        assert (answer["fsm_id"], answer["joints"]) == (801, ["left_elbow"])
+        assert answer["mode_machine"] == g1.status()["mode_machine"] == json_of(g1.robot.state())["mode_machine"]
         assert (g1.status()["battery_pct"], g1.status()["fsm_id"]) == (80.0, 801)
         assert len(json_of(g1.robot.state())["imu"]["rpy"]) == 3
         until(lambda: bool(g1.log.host("setpoint")), "the accepted command")
@@ -253,14 +253,14 @@ def test_saf_012_a_robot_that_falls_silent_is_lost_and_comes_back_disarmed(tmp_p
         g1.run(Stand, duration=30.0)
         g1.twin.command("fault off")  # the twin receives and sends nothing
         g1.wait_for_the_end()
-        until(lambda: "no LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
+        until(lambda: "no usable LowState for" in (g1.status()["connect_error"] or ""), "its link is lost")
         g1.twin.command("fault ok")
         until(lambda: g1.status()["connected"] and g1.status()["state"] == "disarmed", "it is back, disarmed")
         assert g1.log.host("safe")  # motors that may still be energised are released first
 
 
 @pytest.mark.long
-def test_saf_020_a_robot_that_is_not_understood_is_let_go_and_hears_every_stop(tmp_path: Path) -> None:
+def test_saf_020_a_robot_with_invalid_states_is_released_and_gets_every_stop(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
         broken_ns = time.monotonic_ns()
@@ -291,7 +291,7 @@ def test_saf_020_a_wire_without_a_link_finds_the_robot_and_lets_it_go(tmp_path: 
         wire.close()
 
 
-def test_saf_012_garbled_states_are_none(tmp_path: Path) -> None:
+def test_saf_012_garbled_states_do_not_count(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         elbow = g1.robot.get_observation()["left_elbow"]
         never = {"left_elbow": {"q": elbow, "kp": -1.0}}
@@ -307,13 +307,13 @@ def commanded(robot: Legs, kind: str) -> list[float]:
     return [number for command in commands for row in command[2:] for number in row]
 
 
-def test_saf_014_a_joint_that_is_nowhere_ends_what_is_live(tmp_path: Path) -> None:
+def test_saf_014_a_joint_without_a_position_ends_the_live_command(tmp_path: Path) -> None:
     """Its NaN would be sent as the joint's hold position, whichever joint a command names."""
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
         g1.twin.command("nan left_elbow")
         g1.wait_for_the_end()
-        until(lambda: "that could not be used" in (g1.status()["connect_error"] or ""), "its link is lost")
+        until(lambda: "unusable ones" in (g1.status()["connect_error"] or ""), "its link is lost")
         assert g1.log.host("safe")
         assert all(map(math.isfinite, commanded(g1, "unitree_g1")))
 
@@ -348,19 +348,20 @@ def test_a_stop_may_damp_before_it_lets_go(tmp_path: Path) -> None:
 
 
 def test_saf_012_a_state_that_repeats_its_tick_ends_a_rollout_and_confirms_no_stop(tmp_path: Path) -> None:
-    """A robot that repeats its state whatever it receives gives no proof that it has let go."""
+    """A robot that only repeats its state gives no proof that it has released its motors."""
     with legs(tmp_path) as g1:
         g1.run(Stand, duration=30.0)
         g1.twin.command("fault stuck")
         g1.wait_for_the_end()
         until(
-            lambda: "all whose tick does not go on" in (g1.status()["connect_error"] or ""), "it is not found again"
+            lambda: "all with a tick that does not advance" in (g1.status()["connect_error"] or ""),
+            "it is not found again",
         )
 
         def says_why() -> bool:
             answer = g1.robot.stop()
             assert answer["status"] == "error"  # type: ignore[index]
-            return "no new LowState came" in answer["content"][0]["text"]  # type: ignore[index]
+            return "no new LowState has arrived" in answer["content"][0]["text"]  # type: ignore[index]
 
         until(says_why, "it is heard, and says nothing new")
         g1.twin.command("fault ok")
@@ -384,8 +385,12 @@ def test_saf_014_the_others_are_refused_until_released(tmp_path: Path, kind: str
         assert [entry.data for entry in robot.events("mode")] == [b""]
         joint, rad = next(iter(robot.robot.get_observation().items()))
         until(lambda: robot.sensor("sport_mode_released") == 1, "the tree knows")
-        told = json_of(robot.robot.send_action({joint: rad}))
-        assert told["sport_mode_released"] is True and told["joints"] == [joint] and len(told["slots"]) == 1
+        reported = json_of(robot.robot.send_action({joint: rad}))
+        assert (
+            reported["sport_mode_released"] is True
+            and reported["joints"] == [joint]
+            and len(reported["slots"]) == 1
+        )
         until(lambda: bool(robot.log.host("setpoint")), "the accepted command")
         assert not robot.log.host("garbled")  # frames of its family
 
@@ -409,7 +414,7 @@ def test_the_interface_may_be_named(tmp_path: Path) -> None:
         assert go2.status()["connected"] is True
 
 
-def test_what_connecting_says(tmp_path: Path) -> None:
+def test_the_answer_of_connecting(tmp_path: Path) -> None:
     with legs(tmp_path, "unitree_go2") as go2:
         status = go2.status()
         assert (status["family"], status["onboard_mode"]) == ("unitree_go", "normal")
@@ -432,7 +437,7 @@ def test_a_stop_of_a_robot_that_stands_by_itself(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_nobody_there(tmp_path: Path) -> None:
+def test_no_peer_is_found(tmp_path: Path) -> None:
     robot = Robot("g1", mode="real", port="127.9.8.7")
     began_s = time.monotonic()
     problem = robot.connect_eagerly()
@@ -445,7 +450,7 @@ def test_nobody_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_nothing(tmp_path: Path) -> None:
+def test_saf_017_a_stranger_with_the_robots_name_ends_and_receives_nothing(tmp_path: Path) -> None:
     """Two faults of an earlier version: one datagram with the robot's GUID and a sequence number far ahead made
     every true state an old one, so the robot was let go. And a participant that listed the robot's address
     among its own became a peer."""
@@ -456,8 +461,8 @@ def test_saf_017_a_stranger_who_knows_the_robots_name_ends_nothing_and_hears_not
         stolen: list[bytes] = []
         stranger.reader(p.COMMAND_TOPIC, p.command_type("hg"), lambda payload, *_: stolen.append(bytes(payload)))
         states = stranger.reader(p.STATE_TOPIC, p.state_type("hg"), lambda *_: None)
-        heard = lambda: stranger.poll() or states.matched  # noqa: E731
-        until(heard, "the stranger hears the robot, as anybody may")
+        has_traffic = lambda: stranger.poll() or states.matched  # noqa: E731
+        until(has_traffic, "the stranger hears the robot, as anybody may")
         (guid,) = states._writers
         far = messages.header(guid[:12]) + messages.data(wire_types.UNKNOWN, guid[12:], 1 << 40, CDR + b"garbage!")
         claim = ParticipantData(

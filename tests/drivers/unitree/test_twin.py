@@ -88,7 +88,7 @@ def test_without_torque_it_falls_and_damped_it_falls_later() -> None:
     assert fallen_s["damp"] > 1.3 * fallen_s["zero_torque"]
 
 
-def test_a_frame_without_torque_says_its_safe_state() -> None:
+def test_a_frame_without_torque_shows_its_safe_state() -> None:
     twin = Twin("unitree_g1")
     assert safe_state_of(twin.command(twin.home)) == "zero_torque"
     assert safe_state_of(twin.command(twin.home, kd=2.0)) == "damp"
@@ -142,7 +142,7 @@ def test_a_released_mode_no_longer_answers() -> None:
     assert twin.ask("sport", rpc.GET_FSM_ID) == (0, {"data": 1})
 
 
-def test_silence_damps_where_that_was_asked_for() -> None:
+def test_silence_damps_if_the_option_is_set() -> None:
     twin = Twin("unitree_g1", silence_s=0.1)
     twin.command(twin.home, kp=200.0, kd=6.0)
     twin.run(0.09)
@@ -191,11 +191,11 @@ def test_the_body_knows_its_joints_by_name() -> None:
 @pytest.mark.parametrize(("robot", "kg"), [
     ("unitree_g1", 33.34), ("unitree_go2", 15.2), ("unitree_h1", 51.4), ("unitree_h1_2", 67.0), ("b2", 83.5),
 ])  # fmt: skip
-def test_it_weighs_what_the_robot_does(robot: str, kg: float) -> None:
+def test_the_model_has_the_robots_weight(robot: str, kg: float) -> None:
     assert float(sum(Twin(robot).onboard.body.model.body_mass)) == pytest.approx(kg, abs=0.05)
 
 
-def test_a_command_for_another_machine_is_none() -> None:
+def test_a_command_for_another_machine_is_ignored() -> None:
     twin = Twin("unitree_g1")
     right = twin.command(twin.home, kp=200.0, kd=6.0)
     limp = right._replace(kp=(0.0,) * 29, kd=(0.0,) * 29)

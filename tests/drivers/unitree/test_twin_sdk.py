@@ -100,13 +100,13 @@ LEFT_ELBOW = 18
 def test_the_vendors_client_releases_reads_and_commands(tmp_path: Path) -> None:
     with Twin("unitree_g1", tmp_path) as twin:
         config = CONFIG.format(robot=twin.port.partition(":")[0])
-        told = json.loads(run_with(UNITREE, PROGRAM, str(LEFT_ELBOW), config, timeout_s=150.0).splitlines()[-1])
+        reported = json.loads(run_with(UNITREE, PROGRAM, str(LEFT_ELBOW), config, timeout_s=150.0).splitlines()[-1])
         kinds = [entry.kind for entry in twin.log.entries()]
-    assert [mode["name"] for mode in told["modes"]] == ["ai", ""]
-    assert told["machine"] == 5 and told["crc"]
-    assert abs(told["quaternion"][0]) < 1.0 and any(told["rpy"])
+    assert [mode["name"] for mode in reported["modes"]] == ["ai", ""]
+    assert reported["machine"] == 5 and reported["crc"]
+    assert abs(reported["quaternion"][0]) < 1.0 and any(reported["rpy"])
     # The order in the twin's log counts. Without a hold, gravity moves the elbow, too.
     first = {kind: kinds.index(kind) for kind in ("other", "garbled", "setpoint")}
-    assert first["other"] < first["garbled"] < first["setpoint"], "refused, refused, taken"
+    assert first["other"] < first["garbled"] < first["setpoint"], "two commands are refused, the third is accepted"
     assert "garbled" not in kinds[first["setpoint"] :]
-    assert told["turned"] >= 0.1
+    assert reported["turned"] >= 0.1

@@ -59,13 +59,13 @@ def test_saf_001_a_velocity_ends_with_its_lifetime_and_the_robot_stands(world: W
         await trio.sleep(0.5)
         moves = [entry.t_ns / NS - began_s for entry in world.log.host("setpoint", round(began_s * NS))]
         stop_s = world.log.host("safe", round(began_s * NS))[0].t_ns / NS - began_s
-        assert 3 <= len(moves) <= 4, "sent again ten times a second"
+        assert 3 <= len(moves) <= 4, "the velocity is re-sent ten times a second"
         assert max(moves) < 0.3 < stop_s <= 0.3 + 0.02
         world.log.no_setpoint_after_safe(round(began_s * NS))
         assert world.gait.twist == REST and world.gait.mode == BALANCE
         assert world.gait.position[0] == pytest.approx(0.5 * stop_s, abs=0.5 * 2 * TICK_S)
         await robot.acquire()
-        assert isinstance(await robot.move(vx=0.1), Accepted), "a hold takes the next velocity"
+        assert isinstance(await robot.move(vx=0.1), Accepted), "after a hold the next velocity is accepted"
 
     on(world, act)
 
@@ -135,7 +135,7 @@ def test_saf_023_a_stop_that_is_not_answered_is_not_confirmed(world: World) -> N
         assert all("it has not answered" in motor.detail for motor in report.motors)
         world.bus.deaf = False
         await robot.tree.until("disarmed")
-        assert world.gait.twist == REST, "it is tried again"
+        assert world.gait.twist == REST, "the stop is tried again"
 
     on(world, act)
 
@@ -166,7 +166,7 @@ def test_saf_021_a_robot_that_answers_and_walks_on_is_not_confirmed(
         (rpc.STAND_UP, LOCK, "call stand_up() first"),
     ],
 )
-def test_saf_014_a_robot_that_would_ignore_a_velocity_is_told_none(
+def test_saf_014_a_velocity_that_the_robot_would_ignore_is_not_sent(
     world: World, api: int, mode: int, remedy: str
 ) -> None:
     """The robot answers success, but the twin shows that it does not move."""
@@ -195,7 +195,7 @@ def test_saf_014_a_robot_that_would_ignore_a_velocity_is_told_none(
         ({}, "empty"),
     ],
 )
-def test_saf_014_a_command_that_is_none_is_not_written(world: World, action: dict[str, float], code: str) -> None:
+def test_saf_014_an_invalid_command_is_not_written(world: World, action: dict[str, float], code: str) -> None:
     async def act(robot: Commander) -> None:
         refused = await robot.move(**action)
         assert isinstance(refused, Refused) and refused.code == code, refused
@@ -229,7 +229,7 @@ def test_postures_are_done_when_the_robot_reports_them(world: World) -> None:
         assert isinstance(done, Performed) and done.result["already"]
         await robot.do("sit")
         refused = await robot.do("lie_down")
-        assert isinstance(refused, Refused) and "the robot is sitting" in refused.reason
+        assert isinstance(refused, Refused) and "not possible in the mode sitting" in refused.reason
 
     on(world, act)
 
@@ -266,7 +266,7 @@ def test_joints_and_walking_are_two_levels_of_one_robot() -> None:
     refused = robot.driver.check_service("release_sport_mode", {})
     assert refused is not None and refused.code == "level" and "level='low'" in refused.remedy
     assert {"move", "stand_up", "release_sport_mode"} <= set(dir(robot))
-    with pytest.raises(ValueError, match="level='sport' is there for b2, unitree_go2, unitree_h1"):
+    with pytest.raises(ValueError, match="only b2, unitree_go2, unitree_h1 have level='sport'"):
         Robot("h1_2", mode="real", port="127.0.0.77", level="sport")
     with pytest.raises(ValueError, match="level"):
         Robot("go2", mode="real", port="127.0.0.77", level="high")
@@ -280,16 +280,16 @@ def test_a_state_is_read_as_it_was_written() -> None:
     state = SportState(12 * NS + 34, 3, (1.0, -2.0, 0.25), (0.5, -0.25, 0.125), (1.0, 0.0, 0.0, 0.0), 0.25)
     body = encode_state(state)
     assert len(body) == STATE_BYTES == 512
-    assert body[65] == 3 and decode_state(body) == state, "the mode stands behind the temperature of the imu"
+    assert body[65] == 3 and decode_state(body) == state, "the mode follows the temperature of the IMU"
 
 
 @pytest.mark.parametrize("size", [0, 1, 111])
-def test_a_state_that_is_cut_off_is_none(size: int) -> None:
+def test_a_truncated_state_is_refused(size: int) -> None:
     body = encode_state(SportState(1, 1, (0.0,) * 3, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), 0.3))
     with pytest.raises(MalformedFrame, match=f"512 bytes, not {size}"):
         decode_state(body[:size])
 
 
-def test_a_state_with_a_number_that_is_none_is_refused() -> None:
+def test_a_state_with_an_invalid_number_is_refused() -> None:
     with pytest.raises(MalformedFrame, match="not finite"):
         decode_state(encode_state(SportState(1, 1, (math.nan, 0.0, 0.0), (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), 0.3)))

@@ -114,16 +114,16 @@ def rig(robot: str, **options: Any) -> Iterator[Rig]:
 
 
 @pytest.mark.parametrize("robot", DRIVERS)
-def test_saf_014_a_charge_that_is_none_is_not_known(robot: str) -> None:
+def test_saf_014_an_invalid_charge_counts_as_unknown(robot: str) -> None:
     with rig(robot) as legs:
         legs.says()
         legs.battery(255)
         assert "battery_unknown" in legs.refusals()
-        assert legs.link.state is not None, "all else of that state is known"
+        assert legs.link.state is not None, "the rest of that state is accepted"
 
 
 @pytest.mark.parametrize("robot", DRIVERS)
-def test_a_charge_that_is_none_once_leaves_the_one_before(robot: str) -> None:
+def test_one_invalid_charge_keeps_the_earlier_one(robot: str) -> None:
     with rig(robot) as legs:
         legs.says()
         legs.battery(80)
@@ -134,7 +134,7 @@ def test_a_charge_that_is_none_once_leaves_the_one_before(robot: str) -> None:
         assert "battery_unknown" not in legs.refusals()
         legs.clock.passes(6.0)
         legs.battery(255)
-        assert "battery_unknown" in legs.refusals(), "it grows old"
+        assert "battery_unknown" in legs.refusals(), "the earlier charge becomes old"
 
 
 # -- the age of an answer
@@ -160,7 +160,7 @@ def test_saf_014_an_answer_is_as_old_as_its_question(
 
 
 @pytest.mark.parametrize(("late_s", "holder"), [(0.0, "FSM 1"), (2.9, "")])
-def test_saf_005_an_old_answer_tells_nobody_who_holds_the_robot(late_s: float, holder: str) -> None:
+def test_saf_005_an_old_answer_does_not_show_which_mode_holds_the_robot(late_s: float, holder: str) -> None:
     with rig("unitree_g1") as g1:
         number = g1.asked()
         g1.clock.passes(late_s)
@@ -204,7 +204,7 @@ def test_saf_012_a_state_that_repeats_its_tick_is_not_new(robot: str, simulator:
 
 
 @pytest.mark.parametrize("robot", DRIVERS)
-def test_saf_012_a_state_that_has_been_said_before_is_not_new(robot: str) -> None:
+def test_saf_012_a_repeated_state_is_not_new(robot: str) -> None:
     """A network or a proxy may repeat a robot's message."""
     with rig(robot) as legs:
         for tick in (7, 9, 11, 13):
@@ -219,14 +219,14 @@ def test_saf_012_a_state_that_has_been_said_before_is_not_new(robot: str) -> Non
 
 @pytest.mark.parametrize("robot", DRIVERS)
 def test_saf_012_the_first_state_may_be_one_that_repeats(robot: str) -> None:
-    """It identifies the machine, and proves no more."""
+    """mode_machine identifies the machine, and proves no more."""
     with rig(robot) as legs:
         for _ in range(3):
             legs.clock.passes(0.002)
             legs.says(tick=7)
         assert legs.link.state is not None and legs.link.state_ns == 0
         assert "no_state" in legs.refusals()
-        assert "2 LowStates come, all whose tick does not go on" in legs.link.unusable
+        assert "2 LowStates have arrived, all with a tick that does not advance" in legs.link.unusable
         legs.says(tick=9)
         assert legs.link.state_ns == legs.clock.at_ns and "no_state" not in legs.refusals()
 
@@ -234,9 +234,9 @@ def test_saf_012_the_first_state_may_be_one_that_repeats(robot: str) -> None:
 @pytest.mark.parametrize("robot", DRIVERS)
 @pytest.mark.parametrize(("nm", "tick", "said"), [
     (0.0, None, ""),
-    (60.0, None, "it still shows torque"),
-    (0.0, 9, "no new LowState came"),
-    (0.0, 7, "no new LowState came"),
+    (60.0, None, "the motor still shows torque"),
+    (0.0, 9, "no new LowState has arrived"),
+    (0.0, 7, "no new LowState has arrived"),
 ])  # fmt: skip
 def test_saf_005_a_stop_is_confirmed_by_a_new_state_without_torque(
     robot: str, nm: float, tick: int | None, said: str, monkeypatch: pytest.MonkeyPatch
@@ -261,27 +261,27 @@ def normal_by(go2: Rig) -> str:
 
 
 @pytest.mark.parametrize("code", [rpc.OK, rpc.TIMEOUT])
-def test_saf_005_nobody_holds_a_robot_that_was_asked_to_let_go_and_has_not_answered(code: int) -> None:
+def test_saf_005_an_unanswered_release_leaves_the_holder_unknown(code: int) -> None:
     with rig("unitree_go2") as go2:
         modes = go2.session.modes
         assert normal_by(go2) == "sport mode 'normal'"
         go2.clock.passes(0.1)
-        modes.order(rpc.RELEASE_MODE)
-        (number,) = modes.owed
+        modes.request_action(rpc.RELEASE_MODE)
+        (number,) = modes.unanswered
         for _ in range(2 * MAX_PENDING):  # more than are kept
             assert normal_by(go2) == ""
         before = go2.asked()
         go2.clock.passes(0.1)
         go2.answers(number, rpc.RELEASE_MODE, code=code)
-        assert not modes.owed
+        assert not modes.unanswered
         go2.answers(before, rpc.CHECK_MODE, '{"name": "normal"}')
-        assert go2.session.held_by() == "", "what was asked before it let go says nothing of after"
+        assert go2.session.held_by() == "", "an answer to a request from before the release does not count"
         assert normal_by(go2) == "sport mode 'normal'"
 
 
-def test_an_order_that_has_not_reached_the_robot_is_not_owed_for_ever() -> None:
+def test_a_request_that_did_not_arrive_does_not_stay_pending_for_ever() -> None:
     with rig("unitree_go2") as go2:
-        go2.session.modes.order(rpc.RELEASE_MODE)
+        go2.session.modes.request_action(rpc.RELEASE_MODE)
         for _ in range(299):
             assert normal_by(go2) == ""
         go2.clock.passes(1.0)
@@ -334,7 +334,7 @@ def test_saf_005_a_release_that_was_refused_may_still_be_carried_out(monkeypatch
 
     async def unconfirmed() -> None:
         found = await details()
-        assert (False, f"it still shows torque; release_sport_mode {MAY_LET_GO}") in found, found
+        assert (False, f"the motor still shows torque; {MAY_LET_GO}") in found, found
         assert not any("held by" in detail for _, detail in found)
 
     async def carried_out() -> None:

@@ -106,7 +106,7 @@ class World:
         self.gait = self.server.onboard.gait
         driver_class = get_native_driver_class(robot)
         assert driver_class is not None and issubclass(driver_class, Driver)
-        self.driver = driver_class.at_level(robot, {"level": "sport"})(robot, "127.0.0.77", {})
+        self.driver = driver_class.for_level(robot, {"level": "sport"})(robot, "127.0.0.77", {})
 
     async def live(self) -> None:
         tick = 0
@@ -114,7 +114,7 @@ class World:
             tick += 10  # a SportModeState is due with each
             now_ns = round(trio.current_time() * NS)
             self.server.advance(now_ns / NS)
-            self.server.say(tick, now_ns)
+            self.server.send_due(tick, now_ns)
             await trio.sleep(TICK_S)
 
     def asked(self, since_s: float = 0.0) -> list[int]:

@@ -87,13 +87,17 @@ def test_bad_actions(action: Mapping[Any, Any], code: str) -> None:
 @pytest.mark.parametrize(
     ("sensors", "code", "text"),
     [
-        ({"robot_mode": 3}, "robot_mode", "robot is POWER_OFF (3). power on and release brakes"),
+        (
+            {"robot_mode": 3},
+            "robot_mode",
+            "robot is POWER_OFF (3). Power on the arm and release its brakes on the pendant",
+        ),
         ({"robot_mode": 5}, "robot_mode", "IDLE (5)"),
-        ({"safety_mode": 3}, "safety_mode", "PROTECTIVE_STOP (3). look at the arm, then unlock"),
+        ({"safety_mode": 3}, "safety_mode", "PROTECTIVE_STOP (3). Look at the arm, then unlock"),
         ({"safety_mode": 7}, "safety_mode", "ROBOT_EMERGENCY_STOP"),
         ({"runtime_state": 1}, "program", "control script is not running"),
-        ({"control": 0}, "program", "call resume()"),
-        *(({"runtime_state": number}, "paused", "paused on the pendant. call resume()") for number in (3, 4, 5)),
+        ({"control": 0}, "program", "Call resume()"),
+        *(({"runtime_state": number}, "paused", "paused on the pendant. Call resume()") for number in (3, 4, 5)),
         ({"speed_scaling": 0}, "paused", "speed slider"),
     ],
 )
@@ -114,10 +118,14 @@ def test_a_clock_that_stands_still() -> None:
 def test_the_limit_of_a_step_is_the_joints_speed() -> None:
     """180 deg/s at 125 Hz are 0.02513 rad."""
     refusal = refused({"elbow_joint": 1.71}, state())
-    assert "elbow_joint steps 0.2100 rad in 8 ms. step at most 0.0251 rad" in refusal.text
-    assert refused({"elbow_joint": 1.71}, state(period_s=0.0)).limit == "0.0251", "a command on its own too"
+    assert "elbow_joint steps 0.2100 rad in 8 ms. Step at most 0.0251 rad" in refusal.text
+    assert refused({"elbow_joint": 1.71}, state(period_s=0.0)).limit == "0.0251", (
+        "a single command has the same limit"
+    )
     assert isinstance(judge({"elbow_joint": 1.71}, state(period_s=0.08)), Candidate)
-    assert refused({"elbow_joint": 2.5}, state(period_s=1.0)).limit == "0.3141", "however slow the stream is"
+    assert refused({"elbow_joint": 2.5}, state(period_s=1.0)).limit == "0.3141", (
+        "the limit grows no further with a slow stream"
+    )
 
 
 def test_a_script_that_declares_its_period_may_step_as_far_as_the_joint_turns_in_it() -> None:
@@ -146,7 +154,7 @@ def test_saf_014_small_steps_that_come_quicker_than_a_joint_turns_are_refused() 
     target = 0.0
     while isinstance(answer := judge({JOINTS[0]: target + 0.025}, ahead(target, state())), Candidate):
         target = answer.values[0]
-    assert (answer.code, answer.limit) == ("runs_ahead", "0.9581"), "0.3 s, and 5 ms that the sample has aged"
+    assert (answer.code, answer.limit) == ("runs_ahead", "0.9581"), "0.3 s, plus 5 ms for the age of the sample"
     assert 0.92 < target < 0.9582
 
 
@@ -167,11 +175,11 @@ def test_saf_014_a_joint_that_is_not_named_is_looked_at_too() -> None:
     """A fault holds this joint back. The controller gets its target together with the others."""
     refusal = refused({"elbow_joint": 1.5}, ahead(1.0, state(), 3))
     assert refusal.code == "runs_ahead"
-    assert "wrist_1_joint is to be 1 rad from where it is" in refusal.text
+    assert "the target of wrist_1_joint is 1 rad from its position" in refusal.text
 
 
 @given(st.sampled_from(list(TABLES.robots)), st.integers(0, 5), st.floats(-7, 7))
-def test_what_a_refusal_allows_is_allowed(robot: str, joint: int, wanted: float) -> None:
+def test_a_value_that_a_refusal_allows_is_accepted(robot: str, joint: int, wanted: float) -> None:
     at = state()
     answer = judge({JOINTS[joint]: wanted}, at, robot)
     if isinstance(answer, Refused):
@@ -184,7 +192,7 @@ def test_what_a_refusal_allows_is_allowed(robot: str, joint: int, wanted: float)
             assert end <= arm_of(robot).axes[joint].high < end + 1e-3
 
 
-def test_what_the_driver_declares() -> None:
+def test_the_declarations_of_the_driver() -> None:
     ur = driver()
     assert ur.fallbacks[Reason.EXPIRED] == "hold"
     assert ur.fallbacks[Reason.STOP] == ur.fallbacks[Reason.WIRE] == "stop"

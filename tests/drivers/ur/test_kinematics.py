@@ -39,7 +39,7 @@ def test_forward_is_the_chain_and_inverse_undoes_it(robot: str) -> None:
         assert followed is not None and np.allclose(followed, joints, atol=1e-5)
 
 
-def test_what_is_out_of_reach_has_no_joints() -> None:
+def test_a_pose_out_of_reach_has_no_joint_solution() -> None:
     kinematics = kinematics_of("ur5e")
     assert kinematics.joints(frame_of((5.0, 5.0, 5.0, 0.0, 0.0, 0.0)), [0.0] * 6) is None
     assert kinematics.joints(frame_of((0.0, 0.0, 0.5, 0.0, 0.0, 0.0)), [0.0] * 6) is None

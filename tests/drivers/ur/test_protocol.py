@@ -20,12 +20,12 @@ packets = st.tuples(st.integers(0, 255), st.binary(max_size=200))
 def test_packets_survive_any_cutting(sent: list[tuple[int, bytes]], size: int) -> None:
     stream = b"".join(p.frame(kind, payload) for kind, payload in sent)
     decoder = p.Decoder()
-    heard = [packet for at in range(0, len(stream), size) for packet in decoder.feed(stream[at : at + size])]
-    assert [tuple(packet) for packet in heard] == sent
+    received = [packet for at in range(0, len(stream), size) for packet in decoder.feed(stream[at : at + size])]
+    assert [tuple(packet) for packet in received] == sent
 
 
 @given(st.binary(max_size=300))
-def test_garbage_is_waited_for_or_refused_and_nothing_else(data: bytes) -> None:
+def test_garbage_is_incomplete_or_refused(data: bytes) -> None:
     decoder = p.Decoder()
     try:
         for packet in decoder.feed(data):
@@ -54,7 +54,7 @@ def test_a_recipe_there_and_back(time_s: float, q: tuple[float, ...], mode: int,
     assert recipe.unpack(packet.payload) == values
 
 
-def test_what_a_controller_does_not_have_is_named() -> None:
+def test_missing_parts_of_a_controller_are_named() -> None:
     with pytest.raises(MalformedFrame, match="actual_q"):
         p.outputs_answer(b"\x01DOUBLE,NOT_FOUND,INT32,UINT32", NAMES)
     with pytest.raises(MalformedFrame):
@@ -76,11 +76,11 @@ def test_what_a_controller_does_not_have_is_named() -> None:
         (c.Command.NONE, "keepalive"),
     ],
 )
-def test_what_a_command_counts_as(number: int, kind: str) -> None:
+def test_the_kind_of_a_command(number: int, kind: str) -> None:
     assert c.classify_command(number) == kind
 
 
-def test_what_lines_and_programs_count_as() -> None:
+def test_the_kind_of_lines_and_programs() -> None:
     assert c.classify_dashboard("stop\n") == c.classify_dashboard("power off") == "safe"
     assert c.classify_dashboard("brake release") == "enable"
     assert c.classify_dashboard("robotmode") == "read"

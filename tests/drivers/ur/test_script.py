@@ -86,12 +86,12 @@ def test_every_robot_follows_its_targets_and_holds(robot: str) -> None:
     arm.stream(s.Order.SERVO, [target] * 25)
     assert abs(arm.pan - target) < 0.005
     arm.stream(s.Order.HOLD, [9.0] * 2)
-    assert not arm.servoes and arm.runs, "what stands in the registers is no target any more"
+    assert not arm.servoes and arm.runs, "the values in the registers are no target any more"
     arm.stream(s.Order.KEEP, [9.0] * 50)
     assert abs(arm.pan - target) < 0.005
     assert arm.answers[2] == arm.sequence
     arm.sweep()
-    assert arm.servoes, "it goes on without another upload"
+    assert arm.servoes, "the script continues without another upload"
     assert arm.events == ["stopj"]
 
 
@@ -100,18 +100,18 @@ def test_saf_013_a_setpoint_that_is_too_old_ends_in_stopj() -> None:
     arm.sweep()
     silent_s = s.SILENT_S - CONTROL_S  # one period has passed since the last packet
     arm.run(silent_s - 2 * LONGEST_STEP_S)
-    assert arm.servoes, "not before"
+    assert arm.servoes, "the arm does not stop earlier"
     arm.run(2 * LONGEST_STEP_S + TICK_S)
     assert not arm.servoes
-    assert arm.events == ["stopj"], "the script did it, not the controller's watchdog"
+    assert arm.events == ["stopj"], "the script stopped the arm, not the controller's watchdog"
     arm.run(0.5)
     assert not arm.runs
     stood = arm.pan
     arm.sweep()
-    assert not arm.servoes and abs(arm.pan - stood) < 1e-3, "nothing goes on by itself"
+    assert not arm.servoes and abs(arm.pan - stood) < 1e-3, "no motion continues by itself"
 
 
-def test_saf_013_the_controllers_own_watchdog_ends_a_script_that_does_not_count(
+def test_saf_013_the_controllers_watchdog_ends_a_script_that_does_not_count(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A speed slider near 0 slows servoj down, and with it the script's count."""
@@ -134,7 +134,7 @@ def test_saf_013_a_hold_is_kept_only_as_long_as_it_is_fed() -> None:
 
 
 @pytest.mark.parametrize("token", [TOKEN, OTHER])
-def test_saf_021_a_script_that_starts_late_obeys_nothing_that_was_said_before(token: int) -> None:
+def test_saf_021_a_script_that_starts_late_ignores_earlier_commands(token: int) -> None:
     """Registers keep the last values of a connection that has ended."""
     arm = Arm(token=token)
     arm.tell(s.Order.SERVO, 3.0, *arm.joints[1:])
@@ -165,10 +165,10 @@ def test_saf_010_an_order_to_end_stops_the_arm_and_ends_the_script() -> None:
     assert not arm.servoes
     arm.stream(s.Order.END, [0.0] * 40)  # feeds the watchdog while the arm brakes
     assert not arm.runs and arm.events == ["stopj"]
-    assert arm.answers == (TOKEN, s.Phase.ENDED, 2), "the last hold is not claimed for this order"
+    assert arm.answers == (TOKEN, s.Phase.ENDED, 2), "the answer to the last hold does not count for this order"
 
 
-def test_a_controller_without_one_of_its_functions_names_it() -> None:
+def test_a_missing_function_of_the_controller_is_named() -> None:
     arm = Arm()
     run_text(s.control_script(TOKEN).replace(b"servoj", b"servox"), arm.controller)
     arm.run(0.1)

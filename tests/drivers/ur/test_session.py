@@ -58,20 +58,20 @@ def test_saf_012_a_clock_stands_still_when_two_samples_are_missing_and_not_befor
     clock.now_s += 0.002
     assert session.is_still
     session.take(sample(1.0))
-    assert session.is_still, "the same sample again"
+    assert session.is_still, "the same sample arrived again"
     session.take(sample(1.1))
     assert not session.is_still
 
 
 @pytest.mark.parametrize("time_s", [0.9, 0.0, float("nan"), float("inf")])
-def test_saf_022_a_sample_that_is_older_than_the_newest_is_none(time_s: float) -> None:
+def test_saf_022_a_sample_that_is_older_than_the_newest_is_ignored(time_s: float) -> None:
     clock = Clock()
     session = session_at(clock)
     ordered_ns = clock.now_ns()
     clock.now_s += 0.01
     session.take(sample(1.1, actual_qd=(1.0,) * 6))
     session.take(sample(time_s))
-    assert not session.stands_since(ordered_ns), "it moves, as the newest says"
+    assert not session.stands_since(ordered_ns), "the newest sample shows motion"
     session.take(sample(1.2))
     assert session.stands_since(ordered_ns)
 
@@ -82,18 +82,18 @@ def test_saf_012_a_clock_that_stands_still_for_longer_is_a_lost_link() -> None:
     clock.now_s += 0.29
     session.check_alive()
     clock.now_s += 0.02
-    with pytest.raises(WireDown, match="the clock of ur5e stands still for 310 ms"):
+    with pytest.raises(WireDown, match="the clock of ur5e has not advanced for 310 ms"):
         session.check_alive()
 
 
-def test_an_arm_is_energised_by_a_controller_whose_clock_goes_on_now(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_arm_is_energised_only_with_a_running_controller_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sample from before the arming does not show whether the clock is frozen."""
     monkeypatch.setattr(plain, "ANSWER_S", 0.1)
     clock = Clock()
     session = session_at(clock)
 
     async def run() -> None:
-        with pytest.raises(WireDown, match="clock stands still"):
+        with pytest.raises(WireDown, match="clock does not advance"):
             await session.see_advance()
         async with trio.open_nursery() as nursery:
             nursery.start_soon(session.see_advance)
@@ -109,7 +109,7 @@ def test_saf_005_an_arm_stands_by_a_sample_that_is_newer_than_the_order() -> Non
     session = session_at(clock)
     ordered_ns = clock.now_ns()
     clock.now_s += 0.01
-    assert not session.stands_since(ordered_ns), "it stood before"
+    assert not session.stands_since(ordered_ns), "the sample shows the arm before the order"
     session.take(sample(1.01, actual_qd=(0.0, 0.0, 0.3, 0.0, 0.0, 0.0)))
     assert not session.stands_since(ordered_ns)
     session.take(sample(1.02, actual_qd=(0.0, 0.0, float("nan"), 0.0, 0.0, 0.0)))
@@ -117,7 +117,7 @@ def test_saf_005_an_arm_stands_by_a_sample_that_is_newer_than_the_order() -> Non
     session.take(sample(1.03))
     assert session.stands_since(ordered_ns)
     clock.now_s += 0.05
-    assert not session.stands_since(ordered_ns), "too old by now"
+    assert not session.stands_since(ordered_ns), "the sample is too old by now"
 
 
 @pytest.mark.parametrize(
@@ -125,21 +125,21 @@ def test_saf_005_an_arm_stands_by_a_sample_that_is_newer_than_the_order() -> Non
     [
         ({"safety_mode": p.SafetyMode.PROTECTIVE_STOP}, "PROTECTIVE_STOP (3)"),
         ({"robot_mode": p.RobotMode.IDLE}, "IDLE (5)"),
-        ({"runtime_state": p.RuntimeState.PAUSED}, "its program was paused on the pendant"),
-        ({"runtime_state": p.RuntimeState.STOPPED}, "the controller stopped its program"),
+        ({"runtime_state": p.RuntimeState.PAUSED}, "the control script was paused on the pendant"),
+        ({"runtime_state": p.RuntimeState.STOPPED}, "the controller has stopped the control script"),
     ],
 )
-def test_saf_010_what_ends_our_program_ends_control_until_it_is_armed_again(told: dict[str, Any], why: str) -> None:
+def test_saf_010_the_end_of_our_program_ends_control_until_the_next_arming(told: dict[str, Any], why: str) -> None:
     session = session_at(Clock())
     session.controls = session.servoing = True
     session.take(sample(1.1, **told))
     assert (session.controls, session.servoing, session.lost) == (False, False, why)
     session.take(sample(1.2))
-    assert not session.controls, "the operator has unlocked it"
+    assert not session.controls, "the operator's unlock ended our program"
     assert session.observation().faults == {"controller": why}
 
 
-def test_an_observation_has_what_the_controller_tells() -> None:
+def test_an_observation_has_the_controllers_values() -> None:
     session = session_at(Clock())
     seen = session.observation()
     assert seen.position == seen.velocity == SIX

@@ -94,10 +94,10 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     assert math.isclose(answer["targets"][PAN], seen[PAN] + 0.02)
     assert answer["control_period"] == 0.008
     until(lambda: abs(arm.get_observation()[PAN] - seen[PAN] - 0.02) < 0.005, "it is there")
-    told = json_of(arm.state())
-    assert (told["robot_mode"], told["safety_mode"], told["model"]) == ("RUNNING", "NORMAL", "ur5e")
-    assert [len(told[name]) for name in ("tcp_pose", "tcp_speed", "wrench")] == [6, 6, 6]
-    assert list(told["joints"]) == list(told["joint_velocities"]) == list(JOINTS)
+    reported = json_of(arm.state())
+    assert (reported["robot_mode"], reported["safety_mode"], reported["model"]) == ("RUNNING", "NORMAL", "ur5e")
+    assert [len(reported[name]) for name in ("tcp_pose", "tcp_speed", "wrench")] == [6, 6, 6]
+    assert list(reported["joints"]) == list(reported["joint_velocities"]) == list(JOINTS)
     assert status(arm)["safety_mode"] == "NORMAL"
 
     began_ns = time.monotonic_ns()
@@ -111,8 +111,8 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
 
 def test_a_slower_exchange_with_the_controller(twin: Twin, run_dir: Path, way: str) -> None:
     with Robot("ur5e", mode="real", port=twin.port, rtde_frequency=50.0, control=way) as arm:
-        asked = [entry.data for entry in twin.log.entries() if b"actual_TCP_force" in entry.data]
-        assert asked and struct.pack(">d", 50.0) in asked[-1]
+        requested = [entry.data for entry in twin.log.entries() if b"actual_TCP_force" in entry.data]
+        assert requested and struct.pack(">d", 50.0) in requested[-1]
         json_of(nudge(arm))
         until(lambda: twin.log.host("setpoint"), "it moves all the same")
 
@@ -139,11 +139,11 @@ def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: Rea
         answer = arm.send_action({PAN: target})
         if answer["status"] != "success":
             break
-    assert f"{PAN} is to be" in why(answer) and "from where it is" in why(answer)
+    assert f"the target of {PAN} is" in why(answer) and "from its position" in why(answer)
     time.sleep(0.1)
-    told = [struct.unpack_from(">d", entry.data, 8)[0] for entry in twin.log.host("setpoint", began_ns)]
+    targets = [struct.unpack_from(">d", entry.data, 8)[0] for entry in twin.log.host("setpoint", began_ns)]
     longest_s = LEAD_S + UR.timing.state_ttl_s  # a sample may be this old
-    assert 0.0 < max(told) - start <= longest_s * arm_of("ur5e").axes[0].speed
+    assert 0.0 < max(targets) - start <= longest_s * arm_of("ur5e").axes[0].speed
     twin.fault("ok:1")
     json_of(arm.stop())
     json_of(arm.resume())
@@ -153,7 +153,7 @@ def test_saf_014_targets_do_not_run_away_from_a_joint_that_is_held_back(arm: Rea
 @both_ways
 def test_a_policy_runs_at_125_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
     task = run_for(arm, wave, 2.0)
-    assert task["steps"] > 60, "half of what a free machine does"
+    assert task["steps"] > 60, "half of the rate on a free machine"
     assert state(arm) == "holding"
     held_ns = time.monotonic_ns()
     time.sleep(0.5)
@@ -182,7 +182,9 @@ def hold_from_high_speed(arm: RealRobot) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("way", [UR_RTDE], indirect=True)
-def test_a_hold_from_high_speed_loses_the_program_to_the_watchdog_and_says_so(arm: RealRobot, twin: Twin) -> None:
+def test_a_hold_from_high_speed_ends_the_program_by_the_watchdog_with_the_reason(
+    arm: RealRobot, twin: Twin
+) -> None:
     """No packet feeds the watchdog while servoStop brakes. The arm still stops, and no motion continues by
     itself."""
     hold_from_high_speed(arm)
@@ -206,10 +208,10 @@ def test_our_script_is_fed_while_it_brakes_and_takes_the_next_command(arm: RealR
 
 
 def test_saf_013_status_names_the_firmware_watchdog(arm: RealRobot) -> None:
-    told = status(arm)
-    assert "rtde_set_watchdog, 10 Hz" in told["firmware_watchdog"]
-    assert told["serial"] == "20265300001"
-    assert told["remote_control"] == "true"
+    reported = status(arm)
+    assert "rtde_set_watchdog, 10 Hz" in reported["firmware_watchdog"]
+    assert reported["serial"] == "20265300001"
+    assert reported["remote_control"] == "true"
 
 
 @both_ways
@@ -237,7 +239,7 @@ def _says(reason: str, *either: str) -> bool:
         ("mode IDLE", ("mode RUNNING",), "IDLE (5)"),
     ],
 )
-def test_a_stop_of_the_controllers_own(
+def test_the_controller_stops_by_itself(
     moving: RealRobot, twin: Twin, order: str, undo: tuple[str, ...], name: str
 ) -> None:
     """The fault is named, no motion continues by itself when it is lifted, and arming is refused while it
@@ -258,7 +260,7 @@ def test_a_stop_of_the_controllers_own(
     until(lambda: _says(why(nudge(moving)), name, "is disarmed ("), "it is refused, and why")
     for line in undo:
         twin.order(line)
-    fine = ("control script is not running", "call resume() first")
+    fine = ("control script is not running", "Call resume() first")
     until(lambda: _says(why(nudge(moving)), *fine), "the mode is fine again")
     lifted_ns = time.monotonic_ns()
     time.sleep(0.3)
@@ -302,7 +304,7 @@ def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     ended_ns = time.monotonic_ns()  # taken before it: the tree may be quicker than the pendant's answer
     how(twin)
     until(lambda: state(arm) == "disarmed", "it is disarmed")
-    # Either of the two may reach the tree first.
+    # Either of the two reasons may reach the tree first.
     causes = ("control script is not running", "control script was paused", "PROTECTIVE_STOP (3)")
     assert status(arm)["cause"].startswith(causes)
     pressed = 0 if how is protective_stop else 1  # safe frames that the pendant causes
@@ -310,17 +312,17 @@ def test_saf_003_a_target_that_stands_ends_when_the_controller_ends_its_program(
     ours_ns = twin.log.host("safe", ended_ns)[pressed].t_ns
     time.sleep(0.3)
     assert not twin.log.host("setpoint", ours_ns)
-    assert "call resume() first" in why(nudge(arm))
+    assert "Call resume() first" in why(nudge(arm))
 
 
-def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRobot, twin: Twin) -> None:
+def test_a_pause_on_the_pendant_ends_the_program_with_the_remedy(arm: RealRobot, twin: Twin) -> None:
     """The tree does not end a paused program while the arm holds, because it writes nothing to it."""
     run_for(arm, wave, 0.3)
     assert state(arm) == "holding"
     pause_program(twin)
     until(lambda: status(arm)["sensors"]["runtime_state"] != [float(p.RuntimeState.PLAYING)], "the arm tells it")
     until(lambda: _says(why(nudge(arm)), "was paused on the pendant"), "it is named")
-    assert why(nudge(arm)).endswith("call resume()")
+    assert why(nudge(arm)).endswith("Call resume()")
     paused_ns = time.monotonic_ns()
     press(twin, "play", b"Failed to execute", b"Starting")  # the watchdog may not have ended it yet
     time.sleep(0.3)
@@ -332,8 +334,18 @@ def test_a_pause_on_the_pendant_ends_the_program_and_says_what_to_do(arm: RealRo
 @pytest.mark.parametrize(
     ("order", "undo", "name", "remedy"),
     [
-        ("safety PROTECTIVE_STOP", "safety NORMAL", "PROTECTIVE_STOP (3)", "unlock it on the pendant"),
-        ("mode POWER_OFF", "mode RUNNING", "POWER_OFF (3)", "power on and release brakes"),
+        (
+            "safety PROTECTIVE_STOP",
+            "safety NORMAL",
+            "PROTECTIVE_STOP (3)",
+            "unlock the protective stop on the pendant",
+        ),
+        (
+            "mode POWER_OFF",
+            "mode RUNNING",
+            "POWER_OFF (3)",
+            "Power on the arm and release its brakes on the pendant",
+        ),
     ],
 )
 def test_saf_023_an_arm_that_holds_in_a_protective_stop_is_not_answered_armed(
@@ -361,7 +373,7 @@ def test_a_speed_slider_at_0_is_named(arm: RealRobot, twin: Twin) -> None:
         client.sendall(p.frame(p.Kind.DATA, struct.pack(">BId", 1, 1, 0.0)))
         until(lambda: status(arm)["sensors"]["speed_scaling"] == [0.0], "it is told")
         set_ns = time.monotonic_ns()
-        assert "raise the speed slider" in why(nudge(arm))
+        assert "Raise the speed slider" in why(nudge(arm))
         assert not twin.log.host("setpoint", set_ns)
         client.sendall(p.frame(p.Kind.DATA, struct.pack(">BId", 1, 1, 0.5)))
         until(lambda: nudge(arm)["status"] == "success", "it moves again")
@@ -372,7 +384,7 @@ def test_a_protective_stop_accepts_a_connection_and_is_named(twin: Twin, run_dir
     time.sleep(0.1)
     arm = Robot("ur5e", mode="real", port=twin.port, control=way)
     try:
-        until(lambda: "PROTECTIVE_STOP (3). look at the arm" in (arm.connect_eagerly() or ""), "it says so")
+        until(lambda: "PROTECTIVE_STOP (3). Look at the arm" in (arm.connect_eagerly() or ""), "it says so")
         assert not twin.log.host("enable")
         twin.order("safety NORMAL")
         until(lambda: arm.connect_eagerly() is None, "it connects when it is unlocked")
@@ -556,7 +568,7 @@ def nudge_blind(arm: RealRobot) -> dict[str, object]:
     return dict(arm.send_action({PAN: 0.0}))
 
 
-def test_a_twin_without_a_processor_for_a_moment_does_not_miss_what_has_come(arm: RealRobot, twin: Twin) -> None:
+def test_a_twin_that_pauses_for_a_moment_misses_no_packet(arm: RealRobot, twin: Twin) -> None:
     """The twin's watchdog (0.1 s) uses the times of sending. The time at which the twin reads does not count."""
     for _ in range(5):
         assert nudge(arm)["status"] == "success"

@@ -35,12 +35,12 @@ def test_servo_follows_and_keeps_the_last_goal(world: World) -> None:
     assert abs(world.pan - 0.2) < 0.01
 
 
-def test_servo_stop_stops_and_says_done(world: World) -> None:
+def test_servo_stop_stops_and_reports_done(world: World) -> None:
     world.start()
     world.command(c.Command.SERVO_J, 2.0, *HOME_RAD[1:])
     world.run(0.3)
     world.command(c.Command.SERVO_STOP, 10.0)
-    assert world.answer == c.READY, "it takes its time"
+    assert world.answer == c.READY, "the stop is done after the braking time"
     world.run(0.5)
     assert world.answer == c.DONE
     stood = world.pan
@@ -103,7 +103,7 @@ def test_a_safety_stop_ends_the_program_and_takes_no_other(world: World, mode: p
     assert abs(world.pan - stood) < 1e-3
     world.controller.set_safety(p.SafetyMode.NORMAL)
     world.run(0.5)
-    assert abs(world.pan - stood) < 1e-3, "nothing goes on by itself"
+    assert abs(world.pan - stood) < 1e-3, "no motion continues by itself"
 
 
 def test_brakes_hold_the_arm_without_power(world: World) -> None:
@@ -151,7 +151,9 @@ def test_a_pause_ends_with_its_program(world: World) -> None:
     dashboard.answer("pause")
     world.controller.start_program(program_of(p.STOP_SCRIPT, world.controller))
     world.run(1.0)
-    assert dashboard.answer("programState").startswith("STOPPED"), "one that replaces it is not paused"
+    assert dashboard.answer("programState").startswith("STOPPED"), (
+        "a program that replaces a paused one is not paused"
+    )
     world.start()
     world.command(c.Command.SERVO_J, 0.2, *HOME_RAD[1:])
     dashboard.answer("pause")
@@ -159,7 +161,7 @@ def test_a_pause_ends_with_its_program(world: World) -> None:
     stood = world.pan
     assert dashboard.answer("play") == "Starting program"
     world.run(1.0)
-    assert abs(world.pan - 0.2) < 0.01 < abs(stood - 0.2), "played, it goes on"
+    assert abs(world.pan - 0.2) < 0.01 < abs(stood - 0.2), "after play the program goes on"
 
 
 def test_local_control_takes_no_programs(world: World) -> None:
@@ -170,7 +172,7 @@ def test_local_control_takes_no_programs(world: World) -> None:
     assert "local control" in world.controller.log[-1]
 
 
-def test_the_dashboard_knows_the_rest_of_its_lines(world: World) -> None:
+def test_the_dashboard_answers_its_other_lines(world: World) -> None:
     dashboard = Dashboard(world.controller, "ur5e")
     assert dashboard.answer("get loaded program") == "No program loaded"
     assert dashboard.answer("play") == "Failed to execute: play"

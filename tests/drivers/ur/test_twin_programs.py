@@ -45,8 +45,8 @@ def test_the_tool_goes_on_a_straight_line(world: World) -> None:
         seen.append(world.tool)
     assert world.answer == c.DONE
     assert same(world.tool, lowered(start, 0.2))
-    assert all(math.dist(pose[:2], start[:2]) < 5e-3 for pose in seen), "on the line"
-    assert any(start[2] - 0.15 < pose[2] < start[2] - 0.05 for pose in seen), "and not at once"
+    assert all(math.dist(pose[:2], start[:2]) < 5e-3 for pose in seen), "the tool stays on the line"
+    assert any(start[2] - 0.15 < pose[2] < start[2] - 0.05 for pose in seen), "the tool does not jump to the end"
 
 
 def test_moves_by_pose_and_by_joints_arrive(world: World) -> None:
@@ -102,7 +102,7 @@ def test_it_reckons_on_the_model(world: World) -> None:
     assert not world.agrees(c.Command.ARE_JOINTS_WITHIN_LIMITS, *[9.0] * 6)
 
 
-def test_tool_and_payload_are_what_was_set(world: World) -> None:
+def test_tool_and_payload_can_be_set_and_read(world: World) -> None:
     world.start()
     before = world.tool
     world.ask(c.Command.SET_TCP, 0, 0, 0.1, 0, 0, 0)
@@ -127,10 +127,10 @@ def test_a_hand_moves_the_arm_in_freedrive_and_not_after(world: World) -> None:
     world.run(0.5)
     stood = world.pan
     world.run(0.5)
-    assert abs(world.pan - stood) < 0.01, "the same push, and its servos hold against it"
+    assert abs(world.pan - stood) < 0.01, "the servos hold against the same push"
 
 
-def test_a_move_beside_tells_when_it_is_over(world: World) -> None:
+def test_an_asynchronous_move_reports_its_end(world: World) -> None:
     world.start()
     progress = lambda: world.controller.int_out[COMMAND + 2]  # noqa: E731
     world.controller.write({f"input_int_register_{COMMAND + 1}": 1})
@@ -141,7 +141,7 @@ def test_a_move_beside_tells_when_it_is_over(world: World) -> None:
 
 
 @pytest.mark.parametrize("number", sorted(c.REFUSED))
-def test_what_it_cannot_do_ends_the_program_and_is_in_the_log(world: World, number: int) -> None:
+def test_an_unsupported_call_ends_the_program_and_is_logged(world: World, number: int) -> None:
     world.start()
     world.command(number, *[0.1] * 18)
     assert world.controller.runtime_state == p.RuntimeState.STOPPED
@@ -162,7 +162,7 @@ def test_where_it_cannot_get_is_an_error(world: World) -> None:
     world.start()
     world.command(c.Command.SPEED_L, 0, 0, 1.0, 0, 0, 0)
     world.run(2.0)
-    assert world.controller.safety is p.SafetyMode.PROTECTIVE_STOP, "led out of reach"
+    assert world.controller.safety is p.SafetyMode.PROTECTIVE_STOP, "the hand led the arm out of reach"
     stood = world.tool
     world.run(0.5)
     assert same(world.tool, stood)
@@ -177,7 +177,7 @@ def test_the_slider_slows_moves_and_counts_once(world: World) -> None:
     assert 0.1 < world.pan < 0.25
 
 
-def test_registers_are_told_as_they_were_written(world: World) -> None:
+def test_registers_are_reported_as_written(world: World) -> None:
     world.controller.write(
         {
             "input_int_register_5": -7,
@@ -210,10 +210,10 @@ def test_the_layouts_of_the_text_ports_have_their_published_sizes(world: World) 
     assert struct.unpack_from(">dd", state, 5 + 47 + 5)[0] == world.pan
 
 
-def test_what_several_ask_for_is_computed_once(world: World) -> None:
+def test_a_value_for_several_clients_is_computed_once(world: World) -> None:
     sample = Sample(world.controller)
     assert sample["actual_TCP_pose"] is sample["actual_TCP_pose"]
-    assert list(sample) == ["actual_TCP_pose"], "and nothing else"
+    assert list(sample) == ["actual_TCP_pose"], "the sample has only this field"
 
 
 # -- programs of text
@@ -232,7 +232,7 @@ def test_a_line_moves_the_arm_and_its_program_ends(world: World) -> None:
     assert math.isclose(world.tool[2], start[2] - 0.05, abs_tol=0.01)
 
 
-def test_lines_set_what_they_name(world: World) -> None:
+def test_lines_set_the_named_values(world: World) -> None:
     world.text("set_digital_out(2,True)\n")
     assert world.out("actual_digital_output_bits") == 4 and world.controller.program is None
     world.text("digital_out[3]=True\n")
@@ -278,7 +278,7 @@ end
     assert world.controller.program is None
 
 
-def test_a_loop_that_waits_for_nothing_lets_the_controller_go_on(world: World) -> None:
+def test_a_loop_without_waits_does_not_block_the_controller(world: World) -> None:
     world.text("def forever():\n  while True:\n    x = 1\n  end\nend\n")
     assert world.controller.runtime_state == p.RuntimeState.PLAYING
     world.text("stopj(2)\n")
@@ -298,7 +298,7 @@ def test_a_loop_that_waits_for_nothing_lets_the_controller_go_on(world: World) -
         ("movej([0,0,0,0,0])\n", "runtime error: six numbers"),
         ("movej([0,0,9,0,0,0])\n", "protective stop: a joint is to go beyond its range"),
         ("x = 1 / 0\n", "runtime error: line 1: division by zero"),
-        ("x = [1] * 99999999999\n", "runtime error: line 1: arithmetic is for numbers"),
+        ("x = [1] * 99999999999\n", "runtime error: line 1: both sides of an arithmetic operator must be numbers"),
         ("set_tcp()\n", "runtime error: line 1: missing a required argument"),
         ("set_digital_out(99, True)\n", "runtime error: 99 is not one of 0 to 17"),
         ("x = y\n", "runtime error: y is not defined"),
@@ -307,7 +307,7 @@ def test_a_loop_that_waits_for_nothing_lets_the_controller_go_on(world: World) -
         ("def f():\n  x = 3\n  while True:\n    x = x * x\n  end\nend\n", "a number too large"),
     ],
 )
-def test_what_is_not_understood_is_in_the_log_and_moves_nothing(world: World, text: str, why: str) -> None:
+def test_unknown_lines_are_logged_and_move_nothing(world: World, text: str, why: str) -> None:
     world.text(text)
     assert world.controller.program is None
     assert why in world.controller.log[-1]

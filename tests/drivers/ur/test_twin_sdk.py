@@ -57,12 +57,12 @@ def run(twin: Twin, program: str) -> dict[str, Any]:
     )
     lines = [line for line in ran.stdout.splitlines() if line.startswith("{")]
     assert ran.returncode == 0 and lines, ran.stdout
-    told: dict[str, Any] = json.loads(lines[-1])
-    return told
+    reported: dict[str, Any] = json.loads(lines[-1])
+    return reported
 
 
-def test_receive_hears_every_output_it_knows(twin: Twin) -> None:
-    told = run(
+def test_receive_reads_every_known_output(twin: Twin) -> None:
+    reported = run(
         twin,
         """
 receive = Receive(host)
@@ -73,17 +73,17 @@ end(q=receive.getActualQ(), mode=receive.getRobotMode(), safety=receive.getSafet
     pose=receive.getActualTCPPose(), runtime=receive.getRuntimeState(), temperature=receive.getJointTemperatures())
 """,
     )
-    assert told["mode"] == 7
-    assert told["safety"] == 1
-    assert told["runtime"] == 1
-    assert len(told["q"]) == len(told["pose"]) == 6
-    assert told["temperature"] == [30.0] * 6
+    assert reported["mode"] == 7
+    assert reported["safety"] == 1
+    assert reported["runtime"] == 1
+    assert len(reported["q"]) == len(reported["pose"]) == 6
+    assert reported["temperature"] == [30.0] * 6
 
 
 @pytest.mark.parametrize("flags", ["Control.FLAG_UPLOAD_SCRIPT", "Control.FLAG_UPLOAD_SCRIPT | UPPER"])
 def test_control_servoes_stops_and_moves(twin: Twin, flags: str) -> None:
     """Test both register ranges."""
-    told = run(
+    reported = run(
         twin,
         f"""
 receive = Receive(host, 125.0)
@@ -110,15 +110,15 @@ end(stopped=stopped, servoed_to=servoed_to, moved=moved, back=back, torques=len(
     reuploaded=reuploaded)
 """,
     )
-    assert told["stopped"] and told["moved"] and told["reuploaded"]
-    assert told["refused"] is False
-    assert told["servoed_to"] > 0.1
-    assert abs(told["back"]) < 0.01
-    assert told["torques"] == 6
+    assert reported["stopped"] and reported["moved"] and reported["reuploaded"]
+    assert reported["refused"] is False
+    assert reported["servoed_to"] > 0.1
+    assert abs(reported["back"]) < 0.01
+    assert reported["torques"] == 6
 
 
 def test_saf_013_the_watchdog_it_arms_stops_the_program(twin: Twin) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 receive = Receive(host, 125.0)
@@ -134,13 +134,13 @@ until(lambda: receive.getRuntimeState() == 1)
 end(fed=fed, stopped_after=time.monotonic() - began)
 """,
     )
-    assert told["fed"] == 2
-    assert 0.05 < told["stopped_after"] < 2.0
+    assert reported["fed"] == 2
+    assert 0.05 < reported["stopped_after"] < 2.0
     until(lambda: [entry for entry in twin.log.entries() if entry.kind == "watchdog"], "the log says so")
 
 
 def test_protective_stop_and_the_dashboard(twin: Twin) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 from dashboard_client import DashboardClient
@@ -162,17 +162,17 @@ end(safety=safety, mode=mode, moved=moved, shown=shown, running=dashboard.runnin
     remote=dashboard.isInRemoteControl(), model=dashboard.getRobotModel(), version=dashboard.polyscopeVersion())
 """,
     )
-    assert (told["safety"], told["mode"]) == (3, 7)
-    assert told["moved"] is False
-    assert told["shown"] == "Safetymode: PROTECTIVE_STOP"
-    assert told["running"] is False
-    assert told["remote"] is True
-    assert told["model"] == "UR5"
-    assert told["version"].startswith("5.")
+    assert (reported["safety"], reported["mode"]) == (3, 7)
+    assert reported["moved"] is False
+    assert reported["shown"] == "Safetymode: PROTECTIVE_STOP"
+    assert reported["running"] is False
+    assert reported["remote"] is True
+    assert reported["model"] == "UR5"
+    assert reported["version"].startswith("5.")
 
 
 def test_inputs_and_outputs(twin: Twin) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 from rtde_io import RTDEIOInterface
@@ -189,7 +189,7 @@ until(lambda: receive.getSpeedScalingCombined() == 1.0)
 end(done=True)
 """,
     )
-    assert told == {"done": True}
+    assert reported == {"done": True}
 
 
 def test_two_twins_side_by_side(twin: Twin, tmp_path: Any) -> None:
@@ -200,8 +200,8 @@ def test_two_twins_side_by_side(twin: Twin, tmp_path: Any) -> None:
         }
 
 
-def test_poses_kinematics_and_what_it_has_not(twin: Twin) -> None:
-    told = run(
+def test_poses_kinematics_and_missing_functions(twin: Twin) -> None:
+    reported = run(
         twin,
         """
 receive = Receive(host, 125.0)
@@ -239,14 +239,14 @@ end(moved=moved, fell=fell, forward=forward, lower=lower, inverse=inverse, joint
     offset=offset, forced=forced, again=again, stopped=stopped, loaded=loaded)
 """,
     )
-    assert told["moved"] and told["back"] and told["again"] and told["stopped"]
-    assert abs(told["fell"] - 0.05) < 0.003
-    assert max(abs(a - b) for a, b in zip(told["forward"][:3], told["lower"][:3], strict=True)) < 0.003
-    assert max(abs(a - b) for a, b in zip(told["inverse"], told["joints"], strict=True)) < 1e-3
-    assert told["limits"] == [False, True]
-    assert told["offset"][2] == 0.1
-    assert told["forced"] is False
-    assert "hold.urp" in told["loaded"]
+    assert reported["moved"] and reported["back"] and reported["again"] and reported["stopped"]
+    assert abs(reported["fell"] - 0.05) < 0.003
+    assert max(abs(a - b) for a, b in zip(reported["forward"][:3], reported["lower"][:3], strict=True)) < 0.003
+    assert max(abs(a - b) for a, b in zip(reported["inverse"], reported["joints"], strict=True)) < 1e-3
+    assert reported["limits"] == [False, True]
+    assert reported["offset"][2] == 0.1
+    assert reported["forced"] is False
+    assert "hold.urp" in reported["loaded"]
     until(
         lambda: [e for e in twin.log.entries() if e.kind == "error" and b"force_mode_set_damping" in e.data],
         "its log says why",

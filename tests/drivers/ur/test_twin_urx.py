@@ -53,9 +53,9 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Twin]:
 
 
 def test_urx_connects_reads_and_moves(twin: Twin) -> None:
-    told = json.loads(run_with(URX, PROGRAM, twin.port.partition(":")[0]).splitlines()[-1])
-    assert told["aside"] < 0.005, "on a straight line"
-    assert told["quick"] < 0.01, "the real-time port tells the same"
+    reported = json.loads(run_with(URX, PROGRAM, twin.port.partition(":")[0]).splitlines()[-1])
+    assert reported["aside"] < 0.005, "the tool moves on a straight line"
+    assert reported["quick"] < 0.01, "the real-time port reports the same pose"
     kinds = [entry.kind for entry in twin.log.entries()]
     assert kinds.count("enable") >= 5 and kinds.count("safe") == 1
     assert not [entry.data for entry in twin.log.entries() if entry.kind == "error"]

@@ -39,9 +39,9 @@ def opened() -> tuple[Line, Control]:
     return line, Control(cast(Any, line), "the arm", cast(Any, line))
 
 
-def test_what_is_not_answered_is_silence_since_it_was_asked_or_since_anything_was_heard() -> None:
+def test_silence_counts_from_the_first_pending_request_or_the_last_answer() -> None:
     line, control = opened()
-    assert control.silent_s(line.now_ns()) == 0.0, "nothing is owed"
+    assert control.silent_s(line.now_ns()) == 0.0, "no answer is pending"
     first = control.send(Register.GET_STATE)
     control.send(Register.GET_STATE)
     line.now_s += 0.3
@@ -51,14 +51,14 @@ def test_what_is_not_answered_is_silence_since_it_was_asked_or_since_anything_wa
     assert control.silent_s(line.now_ns()) == pytest.approx(0.1)
 
 
-def test_all_answers_that_never_came_are_forgotten() -> None:
+def test_answers_that_never_came_are_forgotten() -> None:
     line, control = opened()
     for _ in range(3):
         control.send(Register.GET_STATE)
     line.now_s += FORGET_S
     last = control.send(Register.GET_STATE)
     line.answers(control, last, Register.GET_STATE)
-    assert not control.idle, "they may come yet"
+    assert not control.idle, "the answers may still arrive"
     line.now_s += 0.001
     last = control.send(Register.GET_STATE)
     line.answers(control, last, Register.GET_STATE)
@@ -68,11 +68,11 @@ def test_all_answers_that_never_came_are_forgotten() -> None:
 def test_an_answer_to_another_question_is_not_understood() -> None:
     line, control = opened()
     number = control.send(Register.GET_STATE)
-    with pytest.raises(WireDown, match="cannot be understood"):
+    with pytest.raises(WireDown, match="the controller sent invalid data"):
         line.answers(control, number, Register.ERRORS)
 
 
-def test_numbers_begin_anew_behind_the_last() -> None:
+def test_numbers_restart_after_the_last() -> None:
     _, control = opened()
     control._number = p.LAST_NUMBER - 1
     assert [control.send(Register.GET_STATE) for _ in range(2)] == [p.LAST_NUMBER, 1]

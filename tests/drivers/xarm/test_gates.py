@@ -1,4 +1,4 @@
-"""Test which commands are refused with which messages, and that what a message allows is accepted."""
+"""Test which commands are refused with which messages. A value that a message allows is accepted."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def refused(action: Mapping[str, Any], at: GateState | None = None, by: XArm | N
     return answer
 
 
-def test_what_is_well_is_accepted_and_the_others_keep_their_target() -> None:
+def test_a_valid_command_is_accepted_and_other_joints_keep_their_targets() -> None:
     candidate = judge({"joint2": 0.03, "joint7.pos": -0.03})
     assert isinstance(candidate, Candidate)
     assert candidate.values == (0.0, 0.03, 0.0, 0.0, 0.0, 0.0, -0.03)
@@ -81,7 +81,7 @@ def test_what_is_well_is_accepted_and_the_others_keep_their_target() -> None:
         ({"joint1": "0.1"}, "not_finite"),
     ],
 )
-def test_saf_014_what_is_no_action_is_refused(action: Mapping[str, Any], code: str) -> None:
+def test_saf_014_an_invalid_action_is_refused(action: Mapping[str, Any], code: str) -> None:
     assert refused(action).code == code
 
 
@@ -91,18 +91,18 @@ def test_saf_014_what_is_no_action_is_refused(action: Mapping[str, Any], code: s
 @pytest.mark.parametrize(
     ("sensors", "says"),
     [
-        ({"error": 31.0, "state": 4.0}, "controller holds error 31 (collision). clear it at the arm"),
+        ({"error": 31.0, "state": 4.0}, "the controller reports error 31 (collision). Clear the error at the arm"),
         ({"state": 4.0}, "arm is stopped (state 4)"),
         ({"state": 3.0}, "arm is paused (state 3)"),
         ({"state": 5.0}, "arm is not ready (state 5)"),
-        ({"mode": 0.0}, "arm is in mode 0, not in servo mode (1)"),
+        ({"mode": 0.0}, "the arm is in mode 0, not in servo mode (1)"),
     ],
 )
 def test_a_controller_that_does_not_follow_is_named(sensors: Mapping[str, float], says: str) -> None:
     assert says in refused({"joint1": 0.0}, state(seen(**sensors))).text
 
 
-def test_a_controller_that_has_said_nothing_is_not_trusted() -> None:
+def test_a_controller_without_a_report_is_refused_commands() -> None:
     bare = Observation(NOW_NS, (0.0,) * 7, (NOW_NS,) * 7)
     assert refused({"joint1": 0.0}, state(bare)).code == "error"
     for condition in driver().conditions:
@@ -110,7 +110,7 @@ def test_a_controller_that_has_said_nothing_is_not_trusted() -> None:
         assert condition.always and condition.reason is Reason.FAULT
 
 
-def test_saf_012_a_report_that_is_old_is_none() -> None:
+def test_saf_012_an_old_report_does_not_count() -> None:
     old = msgspec.structs.replace(seen(), stamp_ns=(NOW_NS - 101 * MS,) * 7)
     refusal = refused({"joint1": 0.0}, state(old))
     assert (refusal.code, refusal.limit) == ("stale", "100 ms")
@@ -180,12 +180,12 @@ def test_small_steps_in_quick_succession_do_not_run_away_from_the_arm() -> None:
     assert 0.25 < target < 0.315
 
 
-def test_saf_014_a_joint_that_is_not_named_is_looked_at_too_since_it_is_told_too() -> None:
-    """A fault holds it back, or it was moved since. With its old target it would jump there."""
+def test_saf_014_the_gate_also_checks_joints_that_are_not_named() -> None:
+    """A fault holds the joint back, or it was moved since. It would jump to its old target."""
     at = msgspec.structs.replace(state(), target=(0.0, 0.0, 0.32, 0.0, 0.0, 0.0, 0.0))
     refusal = refused({"joint1": 0.01}, at)
     assert (refusal.code, refusal.limit) == ("runs_ahead", "0.314")
-    assert "joint3 is to be 0.32 rad from where it is" in refusal.text
+    assert "the target of joint3 is 0.32 rad from its position" in refusal.text
     at = msgspec.structs.replace(state(), target=(0.0, 0.0, 0.31, 0.0, 0.0, 0.0, 0.0))
     assert isinstance(judge({"joint1": 0.01}, at), Candidate)
 
@@ -221,7 +221,7 @@ def test_the_port_is_an_address(port: str, address: tuple[str, int]) -> None:
     assert XArm("xarm7", port, {}).config.address() == address
 
 
-def test_what_send_action_answers() -> None:
+def test_the_answer_of_send_action() -> None:
     values = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
     told = driver().commanded({"joint2.pos": 0.2, "joint7": 0.7}, values)
     assert told == {"robot": "xarm7", "joints": {"joint2": 0.2, "joint7": 0.7}}

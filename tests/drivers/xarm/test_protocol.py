@@ -29,9 +29,9 @@ sizes = st.sampled_from([87, r.REAL_SIZE, r.NORMAL_SIZE, r.RICH_SIZE])
 def test_frames_survive_any_cutting(sent: list[tuple[int, bytes]], size: int) -> None:
     stream = b"".join(p.frame(number, body) for number, body in sent)
     decoder = p.Decoder()
-    heard = [each for at in range(0, len(stream), size) for each in decoder.feed(stream[at : at + size])]
-    assert [(each.number, each.body) for each in heard] == sent
-    assert {each.protocol for each in heard} <= {p.PROTOCOL}
+    received = [each for at in range(0, len(stream), size) for each in decoder.feed(stream[at : at + size])]
+    assert [(each.number, each.body) for each in received] == sent
+    assert {each.protocol for each in received} <= {p.PROTOCOL}
 
 
 def test_known_frames() -> None:
@@ -44,8 +44,8 @@ def test_known_frames() -> None:
     assert heartbeat.protocol == p.HEARTBEAT_PROTOCOL
     with pytest.raises(MalformedFrame):
         p.reply_of(heartbeat)
-    (heard,) = p.Decoder().feed(bytes.fromhex("0007 0003 0004 0f 40 1f 00"))
-    reply = p.reply_of(heard)
+    (received,) = p.Decoder().feed(bytes.fromhex("0007 0003 0004 0f 40 1f 00"))
+    reply = p.reply_of(received)
     assert (reply.number, reply.register, reply.state) == (7, p.Register.ERRORS, p.ERROR)
     assert p.errors_of(reply.data) == (31, 0)
     assert p.error_words(31) == "31 (collision)"
@@ -65,8 +65,8 @@ def test_a_header_that_cannot_be_is_refused(header: str) -> None:
 def test_reports_survive_any_cutting(sent: list[r.Report], cut: int, size: int) -> None:
     stream = b"".join(bytes(r.pack_report(size, report)) for report in sent)
     decoder = r.ReportDecoder()
-    heard = [each for at in range(0, len(stream), cut) for each in decoder.feed(stream[at : at + cut])]
-    assert [r.parse_report(each) for each in heard] == sent
+    received = [each for at in range(0, len(stream), cut) for each in decoder.feed(stream[at : at + cut])]
+    assert [r.parse_report(each) for each in received] == sent
 
 
 @given(st.floats(width=32))
@@ -100,7 +100,7 @@ def test_the_version_string_is_read(text: str, version: p.Version) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "v1.2.3", "7,7,XF1300012345", "x,7,XF,AC,v1.2.3"])
-def test_a_version_that_says_no_type_is_refused(text: str) -> None:
+def test_a_version_without_a_type_is_refused(text: str) -> None:
     with pytest.raises(MalformedFrame, match="names no type"):
         p.parse_version(text.encode())
 
@@ -126,7 +126,7 @@ def test_a_version_that_says_no_type_is_refused(text: str) -> None:
         (200, b"", ("other", None)),
     ],
 )
-def test_what_a_request_counts_as(register: int, data: bytes, kind: tuple[str, str | None]) -> None:
+def test_the_kind_of_a_request(register: int, data: bytes, kind: tuple[str, str | None]) -> None:
     assert p.classify(bytes((register,)) + data) == kind
 
 
@@ -134,7 +134,7 @@ def test_what_a_request_counts_as(register: int, data: bytes, kind: tuple[str, s
 
 
 @given(st.binary(max_size=300))
-def test_bytes_are_waited_for_or_refused_and_nothing_else(data: bytes) -> None:
+def test_any_bytes_are_incomplete_or_refused(data: bytes) -> None:
     for decode in (_hear_control, _hear_reports):
         try:
             decode(data)
@@ -155,7 +155,7 @@ def _hear_reports(data: bytes) -> None:
         r.speed_limit_of(each)
 
 
-def test_disturbed_streams_raise_nothing_but_the_codecs_error_and_keep_nothing() -> None:
+def test_disturbed_streams_raise_only_the_codecs_error_and_keep_nothing() -> None:
     """``STRANDS_ACTORS_FUZZ`` is their number."""
     chance = random.Random(24)
     report = bytes(r.pack_report(r.REAL_SIZE, r.Report(2, 1, 0, (0.1,) * 7, (1.0,) * 6, (0.0,) * 7)))
@@ -182,10 +182,10 @@ def test_disturbed_streams_raise_nothing_but_the_codecs_error_and_keep_nothing()
             except MalformedFrame:
                 refused += 1
             assert len(decoder._pending) <= len(data)
-    assert refused > DISTURBED / 10, "most of what was disturbed is noticed at all"
+    assert refused > DISTURBED / 10, "many of the disturbed streams are refused"
 
 
-def test_the_twins_controller_takes_whatever_comes() -> None:
+def test_no_bytes_break_the_twins_controller() -> None:
     chance = random.Random(25)
     session = ControlSession(controller_of("xarm7"), Faults())
     for _ in range(3000):

@@ -31,7 +31,7 @@ async def test_saf_005_a_stop_is_read_back() -> None:
 
 
 @in_virtual_time
-async def test_saf_005_a_stop_that_nobody_answers_is_tried_again_and_named() -> None:
+async def test_saf_005_an_unanswered_stop_is_retried_and_named() -> None:
     world = World()
     wire = await armed(world)
     began_s = trio.current_time()
@@ -51,21 +51,21 @@ async def test_saf_005_a_controller_that_stays_as_it_was_is_named() -> None:
     assert (await wire.make_safe("hold"))[0].safe
     world.controller.set_state = lambda state: None  # type: ignore[method-assign]
     (motor, *_) = await wire.make_safe("stop")
-    assert (motor.safe, motor.acknowledged, motor.detail) == (False, True, "its controller says state 2")
+    assert (motor.safe, motor.acknowledged, motor.detail) == (False, True, "the controller reports state 2")
 
 
 @in_virtual_time
 @pytest.mark.parametrize(
     ("register", "said"),
     [
-        (Register.GET_STATE, (False, True, "its controller does not take the question for its state")),
+        (Register.GET_STATE, (False, True, "the controller refuses the request for its state")),
         (Register.SET_STATE, (True, False, "")),
     ],
 )
 async def test_saf_005_an_answer_that_is_marked_as_invalid_confirms_nothing(
     register: Register, said: tuple[bool, bool, str]
 ) -> None:
-    """Its data may be arbitrary."""
+    """The data of an invalid answer may be arbitrary."""
     world = World()
     wire = await armed(world)
     obey = world.controller.obey
@@ -80,13 +80,15 @@ async def test_saf_005_an_answer_that_is_marked_as_invalid_confirms_nothing(
 
 
 @in_virtual_time
-async def test_saf_020_a_stop_whose_connection_is_gone_takes_another() -> None:
+async def test_saf_020_a_stop_without_a_connection_opens_another() -> None:
     world = World()
     wire = await armed(world)
     world.connections[-1].close()
     assert all(motor.safe for motor in await wire.make_safe("stop"))
     assert len(world.connections) == 2
-    assert world.connections[-1].closed == "in order", "so that a frozen controller still gets it"
+    assert world.connections[-1].closed == "in order", (
+        "it is closed in order, so that a frozen controller can still read the stop"
+    )
     world.gone = True
     (motor, *_) = await wire.make_safe("stop")
     assert (motor.written, motor.safe) == (False, False)
@@ -103,7 +105,7 @@ async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same() -> None:
 
 
 @in_virtual_time
-async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_the_one_it_has() -> None:
+async def test_saf_020_a_controller_of_one_connection_gets_the_stop_on_that_one() -> None:
     """Its answers may be lost while our requests arrive."""
     world = World()
     wire = await armed(world)
@@ -116,7 +118,7 @@ async def test_saf_020_a_controller_that_takes_no_other_connection_is_told_on_th
 
 @in_virtual_time
 async def test_saf_020_a_controller_of_one_client_comes_back_after_a_lost_link() -> None:
-    """The old connection is closed after the stop was taken there, and not before: it may be the only one."""
+    """The old connection is closed only after it has carried the stop, because it may be the only one."""
     world = World()
     world.clients = 1
     wire = await armed(world)
@@ -125,20 +127,20 @@ async def test_saf_020_a_controller_of_one_client_comes_back_after_a_lost_link()
     for _ in range(3):
         (motor, *_) = await wire.reach("stop")
         await trio.sleep(0.1)
-        assert (motor.written, motor.safe, old.closed) == (True, False, ""), "its answers are cut off"
+        assert (motor.written, motor.safe, old.closed) == (True, False, ""), "the controller's answers are cut off"
     assert world.controller.state == State.STOPPED
     world.deaf = False
     await wire.reach("stop")
     await trio.sleep(0.1)
     assert all(motor.safe for motor in await wire.reach("stop"))
-    assert old.closed == "reset", "an answer came: what it was told before has been taken"
+    assert old.closed == "reset", "an answer arrived, so the earlier stop was read"
     assert world.bodies("safe")[-5:] == [b"\x0c\x04"] * 5
     assert set(world.kinds("read")[-5:]) == {"safe"}
     await armed(world)
 
 
 @in_virtual_time
-async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None:
+async def test_a_hold_repeats_the_last_target_and_differs_from_it_in_the_log() -> None:
     world = World()
     wire = await armed(world)
     target = stepped(world, 0.03)
@@ -154,7 +156,7 @@ async def test_a_hold_is_the_last_target_again_and_can_be_told_from_it() -> None
 
 
 @in_virtual_time
-async def test_saf_011_a_hold_says_where_the_arm_is_held_and_one_that_failed_does_not() -> None:
+async def test_saf_011_only_a_confirmed_hold_reports_its_position() -> None:
     """The next command sends the joints that it does not name to this position, and not to an older reading."""
     world = World()
     wire = await armed(world)
@@ -162,8 +164,8 @@ async def test_saf_011_a_hold_says_where_the_arm_is_held_and_one_that_failed_doe
     await wire.write(target, Permission())
     motors = await wire.make_safe("hold")
     assert tuple(motor.target for motor in motors) == target
-    told = p.unpack_floats(world.bodies("safe")[-1][1:], 7)
-    assert told == pytest.approx(target, abs=1e-6), "as the wire shows it"
+    target_rad = p.unpack_floats(world.bodies("safe")[-1][1:], 7)
+    assert target_rad == pytest.approx(target, abs=1e-6), "the position is the one on the wire"
     world.controller.plant.set_stuck(0, True)
     await wire.write(stepped(world, 0.2), Permission())
     assert {motor.target for motor in await wire.make_safe("hold")} == {None}
@@ -182,7 +184,7 @@ async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> 
 
     world.on_reply = on_reply
     assert (await wire.make_safe("hold"))[0].safe
-    assert world.bodies("safe")[-1] == b"\x0c\x04", "it is stopped by us, too"
+    assert world.bodies("safe")[-1] == b"\x0c\x04", "we stop the arm, too"
 
 
 @in_virtual_time
@@ -204,15 +206,15 @@ async def test_after_a_stop_there_is_no_target_to_hold() -> None:
     world = World()
     wire = await armed(world)
     await wire.make_safe("stop")
-    told = len(world.written)
+    written = len(world.written)
     await wire.make_safe("hold")
-    assert [entry.body for entry in world.written[told:] if entry.kind != "read"] == [b"\x0c\x04"]
+    assert [entry.body for entry in world.written[written:] if entry.kind != "read"] == [b"\x0c\x04"]
     assert wire.hold_failed
 
 
 @in_virtual_time
 async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
-    """It is stuck far from its target, or another client took it out of servo mode."""
+    """The arm is stuck far from its target, or another client took it out of servo mode."""
     world = World()
     wire = await armed(world)
     world.controller.plant.set_stuck(0, True)
@@ -220,9 +222,9 @@ async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
     motors = await wire.make_safe("hold")
     assert all(motor.safe for motor in motors)
     assert world.controller.state == State.STOPPED
-    assert wire.hold_failed == "it is not where it is to hold"
+    assert wire.hold_failed == "the arm did not reach the target that it must hold"
     await wire.make_safe("hold")
-    assert wire.hold_failed == "it was stopped", "a second one finds it so"
+    assert wire.hold_failed == "it was stopped", "a second hold finds the arm stopped"
     await wire.make_safe("stop")
     assert not wire.hold_failed
     other = World()
@@ -230,7 +232,7 @@ async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
     other.controller.set_mode(0)
     assert all(motor.safe for motor in await wire.make_safe("hold"))
     assert other.bodies("safe")[-1] == b"\x0c\x04"
-    assert wire.hold_failed == "it does not take its target"
+    assert wire.hold_failed == "the controller refuses the target"
 
 
 @in_virtual_time
@@ -240,7 +242,7 @@ async def test_not_connected_is_not_safe() -> None:
     assert {(motor.written, motor.safe, motor.detail) for motor in await wire.make_safe("stop")} == {
         (False, False, "not connected")
     }
-    with pytest.raises(WireDown, match="Open it first"):
+    with pytest.raises(WireDown, match="Open the connection first"):
         await wire.read()
 
 
@@ -248,7 +250,7 @@ async def test_not_connected_is_not_safe() -> None:
 
 
 @in_virtual_time
-async def test_saf_003_the_stop_channel_needs_nothing_of_the_wires() -> None:
+async def test_saf_003_the_stop_channel_does_not_depend_on_the_wire() -> None:
     world = World()
     await armed(world)
     channel = world.stop_channel()

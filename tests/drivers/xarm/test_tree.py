@@ -77,11 +77,11 @@ def controller_state(twin: Twin) -> int:
 
 
 def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
-    told = status(arm)
-    assert (told["state"], told["firmware"], told["arm_type"]) == ("armed", "1.12.10", 7)
-    assert told["speed_limit"] == "the controller's"
-    assert told["firmware_watchdog"].startswith("none")
-    assert told["sensors"]["tcp_xyz_m"] == pytest.approx([0.4, 0.0, 0.4], abs=0.1), "metres"
+    reported = status(arm)
+    assert (reported["state"], reported["firmware"], reported["arm_type"]) == ("armed", "1.12.10", 7)
+    assert reported["speed_limit"] == "the controller's"
+    assert reported["firmware_watchdog"].startswith("none")
+    assert reported["sensors"]["tcp_xyz_m"] == pytest.approx([0.4, 0.0, 0.4], abs=0.1), "the position is in metres"
     seen = arm.get_observation()
     assert list(seen) == JOINTS
     answer = json_of(arm.send_action({"joint1": seen["joint1"] + 0.02}))
@@ -96,7 +96,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     assert twin.log.first_safe(began_ns).data[6:] == STOP  # type: ignore[union-attr]
     assert controller_state(twin) == p.State.STOPPED
     time.sleep(0.5)
-    assert controller_state(twin) == p.State.STOPPED, "a stop stays stopped"
+    assert controller_state(twin) == p.State.STOPPED, "the controller stays stopped"
     comes_back(arm, twin)
 
 
@@ -112,7 +112,7 @@ def test_saf_014_refusals_name_the_joint_and_write_nothing(arm: RealRobot, twin:
 
 def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) -> None:
     task = run_for(arm, wave, 2.0)
-    assert task["steps"] > 60, "a third of what a free machine does"
+    assert task["steps"] > 60, "a third of the rate on a free machine"
     assert state(arm) == "holding"
     held_ns = time.monotonic_ns()
     time.sleep(0.3)
@@ -123,7 +123,7 @@ def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
     assert state(arm) == "armed"
 
 
-def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
+def test_a_selected_control_frequency(twin: Twin, run_dir: Path) -> None:
     with robot_on(twin.port, "xarm7", control_frequency=50) as arm:
         here = arm.get_observation()["joint1"]
         assert "limit 0.0628 at 50 Hz" in why(arm.send_action({"joint1": here + 0.1}))
@@ -137,7 +137,7 @@ def test_a_control_frequency_of_its_own(twin: Twin, run_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("order", "says"),
     [
-        ("error 31", "controller holds error 31 (collision)"),
+        ("error 31", "the controller reports error 31 (collision)"),
         ("state 3", "arm is paused (state 3)"),
         ("state 4", "arm is stopped (state 4)"),
         ("mode 0", "arm is"),  # stopped, or in mode 0: either may reach the tree first
@@ -165,19 +165,19 @@ def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
     twin.log.no_setpoint_after_safe(ordered_ns)
     assert "call resume() first" in why(nudge(arm))
     if order.startswith("error"):
-        assert "controller holds error 31 (collision). Clear it at the arm" in why(arm.resume())
-        assert not twin.log.host("enable", ordered_ns), "refused before anything is energised"
+        assert "the controller reports error 31 (collision). Clear it at the arm" in why(arm.resume())
+        assert not twin.log.host("enable", ordered_ns), "the command is refused before anything is energised"
         twin.order("error 0")
     resumed(arm)
     json_of(nudge(arm))
 
 
-def test_an_error_is_named_at_connect_and_nothing_is_energised(twin: Twin, run_dir: Path) -> None:
+def test_connecting_names_an_error_and_energises_nothing(twin: Twin, run_dir: Path) -> None:
     twin.order("error 31")
     arm = Robot("xarm7", mode="real", port=twin.port)
     try:
-        until(lambda: "enable: controller holds error 31" in (arm.connect_eagerly() or ""), "it says so")
-        assert status(arm)["connected"], "it can be looked at"
+        until(lambda: "enable: the controller reports error 31" in (arm.connect_eagerly() or ""), "it says so")
+        assert status(arm)["connected"], "a refused robot stays connected"
         assert not twin.log.host("enable")
         twin.order("error 0")
         until(lambda: arm.connect_eagerly() is None, "it connects when it is cleared")
@@ -185,7 +185,7 @@ def test_an_error_is_named_at_connect_and_nothing_is_energised(twin: Twin, run_d
         arm.cleanup()
 
 
-def test_nobody_listens_there(run_dir: Path) -> None:
+def test_a_port_without_a_listener_is_named(run_dir: Path) -> None:
     arm = Robot("xarm7", mode="real", port="127.0.0.1:9")
     try:
         assert "cannot connect" in (arm.connect_eagerly() or "")
@@ -213,7 +213,7 @@ def test_saf_003_the_wire_process_dies_or_freezes(moving: RealRobot, twin: Twin,
 
 
 @pytest.mark.long
-def test_saf_010_what_a_frozen_controller_takes_up_late_is_followed_by_the_stop(
+def test_saf_010_late_setpoints_of_a_frozen_controller_are_followed_by_the_stop(
     moving: RealRobot, twin: Twin
 ) -> None:
     twin.pause()
@@ -224,7 +224,7 @@ def test_saf_010_what_a_frozen_controller_takes_up_late_is_followed_by_the_stop(
     until(lambda: state(moving) == "disarmed", "it is back, disarmed")
     assert twin.log.host("safe", thawed_ns)
     late = twin.log.host("setpoint", thawed_ns)
-    assert len(late) < 15, "what was on its way, and no more"
+    assert len(late) < 15, "only the setpoints that were under way arrive"
     assert twin.log.setpoints_after_safe(thawed_ns) == 0
     assert controller_state(twin) == p.State.STOPPED
     comes_back(moving, twin)
@@ -253,13 +253,13 @@ def test_saf_012_unplugged_while_it_moves(moving: RealRobot, twin: Twin) -> None
 
 
 @pytest.mark.parametrize("fault", ["garbage", "off"])
-def test_it_recovers_from_what_it_cannot_understand(moving: RealRobot, twin: Twin, fault: str) -> None:
+def test_the_tree_recovers_from_invalid_answers(moving: RealRobot, twin: Twin, fault: str) -> None:
     twin.fault(fault)
     until(lambda: not status(moving)["connected"], "the loss is noticed")
     if fault == "garbage":
         began_ns = time.monotonic_ns()
         assert "not confirmed" in why(moving.stop())
-        assert twin.log.first_safe(began_ns) is not None, "a stop is written to who cannot be understood"
+        assert twin.log.first_safe(began_ns) is not None, "a stop is written although the answers cannot be decoded"
     twin.fault("ok")
     comes_back(moving, twin)
 
@@ -288,8 +288,10 @@ def test_saf_012_the_controller_goes_while_connecting(twin: Twin, run_dir: Path,
     connecting = threading.Thread(target=arm.connect_eagerly)
     try:
         connecting.start()
-        heard = functools.partial(lambda: sum(entry.sender == "host" for entry in twin.log.entries()) >= frames)
-        until(heard, f"{frames} frames")
+        has_frames = functools.partial(
+            lambda: sum(entry.sender == "host" for entry in twin.log.entries()) >= frames
+        )
+        until(has_frames, f"{frames} frames")
         twin.pause() if how == "frozen" else twin.unplug()
         arm.stop()
         twin.go_on()
@@ -319,17 +321,17 @@ def test_an_arm_of_another_type_is_gated_by_its_own_range(tmp_path: Path, run_di
     with TwinProcess(tmp_path, "xarm7", "xarm", options={"arm_type": 3, "port": 0}) as process:
         arm = Robot("xarm7", mode="real", port=process.port)
         try:
-            assert not process.port.endswith(":502"), "as for a user who may not have that port"
+            assert not process.port.endswith(":502"), "the port differs, as for a user without the right to use 502"
             assert arm.connect_eagerly() is None
             here = arm.get_observation()["joint4"]
-            assert here < -0.2, "it bends to the other side"
+            assert here < -0.2, "joint 4 bends to the other side"
             json_of(arm.send_action({"joint4": here - 0.02}))
             assert "is past 0.1919" in why(arm.send_action({"joint4": 0.3}))
         finally:
             arm.cleanup()
 
 
-def test_nothing_is_left(twin: Twin, run_dir: Path) -> None:
+def test_no_process_is_left(twin: Twin, run_dir: Path) -> None:
     with robot_on(twin.port, "xarm7") as arm:
         victims = [pids(arm)[role] for role in ("root", "wire")]
         ended_ns = time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""Test the twin's controller with its own clock: what moves its arm, and what does not."""
+"""Test the twin's controller with its own clock: which requests move its arm."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.physics.body import Hand
-from strands_actors.drivers.common.physics.controlled_body import LedBody
+from strands_actors.drivers.common.physics.body import Commander
+from strands_actors.drivers.common.physics.controlled_body import SharedBody
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.arms import arm_of, model_table
@@ -61,7 +61,7 @@ def test_it_does_nothing_before_it_is_enabled() -> None:
     world.say(Register.SET_STATE, b"\x00")
     assert world.controller.state == State.STOPPED
     world.run(1.0)
-    assert np.allclose(world.position, world.home, atol=1e-3), "its brakes hold it"
+    assert np.allclose(world.position, world.home, atol=1e-3), "the brakes hold the arm"
 
 
 def test_servo_mode_goes_to_the_last_target_and_holds_it() -> None:
@@ -107,7 +107,7 @@ def test_a_jump_is_error_24_and_stays_until_it_is_cleared() -> None:
 def test_a_target_past_a_joints_range_is_an_error() -> None:
     world = World(arm_type=3)
     world.arm()
-    world.controller.aim(world.home)
+    world.controller.set_targets(world.home)
     for rad in (0.0, 0.15):
         goal = list(world.home)
         goal[3] = rad
@@ -157,19 +157,19 @@ def test_motors_off_is_stopped_and_braked() -> None:
 
 def test_the_simulation_moves_it_until_it_is_energised_on_the_wire() -> None:
     world = World()
-    body = LedBody(world.controller, lambda: world.controller.runs)
-    body.take(True)
-    assert set(body.hands) == {Hand.SIM}
-    body.aim(world.at(joint1=0.5))
+    body = SharedBody(world.controller, lambda: world.controller.runs)
+    body.energise(True)
+    assert set(body.commanders) == {Commander.SIM}
+    body.set_targets(world.at(joint1=0.5))
     world.run(1.0)
     assert world.position[0] == pytest.approx(0.5, abs=5e-3)
     world.arm()
-    assert set(body.hands) == {Hand.WIRE}
-    body.aim(world.at(joint1=-0.5))
+    assert set(body.commanders) == {Commander.WIRE}
+    body.set_targets(world.at(joint1=-0.5))
     world.run(1.0)
     assert world.position[0] == pytest.approx(0.5, abs=5e-3)
     world.say(Register.SET_STATE, b"\x04")
-    assert set(body.hands) == {Hand.NONE}
+    assert set(body.commanders) == {Commander.NONE}
     body.reset()
     assert world.position == pytest.approx(world.home)
 
@@ -238,12 +238,12 @@ def test_every_type_stands_alike_at_home_within_its_range() -> None:
 )
 def test_the_type_decides_how_far_joints_2_and_4_go(text: str, high_rad: tuple[float, float] | None) -> None:
     arm = arm_of("xarm7")
-    at = arm.type_at(p.parse_version(text.encode()))
+    at = arm.type_index(p.parse_version(text.encode()))
     found = None if at is None else (arm.types[at].range_rad[1][1], arm.types[at].range_rad[3][1])
     assert found == high_rad
 
 
-def test_a_type_that_there_is_none_of_is_refused() -> None:
+def test_an_unknown_type_is_refused() -> None:
     with pytest.raises(ValueError, match="Use 3, 7, 13"):
         controller_of("xarm7", arm_type=5)
 
@@ -251,7 +251,7 @@ def test_a_type_that_there_is_none_of_is_refused() -> None:
 # -- its port
 
 
-def test_who_may_not_have_the_vendors_port_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_without_the_right_to_the_vendors_port_gets_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(self: socket.socket, address: object) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 

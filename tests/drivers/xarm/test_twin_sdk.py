@@ -1,5 +1,5 @@
-"""Test the vendor's unmodified xarm-python-sdk against the twin, in separate processes: it changes the default
-timeout of every socket of its process, and prints to standard output."""
+"""Test the vendor's unmodified xarm-python-sdk against the twin, in separate processes, because it changes the
+default timeout of every socket of its process, and prints to standard output."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def run(twin: TwinProcess, program: str, *more: str) -> dict[str, Any]:
     )
     lines = [line for line in ran.stdout.splitlines() if line.startswith("{")]
     assert ran.returncode == 0 and lines, ran.stdout
-    told: dict[str, Any] = json.loads(lines[-1])
-    return told
+    reported: dict[str, Any] = json.loads(lines[-1])
+    return reported
 
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("report", ["rich", "normal", "real"])
 def test_it_connects_hears_reports_of_each_kind_and_moves_the_arm(twin: TwinProcess, report: str) -> None:
-    told = run(
+    reported = run(
         twin,
         f"""
 xarm = arm(report_type={report!r})
@@ -87,17 +87,19 @@ end(version=xarm.version, sn=xarm.sn, axis=xarm.axis, type=xarm.device_type, q=q
     there=there, state=xarm.state, limit=xarm.joint_speed_limit, codes=[xarm.error_code, xarm.warn_code])
 """,
     )
-    assert told["version"].endswith(",v1.12.10")
-    assert (told["sn"], told["axis"], told["type"]) == ("XF1300012345", 7, 7)
-    assert told["states"] == 3
-    assert told["back"] == 0 and abs(told["there"]) < 0.01
-    assert told["state"] == 4 and told["codes"] == [0, 0]
+    assert reported["version"].endswith(",v1.12.10")
+    assert (reported["sn"], reported["axis"], reported["type"]) == ("XF1300012345", 7, 7)
+    assert reported["states"] == 3
+    assert reported["back"] == 0 and abs(reported["there"]) < 0.01
+    assert reported["state"] == 4 and reported["codes"] == [0, 0]
     if report == "rich":
-        assert told["limit"] == pytest.approx([1e-4, 3.14159]), "it reads the limit where our driver does"
+        assert reported["limit"] == pytest.approx([1e-4, 3.14159]), (
+            "the SDK reads the limit at the same place as our driver"
+        )
 
 
 def test_a_jump_is_an_error_that_it_reads_and_clears(twin: TwinProcess) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 xarm = arm(report_type="real")
@@ -111,13 +113,13 @@ xarm.set_state(4)
 end(jumped=jumped, again=again, codes=codes, cleared=xarm.get_err_warn_code(), state=xarm.get_state()[1])
 """,
     )
-    assert told["jumped"] == told["again"] == 1
-    assert told["codes"] == [0, [24, 0]] and told["cleared"] == [0, [0, 0]]
-    assert told["state"] == 4
+    assert reported["jumped"] == reported["again"] == 1
+    assert reported["codes"] == [0, [24, 0]] and reported["cleared"] == [0, [0, 0]]
+    assert reported["state"] == 4
 
 
 def test_a_velocity_ends_with_its_duration(twin: TwinProcess) -> None:
-    told = run(
+    reported = run(
         twin,
         """
 xarm = arm(report_type="real")
@@ -129,15 +131,15 @@ time.sleep(0.8)
 end(code=code, moved=xarm.get_servo_angle()[1][0] - q)
 """,
     )
-    assert told["code"] == 0
-    assert 0.1 < told["moved"] < 0.25
+    assert reported["code"] == 0
+    assert 0.1 < reported["moved"] < 0.25
 
 
 def test_two_arms_at_once_and_a_newer_firmware(twin: TwinProcess, tmp_path: Path) -> None:
     options = {"firmware": "2.5.0", "serial": "XF1305000001"}
     with TwinProcess(tmp_path, "xarm7", "xarm", options=options) as other:
         assert other.port != twin.port
-        told = run(
+        reported = run(
             twin,
             """
 one = arm()
@@ -156,4 +158,4 @@ end(versions=[one.version_number, two.version_number], states=[one.state, two.st
 """,
             *other.port.split(":"),
         )
-    assert told == {"versions": [[1, 12, 10], [2, 5, 0]], "states": [4, 4]}
+    assert reported == {"versions": [[1, 12, 10], [2, 5, 0]], "states": [4, 4]}

@@ -1,4 +1,4 @@
-"""Test the wire in virtual time, on the twin's controller: what it writes, in which order, and which answers it
+"""Test the wire in virtual time, on the twin's controller: its writes, their order, and which answers it
 accepts."""
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ async def test_opening_reads_and_writes_nothing_else() -> None:
 
 
 @in_virtual_time
-async def test_a_limit_that_is_not_told_is_the_tables_and_said_so() -> None:
+async def test_without_a_reported_limit_the_tables_applies_with_a_warning() -> None:
     world = World()
     world.no_rich = True
     wire = world.wire()
@@ -50,9 +50,12 @@ async def test_a_limit_that_is_not_told_is_the_tables_and_said_so() -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("6,6,XF1300012345,AC1300012345,v1.12.10", "has 6 joints and is of type 6. xarm7 has 7, of type 3, 7, 13"),
-        ("7,4,XF1300012345,AC1300012345,v1.12.10", "has 7 joints and is of type 4"),
-        ("v0.9.1", "names no type and firmware. Update its firmware"),
+        (
+            "6,6,XF1300012345,AC1300012345,v1.12.10",
+            "has 6 joints and type 6, but xarm7 has 7 joints and type 3, 7, 13",
+        ),
+        ("7,4,XF1300012345,AC1300012345,v1.12.10", "has 7 joints and type 4"),
+        ("v0.9.1", "names no type and firmware. Update the controller's firmware"),
     ],
 )
 @in_virtual_time
@@ -65,10 +68,10 @@ async def test_another_arm_is_named(text: str, says: str) -> None:
 
 
 @in_virtual_time
-async def test_a_controller_that_opens_and_says_nothing_is_named() -> None:
+async def test_a_controller_that_accepts_a_connection_and_never_answers_is_named() -> None:
     world = World()
     world.deaf = True
-    with pytest.raises(WireDown, match="connected, but no answer"):
+    with pytest.raises(WireDown, match="the port is open, but nothing answers"):
         await world.wire().open()
     world.deaf = False
 
@@ -76,11 +79,11 @@ async def test_a_controller_that_opens_and_says_nothing_is_named() -> None:
         world.deaf = True
 
     world.on_reply = on_reply
-    with pytest.raises(WireDown, match="does not say its errors"):
+    with pytest.raises(WireDown, match="did not answer the request for its errors"):
         await world.wire().open()
     world.on_reply = lambda count: None
     world.deaf, world.mute = False, True
-    with pytest.raises(WireDown, match="30003: connected, but no report"):
+    with pytest.raises(WireDown, match="30003: the port is open, but no report"):
         await world.wire().open()
     assert all(connection.closed for connection in world.connections)
 
@@ -96,8 +99,8 @@ async def test_saf_011_arming_begins_where_the_arm_is() -> None:
     assert [body[0] for body in world.bodies("enable")] == [11, 19, 12]
     stop, first = world.bodies("safe")
     assert stop == b"\x0c\x04"
-    told = p.unpack_floats(first[1:], 7)
-    assert told == pytest.approx(world.controller.plant.position_rad, abs=1e-6)
+    target_rad = p.unpack_floats(first[1:], 7)
+    assert target_rad == pytest.approx(world.controller.plant.position_rad, abs=1e-6)
     assert (await wire.read()).sensors["mode"] == (1.0,)
 
 
@@ -118,7 +121,9 @@ async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_
     controller.set_mode = set_mode  # type: ignore[method-assign]
     written = len(world.written)
     wire = await armed(world)
-    assert next(one.body for one in world.written[written:] if one.kind != "read") == b"\x0c\x04", "a stop is first"
+    assert next(one.body for one in world.written[written:] if one.kind != "read") == b"\x0c\x04", (
+        "a stop is written first"
+    )
     await cycle(wire, 30)
     assert controller.plant.position_rad == pytest.approx(here, abs=0.01)
 
@@ -126,7 +131,7 @@ async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_
 async def braked_at_its_limit(world: World, wire: XArmWire, past_rad: float) -> float:
     """Stop an arm with a joint at the end of its range. Return how far past the end it rests."""
     joint, controller = 5, world.controller
-    end = controller._kind.range_rad[joint][1]
+    end = controller._arm_type.range_rad[joint][1]
     await wire.make_safe(SafeState.STOP)
     controller.plant.data.qpos[controller.plant._qpos[joint]] = end
     controller._target[joint] = end + past_rad
@@ -139,7 +144,7 @@ async def test_saf_011_an_arm_that_rests_on_its_limit_is_armed_there_each_time()
     """For a target past a range the controller ends the motion with error 23, and keeps that error."""
     world = World()
     wire = await armed(world)
-    controller, end = world.controller, world.controller._kind.range_rad[5][1]
+    controller, end = world.controller, world.controller._arm_type.range_rad[5][1]
     for _ in range(3):
         assert 1e-3 < await braked_at_its_limit(world, wire, 0.05) < PAST_RAD
         observation = await wire.arm(Permission())
@@ -155,11 +160,11 @@ async def test_saf_011_an_arm_that_rests_on_its_limit_is_armed_there_each_time()
 async def test_saf_011_an_arm_far_past_its_limit_is_not_energised() -> None:
     world = World()
     wire = await armed(world)
-    kind, here = wire.session.kind, world.controller.plant.position_rad[5]
+    kind, here = wire.session.arm_type, world.controller.plant.position_rad[5]
     ranges = (*kind.range_rad[:5], (-3.0, here - 2 * PAST_RAD), kind.range_rad[6])
-    wire.session.kind = msgspec.structs.replace(kind, range_rad=ranges)
+    wire.session.arm_type = msgspec.structs.replace(kind, range_rad=ranges)
     written = len(world.written)
-    with pytest.raises(WireDown, match=r"enable: joint6 is 0\.040 rad past its range. Bring it back"):
+    with pytest.raises(WireDown, match=r"enable: joint6 is 0\.040 rad outside its range. Move it back"):
         await wire.arm(Permission())
     assert {one.kind for one in world.written[written:]} == {"read"}
 
@@ -170,7 +175,7 @@ async def test_an_error_is_refused_before_anything_is_energised() -> None:
     wire = world.wire()
     await wire.open()
     world.controller.fail(31)
-    with pytest.raises(WireDown, match=r"enable: controller holds error 31 \(collision\)"):
+    with pytest.raises(WireDown, match=r"enable: the controller reports error 31 \(collision\)"):
         await wire.arm(Permission())
     assert set(world.kinds()) == {"read"}
     world.controller.obey(Register.CLEAR_ERROR, b"")
@@ -185,7 +190,7 @@ async def test_an_error_that_comes_while_it_is_enabled_ends_it() -> None:
     world.controller._enable = lambda joint, on: world.controller.fail(13)  # type: ignore[method-assign]
     with pytest.raises(WireDown, match=r"error 13 \(servo motor 3\)"):
         await wire.arm(Permission())
-    assert world.kinds("read") == ["safe", "enable"], "neither mode nor state are set any more"
+    assert world.kinds("read") == ["safe", "enable"], "mode and state are not set after the error"
 
 
 @pytest.mark.parametrize("denied_at", range(12))
@@ -205,7 +210,7 @@ async def test_saf_009_a_stop_during_bring_up_wins(denied_at: int) -> None:
     try:
         await wire.arm(Watched())
     except PermitDenied:
-        assert len(world.kinds("read")) == seen[-1], "nothing is written after the denial"
+        assert len(world.kinds("read")) == seen[-1], "nothing is written after the permit is denied"
     else:
         assert len(seen) <= denied_at
     motors = await wire.make_safe("stop")
@@ -234,7 +239,7 @@ async def test_saf_009_a_stop_that_comes_with_a_reply_wins_before_the_next_frame
         assert len(world.written) == written[0]
     else:
         await wire.arm(permit)
-        assert world.kinds()[-1] == "safe", "that was the last one"
+        assert world.kinds()[-1] == "safe", "no frame follows the stop"
 
 
 @in_virtual_time
@@ -274,7 +279,7 @@ async def test_an_arm_that_does_not_take_where_it_is_as_its_target_is_not_armed(
         return (p.NOT_READY, b"") if register == Register.SERVO_JOINT else obey(register, data)
 
     world.controller.obey = refuse_servo  # type: ignore[method-assign]
-    with pytest.raises(WireDown, match="does not take its position as target"):
+    with pytest.raises(WireDown, match="refuses the arm's position as target"):
         await wire.arm(Permission())
 
 
@@ -304,7 +309,7 @@ async def test_a_setpoint_leaves_at_once_and_the_arm_follows() -> None:
 
 
 @in_virtual_time
-async def test_saf_001_a_permit_that_is_gone_lets_nothing_leave() -> None:
+async def test_saf_001_nothing_is_sent_after_the_permit_is_withdrawn() -> None:
     world = World()
     wire = await armed(world)
     with pytest.raises(PermitDenied):
@@ -314,7 +319,7 @@ async def test_saf_001_a_permit_that_is_gone_lets_nothing_leave() -> None:
 
 @pytest.mark.parametrize("silent", ["mute", "deaf"])
 @in_virtual_time
-async def test_saf_010_nothing_is_written_to_a_controller_that_is_silent(silent: str) -> None:
+async def test_saf_010_nothing_is_written_to_a_silent_controller(silent: str) -> None:
     """Reports without replies show no working controller, nor do replies without reports."""
     world = World()
     wire = await armed(world)
@@ -336,7 +341,7 @@ async def test_saf_010_nothing_is_written_to_a_controller_that_is_silent(silent:
 
 
 @in_virtual_time
-async def test_saf_012_what_the_controller_says_is_seen() -> None:
+async def test_saf_012_the_controllers_reports_are_in_the_observation() -> None:
     world = World()
     wire = await armed(world)
     await cycle(wire, 3)
@@ -363,13 +368,13 @@ async def test_replies_that_are_late_or_missing_end_nothing(fault: Fault) -> Non
 
 
 @in_virtual_time
-async def test_a_reply_to_nothing_is_late_and_one_to_something_else_is_nonsense() -> None:
+async def test_a_reply_without_a_request_is_late_and_an_unmatched_one_is_invalid() -> None:
     world = World()
     wire = await armed(world)
     stream = world.connections[-1]
     stream.say(p.frame(60000, bytes((Register.ERRORS, 0, 31, 0))))
     await cycle(wire)
-    assert (await wire.read()).sensors["error"] == (0.0,), "nor is it believed"
+    assert (await wire.read()).sensors["error"] == (0.0,), "the unmatched reply is not used"
     world.deaf = True
     await cycle(wire, 6)
     stream.say(p.frame(len(world.written), bytes((Register.GET_STATE, 0, 2))))

@@ -35,11 +35,11 @@ def test_saf_014_a_twist_beyond_its_limit_is_refused_and_not_clamped(key: str, m
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "fast", True, None])
 @pytest.mark.parametrize("key", ["linear.x", "arm1", "gripper.pos"])
-def test_saf_014_what_is_no_finite_number_is_refused(key: str, value: object) -> None:
+def test_saf_014_a_value_that_is_not_a_finite_number_is_refused(key: str, value: object) -> None:
     assert refused({key: value}).code == "not_finite"
 
 
-def test_saf_014_an_unknown_key_is_refused_with_those_there_are() -> None:
+def test_saf_014_an_unknown_key_is_refused_with_the_known_ones() -> None:
     assert "use linear.x, linear.y, angular.z, arm1" in refused({"vx": 0.1}).text
 
 
@@ -53,12 +53,12 @@ def test_saf_001_a_command_of_the_base_lives_300_ms() -> None:
     assert (timing.oneshot_ttl_s, timing.stream_ttl_s, timing.keepalive_s) == (LIFETIME_S, LIFETIME_S, 0.1)
 
 
-def test_what_is_not_named_rests_and_the_arm_stays() -> None:
+def test_axes_that_are_not_named_rest_and_the_arm_stays() -> None:
     moving = state((0.5, 0.2, 1.0, *KNOWN[3:]), Live(NOW_NS + 1))
     assert accepted({"linear.y": -0.3}, moving) == Candidate((0.0, -0.3, 0.0, *KNOWN[3:], 0.0, 0.0, 1.0), (1,))
 
 
-def test_saf_001_the_arm_alone_keeps_the_twist_and_its_end() -> None:
+def test_saf_001_an_arm_command_keeps_the_twist_and_its_end() -> None:
     until_ns = NOW_NS + 10_000_000
     both = accepted({"arm1.pos": 0.2}, state((0.5, 0.0, 1.0, *KNOWN[3:]), Live(until_ns)))
     assert both.until_ns == until_ns
@@ -69,10 +69,10 @@ def test_saf_001_the_arm_alone_keeps_the_twist_and_its_end() -> None:
 def test_saf_001_the_arm_does_not_bring_back_a_twist_that_has_ended(until_ns: int) -> None:
     alone = accepted({"arm1": 0.2}, state((0.5, 0.0, 1.0, *KNOWN[3:]), Live(until_ns)))
     assert alone.values[:3] == (0.0, 0.0, 0.0)
-    assert alone.values[-1] == 0.0, "and does not command the base"
+    assert alone.values[-1] == 0.0, "the arm's command does not command the base"
 
 
-def test_the_target_of_an_earlier_action_is_taken_without_what_modified_it() -> None:
+def test_the_target_of_an_earlier_action_is_used_unmodified() -> None:
     first = accepted({"arm1": 0.2, "time_ms": 700})
     then = accepted({"arm2": 0.1}, state(first.values))
     assert then.values[3:AXES] == (0.2, 0.1, *KNOWN[5:])
@@ -99,16 +99,18 @@ def test_saf_014_degrees_for_radians_are_refused_with_a_hint() -> None:
     assert "radians are expected" not in refused({"arm2": 1.6}).text
 
 
-def test_saf_011_part_of_an_arm_whose_pose_is_not_known_is_refused() -> None:
+def test_saf_011_a_command_for_part_of_an_arm_with_unknown_pose_is_refused() -> None:
     refusal = refused({"arm1": 0.1}, state(NOWHERE))
     assert refusal.code == "unknown_pose"
     assert "arm2, arm3, arm4, arm5, gripper" in refusal.offered
     whole = dict.fromkeys(driver().axes[3:], 0.0)
     accepted(whole, state(NOWHERE))
-    assert accepted({"linear.x": 0.1}, state(NOWHERE)).values[-1] == 1.0, "the base does not mind"
+    assert accepted({"linear.x": 0.1}, state(NOWHERE)).values[-1] == 1.0, (
+        "a base command is accepted without the arm's pose"
+    )
 
 
-def test_saf_014_a_servo_that_stands_past_its_range_is_not_told_so_again() -> None:
+def test_saf_014_a_servo_past_its_range_is_not_commanded_past_it() -> None:
     outside = (*KNOWN[:4], 2.0, *KNOWN[5:])
     assert "arm2" in refused({"arm1": 0.1}, state(outside)).text
     accepted({"arm1": 0.1, "arm2": 0.0}, state(outside))
@@ -124,7 +126,7 @@ def test_saf_014_a_time_without_a_joint_is_refused(action: dict[str, Any]) -> No
     assert refused(action).code == "no_joint"
 
 
-def test_conversion_is_in_whole_degrees_and_signs_turn_the_arm_alone() -> None:
+def test_conversion_is_in_whole_degrees_and_only_the_arm_has_signs() -> None:
     turned = driver(joint_signs=(-1.0, 1.0, 1.0, 1.0, -1.0))
     action = {"arm1": 0.5, "arm5": 0.5, "gripper": -1.54, "time_ms": 900}
     found = turned.parse(action, state())
@@ -137,7 +139,7 @@ def test_conversion_is_in_whole_degrees_and_signs_turn_the_arm_alone() -> None:
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_what_a_servo_is_told_is_what_it_reports(sign: float) -> None:
+def test_a_servo_reports_its_commanded_angle(sign: float) -> None:
     for at, servo in enumerate(table_of("yahboom_m3pro").servos_by((sign,) * 5)):
         for degrees in range(servo.low_deg, servo.high_deg + 1):
             assert servo.whole_degrees(servo.radians(degrees)) == degrees
@@ -146,7 +148,7 @@ def test_what_a_servo_is_told_is_what_it_reports(sign: float) -> None:
             assert servo.turned(reported) == pytest.approx(servo.radians(degrees))
 
 
-def test_an_answer_has_what_was_commanded_and_no_more() -> None:
+def test_an_answer_has_only_the_commanded_axes() -> None:
     robot = driver()
     base, arm = accepted({"linear.x": 0.2}), accepted({"gripper": 0.0})
     assert robot.commanded({"linear.x": 0.2}, base.values) == {
@@ -158,7 +160,7 @@ def test_an_answer_has_what_was_commanded_and_no_more() -> None:
     }
 
 
-def test_what_is_not_known_is_not_observed() -> None:
+def test_unknown_values_are_not_in_the_observation() -> None:
     assert driver().as_json(NOWHERE) == {"linear.x": 0.0, "linear.y": 0.0, "angular.z": 0.0}
 
 
@@ -213,7 +215,7 @@ def test_transports_are_the_drivers_own_and_the_twin() -> None:
     on_robot = plan("yahboom_m3pro", "real", transport="ros2", port="ignored")
     assert (on_robot.options["transport"], on_robot.twin_process) == ("ros2", None)
     assert plan("yahboom_m3pro", "real", transport="twin").options["transport"] == "rosbridge"
-    assert plan("yahboom_m3pro", "real").port == "", "port is optional: the robot's own rosbridge"
+    assert plan("yahboom_m3pro", "real").port == "", "without a port the robot's rosbridge is used"
     with pytest.raises(ValueError, match=r"it offers rosbridge, ros2, twin"):
         plan("yahboom_m3pro", "real", transport="serial")
     with pytest.raises(ValueError, match=r"are both given"):
@@ -267,7 +269,7 @@ def test_every_twist_needs_approval_and_a_zero_never_does() -> None:
 
 @pytest.mark.usefixtures("nothing_allowed")
 @pytest.mark.parametrize("value", [False, "0", None, math.nan, 1e-9])
-def test_what_only_looks_like_zero_needs_approval(value: object) -> None:
+def test_a_twist_that_only_looks_like_zero_needs_approval(value: object) -> None:
     assert asked({"linear.x": value}) == ("linear.x",)
 
 
@@ -306,6 +308,6 @@ def test_six_servo_angles_go_out_as_the_same_whole_degrees() -> None:
 @pytest.mark.parametrize(
     "joints", [[], [90] * 5, [90] * 7, [90] * 5 + [10], [90, 181] + [90] * 4, ["x"] + [90] * 5]
 )
-def test_saf_014_what_is_no_pose_in_degrees_is_refused(joints: list[Any]) -> None:
+def test_saf_014_an_invalid_pose_in_degrees_is_refused(joints: list[Any]) -> None:
     refusal = read(driver(), {"action": "set_arm_degrees", "joints": joints})
     assert isinstance(refusal, Refused) and "give 6 servo angles in degrees: arm1 0..180" in refusal.remedy

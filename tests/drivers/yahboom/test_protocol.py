@@ -25,9 +25,9 @@ ZERO = '{"linear":{"x":%s,"y":%s,"z":%s},"angular":{"x":%s,"y":%s,"z":%s}}'
 
 
 def twist(text: str) -> tuple[m.Twist, bool]:
-    asked = p.decode_asked(text)
-    assert isinstance(asked, p.Publish) and asked.topic == m.CMD_VEL
-    return m.read_twist(p.decode_message(asked.msg))
+    requested = p.decode_client_operation(text)
+    assert isinstance(requested, p.Publish) and requested.topic == m.CMD_VEL
+    return m.read_twist(p.decode_message(requested.msg))
 
 
 def test_operations_are_written_as_rosbridge_reads_them() -> None:
@@ -46,7 +46,7 @@ def test_a_setpoint_is_written_in_fractions_and_a_stop_in_whole_numbers() -> Non
     setpoint = p.publish(m.CMD_VEL, m.twist_message(m.REST))
     assert setpoint.endswith('"msg":' + ZERO % (("0.0",) * 6) + "}")
     stop = p.publish(m.CMD_VEL, m.twist_message(m.Twist(1.0, 1.0, 1.0), stop=True))
-    assert stop.endswith('"msg":' + ZERO % (("0",) * 6) + "}"), "whatever the twist: a stop is zero"
+    assert stop.endswith('"msg":' + ZERO % (("0",) * 6) + "}"), "a stop is zero for every twist"
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-5, 5))
@@ -122,11 +122,11 @@ def test_a_base_that_moves_in_any_way_does_not_stand(speed: m.Twist) -> None:
     "text",
     ["", "null", "[]", "{}", '{"op":1}', '{"op":"png","data":""}', '{"op":"publish"}', "NaN", '{"op":"publish",'],
 )
-def test_what_is_no_operation_is_malformed(text: str) -> None:
+def test_an_invalid_operation_is_malformed(text: str) -> None:
     with pytest.raises(MalformedFrame, match="no operation"):
         p.decode_incoming(text)
     with pytest.raises(MalformedFrame, match="no operation"):
-        p.decode_asked(text)
+        p.decode_client_operation(text)
 
 
 def test_a_binary_message_is_malformed() -> None:
@@ -167,7 +167,7 @@ def disturbed(random_: random.Random, texts: list[str]) -> str:
     return "".join(text)
 
 
-def test_saf_014_disturbed_texts_raise_nothing_else_and_command_nothing_undeclared() -> None:
+def test_saf_014_disturbed_texts_raise_only_the_codecs_error_and_command_declared_values() -> None:
     """This covers both ends. Each command that the twin accepts can be displayed as one."""
     random_, texts = random.Random(22), samples()
     said: list[str] = []
@@ -178,12 +178,12 @@ def test_saf_014_disturbed_texts_raise_nothing_else_and_command_nothing_undeclar
         text = disturbed(random_, texts)
         kind, safe_state = session.take(text)
         assert (kind == "safe") == (safe_state == "zero")
-        assert all(math.isfinite(value) for value in (*twin.mechanism.told, *twin.mechanism.degrees))
+        assert all(math.isfinite(value) for value in (*twin.mechanism.commanded, *twin.mechanism.degrees))
         del said[:]
         link._take(text)
     session.publish(1e9)
     assert 0 < link.news.malformed < DISTURBED
-    assert len(said) <= len(twin.graph.hz), "and its memory is bounded: a subscription a topic"
+    assert len(said) <= len(twin.graph.hz), "the memory is bounded: one subscription for each topic"
 
 
 def test_numbers_that_json_can_write_and_a_double_cannot_hold_are_malformed() -> None:

@@ -136,7 +136,7 @@ class StandIn:
     def shutdown(self, timeout_sec: float) -> None: ...
 
     def spin_once(self, timeout_sec: float) -> None:
-        assert timeout_sec == 0, "nothing waits"
+        assert timeout_sec == 0, "spin_once must not wait"
         now_ns = round(trio.current_time() * 1e9)
         if self.silent or now_ns - self._told_ns < 20_000_000:
             return
@@ -165,7 +165,7 @@ def test_a_wire_on_rclpy_opens_drives_and_stops() -> None:
         async with trio.open_nursery() as nursery:
             await nursery.start(wire.serve)
             seen = await wire.arm(Permission())
-            assert math.isnan(seen.position[3]), "rclpy's robot reports no arm"
+            assert math.isnan(seen.position[3]), "over rclpy the robot reports no arm"
             candidate = robot.parse({"linear.x": 0.4, "arm1": 0.0, "time_ms": 700}, state())
             await wire.write(candidate.values, Permission())  # type: ignore[union-attr]
             (_, zero), (topic, twist), (arm_topic, arm) = ros.published
@@ -213,17 +213,17 @@ def test_saf_010_a_call_of_rclpy_that_hangs_does_not_keep_a_stop() -> None:
         outcome = await stop_until_it_stands(link, 1.2)
         assert "wait_for_all_acked did not return" in outcome.detail
         assert outcome.written and not outcome.acknowledged
-        assert trio.current_time() - began_s < 1.2 + 1.0, "and zero went on meanwhile"
+        assert trio.current_time() - began_s < 1.2 + 1.0, "zero was repeated meanwhile"
         assert len(ros.published) > 10
 
     trio.run(test)
 
 
-def test_a_base_that_nobody_started_is_said_so() -> None:
+def test_a_base_that_was_not_started_is_named() -> None:
     async def test() -> None:
         ros, robot = StandIn(), driver()
         ros.unheard.add(m.ARM)
-        with pytest.raises(WireDown, match="nobody listens to /arm6_joints within 2 s"):
+        with pytest.raises(WireDown, match="no node subscribes to /arm6_joints within 2 s"):
             await Ros2Link(robot.config, VirtualClock(), ros.load).open()
         assert ros.nodes == 0
         ros.unheard.clear()
@@ -234,7 +234,7 @@ def test_a_base_that_nobody_started_is_said_so() -> None:
     virtual(test)
 
 
-def test_saf_012_a_base_that_says_the_same_again_and_again_is_no_connection() -> None:
+def test_saf_012_a_base_that_repeats_its_report_is_no_connection() -> None:
     async def test() -> None:
         ros, robot = StandIn(), driver()
         ros.repeats = True
@@ -245,7 +245,7 @@ def test_saf_012_a_base_that_says_the_same_again_and_again_is_no_connection() ->
     virtual(test)
 
 
-def test_without_rclpy_its_install_line_is_said() -> None:
+def test_without_rclpy_the_error_has_its_install_line() -> None:
     async def test() -> None:
         wire = YahboomWire(driver().config, MonotonicClock())
         with pytest.raises(WireDown, match=r"rclpy cannot be used .*source /opt/ros"):
@@ -264,7 +264,7 @@ def test_the_domain_is_the_environments(monkeypatch: pytest.MonkeyPatch, text: s
 
 
 @pytest.mark.parametrize("text", ["-1", "233", "mine"])
-def test_a_domain_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+def test_an_invalid_domain_is_refused(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     with pytest.raises(WireDown, match=r"Give 0\.\.232, or unset it for 30"):
         domain_of_environment()
@@ -284,14 +284,14 @@ def odometry_cdr(stamp_ns: int, speed: float, frame: str = "odom", child: str = 
 
 
 @pytest.mark.parametrize("frame", ["odom", "", "odom_frame_of_the_robot"])
-def test_odometry_is_read_whatever_its_frames_are_called(frame: str) -> None:
+def test_odometry_is_read_with_any_frame_names(frame: str) -> None:
     told = dds.decode_odometry(odometry_cdr(12_345_678_901, 0.5, frame)[4:])
     assert told.stamp_ns == 12_345_678_901
     assert (told.x_m, told.y_m, told.yaw_rad) == (1.0, 2.0, pytest.approx(0.5))
     assert told.speed == m.Twist(0.5, -0.1, 0.2)
 
 
-def test_disturbed_odometry_raises_nothing_else() -> None:
+def test_disturbed_odometry_raises_only_the_codecs_error() -> None:
     random_, whole = random.Random(22), odometry_cdr(1, 0.5)[4:]
     for _ in range(5000):
         body = bytearray(whole[: random_.randrange(1, len(whole) + 1)])
@@ -357,7 +357,7 @@ async def base_and_channel(host: str) -> AsyncIterator[tuple[Base, YahboomStopCh
 def test_saf_003_the_root_stops_the_base_without_rclpy() -> None:
     async def test() -> None:
         async with base_and_channel("127.0.0.91") as (base, channel, _):
-            assert base.twists == [], "until it is needed nothing is written"
+            assert base.twists == [], "nothing is written before a stop"
             reports = await channel.make_safe("zero")
             assert all(report.safe for report in reports), reports[0].detail
             assert len(base.twists) >= 3 and set(base.twists) == {(0.0,) * 6}
@@ -371,9 +371,9 @@ def test_saf_003_the_root_stops_the_base_without_rclpy() -> None:
 def test_without_a_base_the_way_by_dds_does_not_stand() -> None:
     async def test() -> None:
         link = dds.DdsLink(driver().config, MonotonicClock(), "127.0.0.93", ("127.0.0.94:7999",))
-        with pytest.raises(WireDown, match="nobody listens to /cmd_vel in domain 30"):
+        with pytest.raises(WireDown, match="no node subscribes to /cmd_vel in domain 30"):
             await link.connect()
-        with pytest.raises(WireDown, match="nobody listens"):
+        with pytest.raises(WireDown, match="no node subscribes"):
             link.zero()
         link.close()
 

@@ -1,4 +1,5 @@
-"""Test what stops the robot, in virtual time over rosbridge in memory: the wire, a lost link, the stop channel."""
+"""Test the stops of the wire, after a lost link, and of the stop channel. The tests run in virtual time over
+rosbridge in memory."""
 
 from __future__ import annotations
 
@@ -28,9 +29,11 @@ def test_saf_005_a_stop_is_zero_three_times_and_confirmed_by_newer_odometry() ->
             reports = await wire.make_safe("zero")
             assert all_safe(reports)
             after = world.taken[told:]
-            assert after[0] == (began_s, "safe", after[0].text, 0), "at once, on the connection of the setpoint"
+            assert after[0] == (began_s, "safe", after[0].text, 0), (
+                "zero is sent at once, on the connection of the setpoint"
+            )
             assert world.kinds("safe").count("safe") >= TIMES
-            assert world.twin.mechanism.runs == m.REST, "it stands when it is said to"
+            assert world.twin.mechanism.runs == m.REST, "the base stands when the stop is confirmed"
 
     virtual(test)
 
@@ -85,7 +88,7 @@ def test_saf_005_odometry_of_before_the_zero_confirms_nothing() -> None:
     virtual(test)
 
 
-def test_saf_005_a_bridge_whose_services_are_gone_confirms_nothing_and_is_not_flooded() -> None:
+def test_saf_005_a_bridge_without_services_confirms_nothing_and_is_not_flooded() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
@@ -104,7 +107,7 @@ def test_saf_005_odometry_with_an_old_stamp_confirms_nothing() -> None:
         async with running(world) as wire:
             world.twin.set_fault(Fault.STUCK)
             reports = await wire.make_safe("zero")
-            assert "not confirmed: what it reports is old" in reports[0].detail
+            assert "not confirmed: it has reported nothing since" in reports[0].detail
 
     virtual(test)
 
@@ -121,7 +124,7 @@ def test_saf_005_without_odometry_a_stop_is_acknowledged_and_not_confirmed() -> 
     virtual(test)
 
 
-def test_saf_010_what_waits_in_a_frozen_bridge_is_followed_by_zero() -> None:
+def test_saf_010_a_command_in_a_frozen_bridge_is_followed_by_zero() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
@@ -157,7 +160,7 @@ def test_saf_020_a_lost_link_is_reached_on_a_new_connection_without_asking() -> 
     virtual(test)
 
 
-def test_saf_020_a_connection_that_is_dead_and_has_not_said_so_is_not_the_only_way() -> None:
+def test_saf_020_a_stop_also_uses_a_second_connection_if_the_first_is_dead() -> None:
     async def test() -> None:
         world = World()
         wire = world.wire()
@@ -194,9 +197,11 @@ def test_an_arm_on_its_way_is_named_with_how_long_it_goes_on_and_keeps_its_goal(
         async with running(world) as wire:
             await wire.write(target(world, arm1=0.5, time_ms=3000), Permission())
             reports = {report.axis: report for report in await wire.make_safe("zero")}
-            assert "for 2." in reports["arm1"].detail and "cannot be told to stop" in reports["arm1"].detail
+            assert "for 2." in reports["arm1"].detail and "cannot be stopped" in reports["arm1"].detail
             assert reports["linear.x"].detail == ""
-            assert (reports["arm1"].target, reports["arm2"].target) == (0.5, 0.0), "SAF-019: its last goal"
+            assert (reports["arm1"].target, reports["arm2"].target) == (0.5, 0.0), (
+                "SAF-019: the hold position is the last goal"
+            )
             await trio.sleep(3.0)
             assert all(report.detail == "" for report in await wire.make_safe("zero"))
 
@@ -223,7 +228,7 @@ def test_saf_003_the_stop_channel_is_connected_before_and_its_zero_leaves_at_onc
     virtual(test)
 
 
-def test_saf_003_the_stop_channel_is_made_anew_after_a_loss() -> None:
+def test_saf_003_the_stop_channel_reconnects_after_a_loss() -> None:
     async def test() -> None:
         world = World()
         channel = world.stop_channel()

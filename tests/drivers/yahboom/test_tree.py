@@ -62,7 +62,7 @@ def test_saf_001_a_twist_is_repeated_for_its_lifetime_and_ends_in_zero(m3: RealR
     zero = first_safe(twin.log, began_ns)
     assert (zero.t_ns - began_ns) / 1e9 > 0.25
     sent = of(twin.log.host("setpoint", began_ns), m.CMD_VEL)
-    assert 2 <= len(sent) <= 4, "10 Hz while it lives"
+    assert 2 <= len(sent) <= 4, "the twist is re-sent at 10 Hz for its lifetime"
     assert all(one == m.twist_message(m.Twist(0.5, 0.0, -1.0)) for one in sent)
     time.sleep(0.4)
     twin.log.no_setpoint_after_safe(began_ns)
@@ -85,13 +85,13 @@ def test_saf_001_the_arm_keeps_the_twist_and_does_not_prolong_it(m3: RealRobot, 
 
 def test_an_arm_goal_goes_out_once_in_whole_degrees_and_the_others_stay(m3: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
-    told = json_of(m3.send_action({"arm1.pos": 0.5, "time_ms": 400}))
-    assert told == {"arm_deg": [119, 120, 0, 0, 90, 180], "time_ms": 400}
+    answer = json_of(m3.send_action({"arm1.pos": 0.5, "time_ms": 400}))
+    assert answer == {"arm_deg": [119, 120, 0, 0, 90, 180], "time_ms": 400}
     until(lambda: m3.get_observation()["arm1"] == pytest.approx(0.506, abs=0.01), "it is there")
     time.sleep(0.3)
     goals = of(twin.log.host("setpoint", began_ns), m.ARM)
     assert goals == [m.arm_message(m.ArmGoal((119, 120, 0, 0, 90, 180), 400))]
-    assert of(twin.log.host("setpoint", began_ns), m.CMD_VEL) == [], "and nothing is told the base"
+    assert of(twin.log.host("setpoint", began_ns), m.CMD_VEL) == [], "nothing is sent to the base"
 
 
 def test_saf_005_a_stop_is_repeated_until_odometry_shows_that_it_stands(m3: RealRobot, twin: Twin) -> None:
@@ -107,7 +107,7 @@ def test_saf_005_a_stop_is_repeated_until_odometry_shows_that_it_stands(m3: Real
     twin.log.no_setpoint_after_safe(began_ns)
     assert "call resume() first" in why(m3.send_action({"linear.x": 0.1}))
     json_of(m3.resume())
-    assert twin.log.setpoints_after_safe(began_ns) == 0, "a resume moves nothing"
+    assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 
 
 def test_saf_005_a_base_whose_odometry_moves_is_not_reported_as_stopped(m3: RealRobot, twin: Twin) -> None:
@@ -116,13 +116,13 @@ def test_saf_005_a_base_whose_odometry_moves_is_not_reported_as_stopped(m3: Real
     until(lambda: m3.get_observation()["linear.x"] > 0.7, "it reports too much")
     began_ns = time.monotonic_ns()
     assert "not confirmed: it reports speed" in why(m3.stop())
-    assert len(twin.log.host("safe", began_ns)) > 5, "and zero is repeated"
+    assert len(twin.log.host("safe", began_ns)) > 5, "zero is repeated"
     twin.fault("ok")
     until(lambda: state(m3) == "disarmed", "it is confirmed when it can be")
 
 
 @pytest.mark.long
-def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3: RealRobot, twin: Twin) -> None:
+def test_saf_010_a_command_in_the_socket_of_a_stopped_bridge_is_followed_by_zero(m3: RealRobot, twin: Twin) -> None:
     """The bridge is stopped with a command in its socket. The caller stops, then the bridge continues."""
     drive(m3, twin, linear_x=0.3)
     twin.pause()
@@ -135,13 +135,11 @@ def test_saf_010_a_command_that_waits_in_a_stopped_bridge_is_followed_by_zero(m3
     until(lambda: state(m3) == "disarmed", "it is back, disarmed, and confirmed")
     time.sleep(0.3)
     frames = [one for one in twin.log.entries(back_ns) if one.sender == "host" and one.kind in ("setpoint", "safe")]
-    assert frames[-1].kind == "safe", "whatever it carried out late"
+    assert frames[-1].kind == "safe", "a safe frame is the last one that is carried out"
     until(lambda: m3.get_observation().get("linear.x") == 0.0, "it stands")
 
 
-def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_nothing_after(
-    m3: RealRobot, twin: Twin
-) -> None:
+def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last(m3: RealRobot, twin: Twin) -> None:
     """Its writer continues all the time at 100 Hz. The queue is bounded, and the link counts as lost."""
     drive(m3, twin, linear_x=0.3)
     twin.pause()
@@ -156,7 +154,7 @@ def test_saf_002_a_bridge_that_was_away_for_a_second_carries_out_zero_last_and_n
         m3.send_action({"linear.x": 0.9})
         time.sleep(0.01)
     until(lambda: state(m3) == "disarmed", "it is back, disarmed")
-    assert len(twin.log.host("setpoint", back_ns)) <= 8, "of a hundred that were sent"
+    assert len(twin.log.host("setpoint", back_ns)) <= 8, "at most 8 of a hundred setpoints are carried out"
     twin.log.no_setpoint_after_safe(back_ns)
 
 
@@ -184,9 +182,7 @@ def test_saf_020_a_cable_that_is_back_carries_zero_before_any_question(m3: RealR
     twin.log.no_setpoint_after_safe(back_ns)
 
 
-def test_saf_012_a_base_that_says_the_same_again_and_again_is_lost_and_told_nothing(
-    m3: RealRobot, twin: Twin
-) -> None:
+def test_saf_012_a_base_that_repeats_its_report_is_lost_and_sent_nothing(m3: RealRobot, twin: Twin) -> None:
     """Every socket is open, and every answer arrives."""
     drive(m3, twin, linear_x=0.2)
     is_lost_while_stuck(m3, twin, {"linear.x": 0.2}, "not changed its stamp")
@@ -194,7 +190,9 @@ def test_saf_012_a_base_that_says_the_same_again_and_again_is_lost_and_told_noth
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize("fault", ["garbage", "intermittent", "delayed", "slow"])
-def test_saf_006_a_stop_leaves_at_once_whatever_the_bridge_answers(m3: RealRobot, twin: Twin, fault: str) -> None:
+def test_saf_006_a_stop_is_sent_at_once_with_any_answer_of_the_bridge(
+    m3: RealRobot, twin: Twin, fault: str
+) -> None:
     drive(m3, twin, linear_x=0.5)
     twin.fault(fault)
     time.sleep(0.1)
@@ -242,7 +240,7 @@ def test_saf_014_refusals_write_nothing(m3: RealRobot, twin: Twin) -> None:
     assert twin.log.host("setpoint", began_ns) == []
 
 
-def test_a_policy_is_refused_and_told_why(m3: RealRobot) -> None:
+def test_a_policy_is_refused_with_the_reason(m3: RealRobot) -> None:
     assert "does not report its arm's position" in why(m3.run_policy(lambda seen: {"linear.x": 0.1}, duration=1.0))
 
 
@@ -262,14 +260,14 @@ def asked(robot: RealRobot, given: dict[str, Any]) -> dict[str, Any]:
     return asyncio.run(robot.use_tool(given, "an agent"))
 
 
-def test_an_agent_is_asked_for_a_twist_and_never_for_a_zero(
+def test_an_agents_twist_needs_approval_and_its_zero_does_not(
     m3: RealRobot, twin: Twin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for variable in (ALLOW, ALLOW_TOPICS):
         monkeypatch.delenv(variable, raising=False)
     began_ns = time.monotonic_ns()
     refusal = why(asked(m3, {"action": "move", "linear.x": 0.2}))
-    assert "linear.x needs an operator's approval: there is nobody to ask" in refusal
+    assert "linear.x needs an operator's approval: no operator can be asked" in refusal
     assert twin.log.host("setpoint", began_ns) == []
     json_of(asked(m3, {"action": "move"}))
     json_of(asked(m3, {"action": "move", "linear.x": 0, "angular.z": 0.0}))

@@ -1,4 +1,4 @@
-"""Test the wire in virtual time, over rosbridge in memory: what is sent, and when."""
+"""Test the wire in virtual time, over rosbridge in memory: the messages and their times."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strands_actors.contract.driver import Candidate
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
-from strands_actors.drivers.yahboom.rosbridge import MOST_OWED
+from strands_actors.drivers.yahboom.rosbridge import MAX_UNANSWERED
 from strands_actors.drivers.yahboom.wire import QUIET_S, SILENT_S
 from tests.drivers.common.memory_port import Permission, virtual
 from tests.drivers.yahboom.rig import NOW_NS, World
@@ -21,7 +21,7 @@ from .rig import NAN, msgs, running, state, target
 # -- connecting
 
 
-def test_connecting_checks_listens_and_commands_nothing() -> None:
+def test_connecting_checks_and_reads_and_commands_nothing() -> None:
     async def test() -> None:
         world = World()
         wire = world.wire()
@@ -30,7 +30,9 @@ def test_connecting_checks_listens_and_commands_nothing() -> None:
         assert facts["joints"] == "reported"
         assert world.kinds() == []
         observation = await wire.read()
-        assert observation.position[4] == pytest.approx(math.radians(30)), "home, as it is measured"
+        assert observation.position[4] == pytest.approx(math.radians(30)), (
+            "the measured position is the home position"
+        )
         assert all(observation.stamp_ns)
 
     virtual(test)
@@ -50,7 +52,7 @@ def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> Non
             await wire.write(told, Permission())
             await trio.sleep(1.0)
             degrees = [61, 73, 79, 90, 50, 83]  # 90 + sign x degrees; the gripper has no sign
-            assert world.twin.mechanism.degrees == degrees, "so the servos stand"
+            assert world.twin.mechanism.degrees == degrees, "the servos stand at these angles"
             observation = await wire.arm(Permission())
             assert observation.position[3:] == pytest.approx(list(wanted.values()), abs=math.radians(0.6))
             world.taken.clear()
@@ -65,8 +67,8 @@ def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> Non
     virtual(test)
 
 
-def test_the_twin_reports_its_servos_and_knows_nothing_of_signs() -> None:
-    """As on a robot, whose topic every client receives, the positions have no signs."""
+def test_the_twin_reports_its_servos_without_signs() -> None:
+    """The positions have no signs. On a robot every client receives this topic."""
 
     async def test() -> None:
         world = World(driver={"joint_signs": SIGNS})
@@ -77,7 +79,7 @@ def test_the_twin_reports_its_servos_and_knows_nothing_of_signs() -> None:
     virtual(test)
 
 
-def test_saf_011_an_arm_that_is_not_reported_is_not_known() -> None:
+def test_saf_011_an_arm_without_a_report_has_no_known_position() -> None:
     async def test() -> None:
         world = World(joints=False)
         async with running(world) as wire:
@@ -90,7 +92,7 @@ def test_saf_011_an_arm_that_is_not_reported_is_not_known() -> None:
     virtual(test)
 
 
-def test_a_joint_topic_on_which_nobody_publishes_is_not_waited_for() -> None:
+def test_connecting_does_not_wait_for_a_joint_topic_without_a_publisher() -> None:
     async def test() -> None:
         world = World()
         world.mute.add(m.JOINT_STATES)
@@ -102,7 +104,7 @@ def test_a_joint_topic_on_which_nobody_publishes_is_not_waited_for() -> None:
     virtual(test)
 
 
-def test_joints_that_fall_silent_are_not_known_any_more() -> None:
+def test_silent_joints_become_unknown() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
@@ -117,7 +119,7 @@ def test_joints_that_fall_silent_are_not_known_any_more() -> None:
 @pytest.mark.parametrize("topic", [m.CMD_VEL, m.ARM, m.ODOMETRY])
 def test_saf_014_a_robot_without_its_topics_is_refused(topic: str) -> None:
     async def test() -> None:
-        for kind, why in ((None, "there is no topic"), ("std_msgs/String", "is a std_msgs/String, not a")):
+        for kind, why in ((None, "the robot has no topic"), ("std_msgs/String", "is a std_msgs/String, not a")):
             world = World()
             types = {name: known for name, known in world.twin.graph.types.items() if name != topic}
             world.twin.graph.types = types if kind is None else {**types, topic: kind}
@@ -140,7 +142,7 @@ def test_saf_012_without_odometry_there_is_no_connection() -> None:
     virtual(test)
 
 
-def test_a_bridge_that_answers_nothing_is_given_up_in_time() -> None:
+def test_a_bridge_without_answers_is_given_up_in_time() -> None:
     async def test() -> None:
         world = World(driver={"timeout_s": 3.0})
         world.frozen = True
@@ -185,7 +187,7 @@ def test_saf_012_odometry_that_repeats_itself_is_not_new_and_ends_the_link(at_on
             await trio.sleep(SILENT_S - 0.1)
             again = await wire.read()
             assert again.t_ns == seen.t_ns == max(again.stamp_ns[:3])
-            with pytest.raises(PermitDenied, match="takes nothing now"):
+            with pytest.raises(PermitDenied, match="receives no commands now"):
                 await wire.write(target(world, linear_x=0.5), Permission())
             assert world.kinds() == []
             await trio.sleep(0.2)
@@ -237,12 +239,12 @@ def test_a_twist_is_written_each_time_and_an_arm_goal_once() -> None:
             ]
             await trio.sleep(0.02)
             await wire.write(target(world, NOW_NS + 1000, arm1=0.1), Permission())
-            assert len(msgs(world, m.ARM)) == 2, "the same action, given anew, is written anew"
+            assert len(msgs(world, m.ARM)) == 2, "the same action is written again when it is given again"
 
     virtual(test)
 
 
-def test_saf_010_a_bridge_that_takes_nothing_is_sent_a_few_commands_and_no_more() -> None:
+def test_saf_010_a_bridge_that_reads_nothing_is_sent_only_a_few_commands() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
@@ -254,16 +256,16 @@ def test_saf_010_a_bridge_that_takes_nothing_is_sent_a_few_commands_and_no_more(
                     written += 1
                 except PermitDenied:
                     await trio.sleep(0.0005)
-            assert written == MOST_OWED
+            assert written == MAX_UNANSWERED
             world.thaw()
             await trio.sleep(0.02)
             await wire.write(target(world, linear_x=0.5), Permission())
-            assert world.kinds() == ["setpoint"] * (MOST_OWED + 1)
+            assert world.kinds() == ["setpoint"] * (MAX_UNANSWERED + 1)
 
     virtual(test)
 
 
-def test_an_answer_that_is_lost_holds_nothing_up_once_a_later_one_came() -> None:
+def test_a_lost_answer_delays_nothing_after_a_later_one() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
@@ -276,13 +278,13 @@ def test_an_answer_that_is_lost_holds_nothing_up_once_a_later_one_came() -> None
     virtual(test)
 
 
-def test_saf_010_a_robot_that_is_silent_is_sent_nothing() -> None:
+def test_saf_010_a_silent_robot_is_sent_nothing() -> None:
     async def test() -> None:
         world = World()
         async with running(world) as wire:
             world.mute.add(m.ODOMETRY)
             await trio.sleep(QUIET_S + 0.05)
-            with pytest.raises(PermitDenied, match="takes nothing now"):
+            with pytest.raises(PermitDenied, match="receives no commands now"):
                 await wire.write(target(world, linear_x=0.5), Permission())
             world.mute.clear()
             await trio.sleep(0.05)
@@ -292,7 +294,7 @@ def test_saf_010_a_robot_that_is_silent_is_sent_nothing() -> None:
     virtual(test)
 
 
-def test_saf_011_where_the_arm_was_told_to_be_is_forgotten_when_it_is_armed_anew() -> None:
+def test_saf_011_arming_forgets_the_arms_earlier_target() -> None:
     """The arm may have been moved in the meantime, and the robot does not report its position."""
 
     async def test() -> None:
@@ -307,12 +309,12 @@ def test_saf_011_where_the_arm_was_told_to_be_is_forgotten_when_it_is_armed_anew
             assert [report.target for report in await wire.make_safe("zero")] == [0.0] * 3 + [None] * 6
             assert msgs(world, m.ARM) == []
             await wire.write(told, Permission())
-            assert len(msgs(world, m.ARM)) == 1, "the same action as before is not taken for a repetition"
+            assert len(msgs(world, m.ARM)) == 1, "the same action after arming is no repetition"
 
     virtual(test)
 
 
-def test_the_arm_alone_leaves_the_base_to_others_and_the_base_the_arm() -> None:
+def test_an_arm_command_does_not_command_the_base_nor_the_reverse() -> None:
     async def test() -> None:
         world = World(joints=False)
         async with running(world) as wire:

@@ -1,8 +1,8 @@
-"""Python imports this at its start when this folder is in its path. On ``SIGNAL`` the process gets no
-new file any more: the system's table of open files is full (ENFILE).
+"""Python imports this module at its start when its folder is in the path. After ``SIGNAL`` the process
+gets no new file any more, as if the system's table of open files were full (ENFILE).
 
-The real table is the whole machine's, so the kernel refuses by a filter instead, in all threads of this
-process and in what it starts. Files that are freed do not help: another process has taken them.
+The real table belongs to the whole machine. So a kernel filter refuses instead, in all threads of this
+process and in the processes that it starts. Closing files does not help: another process has taken them.
 """
 
 from __future__ import annotations
@@ -17,23 +17,24 @@ import struct
 _X86_64 = (2, 22, 41, 43, 53, 85, 213, 253, 257, 282, 283, 284, 288, 289, 290, 291, 293, 294, 319, 434, 437)
 _AARCH64 = (19, 20, 26, 56, 59, 74, 85, 198, 199, 202, 242, 279, 434, 437)
 OPENING = {"x86_64": _X86_64, "aarch64": _AARCH64}
-"""Numbers of the system calls that make a file: open, socket, accept, pipe, eventfd, epoll_create,
-timerfd_create, signalfd, memfd_create, inotify_init, pidfd_open."""
+"""Numbers of the system calls that create a file: open, socket, accept, pipe, eventfd, epoll_create,
+timerfd_create, signalfd, memfd_create, inotify_init, pidfd_open.
+"""
 _SECCOMP = {"x86_64": 317, "aarch64": 277}
 _SET_MODE_FILTER, _ALL_THREADS = 1, 1
 _NO_NEW_PRIVILEGES = 38  # prctl(2)
 FILTERED = "Seccomp:\t2"
-"""A line of ``/proc/<pid>/status``, once the filter is there."""
+"""A line of ``/proc/<pid>/status`` after the filter is installed."""
 _LOAD, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
 _ALLOW, _FAIL = 0x7FFF0000, 0x00050000
-SIGNAL = signal.SIGRTMIN + 5  # one that no process of a robot has another use for
+SIGNAL = signal.SIGRTMIN + 5  # no process of a robot uses it otherwise
 
 
 def refuse_files(*_: object) -> None:
     machine = platform.machine()
     numbers = OPENING[machine]
     steps = [(_LOAD, 0, 0, 0)]
-    steps += [(_JUMP_IF_EQUAL, len(numbers) - at, 0, number) for at, number in enumerate(numbers)]
+    steps += [(_JUMP_IF_EQUAL, len(numbers) - index, 0, number) for index, number in enumerate(numbers)]
     steps += [(_RETURN, 0, 0, _ALLOW), (_RETURN, 0, 0, _FAIL | errno.ENFILE)]
     code = ctypes.create_string_buffer(b"".join(struct.pack("=HBBI", *step) for step in steps))
     program = ctypes.create_string_buffer(struct.pack("@HP", len(steps), ctypes.addressof(code)))

@@ -1,4 +1,4 @@
-"""``demo``: run the twin of an SO-101, break its tree process by process, and show the reactions."""
+"""``demo``: run a simulated SO-101, kill or freeze its processes one after the other, and show how it stops."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
 
     Args:
         seconds: Length of the demo, without the time in which processes start.
-        faults: Break processes; False only runs the policy.
+        faults: True to kill and freeze processes, False to only move the arm.
         as_json: Print one JSON object and nothing else.
         out: The path of the picture.
 
     Returns:
-        The exit code: 0 if after every fault the safe state came in time, and no setpoint followed it.
+        The exit code: 0 if every fault led to the safe state in time, and no setpoint was sent afterwards.
     """
     if not out.absolute().parent.is_dir():
         raise Problem(f"demo: there is no folder {out.absolute().parent} for the picture")
@@ -100,7 +100,7 @@ def run(seconds: float, *, faults: bool, as_json: bool, out: Path) -> int:
 def _draw(out: Path, watch: Watch, scenario: Scenario, story: Story) -> Path | None:
     if not watch.positions:
         return None
-    from . import picture  # importing matplotlib is slow
+    from . import picture  # Import this late, because it imports matplotlib, which is slow.
 
     picture.draw(out, watch, scenario.outcomes, story.began_ns)
     return out
@@ -108,7 +108,8 @@ def _draw(out: Path, watch: Watch, scenario: Scenario, story: Story) -> Path | N
 
 @contextlib.contextmanager
 def _twin_log() -> Iterator[Path]:
-    """Yield the path of the log in which the twin writes the frames on its wire, during the block."""
+    """Yield the path of a log file. While the block runs, a simulated robot that is started writes all frames
+    of its protocol into this file."""
     with tempfile.TemporaryDirectory(prefix="strands-demo-") as directory:
         before = os.environ.get(LOG_VARIABLE)
         log = Path(directory) / "wire.ndjson"
@@ -124,7 +125,7 @@ def _twin_log() -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _deaf_to_interrupts() -> Iterator[None]:
-    """Ignore Ctrl-C during the block, so that a second one does not interrupt the cleanup."""
+    """Ignore Ctrl-C while the block runs, so that a second Ctrl-C does not interrupt the cleanup."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield

@@ -42,10 +42,12 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
     figure.text(0.06, 0.945, text + gaps if outcomes else "", fontsize=10, color="#555555")
     plots = figure.subplots(len(watch.axes), 1, sharex=True, squeeze=False)[:, 0]
     figure.subplots_adjust(left=0.085, right=0.985, top=0.87 if outcomes else 0.93, bottom=0.105, hspace=0.16)
-    for at, (plot, axis) in enumerate(zip(plots, watch.axes, strict=True)):
-        color = COLORS[at % len(COLORS)]
-        plot.plot(*_curve(watch.positions, at, began_ns), color=color, linewidth=1.8, zorder=3)
-        plot.plot(*_curve(watch.targets, at, began_ns), color=SETPOINT, linewidth=1.0, linestyle=DASHES, zorder=4)
+    for index, (plot, axis) in enumerate(zip(plots, watch.axes, strict=True)):
+        color = COLORS[index % len(COLORS)]
+        plot.plot(*_curve(watch.positions, index, began_ns), color=color, linewidth=1.8, zorder=3)
+        plot.plot(
+            *_curve(watch.targets, index, began_ns), color=SETPOINT, linewidth=1.0, linestyle=DASHES, zorder=4
+        )
         unit = "% open" if "gripper" in axis else "degrees"
         plot.set_ylabel(f"{axis}\n{unit}", fontsize=8)
         plot.tick_params(labelsize=8)
@@ -92,8 +94,9 @@ def draw(path: Path, watch: Watch, outcomes: list[Outcome], began_ns: int) -> No
     figure.savefig(path, format="png")
 
 
-def _curve(samples: list[Sample], at: int, began_ns: int) -> tuple[list[float], list[float]]:
-    """Return the curve of one axis. A NaN where readings are missing makes a gap in the line."""
+def _curve(samples: list[Sample], index: int, began_ns: int) -> tuple[list[float], list[float]]:
+    """Return the curve of one axis as times and positions. Where readings are missing, a NaN makes a gap in the
+    line."""
     xs: list[float] = []
     ys: list[float] = []
     for sample in samples:
@@ -102,5 +105,5 @@ def _curve(samples: list[Sample], at: int, began_ns: int) -> tuple[list[float], 
             xs.append(t)
             ys.append(float("nan"))
         xs.append(t)
-        ys.append(sample.values[at])
+        ys.append(sample.values[index])
     return xs, ys

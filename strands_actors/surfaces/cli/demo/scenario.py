@@ -1,4 +1,4 @@
-"""The course of the demo: move, break a process, watch the wire, resume, move again."""
+"""Carry out the demo: move the arm, break a process, watch what is sent to the arm, resume, move again."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ TRIES = 4
 class Fault(msgspec.Struct, frozen=True):
     victim: str
     signal: str
-    reason: Reason  # the tree's reason for the stop, which selects the safe state in the driver's fallbacks
+    # The reason that the robot reports for the stop. The driver declares the safe state for each reason.
+    reason: Reason
     freezes: bool = False
     """True if the process is frozen. A death is noticed at once, a freeze only after a heartbeat's timeout."""
 
@@ -56,7 +57,7 @@ FAULTS = (
 
 
 class Outcome(msgspec.Struct):
-    """The effect of one fault, from the wire's log."""
+    """The effect of one fault, as the log of frames to the arm shows it."""
 
     victim: str
     signal: str
@@ -87,21 +88,23 @@ class Outcome(msgspec.Struct):
 
 
 class Pace(msgspec.Struct):
-    """The regularity of the policy's setpoints before the first fault."""
+    """How regularly setpoints were sent before the first fault."""
 
     policy_hz: float
-    setpoints_per_s: float  # on the wire, with those re-sent between the policy's
+    setpoints_per_s: (
+        float  # Setpoints per second that reach the arm. Setpoints that are sent again are counted, too.
+    )
     gap_ms_median: float
     gap_ms_p99: float
     gap_ms_max: float
 
 
 class Failed(Exception):
-    """The demo cannot continue. The text is the reason."""
+    """The demo cannot continue. The message is the reason."""
 
 
 class Scenario:
-    """Runs the demo. ``note(text, kind)`` is called for each event; kinds are plain, good, bad and fault."""
+    """Runs the demo. For each event, ``note(text, kind)`` is called. Kinds are plain, good, bad and fault."""
 
     def __init__(
         self, robot: RealRobot, watch: Watch, driver: type[Driver], note: Callable[[str, str], None]
@@ -126,7 +129,7 @@ class Scenario:
         self._note(f"twin and tree up in {time.monotonic() - began:.1f} s, armed where it stands", "good")
 
     def run(self, seconds: float, faults: tuple[Fault, ...]) -> None:
-        """Run the demo. Each phase of moving takes twice as long as each phase of watching a safe robot."""
+        """Run the demo. The arm moves twice as long before each fault as it is watched after the fault."""
         look_s = seconds / (3 * len(faults) + 2)
         self._move("a sine policy runs")
         began_ns = time.monotonic_ns()
@@ -140,13 +143,13 @@ class Scenario:
 
     # -- moving
 
-    def _move(self, what: str) -> None:
-        """Start the rollout, and wait until its first setpoint was on the wire."""
+    def _move(self, label: str) -> None:
+        """Start the policy that moves the arm, and wait until its first setpoint was sent."""
         deadline = time.monotonic() + RESTART_S
         self._insist(self._start_task, deadline)
         wait_for(lambda: self._task()["steps"] > 0 or not self._task()["running"], RESTART_S)
         wait_for(lambda: self._watch.pid("policy") is not None, RESTART_S)
-        self._note(f"{what} at {CONTROL_HZ:g} Hz, process {self._watch.pid('policy')}", "plain")
+        self._note(f"{label} at {CONTROL_HZ:g} Hz, process {self._watch.pid('policy')}", "plain")
 
     def _start_task(self) -> dict[str, Any]:
         return self._robot.start_task(
@@ -154,8 +157,9 @@ class Scenario:
         )
 
     def _insist(self, verb: Callable[[], dict[str, Any]], deadline: float) -> dict[str, Any]:
-        """Repeat a verb until it is accepted. It is refused for a short time after the gate has died, until
-        the policy has ended, and while a busy computer keeps the twin from answering."""
+        """Call a verb again and again until the robot accepts it. The robot may refuse it for a short time:
+        after its wire process was restarted, until the old policy has ended, or while the computer is
+        busy."""
         while (answer := verb())["status"] != "success":
             if time.monotonic() > deadline:
                 raise Failed(answer["content"][0]["text"])
@@ -169,7 +173,7 @@ class Scenario:
             task = self._task()
             if task["running"] and task["steps"]:
                 return
-            # Seen on a busy computer: the gate refuses setpoints because the readings are too old.
+            # On a busy computer the policy may end, because setpoints are refused when readings are too old.
             self._note(f"the policy ended by itself: {task['exit_detail']}", "bad")
             self._insist(self._robot.resume, time.monotonic() + RESTART_S)
             self._move("it is started again")
@@ -217,13 +221,13 @@ class Scenario:
         return outcome
 
     def _first_safe(self, outcome: Outcome) -> int | None:
-        """Return the index of the first safe frame after the fault in the wire's log; None if there is no
-        such frame."""
+        """Find the first frame after the fault that brings the arm to the safe state. Return its index in the
+        log, or None."""
         self._watch.wire.poll()
         return self._watch.wire.first_safe(outcome.safe_state, outcome.struck_ns)
 
     def _look(self, outcome: Outcome, look_s: float) -> None:
-        """Count the setpoints after the safe frame, until just before the resume."""
+        """Watch the stopped arm for some time, and count setpoints that were sent after the safe frame."""
         wire, index = self._watch.wire, self._first_safe(outcome)
         assert index is not None
         outcome.safe_ns = wire.frames[index].t_ns
@@ -250,7 +254,7 @@ class Scenario:
         took_ms = (time.monotonic_ns() - began_ns) / 1e6
         self._note(f"resume(): armed where it stands, epoch {epoch}, in {took_ms:.0f} ms", "plain")
         if outcome.safe_state == "limp":
-            # The new wire process has read every servo before it armed.
+            # The new wire process has read the torque of every servo before it energised the arm.
             energised = [axis for axis, on in self._read("energised").items() if on]
             if energised:
                 outcome.detail = f"torque was still on: {', '.join(energised)}"
@@ -259,7 +263,7 @@ class Scenario:
         outcome.restarted = wait_for(lambda: self._watch.pid(outcome.victim) not in (None, outcome.pid), 5.0)
 
     def _read(self, key: str) -> Any:
-        """Return a value of the status, as soon as the wire process answers."""
+        """Wait until the status has a value, which needs an answer of the wire process, and return it."""
         deadline = time.monotonic() + RESTART_S
         while key not in (status := status_of(self._robot)):
             if time.monotonic() > deadline:

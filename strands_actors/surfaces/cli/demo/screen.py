@@ -1,4 +1,4 @@
-"""The live display: tree, joints, wire, and the events so far."""
+"""The live display of the demo: processes, joints, frames to the arm, and events."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPARK_S = 0.2
 
 
 class Screen:
-    """The live display. Use it as a context manager around the scenario."""
+    """The live display. It is shown while its ``with`` block runs."""
 
     def __init__(self, console: Console, watch: Watch, story: Story, scenario: Scenario) -> None:
         self._watch = watch
@@ -96,16 +96,19 @@ class Screen:
             position = watch.positions[-1].values
             target = watch.targets[-1].values if watch.moving and watch.targets else None
             self._span = self._span or [(value, value) for value in position]
-            for at, axis in enumerate(watch.axes):
-                value, aim = position[at], None if target is None else target[at]
-                table.add_row(axis, f"{value:.1f}", "-" if aim is None else f"{aim:.1f}", self._bar(at, value, aim))
+            for index, axis in enumerate(watch.axes):
+                value, aim = position[index], None if target is None else target[index]
+                table.add_row(
+                    axis, f"{value:.1f}", "-" if aim is None else f"{aim:.1f}", self._bar(index, value, aim)
+                )
         return Panel(table, title=f"joints: {self._watch.unit}", title_align="left")
 
-    def _bar(self, at: int, value: float, aim: float | None) -> RenderableType:
-        """Return a bar. It spans the joint's positions so far, with a margin."""
-        low, high = self._span[at]
-        seen = [value - 5, value + 5] if aim is None else [value - 5, value + 5, aim]
-        self._span[at] = low, high = min(low, *seen), max(high, *seen)
+    def _bar(self, index: int, value: float, aim: float | None) -> RenderableType:
+        """Return a bar that shows a joint's position and target. Its ends are the smallest and largest
+        position so far, with a margin."""
+        low, high = self._span[index]
+        values = [value - 5, value + 5] if aim is None else [value - 5, value + 5, aim]
+        self._span[index] = low, high = min(low, *values), max(high, *values)
         marks = [] if aim is None else [((aim - low) / (high - low), "◇", "yellow")]
         marks.append(((value - low) / (high - low), "●", "bold green" if marks else "bold cyan"))
         return _Bar(marks)
@@ -137,7 +140,7 @@ class Screen:
 
 
 class _Bar:
-    """Marks on a line that fills the width. A mark is (place between 0 and 1, sign, style)."""
+    """A line with marks, as wide as the column. A mark is (place from 0 to 1, character, style)."""
 
     def __init__(self, marks: list[tuple[float, str, str]]) -> None:
         self._marks = marks
@@ -154,7 +157,8 @@ class _Bar:
 
 
 class _Sparkline:
-    """Setpoints on the wire during the last seconds. Half a block stands for the control rate."""
+    """A chart of the setpoints that were sent during the last seconds. A half-full block means the control
+    rate."""
 
     def __init__(self, wire: Wire, now_ns: int) -> None:
         self._wire = wire
@@ -174,7 +178,7 @@ class _Sparkline:
 
 
 class _Tail:
-    """The last lines that fit."""
+    """The last lines of the events, as many as fit."""
 
     def __init__(self, lines: list[Text]) -> None:
         self._lines = lines

@@ -1,4 +1,4 @@
-"""The events of the demo so far, line by line."""
+"""Collect the events of the demo as lines of text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ STYLES = {"plain": "", "good": "green", "bad": "bold red", "fault": "bold yellow
 
 class Story:
     def __init__(self, say: Callable[[Text], None]) -> None:
-        """Begin an empty story. ``say`` is called with each new line."""
+        """Begin without events. ``say`` is called with each new line."""
         self.began_ns = time.monotonic_ns()
         self.lines: list[Text] = []
         self._say = say

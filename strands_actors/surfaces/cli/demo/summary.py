@@ -1,4 +1,4 @@
-"""The end of the demo: one table for people, or one object for programs."""
+"""Print the results of the demo: a table for people, or a JSON object for programs."""
 
 from __future__ import annotations
 

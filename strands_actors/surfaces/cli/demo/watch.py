@@ -1,4 +1,4 @@
-"""Watch a running robot: sample its state, its tree and its wire. No commands are sent."""
+"""Watch a running robot: sample its state, its processes, and the frames on its wire. No commands are sent."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ class Sample(NamedTuple):
 
 
 class Watch:
-    """Samples a robot in its handle's event loop, from ``start`` to ``stop``."""
+    """Samples a robot in the background, from ``start`` to ``stop``."""
 
     def __init__(self, robot: RealRobot, log: Path) -> None:
         self.wire = Wire(log)
         self.positions: list[Sample] = []
-        self.targets: list[Sample] = []  # only while setpoints move the robot
-        self.status: Status | None = None  # None: the wire process does not answer
-        self.tree: TreeReport | None = None  # the root's last answer
+        self.targets: list[Sample] = []  # The targets while setpoints move the robot.
+        self.status: Status | None = None  # The newest status. None if the wire process does not answer.
+        self.tree: TreeReport | None = None  # The newest report of the root process about the robot's processes.
         self.unit = ""
         self.axes: tuple[str, ...] = ()
         self._robot = robot
@@ -55,30 +55,30 @@ class Watch:
         """Start sampling. The robot must be connected."""
         self.unit = status_of(self._robot)["unit"]
         self.axes = tuple(self._robot.get_observation())
-        at, node = addresses.of(self._robot.name), portal().node
-        portal().submit(self._sample, node.ref(at.gate, Gate))
-        portal().submit(self._describe, node.ref(at.root, Root))
+        actors, node = addresses.of(self._robot.name), portal().node
+        portal().submit(self._sample, node.ref(actors.gate, Gate))
+        portal().submit(self._describe, node.ref(actors.root, Root))
 
     def stop(self) -> None:
         self._ended = True
         self.wire.poll()
 
     def pid(self, role: str) -> int | None:
-        """Return the pid of the running process with a role; None if there is no such process."""
+        """Return the pid of the process with a role, such as "wire". None if no such process is running."""
         processes = self.tree.processes if self.tree is not None else ()
-        found = next((process.pid for process in processes if process.role == role), None)
-        return found if found is not None and state_of(found) == "running" else None
+        pid = next((process.pid for process in processes if process.role == role), None)
+        return pid if pid is not None and state_of(pid) == "running" else None
 
     def left_over(self) -> list[int]:
-        """Return all processes that ever belonged to the tree and have not ended."""
+        """Return the pids of all processes that were started for the robot and have not ended."""
         others = [pid for pids in self._pids.values() for pid in pids if pid != os.getpid()]
         return [pid for pid in others if state_of(pid) != "ended"]
 
     def restarts(self, role: str) -> int:
-        """Return how often the role got a new process, started by any process."""
+        """Return how often the process with a role, such as "wire", was replaced by a new process."""
         return max(0, len(self._pids.get(role, ())) - 1)
 
-    # -- in the loop
+    # -- in the event loop of the robot's handle
 
     async def _sample(self, gate: Ref) -> None:
         while not self._ended:
@@ -93,9 +93,9 @@ class Watch:
                 self._keep(self.status)
 
     def _keep(self, status: Status) -> None:
-        seen, setpoint = status.observation, self.wire.last("setpoint")
-        if seen is not None and (not self.positions or seen.t_ns > self.positions[-1].t_ns):
-            self.positions.append(Sample(seen.t_ns, seen.position))
+        observation, setpoint = status.observation, self.wire.last("setpoint")
+        if observation is not None and (not self.positions or observation.t_ns > self.positions[-1].t_ns):
+            self.positions.append(Sample(observation.t_ns, observation.position))
         if setpoint is None or not self.moving or not status.target:
             return
         if not self.targets or setpoint.t_ns > self.targets[-1].t_ns:
@@ -103,7 +103,8 @@ class Watch:
 
     @property
     def moving(self) -> bool:
-        """True if the newest frame on the wire is a setpoint, and neither safe nor enable."""
+        """True if the newest frame that acts on the robot is a setpoint. Otherwise it has stopped the robot
+        ("safe") or energised it ("enable")."""
         last = self.wire.last("setpoint", "safe", "enable")
         return last is not None and last.kind == "setpoint"
 
@@ -118,7 +119,8 @@ class Watch:
             await trio.sleep(TREE_S)
 
     def _counted(self, report: TreeReport) -> TreeReport:
-        """Return the report with our own count of restarts, since a new root does not know the earlier ones."""
+        """Return the report with the restarts that this object has counted. A new root process does not know
+        about earlier restarts."""
         processes = []
         for process in report.processes:
             pids = self._pids.setdefault(process.role, [])
@@ -130,13 +132,13 @@ class Watch:
 
 def status_of(robot: RealRobot) -> dict[str, Any]:
     answer = robot.get_status()
-    assert isinstance(answer, Answer)  # no event loop runs in this thread
+    assert isinstance(answer, Answer)  # Without an event loop in this thread, the call returns the answer itself.
     json: dict[str, Any] = answer["content"][0]["json"]
     return json
 
 
 def state_of(pid: int) -> str:
-    """Return ``running``, ``frozen`` or ``ended``, from the operating system."""
+    """Ask the operating system for the state of a process. Return ``running``, ``frozen`` or ``ended``."""
     try:
         with open(f"/proc/{pid}/stat") as file:
             letter = file.read().rpartition(")")[2].split()[0]
@@ -148,7 +150,7 @@ def state_of(pid: int) -> str:
 
 
 def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:
-    """Wait until a condition is true. Return False if it was not within ``at_most_s``."""
+    """Wait until a condition is true. Return False if it is not true within ``at_most_s`` seconds."""
     deadline = time.monotonic() + at_most_s
     while not condition():
         if time.monotonic() > deadline:

@@ -1,4 +1,4 @@
-"""Read the twin's log of the wire while the twin writes it."""
+"""Read the log of frames that a simulated robot writes, while it is being written."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ class _Line(msgspec.Struct):
 
 
 class Frame(NamedTuple):
-    """A frame from the host."""
+    """A frame (message of the robot's protocol) that the driver has sent to the robot."""
 
     t_ns: int
-    kind: str  # setpoint, safe, enable, read, config or other
-    safe_state: str | None  # to which a safe frame alone brings the whole robot; None if not stated
+    kind: str  # One of setpoint, safe, enable, read, config, other.
+    # The safe state that this frame brings the whole robot to. None if the log does not state it.
+    safe_state: str | None
 
 
 class Wire:
-    """The frames so far. Any thread may call ``poll``. Frames are only appended, never changed."""
+    """The frames that were logged so far. Any thread may call ``poll``. Frames are only appended, never
+    changed."""
 
     def __init__(self, log: Path) -> None:
         self.frames: list[Frame] = []
-        self.times_ns: list[int] = []  # of every frame, also of those from the robot
+        self.times_ns: list[int] = []  # The times of all frames, in both directions.
         self._log = log
         self._read = 0
         self._decode = msgspec.json.Decoder(_Line).decode
@@ -46,7 +48,7 @@ class Wire:
             with self._log.open("rb") as file:
                 file.seek(self._read)
                 data = file.read()
-            whole = data[: data.rfind(b"\n") + 1]  # the last line may be incomplete
+            whole = data[: data.rfind(b"\n") + 1]  # The last line may still be incomplete.
             self._read += len(whole)
             for line in whole.splitlines():
                 entry = self._decode(line)
@@ -56,7 +58,7 @@ class Wire:
 
     def first_safe(self, safe_state: str, since_ns: int) -> int | None:
         """Return the index of the first frame since a time that brings the whole robot to a safe state."""
-        for index in range(self._at(since_ns), len(self.frames)):
+        for index in range(self._index(since_ns), len(self.frames)):
             frame = self.frames[index]
             if frame.kind == "safe" and frame.safe_state in (None, safe_state):
                 return index
@@ -66,17 +68,17 @@ class Wire:
         return next((frame for frame in reversed(self.frames) if frame.kind in kinds), None)
 
     def setpoints_behind(self, index: int, until_ns: int) -> int:
-        """Return how many setpoints follow a frame. The order of the log counts, since frames that were read
-        together have the same time."""
-        behind = self.frames[index + 1 : self._at(until_ns)]
+        """Return how many setpoints follow a frame, by the order of the log. Their times are not compared,
+        because frames that arrive together are logged with the same time."""
+        behind = self.frames[index + 1 : self._index(until_ns)]
         return sum(frame.kind == "setpoint" for frame in behind)
 
     def setpoint_times_ns(self, since_ns: int, until_ns: int) -> list[int]:
-        between = self.frames[self._at(since_ns) : self._at(until_ns)]
+        between = self.frames[self._index(since_ns) : self._index(until_ns)]
         return [frame.t_ns for frame in between if frame.kind == "setpoint"]
 
     def frames_per_s(self, now_ns: int, window_s: float = 1.0) -> float:
-        """Return the rate of frames in both directions."""
+        """Return the number of frames per second, in both directions together."""
         count = 0
         for t_ns in reversed(self.times_ns):
             if t_ns < now_ns - window_s * NS:
@@ -84,5 +86,5 @@ class Wire:
             count += 1
         return count / window_s
 
-    def _at(self, t_ns: int) -> int:
+    def _index(self, t_ns: int) -> int:
         return bisect_left(self.frames, t_ns, key=lambda frame: frame.t_ns)

@@ -1,4 +1,4 @@
-"""``top``: show the running robots live; stop, e-stop and resume by a key."""
+"""``top``: show the running robots live. Keys stop, e-stop or resume the selected robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from strands_actors.surfaces.cli.errors import Problem
 
 def run() -> int:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise Problem("top: this is no terminal. `strands-actors tree` prints the same once")
+        raise Problem("top: this needs a terminal. Use `strands-actors tree`, which prints the robots once")
     require("top", "top")
     from .app import Top
     from .leaving import ends_with_its_terminal

@@ -1,4 +1,4 @@
-"""The screen of ``top``: a line for each robot, and the tree and the facts of the selected one."""
+"""The screen of ``top``: a line for each robot, and the processes and state of the selected robot."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from textual.widgets import DataTable, Footer, Static
 
 from strands_actors.surfaces.cli.trees import draw
 
-from .feed import Feed, Seen
+from .feed import Feed, RobotSnapshot
 from .rows import Columns, Rates, columns_for, facts, heading, row
 
-TOLD = 4
+MOST_RESULTS = 4
 """Number of results that stay on the screen."""
 
 EMPTY = Text.assemble(
@@ -34,9 +34,9 @@ EMPTY = Text.assemble(
 
 
 class Confirm(ModalScreen[bool]):
-    """The question before a robot is energised. A stop needs no confirmation, and its keys work here, too.
+    """The question whether to energise a robot.
 
-    ``stop`` is called with the verb ``stop`` or ``e-stop``, and applies it to this robot.
+    The keys for a stop and an e-stop work here, too. They call ``stop`` with the verb ``stop`` or ``e-stop``.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -73,7 +73,7 @@ class Confirm(ModalScreen[bool]):
         self.dismiss(yes)
 
     def action_instead(self, verb: str) -> None:
-        self._stop(verb)  # before any work on the screen
+        self._stop(verb)  # Send the stop before changing the screen, which takes time.
         self.dismiss(False)
 
 
@@ -89,7 +89,7 @@ class Top(App[None]):
     #page { height: 1fr; border-top: solid $panel; }
     #tree-scroll { width: 1fr; max-width: 58; padding: 0 1; }
     #facts-scroll { width: 1fr; padding: 0 1; border-left: solid $panel; }
-    #told { height: auto; max-height: 4; padding: 0 1; border-top: solid $panel; }
+    #results { height: auto; max-height: 4; padding: 0 1; border-top: solid $panel; }
     Confirm { align: center middle; }
     #question { width: 60; height: auto; padding: 1 3; border: round $primary; background: $panel; }
     """
@@ -106,10 +106,10 @@ class Top(App[None]):
     def __init__(self) -> None:
         super().__init__()
         self._feed = Feed(self._show_soon, self._tell_soon)
-        self._seen: list[Seen] = []
+        self._snapshots: list[RobotSnapshot] = []
         self._columns: Columns = ()
         self._rates: dict[str, Rates] = {}
-        self._told: deque[Text] = deque(maxlen=TOLD)
+        self._results: deque[Text] = deque(maxlen=MOST_RESULTS)
 
     def compose(self) -> ComposeResult:
         yield Static(id="head")
@@ -120,12 +120,12 @@ class Top(App[None]):
                 yield Static(id="tree")
             with VerticalScroll(id="facts-scroll", can_focus=False):
                 yield Static(id="facts")
-        yield Static(id="told")
+        yield Static(id="results")
         yield Footer(show_command_palette=False)
 
     def on_mount(self) -> None:
         self._table.focus()
-        self.query_one("#told").display = False
+        self.query_one("#results").display = False
         self._feed.start()
 
     def on_unmount(self) -> None:
@@ -139,19 +139,19 @@ class Top(App[None]):
         columns = columns_for(event.size.width)
         if columns == self._columns:
             return
-        seen, at = self._seen, self._table.cursor_row
-        self._columns, self._seen = columns, []
+        snapshots, row = self._snapshots, self._table.cursor_row
+        self._columns, self._snapshots = columns, []
         self._table.clear(columns=True)
         for title, width in columns:
             self._table.add_column(heading(title, width), key=title, width=width)
-        if seen:
-            self._show(seen)
-            self._table.move_cursor(row=at)
+        if snapshots:
+            self._show(snapshots)
+            self._table.move_cursor(row=row)
 
-    # -- from the feed's thread
+    # -- called from the feed's thread
 
-    def _show_soon(self, seen: list[Seen]) -> None:
-        self._soon(self._show, seen)
+    def _show_soon(self, snapshots: list[RobotSnapshot]) -> None:
+        self._soon(self._show, snapshots)
 
     def _tell_soon(self, line: str, done: bool) -> None:
         self._soon(self._tell, line, done)
@@ -159,33 +159,33 @@ class Top(App[None]):
     def _soon(self, function: object, *args: object) -> None:
         loop = self._loop
         if loop is not None and self._running:
-            with contextlib.suppress(RuntimeError):  # the loop has just ended
+            with contextlib.suppress(RuntimeError):  # The event loop may just have ended.
                 loop.call_soon_threadsafe(function, *args)  # type: ignore[arg-type]
 
-    # -- on the screen
+    # -- draw the screen
 
     @property
     def _table(self) -> DataTable[Text]:
         return self.query_one("#robots", DataTable)
 
     @property
-    def selected(self) -> Seen | None:
-        """The robot that keys act on."""
-        at = self._table.cursor_row
-        return self._seen[at] if 0 <= at < len(self._seen) else None
+    def selected(self) -> RobotSnapshot | None:
+        """The robot in the selected line. The keys act on it."""
+        row = self._table.cursor_row
+        return self._snapshots[row] if 0 <= row < len(self._snapshots) else None
 
-    def _show(self, seen: list[Seen]) -> None:
+    def _show(self, snapshots: list[RobotSnapshot]) -> None:
         table, before = self._table, self.selected
-        names = [each.note.robot for each in seen]
-        if names != [each.note.robot for each in self._seen]:
+        names = [each.note.robot for each in snapshots]
+        if names != [each.note.robot for each in self._snapshots]:
             table.clear()
             for name in names:
                 table.add_row(*([Text()] * len(self._columns)), key=name)
             if before is not None and before.note.robot in names:
                 table.move_cursor(row=names.index(before.note.robot))
-        self._seen = seen
+        self._snapshots = snapshots
         self._rates = {name: self._rates.get(name) or Rates() for name in names}
-        for each in seen:
+        for each in snapshots:
             rates = self._rates[each.note.robot]
             rates.add(each)
             cells = row(each, rates, self._columns)
@@ -195,7 +195,7 @@ class Top(App[None]):
         self._show_page()
 
     def _show_head(self) -> None:
-        count = len(self._seen)
+        count = len(self._snapshots)
         robots = "1 robot" if count == 1 else f"{count} robots"
         head = Text.assemble(
             ("strands-actors top", "bold"), ("   " + robots, ""), "   ", (time.strftime("%H:%M:%S"), "dim")
@@ -205,17 +205,19 @@ class Top(App[None]):
     def _show_page(self) -> None:
         selected = self.selected
         for name in ("#robots", "#page"):
-            self.query_one(name).display = bool(self._seen)
-        self.query_one("#empty").display = not self._seen
+            self.query_one(name).display = bool(self._snapshots)
+        self.query_one("#empty").display = not self._snapshots
         if selected is not None:
             self.query_one("#tree", Static).update(draw(selected.tree, selected.processes, introspection=False))
             self.query_one("#facts", Static).update(facts(selected))
 
     def _tell(self, line: str, done: bool) -> None:
-        self._told.append(Text.assemble((time.strftime("%H:%M:%S  "), "dim"), (line, "" if done else "bold red")))
-        told = self.query_one("#told", Static)
-        told.display = True
-        told.update(Group(*self._told))
+        self._results.append(
+            Text.assemble((time.strftime("%H:%M:%S  "), "dim"), (line, "" if done else "bold red"))
+        )
+        results = self.query_one("#results", Static)
+        results.display = True
+        results.update(Group(*self._results))
 
     # -- keys
 
@@ -224,7 +226,7 @@ class Top(App[None]):
 
     def action_move(self, by: int) -> None:
         if not isinstance(self.screen, Confirm):
-            self._table.move_cursor(row=max(0, min(len(self._seen) - 1, self._table.cursor_row + by)))
+            self._table.move_cursor(row=max(0, min(len(self._snapshots) - 1, self._table.cursor_row + by)))
 
     def action_ask(self, verb: str) -> None:
         """Send a stop or an e-stop to the selected robot at once, without a confirmation."""

@@ -1,6 +1,8 @@
-"""The data of ``top``: ask every robot of this user a few times per second, in a trio loop in a thread.
+"""Get the data for ``top``: ask every robot of this user for its state a few times per second, in a separate
+thread.
 
-It also sends the user's stops and resumes. It holds no lease, and its end affects no robot.
+The thread also sends stops and resumes. It never acquires the right to command a robot, and robots are not
+affected when ``top`` ends.
 """
 
 from __future__ import annotations
@@ -23,27 +25,28 @@ from strands_actors.surfaces.cli.operate import VERBS
 PERIOD_S = 0.4
 
 
-class Seen(NamedTuple):
+class RobotSnapshot(NamedTuple):
     """The state of one robot at one time."""
 
-    at_s: float  # time.monotonic()
+    at_s: float  # Time of the state, by time.monotonic().
     note: Note
     tree: TreeReport
-    status: Status | None  # None: the wire process does not answer
-    processes: dict[int, str]  # pid -> running, frozen or ended, from the operating system
+    status: Status | None  # None if the wire process does not answer.
+    processes: dict[int, str]  # By pid: "running", "frozen" or "ended", as the operating system reports.
 
 
-Show = Callable[[list[Seen]], None]
-Told = Callable[[str, bool], None]
+Show = Callable[[list[RobotSnapshot]], None]
+ShowResult = Callable[[str, bool], None]
 """Takes a line for the user, and whether the verb succeeded."""
 
 
 class Feed:
-    """The thread that asks the robots. It calls ``show`` with their states and ``told`` with results of verbs."""
+    """The thread that asks the robots for their states. It calls ``show`` with these states, and ``show_result``
+    with the result of each stop or resume."""
 
-    def __init__(self, show: Show, told: Told) -> None:
+    def __init__(self, show: Show, show_result: ShowResult) -> None:
         self._show = show
-        self._told = told
+        self._show_result = show_result
         self._began = threading.Event()
         self._thread = threading.Thread(target=trio.run, args=(self._main,), name="top-feed", daemon=True)
 
@@ -52,15 +55,15 @@ class Feed:
         self._began.wait()
 
     def close(self) -> None:
-        """End the loop, and wait for it and for the verbs in progress."""
+        """End the thread. Wait until stops and resumes in progress have finished."""
         self._token.run_sync_soon(self._scope.cancel)
         self._thread.join()
 
     def ask(self, verb: str, robot: str) -> None:
-        """Start a verb of ``operate.VERBS``. Its result goes to ``told``."""
+        """Start a verb of ``operate.VERBS`` for a robot. ``show_result`` is called with the result."""
         self._token.run_sync_soon(self._start, verb, robot)
 
-    # -- in the loop
+    # -- in the thread's event loop
 
     async def _main(self) -> None:
         self._token = trio.lowlevel.current_trio_token()
@@ -72,8 +75,9 @@ class Feed:
                     await self._watch()
 
     async def _watch(self) -> None:
-        """Ask the robots until one starts or ends. Then the mesh has to be joined again."""
-        async with directory.join() as joined, trio.open_nursery() as self._asked:
+        """Ask the robots for their states until a robot starts or ends. Then connect again, to the new set of
+        robots."""
+        async with directory.join() as joined, trio.open_nursery() as self._nursery:
             self._joined = joined
             try:
                 while _same(joined.notes, list(notes())):
@@ -84,27 +88,27 @@ class Feed:
 
     def _start(self, verb: str, robot: str) -> None:
         joined = self._joined
-        if joined is None:  # the mesh is being joined again, so the verb joins it separately
+        if joined is None:  # The feed is just connecting again, so the verb makes a separate connection.
             self._verbs.start_soon(self._join_and_carry_out, verb, robot)
         else:
-            self._asked.start_soon(self._carry_out, joined, verb, robot)
+            self._nursery.start_soon(self._carry_out, joined, verb, robot)
 
     async def _join_and_carry_out(self, verb: str, robot: str) -> None:
         async with directory.join() as joined:
             await self._carry_out(joined, verb, robot)
 
     async def _carry_out(self, joined: Directory, verb: str, robot: str) -> None:
-        with trio.CancelScope(shield=True):  # a requested stop is finished even if ``top`` ends
+        with trio.CancelScope(shield=True):  # Finish a requested stop even if ``top`` ends.
             note = next((note for note in joined.notes if note.robot == robot), None)
             if note is None:
-                self._told(f"{verb} {robot}: it is not running any more", False)
+                self._show_result(f"{verb} {robot}: it is not running any more", False)
                 return
             done, line = await VERBS[verb](joined, note)
-            self._told(f"{verb} {robot}: {line}", done)
+            self._show_result(f"{verb} {robot}: {line}", done)
 
 
-async def _look(joined: Directory) -> list[Seen]:
-    found: dict[str, Seen] = {}
+async def _look(joined: Directory) -> list[RobotSnapshot]:
+    robots: dict[str, RobotSnapshot] = {}
 
     async def look(note: Note) -> None:
         trees: list[TreeReport] = []
@@ -120,12 +124,12 @@ async def _look(joined: Directory) -> list[Seen]:
             nursery.start_soon(ask_root)
             nursery.start_soon(ask_gate)
         states = {process.pid: state_of(process.pid) for process in trees[0].processes}
-        found[note.robot] = Seen(time.monotonic(), note, trees[0], statuses[0], states)
+        robots[note.robot] = RobotSnapshot(time.monotonic(), note, trees[0], statuses[0], states)
 
     async with trio.open_nursery() as nursery:
         for note in joined.notes:
             nursery.start_soon(look, note)
-    return [found[robot] for robot in sorted(found)]
+    return [robots[robot] for robot in sorted(robots)]
 
 
 def _same(some: Sequence[Note], others: Sequence[Note]) -> bool:

@@ -2,9 +2,10 @@
 
 Two cases need care:
 
-* If the terminal's output is not read, it blocks, and so does the loop that draws the screen. Therefore
-  Python's signal handlers are used, since they run while the loop is blocked.
-* A terminal that is not the controlling one vanishes without a signal. Therefore a thread watches it.
+* If the terminal's output is not read, writing blocks, and with it the event loop that draws the screen.
+  Python's signal handlers run nevertheless, so they are used.
+* If the terminal is not the controlling terminal of the process, its end causes no signal. So a thread
+  watches it.
 
 If the application has not ended within ``GRACE_S``, the process ends itself.
 """
@@ -31,10 +32,12 @@ _SCREEN_AS_IT_WAS = b"\x1b[?1049l\x1b[?25h\x1b[?1000l\x1b[?1002l\x1b[?1003l\x1b[
 
 @contextlib.contextmanager
 def ends_with_its_terminal(leave: Callable[[int], None]) -> Iterator[None]:
-    """Watch signals and the terminal during the block, which runs the screen. Use it in the main thread.
+    """Watch for signals and the end of the terminal while the block shows the screen. Use this in the main
+    thread.
 
     Args:
-        leave: Called from any thread with an exit code, to end the application. It may have no effect.
+        leave: Called from any thread with an exit code, to end the application. If this has no effect within
+            ``GRACE_S``, the process is ended.
     """
     ending = _Ending(sys.stdin.fileno(), leave)
     before = {number: signal.signal(number, ending.by_signal) for number in SIGNALS}
@@ -60,7 +63,7 @@ class _Ending:
 
     def watch(self) -> None:
         hung_up = select.poll()
-        hung_up.register(self._terminal, 0)  # no events are requested; POLLHUP is always reported
+        hung_up.register(self._terminal, 0)  # Request no events: POLLHUP is always reported.
         hung_up.poll()
         self._begin(128 + signal.SIGHUP)
 
@@ -74,7 +77,7 @@ class _Ending:
     def _insist(self, code: int) -> None:
         if self.over.wait(GRACE_S):
             return
-        with contextlib.suppress(OSError, termios.error):  # the terminal may be gone or blocked
+        with contextlib.suppress(OSError, termios.error):  # The terminal may have vanished, or may block.
             termios.tcsetattr(self._terminal, termios.TCSANOW, self._settings)
             os.set_blocking(self._terminal, False)
             os.write(self._terminal, _SCREEN_AS_IT_WAS)

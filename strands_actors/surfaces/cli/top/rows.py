@@ -1,4 +1,4 @@
-"""Build each robot's line and page from its state. Pure."""
+"""Build the line of each robot, and the table about the selected robot, from their states."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import StopReport
 from strands_actors.surfaces.cli.trees import styled
 
-from .feed import Seen
+from .feed import RobotSnapshot
 
 WINDOW_S = 2.0
 """Rates are means over this time, in seconds. Over shorter times they would flicker."""
@@ -43,39 +43,41 @@ NOTHING = Text("–", "dim")
 
 
 def columns_for(width: int) -> Columns:
-    """Return the columns that fit into a width, in characters."""
+    """Return the columns that fit into a screen of this width, in characters."""
     titles = [title for title, _ in COLUMNS]
     for spared in ("", *SPARED):
         titles = [title for title in titles if title != spared]
         fixed = sum(size + PADDING for title, size in COLUMNS if title in titles)
-        left = width - fixed
-        if left >= (LEASE[0] if "lease" in titles else 0):
+        lease_width = width - fixed
+        if lease_width >= (LEASE[0] if "lease" in titles else 0):
             break
     return tuple(
-        (title, min(left, LEASE[1]) if title == "lease" else size) for title, size in COLUMNS if title in titles
+        (title, min(lease_width, LEASE[1]) if title == "lease" else size)
+        for title, size in COLUMNS
+        if title in titles
     )
 
 
 class Rates:
-    """Writes and reads per second of one robot, from its gate's counters."""
+    """Writes and reads per second of one robot, computed from the counters in its status."""
 
     def __init__(self) -> None:
         self._counts: deque[tuple[float, int, int]] = deque()
 
-    def add(self, seen: Seen) -> None:
-        status = seen.status
+    def add(self, snapshot: RobotSnapshot) -> None:
+        status = snapshot.status
         if status is None:
             self._counts.clear()
             return
         if self._counts and (status.writes < self._counts[-1][1] or status.reads < self._counts[-1][2]):
-            self._counts.clear()  # a new wire process counts from zero
-        self._counts.append((seen.at_s, status.writes, status.reads))
-        while seen.at_s - self._counts[0][0] > WINDOW_S:
+            self._counts.clear()  # The wire process was replaced, and the new process counts from zero.
+        self._counts.append((snapshot.at_s, status.writes, status.reads))
+        while snapshot.at_s - self._counts[0][0] > WINDOW_S:
             self._counts.popleft()
 
     @property
     def per_s(self) -> tuple[float, float] | None:
-        """(writes, reads) per second; None until there are two states."""
+        """Writes and reads per second. None until the robot was sampled twice."""
         if len(self._counts) < 2:
             return None
         (began_s, *before), (ended_s, *after) = self._counts[0], self._counts[-1]
@@ -83,15 +85,15 @@ class Rates:
         return writes, reads
 
 
-def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
-    """Return one cell per column."""
-    status = seen.status
+def row(snapshot: RobotSnapshot, rates: Rates, columns: Columns) -> list[Text]:
+    """Return the line of a robot, with one cell per column."""
+    status = snapshot.status
     per_s = rates.per_s
-    restarts = sum(process.restarts for process in seen.tree.processes)
+    restarts = sum(process.restarts for process in snapshot.tree.processes)
     cells = {
-        "robot": Text(seen.note.robot, "bold"),
-        "state": state(seen),
-        "epoch": Text(str(seen.tree.epoch)) if seen.tree.epoch else NOTHING,
+        "robot": Text(snapshot.note.robot, "bold"),
+        "state": state(snapshot),
+        "epoch": Text(str(snapshot.tree.epoch)) if snapshot.tree.epoch else NOTHING,
         "lease": Text(holder(status.holder)) if status and status.holder else NOTHING,
         "writes/s": NOTHING if per_s is None else Text(f"{per_s[0]:.0f}"),
         "reads/s": NOTHING if per_s is None else Text(f"{per_s[1]:.0f}"),
@@ -102,17 +104,18 @@ def row(seen: Seen, rates: Rates, columns: Columns) -> list[Text]:
     return [_set(cells[title], title, width) for title, width in columns]
 
 
-def state(seen: Seen) -> Text:
-    """Return the failsafe mode. The gate's value is preferred, since it is newer than the root's."""
-    if seen.status is None:
-        return styled(seen.tree.state)
-    if seen.status.locked_by and seen.status.mode == Mode.DISARMED:
+def state(snapshot: RobotSnapshot) -> Text:
+    """Return the robot's mode. Use the mode in the status if the wire process answers, since it is newer than
+    the root process's."""
+    if snapshot.status is None:
+        return styled(snapshot.tree.state)
+    if snapshot.status.locked_by and snapshot.status.mode == Mode.DISARMED:
         return Text("e-stopped", "bold magenta")
-    return styled(seen.status.mode)
+    return styled(snapshot.status.mode)
 
 
 def holder(name: str) -> str:
-    """Return ``arm in process 12`` as ``arm (12)``."""
+    """Shorten the name of a lease's holder: ``arm in process 12`` becomes ``arm (12)``."""
     return f"{name.replace(' in process ', ' (')})" if " in process " in name else name
 
 
@@ -123,9 +126,9 @@ def age(age_s: float) -> Text:
     return Text(shown, "red" if age_s > GONE_S else "yellow" if age_s > LATE_S else "")
 
 
-def facts(seen: Seen) -> Table:
-    """Return the table next to the tree: the state of the robot and its reasons."""
-    status = seen.status
+def facts(snapshot: RobotSnapshot) -> Table:
+    """Return the table next to the processes: the state of the robot, and the reasons for it."""
+    status = snapshot.status
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
@@ -133,11 +136,11 @@ def facts(seen: Seen) -> Table:
     def line(title: str, value: str | Text) -> None:
         table.add_row(title, value if isinstance(value, Text) else Text(value))
 
-    line("robot", seen.note.kind)
+    line("robot", snapshot.note.kind)
     if status is None:
-        line("state", Text.assemble(styled(seen.tree.state), ": its wire process does not answer"))
+        line("state", Text.assemble(styled(snapshot.tree.state), ": its wire process does not answer"))
         return table
-    line("state", state(seen))
+    line("state", state(snapshot))
     if status.locked_by:
         line("locked by", Text(f"{status.locked_by}. r lifts it", "magenta"))
     line("because", status.cause or NOTHING)
@@ -148,7 +151,7 @@ def facts(seen: Seen) -> Table:
     line("refused", f"{status.refusals}, last: {status.last_refusal}" if status.last_refusal else NOTHING)
     faults = {} if status.observation is None else status.observation.faults
     if faults:
-        line("faults", Text("; ".join(f"{axis}: {what}" for axis, what in faults.items()), "yellow"))
+        line("faults", Text("; ".join(f"{axis}: {fault}" for axis, fault in faults.items()), "yellow"))
     line("counted", f"{status.writes} writes, {status.reads} reads")
     return table
 
@@ -165,7 +168,7 @@ def _stop(report: StopReport | None) -> Text:
 
 
 def _set(cell: Text, title: str, width: int) -> Text:
-    """Return the cell cut and aligned, so that a column never changes its width."""
+    """Return a cell with exactly the width of its column: cut if too long, and aligned."""
     cell = cell.copy()
     cell.truncate(width, overflow="ellipsis")
     cell.align("right" if title in RIGHT else "left", width)

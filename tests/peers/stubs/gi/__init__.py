@@ -1,6 +1,6 @@
-"""What Reachy Mini's daemon imports and, without media, does not use. The real one is compiled
-against the system's GStreamer."""
+"""A stub of ``gi``. Reachy Mini's daemon imports it, but does not use it without media. The real package is
+compiled against the system's GStreamer."""
 
 
 def require_version(name: str, version: str) -> None:
-    """Any will do."""
+    """Accept any version."""

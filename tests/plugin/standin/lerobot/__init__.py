@@ -1,1 +1,1 @@
-"""What the plugin meets of LeRobot 0.4.4 and 0.6.1, without it: the names, and what they promise."""
+"""A stand-in for LeRobot 0.4.4 and 0.6.1 with the names that the plugin uses, and their behaviour."""

@@ -16,7 +16,7 @@ imported: dict[str, list[str]] = {}
 
 class SimulationApp:
     def __init__(self, launch_config: dict[str, Any]) -> None:
-        assert not running, "one in a process"
+        assert not running, "only one app can run in a process"
         calls.append(("app", launch_config))
         running.append(self)
 

@@ -34,7 +34,7 @@ class Device:
     def __init__(self, config: dict[str, Any], kind: str) -> None:
         self._config = config
         self._kind = kind
-        self._claim = open(config["events"], "a")  # noqa: SIM115  # as long as it is claimed
+        self._claim = open(config["events"], "a")  # noqa: SIM115  # open while the device is claimed
         self._sock: socket.socket | None = None
         self._answers: list[bytes] = []
         self.settings: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""Whatever is asked for."""
+"""A stub of ``gi.repository`` that has every attribute."""
 
 from __future__ import annotations
 

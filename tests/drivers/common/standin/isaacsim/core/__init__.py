@@ -1,3 +1,3 @@
 import isaacsim
 
-assert isaacsim.running, "nothing of it can be imported before its app runs"
+assert isaacsim.running, "isaacsim.core cannot be imported before the app runs"

@@ -23,7 +23,7 @@ class World:
     _instance: Any = None
 
     def __init__(self, physics_dt: float, rendering_dt: float, stage_units_in_meters: float) -> None:
-        assert World._instance is None, "one at a time"
+        assert World._instance is None, "only one World can exist at a time"
         assert stage_units_in_meters == 1.0
         World._instance = self
         self._dt = physics_dt
@@ -41,6 +41,6 @@ class World:
             prim.initialize()
 
     def step(self, render: bool = True) -> None:
-        assert not render, "pictures are MuJoCo's"
+        assert not render, "MuJoCo renders the pictures"
         for prim in self.scene.prims:
             prim.advance(self._dt)

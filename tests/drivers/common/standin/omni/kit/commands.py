@@ -15,7 +15,9 @@ class ImportConfig:
 
 
 def execute(name: str, **given: Any) -> tuple[bool, Any]:
-    assert ("extension", "isaacsim.asset.importer.mjcf") in isaacsim.calls, "no such command"
+    assert ("extension", "isaacsim.asset.importer.mjcf") in isaacsim.calls, (
+        "the extension of this command is not enabled"
+    )
     if name == "MJCFCreateImportConfig":
         return True, ImportConfig()
     assert name == "MJCFCreateAsset" and given["import_config"].fixed

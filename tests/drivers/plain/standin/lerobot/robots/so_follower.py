@@ -1,5 +1,5 @@
 """An arm of Feetech servos, by the vendor's client. As with LeRobot, connecting configures the motors without
-torque. Then it restores the torque, whatever their goals are."""
+torque. Then it restores the torque, with any goals."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class SO101Follower(Robot):
         return self.bus.is_connected
 
     def connect(self, calibrate: bool = True) -> None:
-        assert not calibrate, "it would ask a person who is not there"
+        assert not calibrate, "a calibration would wait for a person"
         self.bus.connect()
         with self.bus.torque_disabled():
             pass
