@@ -1,4 +1,5 @@
-"""Benchmarks: one question about speed per file. Each question has *sides*, which are measured in turn.
+"""Benchmarks: one question about speed per file. Each question has *sides* (programs that are compared), which are
+measured in turn.
 
 Each side runs in a separate process, in an order that is shuffled every round (``house``). A ratio is taken
 within a round, and its median is compared with the goal. This package is measured as users run it: type checks,

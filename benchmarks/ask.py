@@ -21,8 +21,9 @@ QUESTION = Question(
         Goal("ask_p99_us", "trio", at_most=0.35),
     ),
     limit=(
-        """If the actor is idle and its handler is synchronous, the handler runs inside the asking task, without
-a pass of trio's scheduler. (One pass costs 4 µs and a system call. The side `trio` needs two passes, and a cancel
-scope for the deadline.) Every 32nd request lets other tasks run. These requests determine the p99."""
+        """If the actor is idle and its handler is synchronous, the handler runs inside the asking task, without a
+pass of trio's scheduler. (One pass of the scheduler costs 4 µs and a system call. For each request, the side
+`trio` needs two passes, and a cancel scope for the deadline.) Every 32nd request lets other tasks run, so it takes
+longer and determines the p99."""
     ),
 )

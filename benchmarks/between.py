@@ -17,15 +17,17 @@ QUESTION = Question(
         Goal("ask_p50_us", "ray", at_most=0.35),
         Goal("tell_per_s", "ray", at_least=10.0),
     ),
-    limit="""An ask is a request with an answer, a tell a message without an answer. Plain zenoh answers inside the
-callback, on a thread of zenoh. A process that keeps its state in one loop has to pass each message to that loop
-and the answer back. `zenoh into trio` is the smallest program that does this: a callback, trio's own way to wake
-its loop, and a deadline. It takes a quarter longer than this package, which also has actors, types and priorities.
-So the limit of the library is 1.7 to 2.6 times a zenoh message and its answer, and 0.45 to 0.6 of Ray.
+    limit="""An ask is a request with an answer, a tell a message without an answer. The side `zenoh` answers
+inside zenoh's callback, on a thread of zenoh. A process that keeps its state in one event loop has to pass each
+message from zenoh's thread to that loop, and the answer back. `zenoh into trio` is the smallest program that
+passes zenoh's messages to a loop: a callback, trio's own way to wake its loop, and a deadline. `zenoh into trio`
+takes a quarter longer than this package, which also has actors, types and priorities. So an ask over zenoh into a
+loop takes at best 1.7 to 2.6 times as long as with `zenoh`, and 0.45 to 0.6 times as long as with Ray.
 
-A tell is a separate zenoh message. zenoh sends messages in batches when many wait: 17 µs each. Nearly all of that
-is zenoh's call of our callback, which takes the interpreter's lock for each message. (Many tells in one frame took
-2 µs each, but needed a second format of messages. No robot needs that: a robot with legs gets 500 per second.)""",
+Each tell is a separate zenoh message. If many tells wait, zenoh sends them in batches, and each takes 17 µs.
+Nearly all of these 17 µs are zenoh's call of our callback, which takes the interpreter's lock for each message.
+(Many tells in one zenoh message took 2 µs each, but needed a second format of messages. No robot needs such a
+rate, because even a robot with legs gets only 500 tells per second.)""",
     short=False,
     ground="zenoh into trio",
     rounds=3,

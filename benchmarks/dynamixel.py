@@ -21,7 +21,8 @@ QUESTION = Question(
     ),
     limit=LIMIT.format(
         bytes=1200,
-        whole="21 bytes per servo, in a frame per servo (in a fast sync read, a missing servo spoils all)",
+        whole="21 bytes per servo, in a frame per servo (in a fast sync read, a missing servo spoils the "
+        "answers of all servos)",
         own=388,
     ),
     ground="floor in a loop of trio",

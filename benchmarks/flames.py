@@ -1,8 +1,9 @@
-"""Profile the side of a question that runs this package: ``python -m benchmarks --flames [NAME ...]``.
+"""Profile this package in a benchmark question: ``python -m benchmarks --flames [NAME ...]``.
 
-That side runs once more under py-spy. 250 times per second, py-spy samples the call stacks of all processes of the
-side that compute at this moment. The samples are kept in ``benchmarks/results/flames`` and drawn as a flame graph:
-the width of a function is its share of the processor time, and the functions that it called are above it.
+The side (program) of the question that uses this package runs once more under py-spy. 250 times per second, py-spy
+samples the call stacks of all its processes that compute at this moment. The samples are kept in
+``benchmarks/results/flames`` and drawn as a flame graph: the width of a function is its share of the processor
+time, and the functions that it called are above it.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Stacks = Counter[tuple[str, ...]]
 
 
 def record(question: Question, short: bool) -> Path:
-    """Run the side with this package once under py-spy, and store the samples.
+    """Run the program of a question that uses this package once under py-spy, and store the samples.
 
     Args:
         question: The question.
@@ -112,7 +113,9 @@ def written(stacks: Stacks) -> str:
 
 
 def inclusive(stacks: Stacks) -> Stacks:
-    """Return the number of samples for each path of calls, including the functions that were called from there."""
+    """Return the number of samples for each chain of calls, including the samples of the functions called at its
+    end.
+    """
     totals: Stacks = Counter()
     for stack, count in stacks.items():
         for depth in range(1, len(stack) + 1):

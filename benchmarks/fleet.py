@@ -18,7 +18,8 @@ QUESTION = Question(
         Goal("restarts", "", at_most=0.0),
         Goal("answer_p50_ms", "", at_most=20.0),
     ),
-    limit="""The computer. Twelve robots are 36 processes here. A third of them are simulated robots with physics.
-Shares are of one core and for one robot. `mb` is the proportional set size, in which shared memory counts once.""",
+    limit="""The computer is the limit, because twelve robots are 36 processes, and a third of these processes are
+simulated robots with physics. Figures in percent are shares of one core, for one robot. `mb` is the proportional
+set size, in which shared memory counts once.""",
     rounds=1,
 )

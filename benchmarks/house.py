@@ -38,8 +38,8 @@ Side = Callable[[bool], Figures]
 
 @dataclass(frozen=True)
 class Goal:
-    """A limit for the ratio ``ours[figure] / beside[figure]``, where ``ours`` is the side with this package and
-    ``beside`` the name of another side. If ``beside`` is empty, it limits ``ours[figure]`` itself.
+    """A limit for the ratio ``ours[figure] / beside[figure]``, where ``ours`` is the side (program) with this
+    package and ``beside`` the name of another side. If ``beside`` is empty, it limits ``ours[figure]`` itself.
     """
 
     figure: str
@@ -84,8 +84,8 @@ class Question:
             raise ValueError(f"{self.name}: goals name {', '.join(unknown)}, which are not sides of this question")
 
     def among(self, *sides: str) -> Question:
-        """Return a copy of the question with only these sides and ours, and only the goals that compare these
-        sides.
+        """Return a copy of the question with only the given sides (programs) and the side of this package, and
+        with only the goals that compare them.
         """
         kept = {name: side for name, side in self.sides.items() if name == OURS or name in sides}
         ground = self.ground if self.ground in kept else ""
@@ -146,7 +146,7 @@ class Machine:
 
 @dataclass(frozen=True)
 class Result:
-    """All figures of a question: ``rounds[i][side][figure]`` is one figure of one side in round ``i``."""
+    """All figures of a question: ``rounds[i][side][figure]`` is one figure of one side (program) in round ``i``."""
 
     name: str
     short: bool
@@ -158,14 +158,15 @@ class Result:
         return Spread.of(values) if values else None
 
     def figures(self) -> list[str]:
-        """Return the names of all figures, in the order in which they first appear. Those of this package come
-        first.
+        """Return the names of all figures, in the order in which they first appear. The figures of this package
+        come first.
         """
         sides = [each[side] for each in self.rounds for side in sorted(each, key=lambda side: side != OURS)]
         return list(dict.fromkeys(figure for side in sides for figure in side))
 
     def ratio(self, figure: str, beside: str, of: str = OURS) -> Spread:
-        """Return the median, lowest and highest ratio of two sides' figures. Each ratio is taken within one round.
+        """Return the median, lowest and highest ratio between a figure of two sides (programs). Each ratio is
+        taken within one round.
 
         Args:
             figure: The name of the figure.
@@ -197,7 +198,7 @@ _beneath: Callable[[list[str]], list[str]] = list
 
 @contextlib.contextmanager
 def beneath(wrap: Callable[[list[str]], list[str]]) -> Iterator[None]:
-    """Within the ``with`` block, pass each command that ``beside()`` runs through ``wrap``, for example to run it
+    """Within the ``with`` block, ``wrap`` changes each command before ``beside()`` runs it, for example to run it
     under a profiler.
     """
     global _beneath
@@ -258,7 +259,7 @@ def run(
     seed: int = 0,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Result:
-    """Run a question: every side once per round, in an order shuffled by ``seed``."""
+    """Run a question. Each round runs every side (program) once, in an order shuffled by ``seed``."""
     machine = Machine.current()
     order = list(question.sides)
     shuffled = random.Random(seed)

@@ -28,23 +28,24 @@ QUESTION = Question(
         Goal("process_pct", "", at_most=30.0),
         Goal("process_pct", "cyclonedds 0.10.2", at_most=1.0),
     ),
-    limit="""`process` is the wire process, the only one that writes to the robot. It runs the network protocol
-(RTPS), decodes states, checks 29 limits and gains at every step, and supervises deadlines. `root` is the process
-that monitors the wire process. The wire process wakes with each setpoint, and handles its periodic checks at the
-same time (`kernel/ticker.py`): some 550 wake-ups per second instead of 1000. Setpoints come over zenoh, like those
-of every robot: zenoh's thread wakes, takes the interpreter's lock, and wakes the loop. In a trial, setpoints came
-over a private socket, with actions by column. That took 12 to 15 %, and 24 to 29 % over zenoh in the same hours.
-The gaps between commands were the same, so the package has no such socket.
+    limit="""`process` is the wire process, the only one that writes to the robot. The wire process runs the
+network protocol (RTPS), decodes states, checks 29 limits and gains at every step, and supervises deadlines. `root`
+is the process that monitors the wire process. The wire process wakes with each setpoint, and handles its periodic
+checks at the same time (`kernel/ticker.py`): some 550 wake-ups per second instead of 1000. Setpoints come over
+zenoh, like those of every robot: zenoh's thread wakes, takes the interpreter's lock, and wakes the loop. In a
+trial, setpoints came over a private socket instead, with actions by column. The wire process then took 12 to 15 %
+of a core, and with zenoh 24 to 29 % in the same hours. The gaps between commands were equal over zenoh and over
+the private socket, so the package has no such socket.
 
-The computer decides the cost of a wake-up. `an empty tick` is trio waking 500 times per second without work. It
-took 2.2 % of a core on this computer in good hours, 3 to 4 in others, and 6 to 12 in bad ones. In the bad hours a
-wake-up took 30 to 40 µs in a C loop of `clock_nanosleep`, 56 in Python's `sleep`, and 104 to 158 in trio. The side
-with cyclonedds has no policy and checks nothing. It spends its time on encoding 35 motors field by field, in
-Python.
+The cost of a wake-up depends on the computer. `an empty tick` is a loop of trio that wakes 500 times per second
+without work. On this computer `an empty tick` took 2.2 % of a core in good hours, 3 to 4 % in other hours, and 6
+to 12 % in bad hours. In the bad hours a wake-up took 30 to 40 µs in a C loop of `clock_nanosleep`, 56 µs in
+Python's `sleep`, and 104 to 158 µs in trio. The side with cyclonedds has no policy and checks nothing. The side
+with cyclonedds spends its time on encoding 35 motors field by field, in Python.
 
-The policy in the caller's process keeps that interpreter's lock for 30 of every 50 ms (`Spinner`). This makes
-setpoints late. After 3 ms without a setpoint the wire process sends the last one again. Gaps are measured where
-the simulated robot reads, and it shares the two cores.""",
+The policy in the caller's process (`Spinner`) keeps the interpreter's lock of that process for 30 of every 50 ms,
+which makes setpoints late. After 3 ms without a new setpoint the wire process sends the last setpoint again. The
+gaps between commands are measured in the simulated robot, which shares the two cores with the other processes.""",
     ground="an empty tick",
     rounds=5,
 )

@@ -17,10 +17,12 @@ QUESTION = Question(
         Goal("recover_p50_ms", "", at_most=15.0),
         Goal("restart_p50_us", "erlang", at_most=1.0),
     ),
-    limit="""A start is a fork (1.3 ms), the start of trio, a connection and one message. The forked heap is frozen
-before the fork, because its garbage collection would take 10 ms. A restart within the process is as fast as trio
-allows: `trio` is a task that raises, a loop that starts it again, and one answer with a deadline. It does not
-limit or report restarts, and takes as long as this package. Erlang's processes have no stack of coroutines.""",
+    limit="""The start of an actor's process is a fork (1.3 ms), the start of trio, a connection and one message.
+The heap is excluded from garbage collection before the fork (`gc.freeze`), because its collection would take 10 ms
+in the new process. A restart of an actor within its process is as fast as trio allows. The side `trio` is only a
+task that raises, a loop that starts the task again, and one answer with a deadline. A restart takes as long in the
+side `trio` as in this package, although `trio` does not limit or report restarts. Erlang restarts faster, because
+its processes have no stack of coroutines.""",
     short=False,
     ground="trio",
     rounds=2,

@@ -37,9 +37,11 @@ PREFACE = """# Benchmarks
 *Made by `python -m benchmarks --write` from `benchmarks/results/`; do not edit.*
 
 Every table was measured in one run on one machine: each round runs all sides once, in shuffled
-order. A cell is the median over the rounds with [lowest..highest]. A ratio is taken within a round,
-and its median is compared with the goal. If a last column names another side, that side does only
-the unavoidable work. If it misses a goal, too, our code cannot meet that goal.
+order. A side is one of the programs that are compared. Each cell is the median of a figure over the
+rounds, with the lowest and the highest value as [lowest..highest]. If a goal is a ratio of two
+sides, the ratio is computed for each round, and the median of the ratios is compared with the goal.
+If the last column of a table of goals names another side, that side does only the unavoidable work.
+If the side with only the unavoidable work also misses a goal, our code cannot meet that goal.
 """
 
 
@@ -91,8 +93,8 @@ def row(cells: Sequence[str]) -> str:
 
 
 def table(result: Result) -> list[str]:
-    """Return the result table in Markdown: one row per side, ours first. If there are many figures, one row per
-    figure.
+    """Return the result table in Markdown. It has one row per side (program), the one of this package first. If
+    there are many figures, it has one row per figure.
     """
     sides = sorted(result.rounds[0], key=lambda side: (side != OURS, side))
     figures = result.figures()
@@ -162,7 +164,9 @@ def section(question: Question, result: Result) -> str:
 
 
 def time_profile(question: Question) -> list[str]:
-    """Return Markdown with the flame graph of our side, if there is one, and the functions that take most time."""
+    """Return Markdown with the flame graph of the program with this package, if there is one, and the functions
+    that take most time.
+    """
     kept = flames.KEPT / f"{question.name}.txt"
     if not kept.exists():
         return []
@@ -176,8 +180,8 @@ def time_profile(question: Question) -> list[str]:
 def plot(question: Question, result: Result, path: Path) -> None:
     """Draw one panel per figure that a goal names, or per figure if there are no goals.
 
-    Bars begin at zero. If the sides are too far apart for bars, the axis is logarithmic and has points,
-    since the length of a bar has no meaning there.
+    Bars begin at zero. If the values of the sides (programs) are too far apart for bars, a logarithmic axis with
+    points is drawn, since the length of a bar has no meaning on it.
     """
     os.environ.setdefault("MPLBACKEND", "svg")
     import matplotlib
@@ -201,9 +205,9 @@ def plot(question: Question, result: Result, path: Path) -> None:
 
 
 def _draw(panel: Any, spreads: dict[str, Spread]) -> bool:
-    """Draw the median, lowest and highest value of each side in one panel.
+    """Draw the median, lowest and highest value of each side (program) in one panel.
 
-    Return True if its axis is logarithmic.
+    Return True if the axis of the panel is logarithmic.
     """
     sides = list(spreads)[::-1]
     each = [spreads[side] for side in sides]

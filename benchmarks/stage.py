@@ -1,4 +1,4 @@
-"""Start a simulated robot and a side that commands it, each in a separate process."""
+"""Start a simulated robot and a side (program) that commands it, each in a separate process."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .house import HOUSE, Figures, Side, beside
 
 
 def run_with_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 120) -> Figures:
-    """Start a simulated robot, and run a side that commands it.
+    """Start a simulated robot, and run a side (program) that commands it.
 
     Args:
         robot: The robot.
@@ -35,7 +35,7 @@ def run_with_twin(robot: str, module: str, *args: str, peer: str = "", timeout_s
 def side_with_twins(
     robots: dict[str, str], module: str, *args: str, peer: str = "", timeout_s: float = 120
 ) -> Side:
-    """Return a side that runs ``module`` once for each robot.
+    """Return a side (program) that runs ``module`` once for each robot.
 
     Args:
         robots: Robots, and the prefix for the names of their figures.
@@ -57,8 +57,8 @@ def side_with_twins(
 
 
 def run_with_line(robot: str, module: str, *args: str, peer: str = "", timeout_s: float = 60) -> Figures:
-    """Run a side as ``run_with_twin`` does, but with a simulated servo bus that is never late (``sides.line``)
-    and has no log.
+    """Run a side (program) as ``run_with_twin`` does, but with a simulated servo bus that is never late
+    (``sides.line``) and has no log.
     """
     python = {"python": peers.python(peer)} if peer else {}
     with tempfile.TemporaryDirectory(prefix="sa-") as directory:

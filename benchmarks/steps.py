@@ -15,16 +15,18 @@ QUESTION = Question(
     goals=tuple(
         Goal(f"{each}_per_s", "mj_step", at_least=0.8) for each in ("control_period", "second", "ten_seconds")
     ),
-    limit="""A `step` with an action takes 0.45 to 0.55 ms, independent of its number of physics steps. The call
-goes from the caller's thread to the wire process (checks, the driver's names and units), from there to the process
-of the simulation, and back: four wake-ups. This time is negligible in calls of ten simulated seconds (5000 steps,
-24 ms of `mj_step`). It is small in calls of a second (500 steps, 2.4 ms). A control period (10 steps, 0.05 ms) is
-much shorter than the call, which is still forty times as fast as real time.
+    limit="""A call of `step` with an action takes 0.45 to 0.55 ms besides its physics, independent of the number
+of physics steps. The call goes from the caller's thread to the wire process (checks, the driver's names and
+units), from there to the process of the simulation, and back: four wake-ups. These 0.5 ms are negligible in calls
+of ten simulated seconds (5000 steps, 24 ms of `mj_step`), and small in calls of one simulated second (500 steps,
+2.4 ms of `mj_step`). In calls of one control period (10 steps, 0.05 ms of `mj_step`), the call takes much longer
+than its physics, but is still forty times as fast as real time.
 
-No library with physics outside the script's process can reach the last goal. With physics inside the script's
-process, the simulated robot would end with the script. `mj_step behind a socket` is one more process, messages of
-a few bytes and two wake-ups. It is also far from the goal. In long calls this package is faster than `mj_step`
-alone, because a sixth of such a step is MuJoCo's own stopwatch, which our simulated robots switch off. Between
+No library with physics outside the script's process can reach the goal for calls of one control period. With
+physics inside the script's process, the simulated robot would end with the script. `mj_step behind a socket` needs
+only one more process, messages of a few bytes and two wake-ups per call, and is also far from the goal for calls
+of one control period. In calls of ten simulated seconds this package is faster than `mj_step` alone, because
+MuJoCo's own stopwatch takes a sixth of the time of `mj_step`, and our simulated robots switch it off. Between
 calls the physics follows real time, as deadlines, leases and heartbeats always do. The physics makes at most 500
 steps at a time, so that a stop does not wait for ten seconds of physics.""",
     ground="mj_step behind a socket",

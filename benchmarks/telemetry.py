@@ -29,16 +29,18 @@ QUESTION = Question(
         Goal("robots_per_core", "strands-robots", at_least=5.0),
         Goal("threads_per_robot", "", at_most=0.0),
     ),
-    limit="""The processor. Each of our robots has two processes that check deadlines and send heartbeats 100 times
-per second, at rest, too: 6 to 9 % of a core and 35 to 49 MB. Two fifths of that is waking up (epoll in the flame
-graph). Each robot of strands-robots is 15 threads of the caller, which are idle between their ten states per
-second: 2 to 3 %. No process monitors those threads. 48 to 64 of those robots, the most that are started here,
-still send their states in time.
+    limit="""The processor is the limit. Each of our robots has two processes that check deadlines and send
+heartbeats 100 times per second, also at rest, and take 6 to 9 % of a core and 35 to 49 MB. Two fifths of this
+processor time are wake-ups (epoll in the flame graph). Each robot of strands-robots is 15 threads of the caller,
+which are idle between their ten states per second and take 2 to 3 % of a core. No process monitors the threads of
+strands-robots. The 48 to 64 robots of strands-robots, the most that this benchmark starts, still send their states
+in time.
 
-The goal of five times as many robots would leave 0.6 to 0.8 % of a core for each of ours. `two empty ticks each`
-is the cost of two processes that only wake up 100 times per second, scaled to a whole core. These processes alone
-miss the goal. So processes that notice each other's end within 50 ms cannot reach it. Threads of the caller do not
-give that protection.""",
+The goal, five times as many robots per core as strands-robots, would leave 0.6 to 0.8 % of a core for each of our
+robots. `two empty ticks each` is the cost of two processes that only wake up 100 times per second, scaled to a
+whole core. Two such processes per robot alone miss the goal of five times as many robots, so processes that notice
+each other's end within 50 ms cannot reach this goal. Threads in the caller's process give no such protection,
+because they end with the caller.""",
     ground="two empty ticks each",
     rounds=1,
 )

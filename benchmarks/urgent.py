@@ -14,7 +14,7 @@ QUESTION = Question(
     },
     goals=(Goal("urgent_p50_us", "", at_most=70.0),),
     limit=(
-        """A stop waits for the handler that runs (20 µs). If the sender is a task of the same loop, it also
-waits for at most one turn of 200 µs."""
+        """A stop waits until the running handler has ended (20 µs). If the sender is a task of the same loop, the
+stop also waits for at most one turn of the actor, 200 µs."""
     ),
 )

@@ -18,9 +18,10 @@ QUESTION = Question(
     ),
     ground="its passes and physics",
     limit="""A simulated second of an SO-101 takes 26 ms (470 passes of trio's loop). trio and its virtual clock
-take a third of that, the simulated servos with 500 steps of MuJoCo a sixth, actors and messages a fifth, and the
-driver's codec and checks a tenth (cProfile; the flame graph shows the same). With a driver without bus and
-physics, the same actors reach 66 to 75. `its passes and physics` is only one task that sleeps 470 times in a
-simulated second and steps the physics of the arm. It shows that no code with this bus reaches 100 on this loop.
-The replay has no loop.""",
+take a third of these 26 ms, the simulated servos with 500 steps of MuJoCo a sixth, actors and messages a fifth,
+and the driver's codec and checks a tenth (cProfile; the flame graph shows the same). With a driver without bus and
+physics, the same actors simulate 66 to 75 seconds per real second. `its passes and physics` is only one task that
+sleeps 470 times in a simulated second and steps the physics of the arm. `its passes and physics` shows that no
+code with the bus of an SO-101 can simulate 100 seconds per real second on trio's loop. The figure `replayed` is
+higher, because a replay needs no loop.""",
 )

@@ -1,5 +1,6 @@
-"""How fast are a command and a stop, and how much processor time do they take? These are the robots after the
-first five. Each is compared with the client that most of its users have.
+"""How fast are a command and a stop, and how much processor time do they take? The robots are those of ``WIRES``,
+which came after the first five. At each robot, this package is compared with the client that most users of the
+robot have.
 """
 
 from __future__ import annotations
@@ -25,30 +26,33 @@ TRIES = 3
 
 
 LIMIT = """This package has one process more than a client in the script's own process. A command passes from the
-caller to the wire process, which checks it and writes it to the robot (see `setpoint`): about 1 ms. The benefit:
-when the caller is killed or busy, the robot is still stopped.
+caller to the wire process, which checks it and writes it to the robot. The way of a command through the wire
+process takes about 1 ms (see the section on `send_action`). The benefit of the wire process is that the robot is
+still stopped when the caller is killed or busy.
 
-One property of the clients does not show in the figures. A client's call blocks its thread, so a script with one
-thread can stop only when its last command has been answered. Here every command that is stopped has its own
-thread, and the stop comes 50 ms after the command has begun. This favours the clients. Our wire process, our root
+The figures do not show one property of the clients. A client's call blocks its thread, so a script with one thread
+can stop only when its last command has been answered. In this benchmark every command that is stopped has its own
+thread, and the stop comes 50 ms after the command has begun, which favours the clients. Our wire process, our root
 process and the simulated robot have a higher priority than ordinary programs, as for users who grant it. The
-callers of both sides do not. The goals are the bounds that the drivers publish. For a simulated robot that
-continues after a freeze, the goal is the bound of a restored connection.
+callers of both sides have the priority of ordinary programs. The goals for stops are the bounds that the drivers
+publish. For a simulated robot that continues after a freeze, the goal is the bound of a restored connection.
 
-A Reachy's stop waits 30 ms for the answer to the previous command, because it must not overtake that command. Then
-it opens a new WebSocket. If the daemon answers 300 ms late, the handshake of the WebSocket is late, too, and the
-stop misses the bound. So does the stop over REST, which first has to request the list of running moves. `frozen
-stop` is measured from when the simulated robot continues. `frozen call` is the duration of the call, with a robot
-that is frozen for 1 s. Our stop reports the robots that have confirmed it. roslibpy's stop only publishes.
+A Reachy's stop waits 30 ms for the answer to the previous command, because it must not overtake that command.
+After these 30 ms the stop of a Reachy opens a new WebSocket. If the Reachy's daemon answers 300 ms late, the
+handshake of the WebSocket is late, too, and the stop misses the bound. A stop over REST also misses the bound if
+the daemon answers late, because it first has to request the list of running moves. `frozen stop` is the time from
+the moment at which the simulated robot continues. `frozen call` is the duration of the call, with a robot that is
+frozen for 1 s. Our stop reports the robots that have confirmed it. A stop with roslibpy only publishes a message.
 
 The sides stop in different ways. A Crazyflie lands with this package and hovers with cflib. A Stretch stops all
-its boards with this package and only the lift with its client. The clients of panda and fr3 request StopMove.
-Setpoints of panda and fr3 are measured from the call to the request to move (panda-python clears errors before).
-Those of a Kinova are measured to the first changed speeds, those of an iiwa to the next answer that the controller
-requests, every 10 ms. `wire` is the process that writes to the robot. `all` includes the root, standby and caller
-processes. For a client both are the script that runs it. Shares are of one core at the control rate, for panda and
-fr3 during a motion at 1 kHz, in steps of 0.3 %. This package reads and publishes the robot's state meanwhile. The
-clients read only the data that they read by themselves."""
+its boards with this package and only the lift with the vendor's client. The clients of panda and fr3 request
+StopMove. Setpoints of panda and fr3 are measured from the call to the request to move (panda-python clears errors
+before). Setpoints of a Kinova are measured until the first changed speeds, and setpoints of an iiwa until the next
+answer that the controller requests, every 10 ms. `wire` is the process that writes to the robot. `all` includes
+the root, standby and caller processes. For a client, `all` is the script that runs the client. Figures in percent
+are shares of one core at the control rate (for panda and fr3 during a motion at 1 kHz), in steps of 0.3 %. While
+these shares are measured, this package reads and publishes the robot's state, and the clients read only the data
+that they read by themselves."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,7 @@ QUICKER: dict[str, tuple[float, Mapping[str, object]]] = {
 
 
 def run_with_twin(robot: str, program: str, length: str) -> Figures:
-    """Start one simulated robot, and run one side that commands it."""
+    """Start one simulated robot, and run one side (program) that commands it."""
     compared = WIRES[robot]
     ours = program == OURS
     python = {} if ours or not compared.peer else {"python": peers.python(compared.peer)}
@@ -136,8 +140,8 @@ def run_with_quicker_twin(robot: str, program: str, length: str) -> Figures:
 
 
 def patiently(ask: Callable[[str, str, str], Figures], robot: str, program: str, length: str) -> Figures:
-    """Run a side. If it fails, print the error and run it again, ``TRIES`` times in all, because a busy computer
-    may be the cause.
+    """Run a side (program). If it fails, print the error and run it again, ``TRIES`` times in all, because a busy
+    computer may be the cause.
     """
     for tries_left in reversed(range(TRIES)):
         try:
@@ -200,8 +204,8 @@ def side(program: str) -> Side:
 def goals_of(robot: str) -> tuple[Goal, ...]:
     """Return the goals of a robot: the longest times from a stop to the first stop command that the robot receives.
 
-    They are the bound that its driver publishes. After a freeze of the robot it is the bound for a restored
-    connection.
+    The limit is the bound that the robot's driver publishes. For a stop after a freeze of the robot, it is the
+    bound for a restored connection (``RETURN_S``).
     """
     bound_ms = driver_of(robot).bound_s * 1e3
     goals = {"stop_worst_ms": bound_ms}

@@ -179,7 +179,10 @@ def _load() -> None:
 
 
 def broken_drivers() -> dict[str, str]:
-    """Return the drivers that cannot be used, each with the reason. The keys are wire names and entry points."""
+    """Return the drivers that cannot be used, each with the reason.
+
+    A key is the folder of a driver in ``drivers/``, or the name of an entry point of another package.
+    """
     _load()
     return dict(_broken)
 
@@ -213,7 +216,7 @@ def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -
     _load()
     missing = missing_driver_members(cls)
     if missing:
-        raise TypeError(f"register_native_driver: the class {cls.__name__} lacks {', '.join(missing)}. add them")
+        raise TypeError(f"register_native_driver: the class {cls.__name__} lacks {', '.join(missing)}. Add them")
     robot = canonical_name(name)
     if robot not in list_driver_coverage() and robot not in getattr(cls, "SUPPORTED_ROBOTS", ()):
         raise ValueError(f"register_native_driver: there is no robot {name!r}. Call register_robot({name!r}) first")

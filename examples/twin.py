@@ -11,7 +11,7 @@ from strands_actors import Robot
 
 # Without ``mode="real"``, ``Robot`` makes a simulation.
 sim = Robot("so101")
-# This robot uses the real driver. Its serial protocol goes to a simulated arm, which moves in ``sim``.
+# This robot uses the real driver. The driver's serial protocol goes to the simulated arm of ``sim``.
 arm = Robot("so101", mode="real", transport="twin", sim=sim)
 arm.connect_eagerly()
 print(arm.send_action({"shoulder_pan": 10.0}))

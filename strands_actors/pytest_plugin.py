@@ -51,7 +51,8 @@ def strands_run_dir(strands_run_dirs: list[Path], monkeypatch: pytest.MonkeyPatc
 
 @pytest.fixture
 def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
-    """Return ``start(robot, driver=None, fault=None)``, which starts a simulated robot with a log of its frames.
+    """Return the function ``start(robot, driver=None, fault=None)``. It starts a simulated robot with a log of its
+    frames.
 
     Args of ``start``:
         robot: Name of the robot.
@@ -73,8 +74,8 @@ def strands_twin(tmp_path: Path) -> Iterator[Callable[..., Twin]]:
 def strands_robot(
     strands_run_dir: Path, strands_twin: Callable[..., Twin]
 ) -> Iterator[Callable[..., tuple[RealRobot, Twin]]]:
-    """Return ``start(robot, driver=None, **keywords)``, which returns an armed robot (its motors have torque)
-    and the simulated robot that it is connected to.
+    """Return the function ``start(robot, driver=None, **keywords)``. It returns an armed robot (its motors have
+    torque) and the simulated robot that it is connected to.
 
     Args of ``start``:
         robot: Name of the robot.

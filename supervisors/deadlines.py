@@ -1,7 +1,7 @@
 """Compute how long to wait for a stop.
 
-A timeout is the time that a stop may take by the driver (``Timing.safe_s``) and a margin. A request that was sent
-before the stop may still take effect after it. The time for this is added (``settle_s``).
+A timeout is the longest duration of a stop that the driver declares (``Timing.safe_s``), plus a margin. A request
+that was sent before the stop may still take effect after the stop. The time for this is added (``settle_s``).
 
 A robot may need long until it is safe, such as a drone that lands. Its wire process must not be killed meanwhile,
 since the next process would begin the landing again.
@@ -60,6 +60,6 @@ class StopDeadlines(NamedTuple):
 
 
 def settle_s(safe_s: float, late_s: float) -> float:
-    """Return how much longer a stop takes if an earlier request may still take effect for ``late_s`` seconds. It is
-    that time and one more attempt to stop the robot."""
+    """Return how much longer a stop takes if an earlier request may still take effect for ``late_s`` seconds. This
+    is the sum of ``late_s`` and the time of one more attempt to stop the robot."""
     return late_s + safe_s if late_s else 0.0

@@ -45,24 +45,17 @@ SILENT_S = 2.0
 
 
 class Kind(enum.IntEnum):
-    # An actor began to handle a message.
-    TOOK = 0
-    ANSWERED = 1
-    DEFERRED = 2  # the answer comes later, under ``number``
-    # The actor will answer later, under ``number``.
-    SETTLED = 3
-    # The actor sent the answer with this ``number``.
-    SENT = 4
-    # The actor sent a message without waiting for a reply, to the actor ``to``.
-    SAW = 5
-    # The actor read a value that is not in its message, such as a heartbeat.
-    REFUSED = 6
-    # The kernel refused a message of the type ``to`` before the actor got it.
-    NOTED = 7
+    TOOK = 0  # an actor began to handle a message
+    ANSWERED = 1  # the actor answered the message that it handles
+    DEFERRED = 2  # the actor will answer later, under ``number``
+    SETTLED = 3  # the actor sent the deferred answer with this ``number``
+    SENT = 4  # the actor sent a message to the actor ``to``, without waiting for a reply
+    SAW = 5  # the actor read a value that is not in its message, such as a heartbeat
+    REFUSED = 6  # the framework (``kernel``) refused a message of the type ``to`` before the actor got it
+    NOTED = 7  # an event that no message between actors shows, such as the start of a process
     # Everything that the actor's decisions depend on. ``number`` is the number of deferred answers so far.
     MEMORY = 8
-    # Here ``number`` entries are missing.
-    GAP = 9
+    GAP = 9  # ``number`` entries are missing here
 
 
 class Entry(msgspec.Struct, frozen=True, array_like=True, gc=False):
@@ -224,7 +217,7 @@ class Journal:
         """Add the present memory of each actor. It is encoded at once, since it will change."""
         for actor, deferrals, memory in self._remember():
             body = encode(memory)
-            # If the memory is too large, a replay starts only at the next memory.
+            # Leave out a memory that is too large for an entry. A replay can then start only at a later memory.
             if len(body) <= ENTRY_BYTES // 2:
                 self._lines.append((Kind.MEMORY, actor, now_ns, deferrals, "", msgspec.Raw(body)))
 

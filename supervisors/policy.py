@@ -3,10 +3,10 @@
 The policy runs in a worker thread, which may block. The loop that sends setpoints does not wait for it. A policy
 returns several actions at once (a chunk). They are buffered and sent at the control rate while the next chunk is
 computed. That computation begins early enough to end before the buffer is empty, judged by the duration of the last
-one.
+computation.
 
-If the policy is late all the same, the buffer runs empty, the last setpoint expires, and the robot holds. No
-process has to notice the delay for that.
+If the policy is late all the same, the buffer runs empty, the last setpoint expires, and the robot holds. This
+works even if no process notices that the policy is late.
 """
 
 from __future__ import annotations
@@ -336,7 +336,7 @@ class Policy(Actor):
                             return
                         moving.enter_context(gc_freeze.frozen_objects())
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
-                    # The ticks during the computation asked for the actions that have just been added.
+                    # During the computation, ticks have requested more actions. These were just added.
                     self._actions_requested = trio.Event()
                     if not chunk:
                         await trio.sleep(self._rollout.period_s)

@@ -53,7 +53,7 @@ class Unreachable(msgspec.Struct, frozen=True):
     @property
     def text(self) -> str:
         named = ", ".join(self.motors) or "any of its motors"
-        reason = f"{self.refusal.reason}. not confirmed by {named}"
+        reason = f"{self.refusal.reason}. Not confirmed by {named}"
         return msgspec.structs.replace(self.refusal, reason=reason, remedy=self.refusal.remedy or REMEDY).text
 
 

@@ -1,5 +1,7 @@
 """Measure requests with a deadline to an actor in the same process: ``python -m benchmarks.sides.ask SIDE
 [short]``.
+
+SIDE is the name of the program that is measured. With ``short`` the run is short.
 """
 
 from __future__ import annotations

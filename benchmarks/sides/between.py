@@ -1,5 +1,7 @@
 """Measure messages between two processes: ``python -m benchmarks.sides.between SIDE [short]``.
 
+SIDE is the name of the program that is measured. With ``short`` the run is short.
+
 An ask is a request with an answer, here with a deadline of 1 s. A tell is a message without an answer, here a
 robot's state of 217 bytes. Tells are sent in groups that fit into the receiver's mailbox. After each group the
 sender asks how many tells have arrived.
@@ -125,8 +127,8 @@ async def ours(short: bool) -> Figures:
 
 
 def zenoh_pair(short: bool) -> Figures:
-    """Measure one zenoh message to another process and one back. The callbacks are plain; the messages have
-    real-time priority and are sent at once (``express``), as in this package.
+    """Measure one zenoh message to another process and one back, without actors or a loop. As in this package, the
+    messages have real-time priority and are sent at once (``express``).
     """
     import zenoh
 
@@ -144,7 +146,9 @@ def zenoh_pair(short: bool) -> Figures:
 
 @contextmanager
 def _answered_by(server: str) -> Iterator[tuple[Any, Callable[[bytes], None]]]:
-    """Start a child process that runs ``server``. Yield a zenoh session, and a function that sends it a message."""
+    """Start a child process that runs ``server``. Yield a zenoh session, and a function that sends a message to
+    the child.
+    """
     import subprocess
 
     with tempfile.TemporaryDirectory() as directory:
@@ -196,7 +200,7 @@ def _publisher(session: Any, key: str) -> Any:
 
 
 def zenoh_into_trio(short: bool) -> Figures:
-    """Measure the same two zenoh messages if a trio loop receives each of them, with a deadline.
+    """Measure the two zenoh messages of ``zenoh_pair`` if a trio loop receives each of them, with a deadline.
 
     This is the smallest cost for a process that keeps its state in one loop. Messages without an answer are
     measured, too: the loop decodes and counts each.

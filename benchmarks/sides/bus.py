@@ -1,5 +1,7 @@
 """``bus PROGRAM LENGTH ROBOT PORT``: read and write six servos as fast as possible.
 
+LENGTH is ``short`` or ``long`` (1 or 3 s). PORT is the port of the simulated servos.
+
 PROGRAM is the program that is measured: ``ours`` (our driver's bus), ``wire`` (the full cycle of our robots),
 ``sdk`` (the vendor's SDK), ``lerobot``, ``floor`` (reads and writes of bytes only) or ``loop`` (the same in a
 trio loop).
@@ -45,7 +47,9 @@ def goal(number: int) -> int:
 
 
 class Laps:
-    """Iterate over the numbers of cycles for ``seconds``. Then ``figures`` has the durations of the cycles."""
+    """Yield the number of each cycle, 0, 1, 2 and so on, for ``seconds``. Afterwards ``figures`` has the durations
+    of the cycles.
+    """
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -191,7 +195,7 @@ def _without_torch() -> None:
         sys.modules[name] = module
 
 
-# -- the least work that any program must do
+# -- programs that do only the least necessary work
 
 
 def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
@@ -270,7 +274,7 @@ async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict
     wire = driver.open_wire(MonotonicClock())
     await wire.open()
     await wire.arm(_Permit())
-    # The process that talks to a robot does this, too.
+    # The process of this package that talks to a robot freezes its objects, too.
     gc.freeze()
     lost: list[int] = []
     cycle = _whole(wire, driver, lost) if whole_wire else _bus(wire, robot, lost)

@@ -1,4 +1,4 @@
-"""Parts that all sides share: messages, percentiles, and the output of figures."""
+"""Parts that all sides (measured programs) share: messages, percentiles, and the output of figures."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ class Count(Message, frozen=True):
 
 
 class Counter(Actor):
-    """Count ``State`` messages. The answer to ``GetCount`` is the number of those that came before it."""
+    """Count ``State`` messages. The answer to ``GetCount`` is the number of ``State`` messages that came before
+    it.
+    """
 
     def __init__(self) -> None:
         self.n = 0
@@ -78,5 +80,5 @@ def percentiles(name: str, spans_ns: list[int]) -> Figures:
 
 
 def answer(sides: Mapping[str, Callable[[bool], Any]]) -> None:
-    """Run the side that the command line names (``side [short]``), and print its figures as JSON."""
+    """Run the side (program) that the command line names (``side [short]``), and print its figures as JSON."""
     print(json.dumps(sides[sys.argv[1]]("short" in sys.argv[2:])), flush=True)

@@ -1,4 +1,4 @@
-"""Erlang's side of a question: run ``erlang_peer.escript``, which is compiled when it starts."""
+"""The program in Erlang for a question: run ``erlang_peer.escript``, which is compiled when it starts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _SCRIPT = Path(__file__).with_name("erlang_peer.escript")
 
 
 def erlang(workload: str, short: bool) -> Figures:
-    """Run one of the escript's measurements, and return its figures. Raise ``RuntimeError`` if Erlang is missing or
-    fails.
+    """Run one measurement of ``erlang_peer.escript``, and return its figures. Raise ``RuntimeError`` if Erlang is
+    missing or fails.
     """
     if shutil.which("escript") is None:
         raise RuntimeError("Erlang is not installed: apt-get install erlang-base")

@@ -1,6 +1,8 @@
 """Measure a stop from a process that also sends telemetry at full speed: ``python -m benchmarks.sides.estop SIDE
 [short]``.
 
+SIDE is the name of the program that is measured. With ``short`` the run is short.
+
 The measured time begins before the stop is sent and ends when the receiver's handler runs. The telemetry
 consists of readings of 1 kB. The receiver computes for 5 us per reading.
 """

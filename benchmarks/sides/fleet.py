@@ -1,4 +1,5 @@
-"""``fleet LENGTH``: command many simulated SO-101 arms from one process, at a steady rate.
+"""``fleet LENGTH``: command many simulated SO-101 arms from one process, at a steady rate. LENGTH is ``short`` or
+``long``.
 
 ``--robots``, ``--hz`` and ``--seconds`` change the defaults. The figure ``left_armed`` counts the arms that did
 not stay energised: the status was not always ``armed``, or the arm received a safe frame (a stop command). Their

@@ -1,5 +1,5 @@
 """``legs_bare LENGTH``: measure the processor time of a trio loop that wakes up 500 times per second and does
-nothing else, as a share of one core.
+nothing else, as a share of one core. LENGTH is ``short`` or ``long`` (2 or 15 s).
 """
 
 from __future__ import annotations

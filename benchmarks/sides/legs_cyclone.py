@@ -1,6 +1,9 @@
 """``legs_cyclone LENGTH PORT LOG``: read LowState and write LowCmd at 500 Hz with cyclonedds, which Unitree's
 Python SDK uses, too.
 
+LENGTH is ``short`` or ``long`` (4 or 25 s). PORT is the port of the simulated robot, and LOG the file of the
+frames that it has read.
+
 The process does nothing else: it has no policy, no gate, no limits, and is not supervised. The types are Unitree's
 (unitree_hg), copied here. As in the SDK, the checksum covers the packed C struct.
 """

@@ -1,5 +1,8 @@
 """``legs_ours LENGTH PORT LOG``: command a Unitree G1 at 500 Hz with this package, by a policy that keeps the
 script's interpreter lock busy.
+
+LENGTH is ``short`` or ``long`` (4 or 60 s). PORT is the port of the simulated robot, and LOG the file of the
+frames that it has read.
 """
 
 from __future__ import annotations

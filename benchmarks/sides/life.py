@@ -1,5 +1,7 @@
 """Measure the start and the restart of actors: ``python -m benchmarks.sides.life SIDE [short]``.
 
+SIDE is the name of the program that is measured. With ``short`` the run is short.
+
 Our side starts and replaces processes as a robot does with policies: under a supervisor, by a spawner. A spawner
 is a process that was forked early, when the parent had one thread and no open files, and that forks all others.
 

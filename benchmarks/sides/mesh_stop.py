@@ -2,7 +2,8 @@
 receives its first stop command. The e-stop is sent over the mesh (the network between robots and their users).
 
 PROGRAM is the program that is measured: ``ours``, ``strands`` (strands-robots) or ``bare`` (one zenoh message to a
-process that only has the vendor's SDK).
+process that only has the vendor's SDK). LENGTH is ``short`` or ``long``. PORT is the port of the simulated robot,
+and LOG the file of the frames that it has read.
 
 Two processes have one robot each. This process sends the e-stop. Meanwhile the policy of its own robot answers
 at once (``idle``) or does not return (``blocked``). The other process commands the simulated robot at PORT. It
@@ -80,7 +81,9 @@ def other_process(program: str, robot: str, port: str) -> Iterator[None]:
 
 
 def bare(length: str, port: str, log: Log) -> dict[str, float]:
-    """Measure plain zenoh. No policy runs there, so the cases ``idle`` and ``blocked`` get the same figure."""
+    """Measure plain zenoh. The program ``bare`` runs no policy, so the cases ``idle`` and ``blocked`` get the same
+    figure.
+    """
     from .between import _session
 
     with tempfile.TemporaryDirectory() as directory:
@@ -107,7 +110,9 @@ def bare(length: str, port: str, log: Log) -> dict[str, float]:
 
 
 def with_sdk(port: str, path: str) -> None:
-    """Send the same target at the control rate. At a stop message, stop the arm, and continue 1 s later."""
+    """Send the same target by the vendor's SDK at the control rate. At a stop message, stop the arm, and continue
+    1 s later.
+    """
     from .between import _session
     from .setpoint import CYCLE_S, ur_arm
 

@@ -2,7 +2,8 @@
 simulated robot reads the first byte of it.
 
 PROGRAM is the program that is measured: ``ours``, ``strands`` (strands-robots), ``sdk`` (the vendor's SDK) or
-``process`` (the SDK in another process). All connect to the same simulated robot. Each commands in its own units.
+``process`` (the SDK in another process). LENGTH is ``short`` or ``long``. All programs connect to the simulated
+robot at PORT, and each commands in its units. LOG is the file of the frames that the simulated robot has read.
 """
 
 from __future__ import annotations

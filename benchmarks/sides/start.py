@@ -1,5 +1,7 @@
 """The time of the import and of a robot's start: ``python -m benchmarks.sides.start SIDE [short]``.
 
+SIDE is the name of the program that is measured. With ``short`` the run is short.
+
 Each import runs in a new process with compiled byte code. The time is that of the import alone, without the
 interpreter's start. ``armed`` is the time from the constructor until a status shows that the robot's motors are
 energised.

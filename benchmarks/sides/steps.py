@@ -1,8 +1,9 @@
-"""Measure physics steps of a simulated SO-101: ``python -m benchmarks.sides.steps SIDE [short]``.
+"""Measure physics steps of a simulated SO-101: ``python -m benchmarks.sides.steps SIDE [short]``. With ``short``
+the run is short.
 
 Each call sets a target and makes the physics steps of a control period (20 ms), of a second, or of ten seconds.
-``ours`` calls ``Robot.step``. ``mj_step`` calls MuJoCo directly. ``piped`` calls MuJoCo in another process,
-through a socket with messages of a few bytes.
+SIDE is the program that is measured. ``ours`` calls ``Robot.step``. ``mj_step`` calls MuJoCo directly. ``piped``
+calls MuJoCo in another process, through a socket with messages of a few bytes.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """``stop PROGRAM LENGTH ROBOT PORT LOG``: measure the time from a stop until the robot receives its first stop
 command.
 
-PROGRAM is ``ours`` or ``strands`` (strands-robots). The G1 of strands-robots is not simulated (PORT and LOG are
-empty). There the time ends when strands-robots passes the command to a fake of Unitree's SDK.
+PROGRAM is ``ours`` or ``strands`` (strands-robots). LENGTH is ``short`` or ``long``. PORT is the port of the
+simulated robot, and LOG the file of the frames that it has read. The G1 of strands-robots is not simulated (PORT
+and LOG are empty). For it the time ends when strands-robots passes the command to a fake of Unitree's SDK.
 
 A policy runs. It is ``idle`` (answers at once), ``blocked`` (does not return for seconds, as with a server that
 hangs) or ``computing`` (30 ms of Python for each 50 ms of actions, in the caller's process). The figures ``stop``

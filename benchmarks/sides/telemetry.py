@@ -1,7 +1,7 @@
 """``telemetry PROGRAM LENGTH``: measure how many robots can publish their states so that all reach a subscriber in
 time.
 
-PROGRAM is ``ours`` or ``strands`` (strands-robots).
+PROGRAM is ``ours`` or ``strands`` (strands-robots). LENGTH is ``short`` or ``long``.
 
 Each robot (without hardware, in this process) publishes ten states per second to a subscriber in another
 process. Robots are added in steps, until more than 1 % of the states are missing, or the 99th percentile of

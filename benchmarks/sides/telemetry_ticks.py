@@ -1,8 +1,9 @@
 """``telemetry_ticks LENGTH``: measure the processor time of two idle processes for each robot.
 
-Each robot has two processes here, each with a trio loop that wakes 100 times per second. In this package the
-processes ``wire`` and ``root`` wake as often, to watch each other. There are as many robots as in the first steps
-of ``telemetry``. ``robots_per_core`` is the number that a whole core could run if it did nothing else.
+LENGTH is ``short`` or ``long`` (1 or 6 s). Each robot has two processes here, each with a trio loop that wakes 100
+times per second. In this package the processes ``wire`` and ``root`` wake as often, to watch each other. There are
+as many robots as in the first steps of ``telemetry``. ``robots_per_core`` is the number that a whole core could
+run if it did nothing else.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Measure messages without an answer to one actor in the same process: ``python -m benchmarks.sides.tell SIDE
 [short]``.
+
+SIDE is the name of the program that is measured. With ``short`` the run is short.
 """
 
 from __future__ import annotations

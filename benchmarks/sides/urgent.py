@@ -1,5 +1,7 @@
 """Measure a stop that arrives behind 10 000 messages of 20 us each: ``python -m benchmarks.sides.urgent SIDE
 [short]``.
+
+SIDE is the name of the program that is measured. With ``short`` the run is short.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Run all actors of a robot in virtual time, and measure it: ``python -m benchmarks.sides.virtual SIDE [short]``.
 
+SIDE is the name of the program that is measured. With ``short`` the run is short.
+
 The robot is an SO-101 at 50 Hz with all our code for it. Its bus is in memory, with simulated servos and MuJoCo
 at the other end. The main figure is the number of simulated seconds per real second, alone, while a recording is
 made, and in its replay. ``same_trace`` is 1 if two runs write the same bytes at the same times. ``bare_x`` is the
@@ -222,8 +224,8 @@ def run_recorded(seconds: float) -> Ran:
 
 
 def replayed(recording: Recording) -> float:
-    """Return the real time of the replay, in seconds. Raise ``RuntimeError`` if the decisions in it differ from the
-    recorded ones.
+    """Replay a recording, and return the real time of that, in seconds. Raise ``RuntimeError`` if the decisions in
+    the replay differ from the recorded ones.
     """
     began_s = time.perf_counter()
     outcome = replay(recording, Feetech(ROBOT, "memory", Feetech.resolve(ROBOT, {})))

@@ -1,9 +1,10 @@
 """``wires CLIENT LENGTH ROBOT HZ PORT LOG [PID LATE_PORT FLAG]``: move a simulated robot with the client CLIENT, a
 module of ``wire_clients``.
 
-Three things are measured: the time from a setpoint to its first frame that the robot reads, the time from a stop
-to the first stop command that the robot reads, and the client's processor time while it sends setpoints at HZ.
-If the robot is behind a service (a server process), two more stops are measured:
+LENGTH is ``short`` or ``long``, HZ the control rate, PORT the port of the simulated robot, and LOG the file of the
+frames that it has read. Three things are measured: the time from a setpoint to its first frame that the robot
+reads, the time from a stop to the first stop command that the robot reads, and the client's processor time while
+it sends setpoints at HZ. If the robot is behind a service (a server process), two more stops are measured:
 
 * The robot (process PID) is frozen. The time is measured from when it continues.
 * At LATE_PORT, the service's answers are late while the file FLAG exists (``late_answers``).
@@ -11,7 +12,8 @@ If the robot is behind a service (a server process), two more stops are measured
 The command that is stopped runs in a separate thread. The stop comes 50 ms after the command has begun, even if
 the call that sends the command has not returned.
 
-``wires quicker LENGTH ROBOT USUAL_HZ HZ PORT``: measure the processor time of this package at another rate.
+``wires quicker LENGTH ROBOT USUAL_HZ HZ PORT``: measure the processor time of this package at the control rate HZ
+instead of USUAL_HZ.
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ def xarm(frame: Frame) -> object:
 
 
 def kinova(frame: Frame) -> object:
-    """Return True if the first joint is fast; None if the frame is not a setpoint.
+    """Return True if a frame commands the first joint to be fast; None if the frame is not a setpoint.
 
     The frame contains the joint's speed, which changes in every frame on the way to the target. So a changed value
     does not show a new target.
@@ -285,7 +287,7 @@ def main(client_name: str, length: str, robot: str, hz: str, port: str, log_path
 
 
 def quicker(length: str, robot: str, usual_hz: str, hz: str, port: str) -> None:
-    """Measure the processor time of this package at another control rate."""
+    """Measure the processor time of this package at the control rate ``hz`` instead of ``usual_hz``."""
     ours = importlib.import_module(f"{__package__}.wire_clients.ours")
     client: BaseClient = ours.Client(
         robot, port, scale=(float(usual_hz) / float(hz)) ** 2, control_frequency=float(hz)

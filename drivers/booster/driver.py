@@ -131,7 +131,7 @@ class BoosterDriver(Driver):
     unit = "radians"
     timing = Timing(
         control_hz=CONTROL_HZ,
-        # Repeat a setpoint just before the next one is due. A sender that is on time then causes no repetition.
+        # Just below a control period: a setpoint is repeated only if the next one is late.
         keepalive_s=0.9 * CONTROL_S,
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
@@ -193,8 +193,8 @@ class BoosterDriver(Driver):
             check_peer(self.config.host)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Parse an action into a target for all arm joints. Joints that the action does not name
-        keep their goal in force, or without one start at ``first_target``."""
+        """Parse an action into a target for all arm joints. A joint that the action does not name
+        keeps its last goal. If it has no goal in force, it gets its position in ``first_target``."""
         observation = replace(state.observation, position=self.first_target(state.observation))
         return refuse_others(self._model, action) or self._parser.parse(
             action, replace(state, observation=observation)
@@ -213,8 +213,8 @@ class BoosterDriver(Driver):
         return super().check_service(service, arguments) or refuse_arguments(self._model, service, arguments)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the joints' positions by name. The velocities, torques and gains that follow them
-        are left out."""
+        """Return the joint positions of a target by joint name. The target's velocities, torques
+        and gains are left out."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

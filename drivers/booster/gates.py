@@ -1,7 +1,7 @@
 """Checks that refuse commands to a T1 in its reported state. Pure: no I/O.
 
-Conditions are true of the robot at all times, for any command. Gates check one command. Services
-check their arguments and the robot's mode.
+A condition must be true of the robot before any command is accepted. A gate checks one command.
+The arguments of services are checked here, too.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ obeys LowCmd."""
 def conditions() -> tuple[Condition, ...]:
     """Return the conditions in the order in which they are checked.
 
-    When a condition becomes false, the robot's own controller gets the upper body back at once. It
-    needs the arms when the robot falls or gets up.
+    When a condition becomes false, the robot's own controller gets the upper body back at once. This
+    controller needs the arms when the robot falls or gets up.
     """
     return (
         Condition(ready, Reason.FAULT, SafeState.STOP, always=True),
@@ -200,7 +200,7 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
         case "change_mode":
             return _refuse_mode(arguments)
         case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
-            # Refuse any other type: the text "no" would count as true.
+            # Refuse any type but ``bool``: the text "no" would count as true.
             shown = str(on)[:SHOWN]
             reason = f"on is {shown!r}"
             return Refused(Code.BAD_ARGUMENT, reason, "give True or False", shown, "True or False")
@@ -212,7 +212,7 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
         if not low <= value <= high:
             limit = f"{low:g}..{high:g} {unit}"
             reason = f"{name}={value:.4g} is outside {limit}"
-            return Refused(Code.PAST_LIMIT, reason, "stay within it", f"{value:.4g}", limit)
+            return Refused(Code.PAST_LIMIT, reason, "give a value within this range", f"{value:.4g}", limit)
     return None
 
 

@@ -116,7 +116,7 @@ class Order:
         return "not answered" if self.answer is None else self.answer.error
 
     def step(self, now_ns: int) -> None:
-        # If the robot does not receive the request yet, try again sooner.
+        # Try again sooner if the request could not be sent, because DDS has not connected the robot yet.
         pause_s = AGAIN_S if self._is_sent else CONTROL_S
         if self.done or now_ns - self._requested_ns < pause_s * NS:
             return
@@ -158,7 +158,7 @@ class Link:
         self._command_type = config.command_type
         self._state: State | None = None
         self._state_ns = 0
-        # The newest state and its arrival time, until it is decoded.
+        # The payload of the newest state and its arrival time; None once it is decoded.
         self._pending: tuple[bytes, int] | None = None
         self._listens = False
 
@@ -245,7 +245,7 @@ class Link:
         return command is not None and self.commands.write(command) > 0
 
     def send_hold(self, q: Sequence[float]) -> bool:
-        """Hold the arms at ``q``. Return True if it was sent."""
+        """Send a command that holds the arm joints at the positions ``q``. Return True if it was sent."""
         joints = zip(self.model.joints, q, strict=True)
         command = self._command(
             [Motor(joint.mode, position, 0.0, 0.0, joint.kp, joint.kd) for joint, position in joints]

@@ -123,8 +123,8 @@ class _StopProcedure:
         self._modes.step(now_ns)
 
     def _may_go_on(self, now_ns: int) -> bool:
-        """Return True if the last request may be sent. The request for damping mode may be sent at
-        once. The upper body is handed back only when the robot stands and its arms are held."""
+        """Return True if the final request of the stop may be sent. The request for damping mode may
+        be sent at once. The upper body is handed back only when the robot stands and its arms are held."""
         if self._last is None:
             return False
         if self._safe_state == SafeState.DAMP or self._last.tries:
@@ -171,7 +171,7 @@ class _StopProcedure:
 
     def _watch(self) -> None:
         """Store for each joint the position at which it rests, and since when. Only states after
-        the first frame count."""
+        the first hold frame count."""
         state, state_ns = self._link.state, self._link.state_ns
         if state is None or not self._first_ns or state_ns <= self._first_ns:
             return
@@ -208,9 +208,9 @@ class _StopProcedure:
         return bool(long_enough and all(self._still()))
 
     def _still(self) -> list[bool]:
-        """Return for each joint whether it is at rest in the states after the first frame. A low
-        speed alone is not enough: an arm that ignores the frames and turns slowly has a low speed,
-        too."""
+        """Return for each joint whether it is at rest in the states after the first hold frame. A
+        low speed alone is not enough: an arm that ignores the frames and turns slowly has a low
+        speed, too."""
         state, state_ns = self._link.state, self._link.state_ns
         if state is None:
             return [False] * len(self._since_ns)

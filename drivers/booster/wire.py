@@ -357,7 +357,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         permit.check()
         session.twist.begin(self._clock.now_ns() + round(TWIST_S * NS))
         answer = await self._ask(session, Api.MOVE, rpc.move(vx, vy, vyaw), permit)
-        # The twist ends at the same time for any answer. Even after a refusal the robot may walk, now or later.
+        # Keep the end time of the twist, also after a refusal, because the robot may walk all the same.
         return _refused("move", answer) or {"vx": vx, "vy": vy, "vyaw": vyaw, "for_s": TWIST_S}
 
     async def _change_mode(self, session: BoosterSession, mode: Mode, permit: Permit) -> dict[str, Any] | Refused:
@@ -416,8 +416,8 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return _refused("disable_upper_body", answer) or {"upper_body": False}
 
     async def _wait_for_reading(self, session: BoosterSession) -> None:
-        """Wait for the next reading. The gate then sees the change before the caller gets its
-        reply."""
+        """Wait for the next reading. The gate then knows the effect of a service before the caller
+        gets the reply of the service."""
         session.next_reading = next_reading = trio.Event()
         await next_reading.wait()
 

@@ -165,7 +165,7 @@ class Crazyflie(Driver):
             return refusal
         for name, default in self.SERVICES[service].arguments.items():
             if name not in SERVICE_RANGES:
-                # A speed is checked by ``parse``.
+                # Arguments that ``SERVICE_RANGES`` lacks are speeds, which ``parse`` checks.
                 continue
             low, high, unit = SERVICE_RANGES[name]
             value = finite(arguments.get(name, default))

@@ -62,8 +62,8 @@ class CrazyflieSession:
 
     @property
     def goes_on(self) -> bool:
-        """Return True if both reports have changed since the start. A first report alone may be the last one of
-        a log that hangs."""
+        """Return True if both reports have changed since this session began. A single report may be the last one
+        of a log that hangs."""
         return self._flights.goes_on and self._positions.goes_on
 
     async def serve(self) -> None:
@@ -173,7 +173,7 @@ TABLE_S = 10.0
 
 async def handshake(session: CrazyflieSession, period_s: float) -> dict[str, object]:
     """Identify the drone, and start its log: a flight report every ``period_s``, a position report ten times a
-    second. Nothing moves. Return facts for ``status``. Raise ``WireDown``."""
+    second. Nothing moves. Return facts about the drone, which the verb ``status`` shows. Raise ``WireDown``."""
     name = session.link.name
     try:
         answer = await session.ask(p.VERSION_QUESTION, HANDSHAKE_S)

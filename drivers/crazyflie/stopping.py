@@ -179,7 +179,7 @@ class _Descent:
         self._refused = bool(status)
         if status == 0:
             self._accept()
-            # Send it twice, because the drone does not acknowledge it.
+            # Send ``YIELD`` twice, because the drone does not acknowledge it.
             await self._send(p.YIELD, p.YIELD)
 
     def _reason_not_landing(self) -> str:
@@ -194,7 +194,8 @@ class _Descent:
         return flight is not None and self._session.age_s() <= FRESH_S and flight.z_m <= FLOOR_M
 
     async def _disarm(self) -> str:
-        """Disarm the drone, which switches its motors off. A drone that arms by itself reports for a while that
+        """Disarm the drone, which switches its motors off. Return why they are not known to be off; empty if they
+        are. The answer to this order is read first, because a drone that arms by itself reports for a while that
         it flies."""
         answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)
         try:

@@ -230,8 +230,9 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             permit.check()
         # Rise no faster than a command may request.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
-        # The newest report is older than its arrival suggests, and the first hover arrives later than it is sent.
-        # Both delays together are at most the time between a request and its answer.
+        # Allow for two delays on the link: the newest report is older than its arrival suggests, and the first
+        # hover arrives later than it is sent. Both delays together are at most the time between a request and its
+        # answer.
         began_ns = self._clock.now_ns()
         late_s = session.age_s() + (began_ns - requested_ns) / NS
         self._hover = Hover(began_ns, height_m, flight.z_m, duration_s, session.robot_s + late_s + duration_s)

@@ -106,7 +106,7 @@ def _client(port: str) -> HttpPort:
 
 
 async def _ask(client: HttpPort, view: str) -> Picture:
-    """Request one picture. Raise ``WireDown``."""
+    """Request one picture. Raise ``WireDown`` if no valid picture comes."""
     answer = await client.ask("GET", PICTURES[view], within_s=PICTURE_S)
     if answer.status == NOT_FOUND:
         raise WireDown(f"picture: this rover has no {view} camera")

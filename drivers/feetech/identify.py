@@ -116,7 +116,7 @@ async def _set(bus: Bus, axis: Axis, register: protocol.Register, value: int) ->
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object]]:
-    """Return the facts about the servos that ``status`` shows, by axis key."""
+    """Return the properties of the servos that ``status`` shows, by name. Each value is a dict by axis key."""
     limited = {axis.key: servos[axis.id].speed_limit for axis in axes if servos[axis.id].speed_limit}
     result = facts_of({axis.key: servos[axis.id] for axis in axes})
     return {**result, "speed_limit": dict(limited)} if limited else result

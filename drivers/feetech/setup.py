@@ -28,7 +28,7 @@ class FeetechSetup(Setup[p.Packet]):
     async def read_calibration(self, axis: Axis) -> MotorCalibration:
         eeprom = await block(self.bus, p, axis, 0, p.EEPROM_END)
         low, high = p.MIN_POSITION.decode(eeprom, 0), p.MAX_POSITION.decode(eeprom, 0)
-        # Both limits are zero if the servo turns several times.
+        # Both position limits are zero in a servo that may turn more than one turn.
         if not low < high <= p.COUNTS - 1:
             low, high = 0, p.COUNTS - 1
         return MotorCalibration(axis.id, 0, p.HOMING_OFFSET.decode(eeprom, 0), low, high)
@@ -50,9 +50,9 @@ class FeetechSetup(Setup[p.Packet]):
     async def give(self, servo: int, axis: Axis, baud: int) -> None:
         await self._write(servo, axis, p.LOCK, _OPEN)
         await self._write(servo, axis, p.ID, axis.id)
-        # Unlock again under the new id, since some firmware requires it.
+        # Unlock the EEPROM again under the new id, since some firmware requires it.
         await self._write(axis.id, axis, p.LOCK, _OPEN)
-        # The reply may come at the old or at the new rate, so it is not read.
+        # The reply may come at the old or at the new baud rate, so it is not read.
         self.bus.send(p.write(axis.id, p.BAUD, p.BAUD_RATES.index(baud)))
         await self.clock.sleep_until_ns(self.clock.now_ns() + 50_000_000)
         self._open(baud)

@@ -100,7 +100,7 @@ def _sync_write(hearing: Mapping[int, Sequence[Servo]], params: bytes) -> None:
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:
     """Carry out a request to one servo. Return its reply; None if the request is unknown or gets no reply."""
     params = packet.params
-    # Made before the request changes the id or the return delay.
+    # Make the reply now, since the request may change the id or the return delay.
     reply = _status(servo, message_type=p.classify(packet))
     match packet.code, len(params):
         case p.PING, _:

@@ -57,7 +57,7 @@ class Fci:
         return number
 
     def greet(self) -> None:
-        """Send the request ``connect``, which must be the first of a connection."""
+        """Send the request ``connect``, which must be the first request of a connection."""
         self._tcp.write(self._greeting())
 
     def greet_and_stop(self) -> int:
@@ -117,14 +117,18 @@ class Fci:
         )
 
     async def handshake(self, robot: str) -> p.State:
-        """Wait for the reply to ``connect``, then for the controller's first state. Raise ``WireDown``."""
+        """Wait for the reply to ``connect``, then for the controller's first state.
+
+        Raises:
+            WireDown: One of them did not come, or the controller has another FCI version.
+        """
         reply = await self.answer(CONNECT, "connect")
         try:
             status, version = p.connect_reply(reply)
         except MalformedFrame as error:
             raise WireDown(f"{self._tcp.name}: {error}. Check that this is a Franka controller") from None
         if status:
-            hint = f"use the {_DRIVERS[version]} driver" if version in _DRIVERS else "no driver here speaks it"
+            hint = f"Use the {_DRIVERS[version]} driver" if version in _DRIVERS else "No driver here speaks it"
             raise WireDown(f"controller has FCI {version}, {robot} needs FCI {self.dialect.version}. {hint}")
         return await self._first_state()
 
@@ -180,7 +184,7 @@ class Fci:
 
 
 async def open_client(host: str, fci: int) -> Fci:
-    """Return a client that has sent nothing yet. Raise ``WireDown``."""
+    """Connect by TCP. Return a client that has sent nothing yet. Raise ``WireDown`` if that fails."""
     tcp = await open_tcp(host, p.PORT)
     try:
         udp = socket.socket(type=socket.SOCK_DGRAM)
@@ -203,7 +207,7 @@ async def open_client(host: str, fci: int) -> Fci:
 
 
 async def connect(host: str, fci: int, robot: str) -> Fci:
-    """Return a client that has received a state. Raise ``WireDown``."""
+    """Return a client that has received a state. Raise ``WireDown`` if that fails."""
     client = await open_client(host, fci)
     try:
         client.greet()

@@ -127,7 +127,7 @@ class _Motion(NamedTuple):
     acceleration: tuple[float, ...]
 
     def later(self, ticks: int) -> list[float]:
-        """Return the position in ``ticks`` milliseconds, if the acceleration stays constant."""
+        """Return the joint positions after ``ticks`` milliseconds of constant acceleration."""
         return [
             rad + (rad_s + rad_s2 * STEP_S * (ticks + 1) / 2) * STEP_S * ticks
             for rad, rad_s, rad_s2 in zip(*self, strict=True)

@@ -60,8 +60,8 @@ def movable(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def not_lost(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse after the controller has ended our motion, until the caller resumes. Motion never restarts by
-    itself."""
+    """Refuse a setpoint after the controller has ended our motion, until the caller resumes. Motion never restarts
+    by itself."""
     reason = observation.faults.get(LOST)
     if reason is None:
         return None
@@ -90,9 +90,10 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
 
 
 def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse a new target while too few commands reach the controller in time: it would soon end the motion.
+    """Refuse a new target while too few commands reach the controller in time. The controller would soon
+    end the motion.
 
-    The controller measures this rate only during a motion, so without a motion nothing is refused.
+    The controller measures this share of commands only during a motion, so without a motion nothing is refused.
     """
     rate = state.observation.sensors.get("success_rate", (1.0,))[0]
     if number_of(state.observation.sensors, "robot_mode", 0) != RobotMode.MOVE or rate >= TOO_POOR:

@@ -42,7 +42,7 @@ class RobotMode(enum.IntEnum):
 
 
 class Controller(enum.IntEnum):
-    """Controller that moves the arm, as the request ``move`` selects it. Without a motion a state reports OTHER."""
+    """Control law that moves the arm, as the request ``move`` selects it. A state without a motion has OTHER."""
 
     JOINT_IMPEDANCE = 0
     CARTESIAN_IMPEDANCE = 1
@@ -226,10 +226,10 @@ class Dialect:
     def move_status(self, status: int) -> str:
         return self.move_statuses[status] if status < len(self.move_statuses) else f"status {status}"
 
-    # -- states
+    # -- states of the controller
 
     def state(self, data: bytes) -> State:
-        """Decode a state. Raise ``MalformedFrame``."""
+        """Decode a state. Raise ``MalformedFrame`` if it is invalid."""
         if len(data) != self.state_bytes:
             raise MalformedFrame(f"a state of {len(data)} bytes; FCI {self.version} has {self.state_bytes}")
         if not self.is_plausible(data):
@@ -277,14 +277,14 @@ class Dialect:
         offset, field = self.fields[name]
         field.pack_into(data, offset, *values)
 
-    # -- commands
+    # -- commands of a motion
 
     def position_command(self, message_id: int, q: Sequence[float], finished: bool) -> bytes:
         end = () if self.version == 5 else (False,)
         return self._command.pack(message_id, *q, *_ZEROS, *_REST, False, finished, *_ZEROS, *end)
 
     def command(self, data: bytes) -> Command:
-        """Decode a command. Raise ``MalformedFrame``."""
+        """Decode a command. Raise ``MalformedFrame`` if it is invalid."""
         if len(data) != self.command_bytes:
             raise MalformedFrame(f"a command of {len(data)} bytes; FCI {self.version} has {self.command_bytes}")
         row = self._command.unpack(data)
@@ -334,7 +334,11 @@ def status_of(message: Message) -> int:
 
 
 def connect_reply(message: Message) -> tuple[int, int]:
-    """Decode the reply to ``connect``: its status, and the controller's FCI version. Raise ``MalformedFrame``."""
+    """Return the status in a reply to ``connect``, and the controller's FCI version.
+
+    Raises:
+        MalformedFrame: The reply is invalid.
+    """
     if len(message.payload) < 3:
         raise MalformedFrame(f"an answer to connect of {len(message.payload)} bytes")
     status, version = struct.unpack_from("<BH", message.payload)
@@ -342,7 +346,11 @@ def connect_reply(message: Message) -> tuple[int, int]:
 
 
 def connect_request(payload: bytes) -> tuple[int, int]:
-    """Decode the request ``connect``: the client's FCI version, and its UDP port. Raise ``MalformedFrame``."""
+    """Return the client's FCI version and its UDP port from a request ``connect``.
+
+    Raises:
+        MalformedFrame: The request is invalid.
+    """
     if len(payload) != 4:
         raise MalformedFrame(f"a connect of {len(payload)} bytes")
     version, port = struct.unpack("<HH", payload)

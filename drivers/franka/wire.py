@@ -146,7 +146,7 @@ class FrankaSession:
             self.child.kill()
 
     def close(self) -> None:
-        """Close the connection first, so that the controller ends any motion."""
+        """Close the connection to the controller, which ends any motion. Then end the 1 kHz process."""
         self.client.close()
         self.child.kill()
         trio.lowlevel.spawn_system_task(self.child.wait)
@@ -327,7 +327,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             self.session_or_none.close()
         self.session_or_none = None
 
-    # -- parts
+    # -- helper methods of the wire
 
     def _wait_for_the_end(self, session: FrankaSession) -> None:
         """Note that a target waits for the end of the previous motion.

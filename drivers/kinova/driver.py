@@ -94,7 +94,7 @@ class Kinova(Driver):
         self.config.address()
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-        """Return the target of each joint (rad), followed by the speed of each joint that this needs (rad/s)."""
+        """Return the target of each joint (rad), followed by the speed that each joint needs for it (rad/s)."""
         parsed = parse_action(action, self.robot, self.table, self._index, state.target[: len(self.table)])
         if isinstance(parsed, Refused):
             return parsed

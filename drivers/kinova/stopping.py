@@ -212,7 +212,7 @@ async def _follow_new_session(
 def _reports(
     axes: Sequence[str], attempts: Sequence[StopAttempt], last_positions: Sequence[float]
 ) -> tuple[MotorReport, ...]:
-    """Return the reports of the connection that has confirmed the stop best."""
+    """Return a report on the stop for each joint, from the connection that has confirmed the stop best."""
     if not attempts:
         return NOT_CONNECTED.reports(axes)
     best = max(attempts, key=lambda attempt: (attempt.confirmed, attempt.will_stay_at_rest, attempt.written))

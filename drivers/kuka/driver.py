@@ -50,7 +50,7 @@ class Kuka(Driver):
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.HOLD)
     firmware_watchdog = (
         "the FRI session itself: after some missing answers the controller drops it to monitoring and the robot's "
-        "own program holds the arm [?]. nothing is armed by us, and position control mode is required for it"
+        "own program holds the arm [?]. Nothing is armed by us, and position control mode is required for it"
     )
     bound_s = 0.05
 

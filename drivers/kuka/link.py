@@ -162,7 +162,8 @@ class Link:
         return self._is_acknowledged(hold) or not self._follows_us
 
     def _is_acknowledged(self, hold: int) -> bool:
-        """Return True if the controller has acknowledged an answer from ``hold`` on, which all hold the arm."""
+        """Return True if the controller has acknowledged answer ``hold``, the first that holds the arm, or a later
+        answer."""
         return self.session.has_received_answer(self.message, hold)
 
     def _stands(self) -> bool:

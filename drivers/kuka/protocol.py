@@ -3,8 +3,8 @@ in front.
 
 The controller sends a *monitoring message* in every cycle. The client answers with a *command message* that
 contains its number. Field numbers are from public descriptions of FRI 1.x. Protobuf can encode repeated doubles
-packed or unpacked: this module reads both, and writes unpacked ones [?]. Checksums are not checked, because their
-polynomial is not published.
+packed or unpacked: this module reads both, and writes unpacked ones [assumed]. Checksums are not checked, because
+their polynomial is not published.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Quality(enum.IntEnum):
 
 
 class Drive(enum.IntEnum):
-    """State of one joint's drive [?]."""
+    """State of one joint's drive [assumed]."""
 
     OFF = 0
     TRANSITIONING = 1
@@ -69,7 +69,7 @@ class ClientMode(enum.IntEnum):
 
 
 class ControlMode(enum.IntEnum):
-    """Control mode in which the controller moves the joints [?]."""
+    """Control mode in which the controller moves the joints [assumed]."""
 
     POSITION = 0
     CARTESIAN_IMPEDANCE = 1
@@ -77,7 +77,7 @@ class ControlMode(enum.IntEnum):
 
 
 class Overlay(enum.IntEnum):
-    """Type of motion on the controller to which the client's commands are added (FRI overlay) [?]."""
+    """Type of motion on the controller to which the client's commands are added (FRI overlay) [assumed]."""
 
     NO_OVERLAY = 0
     JOINT = 1
@@ -104,7 +104,7 @@ class Monitoring(msgspec.Struct, frozen=True, gc=False):
     reflected: int = 0  # Sequence number of the last command message that the controller accepted.
     safety: int = 0  # 0 for normal operation, else the level of the safety stop.
     drives: tuple[int, ...] = ()
-    operation_mode: int = 0  # Operation mode of the robot: 0 for T1, 1 for T2, 2 for automatic [?].
+    operation_mode: int = 0  # Operation mode of the robot: 0 for T1, 1 for T2, 2 for automatic [assumed].
     control_mode: int = 0
     position: tuple[float, ...] = NO_JOINTS  # Measured joint positions in rad.
     torque: tuple[float, ...] = NO_JOINTS

@@ -1,4 +1,4 @@
-"""Reasons to refuse a command that only the KUKA driver has."""
+"""Refusal codes that only the KUKA driver uses."""
 
 from __future__ import annotations
 

@@ -138,7 +138,8 @@ class FriSession:
         return self._send(number, message, position)
 
     def again(self, message: Monitoring) -> Command:
-        """Return another answer to an old message, which holds the arm. It is sent when no new message arrives."""
+        """Return one more answer to a message that was already answered. This answer holds the arm. It is sent
+        when no new message arrives."""
         self.hold()
         return self._send((self._sequence + 1) & COUNTER, message, self._commanded)
 
@@ -175,7 +176,8 @@ class FriSession:
     def _step(self, before: Row, message: Monitoring) -> Row:
         """Return the positions for the next answer, one step from ``before`` towards the goal.
 
-        A joint moves at most at its speed limit, and at most by an even share of the distance.
+        A joint moves at most at its speed limit, and at most by an equal share of its distance: the distance
+        divided by the number of cycles that the motion should take.
         """
         cycle_s = message.sample_ms * message.multiplier / 1e3
         if not self._per_cycle:

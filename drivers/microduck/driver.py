@@ -76,10 +76,10 @@ class Microduck(Driver):
     unit = "m/s (vyaw: rad/s), head, roll and pitch: rad, z: m, open: 0..1"
     timing = Timing(
         control_hz=20.0,
-        # Practically never: ``Wire.feed`` repeats a twist, and nothing else may be repeated.
+        # So long that no keepalive is sent: ``Wire.feed`` repeats a twist, and no other command may be repeated.
         keepalive_s=3600.0,
         stream_ttl_s=0.3,
-        # No expiry: head, body and mouth keep their goals, and a twist ends with its duration.
+        # A single command does not expire: head, body and mouth keep their goals, and a twist has its duration.
         oneshot_ttl_s=None,
         state_ttl_s=0.5,
         safe_s=2.0,
@@ -155,7 +155,7 @@ class Microduck(Driver):
         return refusal or verbs.check_arguments(service, arguments, self._motors, self.config.modes, self._slots)
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the axes by name. The flags that follow them in a row are left out."""
+        """Return the values of a target by axis name, without the flags at its end."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -89,7 +89,8 @@ def _no_axis(targets: Mapping[str, object], index: Mapping[str, int], robot: str
 
 
 def _active(targets: dict[str, object]) -> Refused | None:
-    """Convert ``active`` to a number. Refuse an action that ends a body pose and also sets one."""
+    """Convert the key ``active`` of an action to a number; False ends the body pose. Refuse an action that ends
+    a body pose and also sets one."""
     for key in ("active", "active.pos"):
         if isinstance(targets.get(key), bool):
             targets[key] = 1.0 if targets[key] else 0.0
@@ -127,7 +128,13 @@ def silent(ttl_s: float) -> GateCheck:
         if age_ns <= ttl_s * NS:
             return None
         age = f"{age_ns / 1e6:.0f} ms"
-        return Refused(Code.STALE, f"no state for {age}", "check robotd. Its next state ends this", age, limit)
+        return Refused(
+            Code.STALE,
+            f"no state for {age}",
+            "check robotd. Commands are accepted after its next state",
+            age,
+            limit,
+        )
 
     return silent
 

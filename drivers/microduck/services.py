@@ -146,7 +146,7 @@ class Services:
             }
         state = self._link.state
         if state is None:
-            raise WireDown("robotd has not sent a state yet")
+            raise WireDown("robotd has not sent a state yet. Check robotd")
         if service == "odometry":
             return {"position_m": list(state.position_m), "yaw_rad": state.yaw_rad}
         return {name: self._link.raw_state[name] for name in MONITORED if name in self._link.raw_state}

@@ -32,8 +32,8 @@ GREET_S = 1.0
 
 
 class Stopping:
-    """Make a connection to robotd stoppable as a base (``ReportingBase``). ``pending`` returns True if an
-    earlier request on another connection has no answer yet, and may therefore still be carried out."""
+    """Stop the duck by a connection to robotd, with the methods that ``stop_until_it_stands`` needs. ``pending``
+    returns True if an earlier request on another connection has no answer yet, and may still be carried out."""
 
     def __init__(
         self, link: DuckLink, safe_state: SafeState, pending: Callable[[], bool] = nothing_pending

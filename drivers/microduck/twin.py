@@ -456,7 +456,7 @@ class _Client:
 
 
 def serving(twin: DuckTwin) -> Handler:
-    """Return the function that serves each connection to robotd's socket."""
+    """Return the function that serves each connection to the simulated robotd."""
 
     async def handle(connection: Connection) -> None:
         await _Client(twin, connection).serve()

@@ -1,4 +1,4 @@
-"""The services of a Microduck, except move, head, pose and mouth, and the verbs that an AI agent may use."""
+"""The services of a Microduck (except move, head, pose and mouth), and the verbs that an AI agent may use."""
 
 from __future__ import annotations
 

@@ -72,7 +72,8 @@ class ModelDriver(Driver):
 
 
 def _bounded(end: float) -> float | None:
-    """Return None for a joint without a limit, since the options are sent as JSON, which has no infinity."""
+    """Return the end of a joint's range; None if it is infinite, since the options are sent as JSON, which has no
+    infinity."""
     return end if math.isfinite(end) else None
 
 

@@ -60,7 +60,7 @@ def read_model(path: str | Path) -> Read:
     except REFUSALS as error:
         raise _refused(place, error) from None
     if not joints:
-        raise ValueError(f"{place} has no joint that can be driven. add a hinge or a slide joint")
+        raise ValueError(f"{place} has no joint that can be driven. Add a hinge or a slide joint")
     add_floor(spec, model)
     return Read(spec, joints, keyframes, omitted)
 
@@ -70,7 +70,7 @@ def _load(place: Path) -> tuple[Any, Any, tuple[OmittedVisual, ...]]:
     if not place.is_file():
         raise ValueError(f"there is no model {place}. Give an MJCF or a URDF file")
     if place.suffix.lower() == ".xacro":
-        raise ValueError(f"{place} is a xacro. expand it first: xacro {place.name} > {place.stem}")
+        raise ValueError(f"{place} is a xacro. Expand it first: xacro {place.name} > {place.stem}")
     if reason := pointer_reason(place):
         raise ValueError(reason)
     text = place.read_bytes().decode("utf-8-sig", "replace")
@@ -191,7 +191,7 @@ def _drive(spec: Any, model: Any) -> tuple[Joint, ...]:
     follower_joints = {equality.name1 for equality in spec.equalities if _couples(equality)}
     if not actuators:
         actuators = {name: [] for name in by_name if name not in follower_joints}
-        # The model declares no actuators: compensate gravity, as its controller would.
+        # The model declares no actuators: compensate gravity, as the robot's own controller would.
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
     gains = {name: _gains(model, model.joint(name).id, pairs) for name, pairs in actuators.items()}

@@ -50,7 +50,7 @@ class ModelServer:
         self._plant.catch_up(time.monotonic())
 
     async def serve(self) -> None:
-        """Simulate the passing time until cancelled."""
+        """Advance the simulation with real time, until cancelled."""
         while True:
             self._pass_time()
             await trio.sleep(PASS_S)

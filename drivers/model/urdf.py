@@ -83,9 +83,9 @@ def _find(path: Path, name: str, compiler: Element | None) -> tuple[Path, str]:
     places = _places(path, name, compiler)
     file = next((place for place in places if place.is_file()), places[0])
     if file.suffix.lower() not in READABLE:
-        return file, f"MuJoCo reads no {file.suffix or 'mesh without a suffix'}. convert it to .stl or .obj"
+        return file, f"MuJoCo reads no {file.suffix or 'mesh without a suffix'}. Convert it to .stl or .obj"
     if not file.is_file():
-        return file, f"it is not there. it was looked for as {file}"
+        return file, f"it is not there. It was looked for as {file}"
     return file, pointer_reason(file)
 
 

@@ -150,7 +150,8 @@ class PlainDriver(Driver):
 
 
 def _config_of(options: Mapping[str, Any]) -> PlainConfig:
-    """Return the config and add the secrets, which are kept apart because recordings must not contain them."""
+    """Return the config from the options, with the secrets. In the options the secrets are separate, because
+    recordings must not contain them."""
     config = msgspec.convert(options["config"], PlainConfig)
     return msgspec.structs.replace(config, keywords={**config.keywords, **options.get("secrets", {})})
 

@@ -43,7 +43,7 @@ class Instance:
         return self._config.has_channel
 
     def load(self) -> str:
-        """Import the class. Return an error text."""
+        """Import the class. Return an error text; empty for success."""
 
         def run() -> None:
             self._class = self._class or load_class(self._config.location)
@@ -52,7 +52,7 @@ class Instance:
 
     def make(self) -> str:
         """Make the object, unless it exists. By the rules of ``docs/drivers.md`` this does not touch the hardware.
-        Return an error text."""
+        Return an error text; empty for success."""
 
         def run() -> None:
             if self._object is None:
@@ -62,7 +62,8 @@ class Instance:
         return self.load() or _attempt(self._config.name, run)
 
     def connect(self) -> str:
-        """Make the object and call its ``connect_eagerly``, or its ``connect``. Return an error text."""
+        """Make the object and call its ``connect_eagerly``, or its ``connect``. Return an error text; empty for
+        success."""
         return self.make() or _attempt("", self._connect)
 
     def _connect(self) -> str:
@@ -75,7 +76,7 @@ class Instance:
 
     def reconnect(self) -> str:
         """Connect the object again if its ``is_connected`` is false, for example after a stop. Return an error
-        text."""
+        text; empty for success."""
         return _attempt("", self._reconnect)
 
     def _reconnect(self) -> str:
@@ -106,8 +107,8 @@ class Instance:
         return _attempt("get_observation", run) or observed if self.observes else {}
 
     def _sense(self, attributes: tuple[str, ...]) -> Any:
-        """Return the first of these attributes that has a value. An attribute that raises is skipped, so that a
-        failing sensor does not spoil the whole observation."""
+        """Return the first value of these attributes that is not None. An attribute that raises is skipped, so
+        that a failing sensor does not spoil the whole observation."""
         for name in attributes:
             try:
                 value = getattr(self._object, name, None)
@@ -119,19 +120,21 @@ class Instance:
         return None
 
     def send(self, action: Mapping[str, float]) -> str:
-        """Pass one action to the object. Return an error text."""
+        """Pass one action to the object. Return an error text; empty for success."""
         return _attempt("send_action", lambda: failure_of(self._call(self._object.send_action, dict(action))))
 
     def stop(self) -> str:
-        """Call ``stop`` of the object. Return an error text."""
+        """Call ``stop`` of the object. Return an error text; empty for success."""
         return _attempt("stop", lambda: failure_of(self._call(self._object.stop)))
 
     def hold(self) -> str:
-        """Call ``hold`` of the object, which keeps the robot at its position. Return an error text."""
+        """Call ``hold`` of the object, which keeps the robot at its position. Return an error text; empty for
+        success."""
         return _attempt("hold", lambda: failure_of(self._call(self._object.hold)))
 
     def stop_by_channel(self) -> str:
-        """Stop the robot without an object, by the class's ``stop_channel(port)``. Return an error text."""
+        """Stop the robot without an object, by the class's ``stop_channel(port)``. Return an error text; empty for
+        success."""
 
         def run() -> str:
             assert self._class is not None
@@ -141,7 +144,7 @@ class Instance:
 
     def cleanup(self) -> str:
         """Call ``cleanup``, ``disconnect`` or ``close`` of the object, the first that it has. Return an error
-        text."""
+        text; empty for success."""
         driver_object, self._object = self._object, None
 
         def run() -> str:

@@ -95,8 +95,8 @@ def require_axes(declared: Declared, name: str) -> None:
 
 
 def keys_of(observation: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the keys of an observation that are axes. These are the keys with a number. If any of them ends in
-    ``.pos``, only those that do."""
+    """Return the keys of an observation that are axes. These are the keys with a number. If any of these keys
+    ends in ``.pos``, return only the keys that end in ``.pos``."""
     keys = [key for key, value in observation.items() if isinstance(key, str) and number(value) is not None]
     return tuple([key for key in keys if key.endswith(".pos")] or keys)
 

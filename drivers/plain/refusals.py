@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Refusal codes that only robots with a user's driver class have."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class Ready(msgspec.Struct, frozen=True):
 
 
 class OrderResult(msgspec.Struct, frozen=True):
-    """The result of the order. ``declared`` has the axes, if the order was to find them."""
+    """The result of the one order that the process gets: to stop the robot, or to find its axes (``declared``)."""
 
     failure: str
     declared: Declared | None = None
@@ -38,7 +38,7 @@ STOP, LEARN = b"s", b"l"
 
 
 def main(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run the process."""
+    """Import the class, wait for an order, carry it out, and exit. This is the entry point of the process."""
     config = msgspec.convert(args["config"], PlainConfig)
     take_name(config.name, "stop")
     instance = Instance(config)

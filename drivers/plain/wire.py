@@ -1,5 +1,5 @@
-"""The wire of a user's driver class. It calls the methods of the object in a thread, one at a time, each with a
-timeout.
+"""Connect the wire process to a robot by the user's driver class. The methods of the object are called in a thread,
+one at a time, each with a timeout.
 
 A process connects to the robot only once. If a method hangs, or the readings stop coming, the object may still keep
 its port open. Then the process must end, and a new process connects.
@@ -60,8 +60,8 @@ class PlainWire(Wire):
         try:
             failure = await self._calls.open("connect", self._within.connect_s, self._instance.connect)
         except ProcessSpent as error:
-            # Raise ``WireDown`` first, so that the user gets the text. The next attempt raises ``ProcessSpent``,
-            # which replaces this process.
+            # Raise ``WireDown`` first, so that the user gets the error text. The next attempt to connect raises
+            # ``ProcessSpent``, which replaces this process.
             raise WireDown(str(error)) from None
         trouble = failure or await self._observe()
         if trouble:
@@ -103,7 +103,7 @@ class PlainWire(Wire):
         action = {keys[index]: values[index] for index in named}
 
         def send() -> str:
-            # Checked in the thread itself, since the thread may have waited for a processor.
+            # Check the permit in the thread itself, since the thread may have waited for a processor.
             permit.check()
             return self._instance.send(action)
 
@@ -124,7 +124,7 @@ class PlainWire(Wire):
         return reports(self._config, failure)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Connect, stop and disconnect, so that the next object can connect."""
+        """Stop a robot with a lost link: connect, stop, and disconnect, so that the next object can connect."""
         if self._calls.spent:
             return reports(self._config, self._calls.spent, written=False)
         instance = self._instance if self._instance.made is not None else Instance(self._config)

@@ -157,7 +157,7 @@ class Feedback(msgspec.Struct, frozen=True):
 
 
 def split(values: Sequence[float]) -> dict[str, tuple[float, ...]]:
-    """Split the values of all driven joints into the values of each body part. They are in the
+    """Split the values of all driven joints into the values of each body part. The parts are in the
     order of ``PARTS``."""
     rows, start = {}, 0
     for name, count in PARTS.items():

@@ -108,7 +108,7 @@ def encode_order(name: str, order: int) -> bytes:
 
 
 def decode_order(data: bytes) -> tuple[str, int]:
-    """Decode a request: the names of joints or supplies, and the order to them. Raise
+    """Decode a request: the names of joints or power supplies, and the order to them. Raise
     ``MalformedFrame``."""
     fields = pb.message(data)
     return text(pb.last_bytes(fields, 2)), pb.last_int(fields, 3)
@@ -266,7 +266,7 @@ class RobotInfo(msgspec.Struct, frozen=True):
 _PARTS = {6: "mobility", 7: "body", 8: "head", 13: "torso", 14: "right_arm", 15: "left_arm"}
 
 
-# -- parts of messages
+# -- decode single fields of a message
 
 
 def messages(fields: dict[int, list[pb.Value]], number: int) -> Iterator[dict[int, list[pb.Value]]]:

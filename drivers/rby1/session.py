@@ -137,7 +137,7 @@ async def open_session(
     """Connect, read the robot's identity and limits, and wait for its first state. Nothing moves.
 
     Returns:
-        The session, and facts for ``status``.
+        The session, and facts about the robot, which the verb ``status`` shows.
 
     Raises:
         WireDown: The robot does not answer, or it is not the expected model.

@@ -146,8 +146,8 @@ class Stop:
         return True
 
     async def _stands(self, connection: Connection, orders: Sequence[Order]) -> bool:
-        """Read states until the robot has stood still for ``STEADY_S``. If a command runs now, it
-        was received late. The next attempt then cancels it."""
+        """Read states until the robot has stood still for ``STEADY_S``. Return False if it executes a
+        command, which it has then received after the stop. The next attempt cancels that command."""
         steady_s: float | None = None
         # The time of the previous state, by the robot's clock.
         time_ns: int | None = None
@@ -197,7 +197,8 @@ class Stop:
         """Return a report per joint.
 
         Args:
-            safe: True if every joint is safe. If False, only the joints that stood still while others moved count
+            safe: True if every joint is safe. If False, a joint is reported as safe only if it stood still
+                while others moved.
         """
         stood, reason = self._acknowledged and bool(self._moving), self._reason or "not seen at rest"
         rows = zip(self._config.axes, self._config.ids, strict=True)

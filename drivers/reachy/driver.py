@@ -73,7 +73,8 @@ class Reachy(Driver):
     unit = "degrees (head_x, head_y, head_z: millimetres)"
     timing = Timing(
         control_hz=50.0,
-        # Practically never. The daemon keeps its last target, and a repeated move would begin again.
+        # So long that no keepalive is sent: the daemon keeps its last target, and a move that is sent again begins
+        # anew.
         keepalive_s=3600.0,
         stream_ttl_s=0.3,
         oneshot_ttl_s=None,
@@ -152,7 +153,7 @@ class Reachy(Driver):
         return {**targets, DURATION: seconds}
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
-        """Return the axes by name, without the duration of the move that follows them in a target."""
+        """Return the values of a target by axis name, without the duration of the move at its end."""
         return dict(zip(self.axes, values, strict=False))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:

@@ -161,7 +161,7 @@ IGNORED = Refused(
 
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse commands after the daemon has ignored one."""
+    """Refuse commands after the daemon has ignored a command of ours."""
     return IGNORED if any(observation.sensors.get("ignored", ())) else None
 
 

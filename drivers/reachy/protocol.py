@@ -261,7 +261,7 @@ def _head(pose: object) -> Head:
 def _status(fields: dict[str, Any]) -> Status:
     backend = fields.get("backend_status")
     error = fields.get("error") or (backend.get("error") if isinstance(backend, dict) else None)
-    # No observed daemon sends this value [assumed].
+    # The name of this field is [assumed], because no daemon that we have tried sends it.
     battery = fields.get("battery_pct")
     return Status(
         state=_text(fields, "state"),

@@ -208,7 +208,7 @@ class ReachyTwin:
     def _stop(self, requested: object) -> Answer:
         move = self.body.move
         if move is None or move.uuid != requested:
-            # The real daemon answers this way.
+            # The real daemon answers with this error if no move with this id runs.
             return Answer(_ERROR, b"Internal Server Error", "other")
         self._cancel()
         return _json_answer({"message": f"Stopped move with UUID: {requested}"}, "other")
@@ -369,7 +369,7 @@ class ReachyTwin:
     def _notify(self, event_type: str, move: str) -> None:
         for client in list(self._listeners):
             client.send(_text({"type": event_type, "uuid": move, "details": ""}))
-        # A fixed time is enough, because no client reads it.
+        # A fixed time stamp is enough, because no client reads it.
         stamp = "2026-01-01T00:00:00"
         progress = {"type": "task_progress", "uuid": move, "finished": True, "error": None, "timestamp": stamp}
         for client in list(self._clients):

@@ -109,7 +109,7 @@ class ReachyWire(Wire):
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         sdk, updates = self._sdk, self._updates
         if sdk is None or updates is None:
-            raise WireDown("serve: not connected. Open it first")
+            raise WireDown("serve: not connected. Connect first")
         self._services = Services(self._config, *self._address, self._moves)
         modes = HttpPort(*self._address)
         commands = self._commands = HttpPort(*self._address)

@@ -55,7 +55,7 @@ class GripperBody:
         return [self._closed * CLOSED_RAD] * 4
 
     def energise(self, on: bool) -> None:
-        """Give the fingers to the simulation (``on``), or end this. Afterwards the gear holds the fingers."""
+        """Give the fingers to the simulation (``on``), or take them back: then the gear holds the fingers."""
         if self._commander is (Commander.NONE if on else Commander.SIM):
             self._gripper.simulation_target = self._gripper.position if on else None
 

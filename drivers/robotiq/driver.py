@@ -89,7 +89,7 @@ class Robotiq(Driver):
     unit = "closed fraction, 0 open to 1 closed (position, aperture_mm: millimetres open)"
     timing = Timing(
         control_hz=50.0,
-        keepalive_s=0.5,  # The gripper needs no keepalive. It only repeats a command that was lost.
+        keepalive_s=0.5,  # The gripper needs no keepalive. A repetition only replaces a lost command.
         stream_ttl_s=0.1,
         oneshot_ttl_s=None,
         state_ttl_s=0.3,

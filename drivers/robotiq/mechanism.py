@@ -60,7 +60,7 @@ class Setup(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Gripper:
-    """The simulated gripper. Each call first moves the fingers up to the present time of ``now_s``."""
+    """The simulated gripper. Each call first advances its fingers to the present time, which ``now_s`` returns."""
 
     def __init__(self, setup: Setup, now_s: Callable[[], float] = time.monotonic) -> None:
         self._setup = setup

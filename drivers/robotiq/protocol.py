@@ -48,8 +48,8 @@ class Activation(enum.IntEnum):
 class Contact(enum.IntEnum):
     """Result of the last motion, gOBJ.
 
-    Right after a new command, the status still has the result of the previous command. It is valid for the new
-    command once the status also repeats (echoes) the new position.
+    Right after a new command, the status still has the result of the previous command. The result belongs to the
+    new command only once the status also repeats (echoes) the position of the new command.
     """
 
     MOVING = 0

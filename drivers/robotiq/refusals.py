@@ -1,4 +1,4 @@
-"""Reasons to refuse a command that only the Robotiq driver has."""
+"""Refusal codes that only the Robotiq driver uses."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class SerialGripper(GripperClient):
 
     def ask(self) -> int:
         return (
-            0  # Send nothing yet. ``answer`` sends the request, because an answer that arrives later would block.
+            0  # Send nothing yet. An answer that is not read would block the line, so ``answer`` sends the request.
         )
 
     async def answer(self, number: int, within_s: float) -> Status | None:

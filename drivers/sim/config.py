@@ -16,15 +16,15 @@ class SimConfig(msgspec.Struct, frozen=True):
     # For each axis (zero, scale): value in the driver's units = zero + scale * value in the model's units.
     units: tuple[tuple[float, float], ...]
     energised: frozenset[str]  # names of the safe states in which the motors keep their torque
-    rows: int = 1  # numbers per axis in a target; the simulation itself interprets those after the first row
+    rows: int = 1  # numbers per axis in a target; only the first of them is converted by ``units``
 
     def position(self, sample: p.Sample) -> tuple[float, ...]:
         """Return the positions of a simulation sample in the units of the robot's driver."""
         return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, self.units, strict=True))
 
     def model(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return a target in the units of the simulated model. Numbers after the rows, such as a gripper's speed,
-        are dropped, since the model does not use them."""
+        """Return a target in the units of the simulated model. Values beyond ``rows`` numbers per axis, such as a
+        gripper's speed, are dropped, since the model does not use them."""
         count = len(self.axes)
         first = tuple((value - zero) / scale for value, (zero, scale) in zip(values, self.units, strict=False))
         return (*first, *values[count : count * self.rows])

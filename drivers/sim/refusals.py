@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Refusal codes that only simulated robots have."""
 
 from __future__ import annotations
 

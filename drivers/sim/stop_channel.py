@@ -29,8 +29,8 @@ class SimStopChannel(ConnectWhenNeeded[SimConfig, SimulationClient]):
 
 async def make_safe(config: SimConfig, control: SimulationClient, safe_state: SafeState) -> tuple[MotorReport, ...]:
     """Make the simulated robot safe. Never raises. The request is sent before the first wait."""
-    # A limp joint means that the robot has lost its power, so only LIMP and OFF give that. LAND lands a drone. For
-    # all other safe states the robot stays where it is.
+    # Only LIMP and OFF make the joints limp, as in a robot without power. LAND lands a drone. For all other safe
+    # states the robot stays where it is.
     orders: dict[str, str] = {SafeState.LIMP: p.LIMP, SafeState.OFF: p.LIMP, SafeState.LAND: p.LAND}
     order = orders.get(safe_state, p.HOLD)
     try:

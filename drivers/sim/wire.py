@@ -1,4 +1,5 @@
-"""The wire of a simulated robot. It talks to the simulation control, the socket for requests to the simulation."""
+"""Connect the wire process to a simulated robot, by the simulation control, the socket for requests to the
+simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Send requests to a simulation that a real robot could not carry out: pictures, objects, saved states, a reset."""
+"""Send requests to a simulation that a real robot could not carry out: pictures, objects, saved states, a reset.
+
+``control`` is the path of the socket for requests to the simulation. Every function raises ``RuntimeError`` if the
+simulation refuses the request or does not answer.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ class Picture(NamedTuple):
 
 
 async def render(control: str, width: int, height: int, camera: str) -> Picture:
-    """Draw one picture.
+    """Draw one picture of the scene, as seen by ``camera``.
 
     Raises:
         RuntimeError: No picture could be drawn. The message has the reason.
@@ -41,7 +45,7 @@ async def reset(control: str) -> None:
     """Move every joint back to its initial position.
 
     Raises:
-        RuntimeError: The simulation refused it, for example because the robot is energised.
+        RuntimeError: The simulation refused the reset, for example because the robot is energised.
     """
     await _ask(control, p.Reset(0), p.Sample, RESET_S)
 
@@ -50,7 +54,7 @@ async def add_object(control: str, fields: Mapping[str, Any]) -> None:
     """Put an object into the scene.
 
     Raises:
-        RuntimeError: The simulation refused it. All functions of this module raise this error then.
+        RuntimeError: The simulation refused the object. The message has the reason.
     """
     await _ask(control, p.AddObject(0, **fields), p.Done, CHANGE_S)
 
@@ -71,7 +75,7 @@ async def load_state(control: str, name: str) -> None:
     """Restore a saved state.
 
     Raises:
-        RuntimeError: The simulation refused it, for example because the robot is energised.
+        RuntimeError: The simulation refused to restore the state, for example because the robot is energised.
     """
     await _ask(control, p.Load(0, name), p.Sample, RESET_S)
 
@@ -92,6 +96,7 @@ async def move_by_hand(control: str, targets: Mapping[str, float]) -> dict[str, 
     drives do not move.
 
     Args:
+        control: Path of the socket for requests to the simulation.
         targets: Radians by axis. An axis that is not named stays where it is.
 
     Returns:

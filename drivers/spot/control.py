@@ -76,8 +76,8 @@ class RobotTime:
         raise WireDown(f"time sync: the robot's clock is not known after {SYNC_S:g} s. Check the robot")
 
     async def renew(self) -> None:
-        """Synchronise the clocks again if that is due. It may take as long as the first time. A
-        failure is ignored until the old estimate is too old. Then raise ``WireDown``."""
+        """Synchronise the clocks again if that is due, which may take as long as the first ``sync``.
+        A failure is ignored until the old estimate is too old. Then raise ``WireDown``."""
         now_ns = self._session.host_ns()
         age_s = (now_ns - self._synced_ns) / NS
         if now_ns - self._attempted_ns < SYNC_AGAIN_S * NS:
@@ -249,7 +249,7 @@ class EstopEndpoint:
         """Send a check-in with the newest challenge, without waiting for the answer. Raise
         ``WireDown``."""
         if level is not p.StopLevel.NONE:
-            # A stop sets the level even if the check-in cannot be sent.
+            # A stop stores its e-stop level even if this check-in cannot be sent: ``feed`` then sends no check-ins.
             self.level = level
         body = {
             "endpoint": self._endpoint,

@@ -44,7 +44,8 @@ class NoAnswer(WireDown):
 
 
 class OpenStream(Protocol):
-    """A function that opens a stream of bytes to an authority. Raises ``WireDown``."""
+    """A function that opens a stream of bytes to an authority (the host name of a group of services). Raises
+    ``WireDown``."""
 
     async def __call__(self, authority: str, /) -> Stream: ...
 

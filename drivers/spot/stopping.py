@@ -67,7 +67,7 @@ class _EstopSteps:
             return detail
         owner = p.body_owner(await self._session.call("ListLeases", {}))
         if owner not in ("", self._session.client):
-            # The other client drives the robot. The robot accepts none of our commands.
+            # The client that now has the lease drives the robot. The robot accepts no command of ours.
             return ""
         return f"{detail}, and another client has configured the e-stop"
 
@@ -100,7 +100,7 @@ async def confirm_off(session: SpotSession, watch: RestWatch) -> str:
 
 
 def confirm(watch: RestWatch, reading: p.Reading, reason: str) -> str:
-    """Take a reading that was requested after a command to stop.
+    """Process a reading that was requested after a command to stop.
 
     Args:
         watch: The readings since the command.

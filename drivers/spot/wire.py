@@ -169,8 +169,8 @@ class SpotWire(SessionWire[SpotSession]):
 
     @property
     def _check_in_ns(self) -> int:
-        """Time after which ``feed`` checks in again, ns. The next call of ``feed`` would be later than a
-        third of the timeout."""
+        """Time after the last check-in, in ns, from which ``feed`` checks in again. If ``feed`` waited for
+        its next call, more than a third of the timeout would pass."""
         return round((self._config.estop_timeout_s / 3 - self._config.feed_s) * NS)
 
     def close(self) -> None:
@@ -356,7 +356,8 @@ class SpotWire(SessionWire[SpotSession]):
         return True
 
     async def _confirm_standing(self, watch: RestWatch) -> tuple[str, Targets]:
-        """Return why the robot does not stand still, empty if it does, and its held position.
+        """Return two results: why the robot is not known to stand still (empty if it is), and the position of
+        each axis of the standing robot.
 
         Motors that are being powered on are switched off again. Raise ``LeaseLost`` or ``WireDown``.
         """

@@ -148,8 +148,8 @@ def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) ->
         voltage(axes),
         temperature(axes),
         motor_fault(axes, FAULT_CODES),
-        # This comes after the check of the servos' torque. Arming, which gives torque, also finds out whether a
-        # servo was reset.
+        # This gate comes after the check of the servos' torque. Arming, which gives torque, also finds out whether
+        # a servo was reset.
         _homed(axes),
         _wheel_speeds(config, axes),
         _wheel_watchdog(axes),

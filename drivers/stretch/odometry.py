@@ -30,7 +30,7 @@ def moved(pose: Pose, left_m: float, right_m: float, separation_m: float) -> Pos
 
 
 class Odometry:
-    """The pose of the base. It is zero at the first positions."""
+    """The pose of the base. It is zero at the first positions of the wheels."""
 
     def __init__(self, separation_m: float) -> None:
         self._separation_m = separation_m

@@ -139,7 +139,7 @@ def parameters_of(robot: str, content: Mapping[str, Any] | None = None) -> Param
 
 
 def _shipped_tool(robot: str) -> str:
-    """Return the tool for a YAML that names no tool (nominal of hello-robot-stretch-body)."""
+    """Return the tool of a robot if its YAML names no tool: the default of the package hello-robot-stretch-body."""
     return "tool_stretch_gripper" if robot == "stretch" else robot_of(robot).tool
 
 

@@ -394,7 +394,7 @@ def pimu_config_call(values: Sequence[float]) -> bytes:
 
 
 def stops_at_runstop(data: bytes) -> bool:
-    """Return True if with this configuration the runstop stops the motors."""
+    """Return True if the runstop stops the motors with this configuration of the power board."""
     return bool(_unpack(_PIMU_CONFIG, data, "a configuration of the power board")[_STOP_AT_RUNSTOP])
 
 

@@ -1,4 +1,4 @@
-"""Reasons to refuse a command that only the Unitree driver has."""
+"""Refusal codes that only the Unitree driver uses."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ from .safing import bring_down, reports
 
 
 class UnitreeStopChannel(StopChannel):
-    """A separate DDS participant in the root process. It connects to the robot early, so that a stop needs no
-    time."""
+    """A separate DDS participant in the root process. It connects to the robot at the start, so that a stop
+    need not wait for the connection."""
 
     def __init__(self, config: UnitreeConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config

@@ -65,7 +65,7 @@ class UnitreeSession(RobotSession):
         self._observation = Observation(0, (math.nan,) * len(model.joints), (0,) * len(model.joints))
 
     def poll(self, now_ns: int) -> None:
-        """Handle received data, and request the onboard mode or FSM id if it is time."""
+        """Handle received data, and request the onboard mode or FSM id if that is due."""
         self.link.poll()
         if self._simulator:
             if (

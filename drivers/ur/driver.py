@@ -85,7 +85,7 @@ class UR(Driver):
     firmware_watchdog = (
         f"rtde_set_watchdog, {WATCHDOG_HZ:g} Hz: armed in the control script whenever the robot is armed; "
         f"{1e3 / WATCHDOG_HZ:g} ms without a word from the wire process and the controller stops the program. "
-        "no register tells: whether it is armed is sensor watchdog_hz"
+        "No register tells: whether it is armed is sensor watchdog_hz"
     )
     bound_s = 0.1
     conditions = CONDITIONS
@@ -129,7 +129,7 @@ class UR(Driver):
 
 
 def _word(modes: type[enum.IntEnum], number: int) -> str:
-    """Return the name of a mode, which programs can compare, or name and number of an unknown mode."""
+    """Return the name of a mode for programs, such as ``RUNNING``; ``unknown (9)`` if the number 9 has no name."""
     return modes(number).name if number in list(modes) else mode_name(modes, number)
 
 

@@ -42,7 +42,7 @@ async def receive(stream: TcpPort) -> bytes:
     raise WireDown(f"{stream.name}: the controller did not answer for {ANSWER_S * 1e3:g} ms. Check its power")
 
 
-# -- the dashboard
+# -- connections to the dashboard
 
 LONGEST_ANSWER = 16 * 1024
 """Most bytes in an answer of the dashboard to one line. Usual answers have about 20."""
@@ -83,7 +83,7 @@ async def handshake(host: str) -> dict[str, Any]:
     return {"polyscope": version, "serial": serial, "robot_model": model, "remote_control": remote}
 
 
-# -- samples
+# -- connections to RTDE: samples and registers
 
 
 class Rtde:

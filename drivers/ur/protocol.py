@@ -151,7 +151,7 @@ def inputs_answer(payload: bytes, names: Sequence[str]) -> Recipe:
     return Recipe(payload[0], names, types)
 
 
-# -- modes
+# -- modes of a controller
 
 
 class RobotMode(enum.IntEnum):

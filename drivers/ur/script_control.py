@@ -95,8 +95,8 @@ class ScriptControl:
     def close(self) -> None:
         """Close the connections, and discard the data that the controller has not received yet.
 
-        This includes a script whose upload is under way. Its caller has given up arming the robot, and a script
-        that started later would have no client.
+        A script that is still being uploaded is discarded, too. The caller of this method has given up arming the
+        robot, and a script that started later would have no client.
         """
         self._close_upload()
         if self._registers is not None:

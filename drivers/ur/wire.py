@@ -74,7 +74,7 @@ class URSession:
         """Store a sample if it is newer than the last one.
 
         If the sample shows that the controller has stopped or paused our program, no setpoint is written until the
-        robot is armed again. An operator who unlocks the controller must not start the motion by that.
+        robot is armed again. The motion must not start only because an operator unlocks the controller.
         """
         self.control.take()
         if not self._advanced.take(sample["timestamp"], self._clock.now_ns()):
@@ -141,7 +141,7 @@ class URSession:
         self._fed_ns = self._clock.now_ns()
 
     async def feed(self) -> None:
-        """Feed the controller's watchdog if it is time.
+        """Feed the controller's watchdog when this is due.
 
         During servo motion only the setpoints feed it. So the watchdog stops the arm if no more setpoints are
         accepted.
@@ -262,7 +262,7 @@ class URWire(SessionWire[URSession]):
             self.session_or_none.samples.close()
         self.session_or_none = None
 
-    # -- parts
+    # -- steps of arming and stopping
 
     async def _start_script(self, session: URSession, permit: Permit) -> None:
         """Upload the control script, wait until it runs, and arm its watchdog.

@@ -25,7 +25,7 @@ ANY_SERIAL = (0, 9999)
 
 
 class ArmType(msgspec.Struct, frozen=True):
-    """One type of an arm. Arms of the same name may differ in these properties."""
+    """One type of an arm. Arms with the same robot name may be of different types."""
 
     number: int
     range_rad: tuple[Range, Range, Range, Range, Range, Range, Range]

@@ -88,6 +88,8 @@ class Control:
         """Send a request and wait for its reply.
 
         Args:
+            register: The register that the request reads or writes.
+            data: The data of the request.
             within_s: The timeout.
             permit: Checked during the wait; None for no check.
 

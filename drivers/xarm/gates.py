@@ -50,7 +50,7 @@ def error_free(observation: Observation, now_ns: int) -> Refused | None:
         f"the controller reports {words}",
         "clear the error at the arm, then call resume()",
         words,
-        "none",
+        "no error",
     )
 
 
@@ -81,8 +81,8 @@ CONDITIONS = (
 
 
 def past_own_range(arm: Arm, axes: Axes) -> GateCheck:
-    """Refuse a target outside the range of the arm's type. The observation has this range. If it has none, accept
-    only targets that are inside the ranges of all types."""
+    """Refuse a target outside the range of the arm's type. The observation has this range. Without a range in the
+    observation, accept only targets that are inside the ranges of all types."""
     joints = zip(*(arm_type.range_rad for arm_type in arm.types), strict=True)
     of_all = past_ranges(axes, [(max(low for low, _ in ends), min(high for _, high in ends)) for ends in joints])
     return outside_reported_range(axes, "range_low_rad", "range_high_rad", fallback=of_all)

@@ -223,7 +223,7 @@ def classify(body: bytes) -> tuple[str, str | None]:
     return "read" if register in tuple(Register) else "other", None
 
 
-# -- the version string
+# -- the version text of a controller
 
 
 class Version(NamedTuple):

@@ -1,4 +1,4 @@
-"""Refusals of this wire alone."""
+"""Refusal codes that only the xArm driver has."""
 
 from __future__ import annotations
 

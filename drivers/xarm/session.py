@@ -181,6 +181,6 @@ async def _read_speed_limit(config: XArmConfig, open_stream: OpenStream) -> floa
             finally:
                 stream.close()
         except (WireDown, MalformedFrame):
-            # The limit of the table is used instead, and the status shows it.
+            # The speed limit in the robot's table is used instead, and the status shows it.
             pass
     return None

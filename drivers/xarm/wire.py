@@ -100,8 +100,8 @@ class XArmWire(SessionWire[XArmSession]):
         control = session.control
         since_s = (now_ns - session.errors_requested_ns) / NS
         news = control.error_pending != bool(control.errors[0])
-        # Send this request when no other one is open, if possible. Some controllers answer only one request each
-        # time they read the connection. If a reply is missing, this waits for one more period only.
+        # If possible, request the errors only when all earlier requests are answered, since some controllers answer
+        # only one request each time they read the connection. Do not wait longer than one more period for that.
         if since_s >= (ERRORS_EVERY_S if control.idle else 2 * ERRORS_EVERY_S) or (news and control.idle):
             control.send(Register.ERRORS)
             session.errors_requested_ns = now_ns
@@ -187,7 +187,7 @@ class XArmWire(SessionWire[XArmSession]):
             self.session_or_none.close()
         self.session_or_none = None
 
-    # -- arming
+    # -- steps of arming
 
     async def _ask(
         self, session: XArmSession, register: Register, data: bytes, within_s: float, permit: Permit
@@ -207,7 +207,7 @@ class XArmWire(SessionWire[XArmSession]):
 
     async def _until_movable(self, session: XArmSession, permit: Permit) -> None:
         """Wait for a report with servo mode and a state in which the arm follows targets. Raise ``WireDown`` if
-        none comes in time."""
+        no such report comes in time."""
         session.take_waiting(self._clock.now_ns())
         with trio.move_on_after(READY_S):
             while await session.next_report(self._clock, READY_S):
@@ -220,7 +220,7 @@ class XArmWire(SessionWire[XArmSession]):
             "servo mode. Check it with the vendor's software"
         )
 
-    # -- holding
+    # -- the hold of the arm
 
     async def _hold(self, session: XArmSession) -> Outcome:
         """Send the last target again, and check that the arm reaches it. Never raises."""
@@ -246,7 +246,7 @@ class XArmWire(SessionWire[XArmSession]):
         refusals = (condition.check(observation, now_ns) for condition in CONDITIONS)
         return next((refusal.reason for refusal in refusals if refusal is not None), "")
 
-    # -- parts
+    # -- checks and observations for the methods above
 
     def _check_alive(self, session: XArmSession, now_ns: int) -> None:
         silent_s = session.silent_s(now_ns)

@@ -29,7 +29,8 @@ MAX_DOMAIN = 232
 
 
 def domain_of_environment() -> int:
-    """Return ``ROS_DOMAIN_ID``, else ``DOMAIN``. Raise ``WireDown`` for an invalid value."""
+    """Return the DDS domain: the environment variable ``ROS_DOMAIN_ID``, or ``DOMAIN`` if it is not set. Raise
+    ``WireDown`` for an invalid value."""
     text = os.environ.get("ROS_DOMAIN_ID") or str(DOMAIN)
     if not text.isdecimal() or int(text) > MAX_DOMAIN:
         raise WireDown(f"ROS_DOMAIN_ID is {text!r}. Give 0..{MAX_DOMAIN}, or unset it for {DOMAIN}")

@@ -43,7 +43,7 @@ class DdsLink:
     """The link to one base.
 
     Args:
-        config: The robot.
+        config: The settings of the robot.
         clock: The clock of this process.
         address: This machine's address; empty for the address of its default route.
         peers: Addresses at which to search for participants; empty to search by multicast.

@@ -90,7 +90,7 @@ def silent(ttl_s: float) -> GateCheck:
         return Refused(
             Code.STALE,
             f"no odometry for {age}",
-            "check the base and rosbridge. The next odometry ends this",
+            "check the base and rosbridge. Commands are accepted after the next odometry",
             age,
             limit,
         )

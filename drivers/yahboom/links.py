@@ -61,8 +61,8 @@ class RosLink(ReportingBase, Protocol):
     news: News
 
     async def open(self) -> dict[str, Any]:
-        """Connect, check topics and types, subscribe, and wait for the first odometry. Return facts for
-        ``status``."""
+        """Connect, check topics and types, subscribe, and wait for the first odometry. Return facts
+        about the robot, which the verb ``status`` shows."""
         ...
 
     async def receive_messages(self) -> None:

@@ -114,7 +114,7 @@ class Ros2Link:
         try:
             acknowledged = await self._calls.call("wait_for_all_acked", within_s + ACK_MARGIN_S, wait, duration)
         except ProcessSpent as spent:
-            # The caller continues the stop in another way.
+            # Raise ``WireDown``, because the stop that waits here handles it: it tries again.
             raise WireDown(str(spent)) from None
         if not acknowledged:
             raise WireDown(f"ros2: no acknowledgement within {within_s * 1e3:.0f} ms. Check the base's node")

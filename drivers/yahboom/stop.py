@@ -47,7 +47,7 @@ def reports_of(
 
     Args:
         outcome: The result of the stop.
-        config: The robot.
+        config: The settings of the robot.
         arm_rad: The arm's last goal, which it keeps; empty if it is unknown here.
         arm_detail: Text for the arm's reports.
     """

@@ -1,8 +1,8 @@
 """Drive an M3 Pro. This module runs in the wire process, the only process that commands the robot.
 
-Commands, odometry and stops share one connection, which keeps their order. The zero of a stop
-therefore follows every command that still waits in a frozen bridge. Only a few commands can wait
-there.
+Commands, odometry and stops share one connection, which keeps their order. The zero twist of
+a stop therefore follows every command that still waits in a frozen bridge. Only a few commands can
+wait there.
 """
 
 from __future__ import annotations

@@ -91,7 +91,7 @@ def axis_gates(
 
 
 def stale(axes: Axes, ttl_s: float) -> GateCheck:
-    """Return a gate that refuses to move an axis whose last position reading is older than ``ttl_s``."""
+    """Return a gate that refuses to move an axis if its last measured position is older than ``ttl_s``."""
     ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
     remedy = "check its cable and power. When it answers again, send the command again"

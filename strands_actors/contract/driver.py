@@ -349,7 +349,8 @@ class Driver(ABC):
     async def complete(cls, robot: str, port: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Add facts to the options that only the robot knows, and return them.
 
-        It runs in the caller's process, before the robot's other processes are started. It may run again.
+        It runs in the caller's process, before the robot's other processes are started. It may be called several
+        times.
 
         Args:
             robot: The robot's name.

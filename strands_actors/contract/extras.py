@@ -24,7 +24,7 @@ class MissingExtra(ImportError):
 
 
 def missing(extra: str, use: str) -> str:
-    """Return why ``use`` is not possible, with the command that installs the extra.
+    """Return why ``use`` is not possible, with the command that installs the extra (optional packages).
 
     Args:
         extra: One of ``EXTRAS``.
@@ -46,7 +46,7 @@ def require(extra: str, use: str) -> None:
 
 
 def refusing(name: str, failure: ImportError) -> Callable[..., NoReturn]:
-    """Return a replacement for a function whose extra is not installed.
+    """Return a replacement for a function that needs an extra (optional packages) that is not installed.
 
     Args:
         name: The name of the function.

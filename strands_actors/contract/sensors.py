@@ -112,8 +112,8 @@ def imu(**sensors: str) -> Sensor:
     ``accel`` from others. Both names are published.
 
     Args:
-        sensors: The sensors that the robot has, of ``rpy``, ``gyro``, ``accel`` and ``quaternion``: each with its
-            name in ``Observation.sensors``.
+        sensors: The name in ``Observation.sensors`` of each sensor that the robot has. Keys are ``rpy``, ``gyro``,
+            ``accel`` and ``quaternion``.
     """
     other_names = {"gyro": "gyroscope", "accel": "accelerometer"}
     more = {other_names[field]: name for field, name in sensors.items() if field in other_names}

@@ -84,14 +84,14 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_on(self, port: PortT, safe_state: SafeState) -> Reports:
-        """Bring every motor to the safe state by this port, and return the reports.
+        """Bring every motor to the safe state by this port, and return a report of each motor.
 
         Raise ``WireDown`` if nothing could be written.
         """
 
     @abstractmethod
     def failed(self, reason: str) -> Reports:
-        """Return reports in which no motor is confirmed, with this reason."""
+        """Return a report of each motor that shows it as not confirmed, with this reason."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Close the port when its adapter is unplugged.
@@ -141,14 +141,17 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, port: PortT, safe_state: SafeState) -> Reports:
-        """Bring every motor to the safe state by this connection, and return the reports.
+        """Bring every motor to the safe state by this connection, and return a report of each motor.
 
         Raise ``WireDown`` if the connection is lost.
         """
 
     @abstractmethod
     def failed(self, reason: str, port: PortT | None = None) -> Reports:
-        """Return reports in which no motor is confirmed. ``port`` is the connection; None if connecting failed."""
+        """Return a report of each motor that shows it as not confirmed.
+
+        ``port`` is the connection; None if connecting failed.
+        """
 
     def release(self, port: PortT) -> None:
         """Close the connection after the stop. It must not raise, because ``make_safe`` never does."""
@@ -223,7 +226,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
-        """Bring every motor to the safe state by the session, and return the reports. Never raises.
+        """Bring every motor to the safe state by the session, and return a report of each motor. Never raises.
 
         ``session`` is None if no session is open. No other call uses it at the same time.
         """

@@ -1,7 +1,7 @@
 """The messages between a process and its child processes that can stop a robot (``stop_process``).
 
-Orders and answers go over a socket pair. The child acknowledges each order at once, and answers again with the
-reports when it has carried it out.
+Orders and answers go over a socket pair. The child acknowledges each order at once. When it has carried out the
+order, it answers again, with a report of each motor.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class Answer(msgspec.Struct, frozen=True):
 
     Attributes:
         number: The number of the order. 0 in the first answer, which means that the child is ready.
-        reports: The reports of the stop. None if the answer only acknowledges the order, before the stop.
+        reports: A report of each motor after the stop. None if the answer only acknowledges the order, before the
+            stop.
         trouble: Why the child cannot be used. Empty if it can.
     """
 
@@ -100,13 +101,17 @@ class StopChild:
         The time begins with the oldest order that the child has not acknowledged. Raise ``WireDown`` if the child
         ends.
         """
-        # An answer to the last sign of life may have arrived, and not be read yet. Then the child is not silent.
+        # An answer to the last request for a sign of life may have arrived without having been read yet. Then the
+        # child is not silent.
         self._take_waiting()
         left_s = within_s - (self._clock.now_ns() - self._unacknowledged_ns) / NS
         return await self._until(lambda: self._acknowledged >= number, max(0.0, left_s))
 
     async def carried_out(self, number: int, within_s: float) -> Reports:
-        """Return the reports of an order. Raise ``WireDown`` if they do not arrive in time."""
+        """Return a report of each motor after an order was carried out.
+
+        Raise ``WireDown`` if the reports do not arrive in time.
+        """
 
         def reports() -> Reports | None:
             return self._done.reports if self._done is not None and self._done.number == number else None

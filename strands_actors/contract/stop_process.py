@@ -90,7 +90,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     @abstractmethod
     def failed(self, reason: str) -> Reports:
-        """Return reports in which no motor is confirmed."""
+        """Return a report of each motor that shows it as not confirmed."""
 
     @property
     def lacks(self) -> str:

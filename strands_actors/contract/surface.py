@@ -15,8 +15,8 @@ class HardwareDriver(Protocol):
 
     A robot that ``Robot`` returns has these members, too.
 
-    For such a class this package calls only ``send_action``, ``stop`` and ``cleanup``. It has its own
-    implementation of the other methods.
+    For such a class this package calls only ``send_action``, ``stop`` and ``cleanup``. The other methods are
+    implemented by this package.
     """
 
     @property
@@ -120,7 +120,7 @@ def missing_driver_members(cls: type[Any]) -> list[str]:
 
 
 def drifted_driver_parameters(cls: type[Any]) -> dict[str, list[str]]:
-    """Return the parameters that the members of ``cls`` lack, by member; empty if there are none."""
+    """Return the required parameters that the methods of ``cls`` lack, by method; empty if all are there."""
     if isinstance(cls, type) and issubclass(cls, Driver):
         return {}
     drifted = {}

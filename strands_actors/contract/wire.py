@@ -99,9 +99,9 @@ class ProcessSpent(Exception):
 class Wire(ABC):
     """The connection to one robot, with all I/O. Only the wire process uses it.
 
-    One call at a time is made, except that ``serve`` and ``perform`` run at the same time as others. A stop cancels
-    ``read`` and ``write`` while they wait. A call that cannot be cancelled (of an SDK, in a thread) has to be
-    shielded. It needs a deadline that is shorter than the robot's bound for a stop.
+    One method at a time is called, except that ``serve`` and ``perform`` run at the same time as others. A stop
+    cancels ``read`` and ``write`` while they wait. A call that cannot be cancelled (of an SDK, in a thread) has to
+    be shielded. It needs a deadline that is shorter than the robot's bound for a stop.
     """
 
     interruptible: ClassVar[bool] = False
@@ -248,9 +248,9 @@ class StopChannel(ABC):
     """A second connection to the robot, for a stop without the wire process.
 
     The root process uses it after it has killed the wire process, and closes it before the next wire process
-    starts. The wire process uses one when its own connection is lost, and the standby process has another one. The
-    constructor must not raise. ``make_safe`` is called again until every motor confirms. The given descriptors may
-    no longer work by that time, so each call must be able to connect to the robot again.
+    starts. The wire process uses a stop channel when its own connection is lost, and the standby process has
+    another stop channel. The constructor must not raise. ``make_safe`` is called again until every motor confirms.
+    The given descriptors may no longer work by that time, so each call must be able to connect to the robot again.
     """
 
     SERVED_FIRST: ClassVar[bool] = True

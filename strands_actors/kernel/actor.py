@@ -109,7 +109,9 @@ class Context:
         return self.node.ref(self.address, type(self._cell.actor), sender=self.address)
 
     def ref(self, address: str, protocol: type[Actor] | None = None) -> Ref:
-        """Return a reference whose messages name this actor as the sender."""
+        """Return a reference to the actor at ``address``. Messages that are sent by it name this actor as the
+        sender.
+        """
         return self.node.ref(address, protocol, sender=self.address)
 
     def defer(self) -> Deferred:
@@ -216,7 +218,7 @@ class Cell:
             self.state = "stopped"
             self.node.unhost(self, reason)
 
-    # -- handling, in its own task or in a sender's turn
+    # -- handle messages, in the actor's task or in a sender's turn
 
     async def _loop(self) -> None:
         mailbox, dispatch = self.mailbox, self.node.dispatch
@@ -365,7 +367,7 @@ def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:
 
 
 def first_of(error: BaseException) -> BaseException:
-    """Return the first error of an exception group. Return any other error unchanged."""
+    """Return the first error of an exception group. Return an error that is not a group unchanged."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return error

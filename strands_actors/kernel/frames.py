@@ -72,7 +72,7 @@ class Protocol:
             hints = typing.get_type_hints(receive)
         except NameError as error:
             raise TypeError(
-                f"{name}.receive: {error}. import or define what it names at module level, "
+                f"{name}.receive: {error}. Import or define what it names at module level, "
                 "outside of 'if TYPE_CHECKING'"
             ) from error
         if "message" not in hints:
@@ -81,7 +81,7 @@ class Protocol:
         for message_type in accepts:
             if not (isinstance(message_type, type) and issubclass(message_type, Message)):
                 raise TypeError(
-                    f"{name}.receive: {message_type!r} is not a Message. annotate 'message' with subclasses of it"
+                    f"{name}.receive: {message_type!r} is not a Message. Annotate 'message' with subclasses of it"
                 )
         replies = [
             message_type

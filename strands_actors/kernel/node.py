@@ -29,7 +29,7 @@ __all__ = [
 
 
 class Node(Router):
-    """Enter with ``async with open_nursery() as n: await n.start(node.run)``."""
+    """The actors of one process. Start a node with ``async with open_nursery() as n: await n.start(node.run)``."""
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Let requests (asks) expire. It runs as long as the node."""

@@ -22,7 +22,9 @@ PROMPT = 32
 
 
 class Hosted(TypingProtocol):
-    """An actor of this process, as a reference uses it. ``actor.Cell`` implements this."""
+    """The attributes and methods of an actor of this process that a reference uses. ``actor.Cell`` implements
+    them.
+    """
 
     address: str
     role: str
@@ -37,7 +39,7 @@ class Hosted(TypingProtocol):
 
 
 class Home(TypingProtocol):
-    """The part of a node that a reference uses. ``router.Router`` documents it."""
+    """The part of a node that a reference to an actor uses. ``router.Router`` describes its methods."""
 
     address: str
     mesh: Mesh | None
@@ -65,7 +67,7 @@ class Home(TypingProtocol):
 
 
 class ActorRef(TypingProtocol):
-    """The interface of a reference. ``Ref`` documents it."""
+    """The interface of a reference to an actor. ``Ref`` describes its methods."""
 
     address: str
 
@@ -116,7 +118,7 @@ class Ref:
             node.dead(self.address, message, "nobody hosts it")
 
     async def ask(self, message: Message, deadline_s: float) -> Message | None:
-        """Send and wait for the answer. A refusal is an answer.
+        """Send a request to the actor, and wait for its answer. A refusal is an answer.
 
         Args:
             message: The request.
@@ -151,8 +153,8 @@ class Ref:
             node.pending.pop(cid, None)
 
     def ask_here(self, message: Message, deadline_s: float) -> Message | None:
-        """Send and wait for the answer as ``ask`` does, from any thread except that of the loop, which would be
-        blocked.
+        """Send a request and wait for the answer as ``ask`` does, from any thread except that of the loop, which
+        would be blocked.
 
         The actor must live in another process and be on the mesh. The loop of this process does nothing for it.
         """

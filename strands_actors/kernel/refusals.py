@@ -11,7 +11,7 @@ from typing import Self
 
 
 class RefusalCode(enum.StrEnum):
-    """Base of a catalogue. ``meaning`` and ``remedy`` are for people."""
+    """Base of a catalogue of refusal codes. ``meaning`` and ``remedy`` are texts for people."""
 
     meaning: str
     remedy: str

@@ -1,4 +1,4 @@
-"""Restart children that end, and stop trying when one fails too often.
+"""Restart child tasks that end, and stop trying when one fails too often.
 
 A child is an async function that calls ``task_status.started()`` once it is up, and then runs until it is
 cancelled. The supervisor does not need to know what the child is (an actor, a process, another supervisor).
@@ -198,7 +198,7 @@ _End = tuple[_Child, trio.CancelScope, BaseException | None]
 class _Up:
     """The ``task_status`` of a child.
 
-    It is also set when the child fails before it is up. Otherwise the supervisor would wait for ever.
+    Its event is also set when the child fails before it is up. Otherwise the supervisor would wait for ever.
     """
 
     def __init__(self) -> None:

@@ -62,4 +62,4 @@ def _check_options(name: str, factory: Any, options: dict[str, Any]) -> None:
             close = closest(option, parameters)
             hint = f" ({option!r} -> {close[0]!r}?)" if close else ""
             accepted = ", ".join(parameters) or "nothing"
-            raise ValueError(f"create_policy: {name} takes no {option!r}{hint}. it takes {accepted}")
+            raise ValueError(f"create_policy: {name} takes no {option!r}{hint}. It takes {accepted}")

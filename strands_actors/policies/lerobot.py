@@ -239,7 +239,7 @@ class Eye:
 
 
 def _eyes(config: Any, robot: str, cameras: Sequence[str], rename_map: Mapping[str, str], folder: str) -> list[Eye]:
-    """Return a camera for each picture that the checkpoint needs.
+    """Return an ``Eye`` (a camera) for each picture that the checkpoint needs.
 
     Raises:
         ValueError: The robot lacks a camera that the checkpoint needs.
@@ -266,7 +266,7 @@ def _chunk_in_real_time(config: Any, execution_horizon: int) -> None:
     """Switch on real-time chunking. Raise ``ValueError`` if this type of policy does not have it."""
     if not hasattr(config, "rtc_config"):
         raise ValueError(
-            f"lerobot_local: rtc=True, and a policy of type {config.type!r} has no real-time chunking. omit rtc"
+            f"lerobot_local: rtc=True, and a policy of type {config.type!r} has no real-time chunking. Omit rtc"
         )
     if isinstance(execution_horizon, bool) or not isinstance(execution_horizon, int) or execution_horizon < 1:
         raise ValueError(f"lerobot_local: execution_horizon is {execution_horizon!r}. Give a whole number above 0")
@@ -304,7 +304,7 @@ def _folder(path: str) -> str:
 
 
 def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequence[float]]) -> Scale | None:
-    """Return the conversion between the driver's units and the checkpoint's; None if they are the same."""
+    """Return the conversion between the driver's units and the checkpoint's units; None if they are the same."""
     own = unit_word(unit)
     if units and units == own:
         return None
@@ -312,7 +312,7 @@ def _scale(axes: Sequence[str], units: str, unit: str, travel: Mapping[str, Sequ
         choices = f"{own!r} or 'normalized'" if own else "'normalized'"
         raise ValueError(
             f"lerobot_local: units is {units!r}. Give {choices}, the units of the checkpoint's training data (see "
-            "use_degrees of lerobot's arms). the checkpoint does not state them"
+            "use_degrees of lerobot's arms). The checkpoint does not state them"
         )
     try:
         return Scale(axes, travel)

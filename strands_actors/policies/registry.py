@@ -22,7 +22,10 @@ from . import waves
 
 
 class Provider(NamedTuple):
-    """The description of a policy that has a name. Its process makes it by ``where(axes=..., **options)``."""
+    """The description of a policy that has a name.
+
+    The process of the policy makes it by ``where(axes=..., **options)``.
+    """
 
     where: str  # the policy's class or factory, as module:factory
     needs: str = ""  # package that must be installed; the extra of this package that installs it has the same name
@@ -108,7 +111,7 @@ def registered_class(name: str) -> type[Any] | None:
         return None
     loaded = loader()
     if not isinstance(loaded, type):
-        raise ValueError(f"policy {name!r}: its loader returned {loaded!r}. it has to return the class")
+        raise ValueError(f"policy {name!r}: its loader returned {loaded!r}. It has to return the class")
     return loaded
 
 
@@ -141,7 +144,7 @@ def find_provider(name: str) -> Provider:
         others = ", ".join(sorted(name for name, entry in providers.items() if not entry.needs))
         raise ValueError(
             f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
-            f"policies that need no package are {others}"
+            f"Policies that need no package are {others}"
         )
     return provider
 

@@ -147,7 +147,7 @@ class Remote(Policy):
         self._apply_setting("reset", seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """Return the next chunk. The event loop is blocked until the response has arrived."""
+        """Return the next chunk of actions. The event loop is blocked until the response has arrived."""
         return self.get_actions_sync(observation_dict, instruction)
 
     def get_actions_sync(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
@@ -173,9 +173,9 @@ class Remote(Policy):
     # -- one message, or one request with its response
 
     def _greeted(self) -> JsonV1 | None:
-        """Wait for a greeting, and return the protocol of strands-robots if one comes.
+        """Wait for a greeting of the server, and return the protocol of strands-robots if a greeting comes.
 
-        Return None if it does not come in time.
+        Return None if no greeting comes in time.
         """
         try:
             message = self._socket.recv(timeout=GREETING_S)
@@ -277,7 +277,7 @@ class RemotePolicy(Policy):
 
     @property
     def supports_rtc(self) -> bool:  # type: ignore[override]  # of the policy at the other end
-        """True if the server's policy blends its chunks. Connects first, if necessary."""
+        """True if the server's policy blends each chunk into the previous one. Connects first, if necessary."""
         return self._remote.supports_rtc
 
     @property
@@ -302,7 +302,7 @@ class RemotePolicy(Policy):
         self._remote.reset(seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
-        """Return the next chunk. A worker thread waits for it, so that the event loop is not blocked."""
+        """Return the next chunk of actions. A worker thread waits for it, so that the event loop is not blocked."""
         import asyncio
 
         return await asyncio.to_thread(self.get_actions_sync, observation_dict, instruction)

@@ -85,7 +85,7 @@ class Talk(Protocol):
         ...
 
     def request(self, observation: Mapping[str, float], instruction: str) -> bytes:
-        """Return the request for a chunk."""
+        """Return the request for a chunk of actions."""
         ...
 
     def chunk(self, answer: bytes | str) -> list[dict[str, Any]]:
@@ -151,7 +151,10 @@ class JsonV1:
         self.facts = facts
 
     def apply_setting(self, setting: str, value: Any) -> bytes:
-        """Return the message for a setting. Pass the server's response to ``done``."""
+        """Return the message that sends a setting to the server.
+
+        The method ``done`` reads the server's response.
+        """
         named = {
             "keys": {"type": "set_state_keys", "keys": value},
             "hz": {"type": "set_control_frequency", "hz": value},
@@ -167,7 +170,7 @@ class JsonV1:
         )
 
     def done(self, answer: bytes | str) -> None:
-        """Read the response to a setting. Raise ``Misunderstood`` if the server did not accept it."""
+        """Read the server's response to a setting. Raise ``Misunderstood`` if the server did not accept it."""
         response = _understood(answer)
         if not isinstance(response, Ok):
             raise Misunderstood(f"answered {type(response).__name__.lower()} instead of ok")
@@ -190,7 +193,8 @@ def greeting(message: bytes | str) -> JsonV1 | None:
     """Return the protocol of a server that sent this greeting; None if the message is not a greeting.
 
     Raises:
-        Misunderstood: The server has another version of the protocol, or reports a horizon below 1.
+        Misunderstood: The server has another version of the protocol, or reports an execution horizon (executed
+            actions of a chunk) below 1.
     """
     try:
         response = _ANSWER.decode(message)
@@ -204,7 +208,7 @@ def greeting(message: bytes | str) -> JsonV1 | None:
 
 
 def checked(facts: Facts) -> Facts:
-    """Return the server's description of its policy. Raise ``Misunderstood`` for a horizon below 1."""
+    """Return the server's description of its policy. Raise ``Misunderstood`` for an execution horizon below 1."""
     if facts.execution_horizon < 1:
         raise Misunderstood(f"reports execution_horizon {facts.execution_horizon}, which must be at least 1")
     return facts

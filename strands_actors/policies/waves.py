@@ -1,4 +1,4 @@
-"""Waves for the built-in policies. They begin at the robot's position, and its axes can follow them. Pure.
+"""Waves for the built-in policies. They begin at the robot's position, and the robot's axes can follow them. Pure.
 
 A wave begins slowly at the observed position of the axis, and has its full amplitude after ``EASE_S``. The
 amplitude is at most the requested one, and small enough for speed and range of the axis. Near an end of the range,

@@ -74,7 +74,7 @@ def evaluate(
     success: Success | None,
     seed: int | None,
 ) -> dict[str, Any]:
-    """Run the episodes.
+    """Run a policy in a simulation for ``n_episodes`` episodes.
 
     Returns:
         A dict with ``n_episodes``, ``episodes``, and ``success_rate`` (None if ``success`` is None).

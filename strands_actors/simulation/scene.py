@@ -91,8 +91,8 @@ def check_size(width: object, height: object) -> None:
 
 
 def placement(position: object, orientation: object) -> dict[str, Any] | None:
-    """Return position and orientation of the robot's base. None means that the base stays where the model puts
-    it. Raise ``ValueError`` for a wrong argument."""
+    """Return the position and orientation of the robot's base. Return None if neither is given. Then the base
+    stays where the model puts it. Raise ``ValueError`` for a wrong argument."""
     if position is None and orientation is None:
         return None
     return {

@@ -251,7 +251,9 @@ class Teleoperation(Actor):
         return shown
 
     async def _read(self, source: Source) -> None:
-        """Pass on one reading per control period, and also any reading in between that shows a motion."""
+        """Pass on one reading of the leader per control period, and also any reading in between that shows a
+        motion of the leader.
+        """
         period_s = self._rollout.period_s
         next_s = due_s = trio.current_time()
         while self._ended is None:
@@ -280,8 +282,8 @@ class Teleoperation(Actor):
         return Frame(reading.t_ns, held, values, operator.let_go)
 
     def _squeezed(self, reading: Reading) -> bool:
-        """Return True if the dead-man is held by squeezes of the leader's gripper. The leader's values are not
-        mapped yet.
+        """Return True if the dead-man is held by squeezes of the leader's gripper. The values are those of the
+        leader, before ``map_fn``.
         """
         if self._squeezes is None:
             low, high = self._source_settings["gripper"][1:]
@@ -291,9 +293,10 @@ class Teleoperation(Actor):
     # -- writing
 
     async def _write(self) -> None:
-        """Process the newest frame, again and again.
+        """Process the newest frame (reading) of the leader, again and again.
 
-        Reading continues at the same time, because an answer of the robot takes as long as a reading.
+        Another task reads the leader at the same time, because an answer of the robot takes as long as one reading
+        of the leader.
         """
         while self._ended is None:
             frame, self._fresh = self._fresh, None
@@ -343,8 +346,8 @@ class Teleoperation(Actor):
         return step if self._machine.state is not State.IDLE else self._not_engaged(self._machine.reason)
 
     def _asks_again(self, step: Step) -> Step:
-        """Note that the robot did not answer in time, as on a busy computer. If the dead-man is still held, the
-        next frame leads to a new request.
+        """Note that the robot did not answer a request for the lease or for its position in time, as on a busy
+        computer. If the dead-man is still held, the next frame of the leader leads to a new request.
         """
         self._machine.reason = _text(None)
         return step
@@ -402,7 +405,8 @@ class Teleoperation(Actor):
     # -- time
 
     async def _look(self) -> None:
-        """Check regularly whether the newest frame is too old, the duration has passed, or a report is due.
+        """Check regularly whether the leader's newest frame is too old, the duration of the teleoperation has
+        passed, or a status report is due.
 
         A leader that hangs sends no more frames. So the last frame is processed again when it is too old, which
         ends the motion.
@@ -424,7 +428,8 @@ class Teleoperation(Actor):
                 self._publish_status()
 
     async def _ask_robot(self) -> None:
-        """End the teleoperation after the robot was stopped, while the dead-man is not held.
+        """While the dead-man is not held, ask for the robot's state, and end the teleoperation after the robot was
+        stopped.
 
         While the dead-man is held, a refused setpoint ends the teleoperation instead.
         """

@@ -4,9 +4,10 @@
 ``aligning``  the dead-man is held, and the robot moves slowly to the leader's position
 ``engaged``   the dead-man is held, and the robot follows the leader
 
-An aligned robot becomes ``engaged``. These events lead to ``idle``: a release of the dead-man, a silent leader, a
-command that the robot refuses. Only a new press of the dead-man leads out of ``idle``. So the dead-man must be
-released first. A dead-man that was held before the robot could be engaged does not count.
+When the robot has reached the leader's position, it becomes ``engaged``. These events lead to ``idle``: a release
+of the dead-man, a silent leader, a command that the robot refuses. Only a new press of the dead-man leads out of
+``idle``. So the dead-man must be released first. A dead-man that was held before the robot could be engaged does
+not count.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class State(enum.StrEnum):
 class Kind(enum.StrEnum):
     """The meaning of the numbers in a leader's frame."""
 
-    ABSOLUTE = "absolute"  # the robot's target
+    ABSOLUTE = "absolute"  # the target of each axis of the robot
     RELATIVE = "relative"  # a position; the robot repeats its changes since the robot was engaged
     JOG = "jog"  # the speed of each axis, as a share of its jog speed (-1 to 1)
 
@@ -82,7 +83,7 @@ class Frame(NamedTuple):
 
 
 class Step(NamedTuple):
-    """The actions that follow from a frame.
+    """The actions that follow from a frame of the leader.
 
     Attributes:
         target: The setpoint to send; None to send nothing.
@@ -127,7 +128,7 @@ class Machine:
         """Axes with a target beyond their range. They stay at its end."""
 
     def step(self, frame: Frame, now_ns: int) -> Step:
-        """Process one frame, and return the actions that follow from it."""
+        """Process one frame of the leader, and return the actions that follow from it."""
         if self.state is not State.IDLE:
             if now_ns - frame.t_ns > SILENT_NS:
                 return self.idle(f"the leader is silent for {(now_ns - frame.t_ns) / 1e6:.0f} ms")
@@ -146,7 +147,7 @@ class Machine:
         return Step(engage=True)
 
     def engage(self, frame: Frame, follower: Mapping[str, float], now_ns: int) -> Step:
-        """Engage the robot, after the lease is acquired.
+        """Engage the robot (let it follow the leader), after the lease is acquired.
 
         Args:
             frame: The newest frame.
@@ -219,7 +220,7 @@ class Machine:
         return self._send(goal, now_ns)
 
     def _wrong(self, frame: Frame) -> str:
-        """Return why a frame cannot be used; empty if it can."""
+        """Return why a frame of the leader cannot be used; empty if it can."""
         if frame.values.keys() != self._target.keys():
             return f"the leader tells of {', '.join(frame.values)}, it told of {', '.join(self._target)}"
         return next(

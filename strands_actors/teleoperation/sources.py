@@ -149,7 +149,7 @@ class Operator:
         self._input = Operate(0, False)
 
     def take(self, new_input: Operate) -> None:
-        """Store new input.
+        """Store new input of the operator.
 
         It expires a fixed time after it was made, so input that arrives late expires earlier.
         """
@@ -185,5 +185,5 @@ class Operator:
 
 
 def made_of(source: Mapping[str, Any]) -> Callable[[], Any]:
-    """Return a function that makes the leader object described by ``source``, from its ``module:factory``."""
+    """Return a function that makes the leader object, from the ``module:factory`` in its description ``source``."""
     return lambda: load(source["factory"])(**source.get("options", {}))

@@ -125,7 +125,7 @@ class Teleoperator:
         self.name = leader
         driver_class = list_leaders()[leader]
         if transport not in (None, "twin"):
-            raise ValueError(f"Teleoperator: {leader} has no transport {transport!r}. it offers twin")
+            raise ValueError(f"Teleoperator: {leader} has no transport {transport!r}. It offers twin")
         for argument, value, example in (("port", self._port, "'/dev/ttyACM1'"), ("id", robot_id, "'left'")):
             if value is not None and not (isinstance(value, str) and value.strip()):
                 raise TypeError(f"Teleoperator: {argument} is {shown(value)}. Give it as text: {example}")
@@ -136,7 +136,7 @@ class Teleoperator:
             )
         if unknown := [key for key in self._options if key not in driver_class.OPTIONS]:
             accepted = ", ".join(driver_class.OPTIONS)
-            raise ValueError(f"Teleoperator: {leader} takes no {', '.join(unknown)}. it takes {accepted}")
+            raise ValueError(f"Teleoperator: {leader} takes no {', '.join(unknown)}. It takes {accepted}")
         options = self._options if transport is not None else {**self._options, "tool_name": robot_id or leader}
         self._options = driver_class.resolve(leader, options)
         self._driver_class = driver_class
@@ -222,7 +222,7 @@ class Teleoperator:
             axis = next(iter(units))
             raise TypeError(f"move_by_hand: positions is {shown(offered)}. Give joints: {{{axis!r}: 10.0}}")
         if unknown := [str(key) for key in positions if key not in units]:
-            raise TypeError(f"{self.name} has no {', '.join(unknown)}. it has {', '.join(units)}")
+            raise TypeError(f"{self.name} has no {', '.join(unknown)}. It has {', '.join(units)}")
         angles = {}
         for key, value in positions.items():
             number, (zero, scale) = finite(as_python(value)), units[key]
@@ -316,7 +316,7 @@ def place_of_map(map_fn: Callable[..., Any] | None) -> str:
     place = f"{map_fn.__module__}:{map_fn.__qualname__}"
     if place.startswith("__main__:") or "<" in place:
         raise ValueError(
-            f"map_fn is {place}, which another process cannot import. a teleoperation runs in a separate process, "
+            f"map_fn is {place}, which another process cannot import. A teleoperation runs in a separate process, "
             "so move the function to a module"
         )
     return place

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from .twin import Twin
     from .wirelog import Entry, WireLog
 
-# These modules are imported at their first use, because the processes of a bench import this package and need only
-# parts of it.
+# These modules are imported at their first use, because the processes of a bench (``testing.bench``) import this
+# package and need only parts of it.
 _MODULES = {
     "bench": ("Bench", "NotMoving"),
     "cells": ("Outcome", "run_cell"),

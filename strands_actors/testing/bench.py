@@ -1,7 +1,8 @@
 """A bench for tests that break one process of a moving robot.
 
-A bench has a simulated robot (twin), and a caller: a script that moves it, in another process. The robot is kept
-from test to test. The caller is kept, too, unless the test broke it; then a new caller is forked.
+A bench has a simulated robot (twin), and a caller. The caller is a script in another process, which moves the
+robot. The robot is kept from test to test. The caller is kept, too, unless the test broke it; then a new caller is
+forked.
 """
 
 from __future__ import annotations
@@ -50,16 +51,16 @@ class NotMoving(Exception):
 
 
 class Caller:
-    """A caller: the script ``testing.caller`` as a process."""
+    """The script ``testing.caller`` as a process. It moves the robot of a bench."""
 
     def __init__(
         self, directory: Path, template: Template, settings: dict[str, Any], extras: frozenset[str]
     ) -> None:
-        """Fork a caller.
+        """Fork a caller (a script that moves a robot).
 
         Args:
             directory: Directory for the files of the caller.
-            template: The process that forks the caller.
+            template: The process ``testing.template``, which forks the caller.
             settings: The settings of the caller (``testing.caller``).
             extras: The extra processes that the caller's robot has, by role (``EXTRAS``).
         """
@@ -89,7 +90,7 @@ class Caller:
         return process_id
 
     def pids(self) -> dict[str, int]:
-        """Return the process id for each role, as the caller reported them when the robot began to move."""
+        """Return the process id for each role, as the script reported it when the robot began to move."""
         return {entry["role"]: entry["pid"] for entry in self.tree.get("processes", ())}
 
     def _living(self) -> set[str]:
@@ -116,7 +117,7 @@ class Caller:
         self._roles = frozenset(self.pids())
 
     def line(self) -> dict[str, Any]:
-        """Return the next JSON line of the caller.
+        """Return the next JSON line that the caller (the script that moves the robot) has printed.
 
         Raises:
             NotMoving: The caller has ended, or prints nothing for ``START_S``.
@@ -140,7 +141,10 @@ class Caller:
         return text
 
     def send_order(self, line: str) -> None:
-        """Send an order to the caller (``testing.caller``), as one line. If the caller has ended, do nothing."""
+        """Send an order to the caller (the script ``testing.caller``), as one line.
+
+        If the caller has ended, do nothing.
+        """
         # If the caller has ended, the next read notices it.
         with contextlib.suppress(BrokenPipeError):
             os.write(self._input, line.encode() + b"\n")
@@ -151,7 +155,7 @@ class Caller:
         return int(note.read_text() or 0) if note.exists() else 0
 
     def forget_trigger(self) -> None:
-        """Remove the files that made a policy fail, so that the next policy runs."""
+        """Remove the files that made the last policy fail, so that the next policy runs."""
         for path in (self.trigger, Path(f"{self.trigger}.t")):
             path.unlink(missing_ok=True)
 
@@ -210,13 +214,13 @@ class Bench:
         return self.twin.log
 
     def drop(self) -> None:
-        """End the caller and the other processes of its robot."""
+        """End the caller (the script that moves the robot) and the other processes of its robot."""
         if self._caller is not None:
             self._caller.end()
             self._caller = None
 
     def moving(self, motion: str, extras: frozenset[str] = frozenset()) -> Caller:
-        """Return a caller whose robot moves: the present one, or a new one.
+        """Return a caller that moves its robot. It is the present caller or a new one.
 
         Args:
             motion: ``loop``, ``task`` or ``rollout`` (``testing.caller``).
@@ -250,7 +254,7 @@ class Bench:
             caller.complete()
         except NotMoving:
             self.drop()
-            # If a hold had wrong readings, it may have moved a joint to a position in which the robot cannot be
+            # A hold that used wrong readings may have moved a joint to a position in which the robot cannot be
             # armed.
             self._begin_twin()
             raise
@@ -317,14 +321,18 @@ class Bench:
 
 
 def usual_motion(driver: Driver) -> str:
-    """Return the motion in which most processes of a robot run: with a policy, if the robot can run one."""
+    """Return the kind of motion in which most processes of a robot run.
+
+    This is a policy run, if the robot can run a policy.
+    """
     return "rollout" if driver.TASKS else "loop" if driver.ROLLOUTS else "task"
 
 
 def roles_of(bench: Bench) -> tuple[str, ...]:
-    """Return the roles of all processes that a robot's tree can have, extras included.
+    """Return the roles of all processes that a robot can have.
 
-    The simulated robot is not among them. Raise ``NotMoving`` if the robot cannot be made to move.
+    Extras (processes that run only on request) are included, and the process of the simulated robot is not. Raise
+    ``NotMoving`` if the robot cannot be made to move.
     """
     roles = bench.moving(usual_motion(bench.driver), EXTRAS).pids()
     bench.drop()
@@ -332,13 +340,13 @@ def roles_of(bench: Bench) -> tuple[str, ...]:
 
 
 def extras_for(members: Iterable[str]) -> frozenset[str]:
-    """Return the roles among these that are extras: processes that run only on request."""
+    """Return those of ``members`` (roles of processes) that are extras. Extras run only on request."""
     return EXTRAS & frozenset(members)
 
 
 @contextlib.contextmanager
 def moving_robot(robot: str, motion: str = "loop") -> Iterator[tuple[Bench, Caller]]:
-    """Open a bench, make its robot move, and yield the bench and the caller."""
+    """Open a bench, make its simulated robot move, and yield the bench and the script that moves it (caller)."""
     with Bench(robot) as bench:
         yield bench, bench.moving(motion)
 

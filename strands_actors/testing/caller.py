@@ -86,7 +86,7 @@ class Caller:
         raise SystemExit(problem)
 
     def _move(self, motion: str) -> str:
-        """Return why the robot does not move, or an empty text if it moves."""
+        """Begin to move the robot. Return why it does not move, or an empty text if it moves."""
         self._began_s = time.monotonic()
         if motion == "task" and (problem := self._start_task()):
             return problem
@@ -103,7 +103,7 @@ class Caller:
         return ""
 
     def _start_task(self) -> str:
-        """Return why the policy run has not begun, or an empty text if it has."""
+        """Start a policy. Return why the policy run has not begun, or an empty text if it has begun."""
         started = self.robot.start_task(
             "wave",
             policy_provider="strands_actors.testing.policies:Faulty",
@@ -131,7 +131,10 @@ class Caller:
         return {**self._others, self._joint: self._start + self._far * swing}
 
     def again(self, motion: str) -> None:
-        """Resume the robot, move it in this way, and print its processes (the tree) when it moves."""
+        """Resume the robot, and move it by ``loop``, ``task`` or ``rollout``.
+
+        Print its processes (the tree) when it moves.
+        """
         self.resume()
         self.begin(motion)
 

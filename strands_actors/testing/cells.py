@@ -69,8 +69,9 @@ given up yet."""
 class Outcome:
     """The result of a trial, from the log of the frames that the robot received.
 
-    Times are in milliseconds. They begin at the fault; at the end of a caller that ended by itself; at the end of
-    the fault, if the robot was away; or at a stop that follows the fault.
+    Times are in milliseconds. They begin at the fault, except in three cases. If the caller (the script) ended by
+    itself, they begin at its end. If the robot was away, they begin when it returned. If a stop was ordered after
+    the fault, they begin at the stop.
     """
 
     victim: str
@@ -79,7 +80,8 @@ class Outcome:
     safe_ms: float
     bound_ms: float
     setpoints_after: int
-    # True if a safe frame reached the whole robot, and if it was confirmed in the cases that require this.
+    # True if a safe frame (a stop command) reached the whole robot, and if it was confirmed in the cases that
+    # require a confirmation.
     all_motors: bool
     # For a caller that ends by itself: the time from its last statement until its process has ended (ms).
     gone_ms: float = 0.0
@@ -97,12 +99,12 @@ class Outcome:
 
     @property
     def late(self) -> bool:
-        """True if the safe frame came later than the published bound."""
+        """True if the safe frame (the stop command) came later than the published bound."""
         return self.safe_ms > self.bound_ms
 
     @property
     def on_time(self) -> bool:
-        """True if the safe frame came within the bound, without the time of waiting for a processor.
+        """True if the safe frame (stop command) came within the bound, when waits for a processor are subtracted.
 
         So a test that shares the computer with other tests is judged by the same bound as a measurement.
         """
@@ -131,11 +133,11 @@ def _motion(cell: Cell, driver: Driver) -> str:
 
 
 def run_cell(cell: Cell, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Move the robot, break the victim, and read the result from the log.
+    """Move the robot, break the victim (a process or the robot), and read the result from the log of the frames.
 
     Args:
         cell: The victim and the fault.
-        bench: The bench with the robot.
+        bench: The bench (a simulated robot, and the script that moves it).
         settle_s: Time for which the log is watched after the safe frame (the stop command), in seconds.
 
     Raises:
@@ -158,14 +160,14 @@ def persevere(
     drop: bool,
     extras: frozenset[str] = frozenset(),
 ) -> Outcome:
-    """Make the robot move, with several attempts, and run a trial with it.
+    """Make the robot move, with several attempts, and run a trial (break something, and read the result).
 
     Args:
-        bench: The bench with the robot.
+        bench: The bench (a simulated robot, and the script that moves it).
         motion: The motion (``testing.caller``).
         trial: Function that breaks something and returns the result.
-        drop: True if the caller cannot be used again after the trial.
-        extras: Extra processes that must run, by role.
+        drop: True if the caller (the script that moves the robot) cannot be used again after the trial.
+        extras: Processes that run only on request and must run in the trial, by role.
 
     Raises:
         NotMoving: The robot cannot be made to move.
@@ -201,12 +203,15 @@ def _once(
 
 
 def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]) -> Iterator[Outcome]:
-    """Run trials and yield their results, until enough trials are undisturbed or ``MOST`` times as many were made.
+    """Run trials of a cell, and yield their results, until enough trials are undisturbed.
+
+    A busy computer disturbs a trial (``Outcome.disturbed``). At most ``MOST`` times as many trials are run as
+    requested.
 
     Args:
-        cell: The cell or pair.
-        bench: The bench with the robot.
-        trials: Number of undisturbed trials.
+        cell: The cell (a process and how it breaks), or a pair of two processes.
+        bench: The bench (a simulated robot, and the script that moves it).
+        trials: Number of undisturbed trials to reach.
         run: Function that runs one trial: ``run_cell`` or ``run_pair``.
 
     Raises:
@@ -224,7 +229,7 @@ def tries(cell: C, bench: Bench, trials: int, run: Callable[[C, Bench], Outcome]
             return
 
 
-# -- the victim is a process
+# -- break a process, and read the result
 
 
 async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
@@ -297,7 +302,7 @@ async def stop_after(
 
 
 async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
-    """Break the victim, and return the time of the fault (ns)."""
+    """Break the victim (a process or the robot), and return the time of the fault (ns)."""
     if cell.fault in SIGNALS:
         began_ns = monotonic_ns()
         try:
@@ -343,7 +348,7 @@ async def ask_to_break(caller: Caller, process: str, how: str) -> int:
     return began_ns
 
 
-# -- the victim is the robot or its cable
+# -- break the robot or its cable, and read the result
 
 
 async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
@@ -369,7 +374,8 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
 def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
     """Freeze the robot, or pull its cable, for a while.
 
-    Return a measurement of waiting processes that begins when the robot returns, and the time of the return.
+    Return a measurement of how long processes wait for a processor, which begins when the robot returns, and the
+    time of the return.
     """
     remove, bring_back = (
         (bench.twin.pause, bench.twin.go_on) if fault is Faults.FREEZE else (bench.twin.unplug, bench.twin.plug)
@@ -395,7 +401,7 @@ def _fall_ill(bench: Bench, fault: Faults) -> None:
 def require_motion(log: WireLog, broken_ns: int) -> None:
     """Raise ``NotMoving`` if the robot did not move when the fault began.
 
-    On a busy computer it may have been held.
+    On a busy computer the robot may have gone to a hold before.
     """
     last = ""
     for entry in log.entries():
@@ -431,7 +437,7 @@ def read_robot(
 
 
 def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: int) -> int | None:
-    """Return the time of the first expected safe frame after a fault and before ``stopped_ns``.
+    """Return the time of the first expected safe frame (stop command) after a fault and before ``stopped_ns``.
 
     Return None if there was no such frame, or if a setpoint came after it.
     """
@@ -451,7 +457,7 @@ def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: in
 
 
 class Expected(NamedTuple):
-    """The expected safe states of a cell, and the bound for the time."""
+    """The expected safe states after the fault of a cell, and the longest time until the robot gets one of them."""
 
     victim: str
     fault: str
@@ -460,7 +466,7 @@ class Expected(NamedTuple):
 
 
 def expected_of(driver: Driver, cell: Cell) -> Expected:
-    """Return the safe states that the log may show after the fault of a cell, and the bound for the time."""
+    """Return the safe states that the log may show after a fault, and the longest time until the first of them."""
     safe_states = expected_safe_states(driver, cell.victim, cell.fault)
     return Expected(cell.victim, cell.fault, safe_states, bound_s(driver, cell.victim, cell.fault) * 1e3)
 
@@ -473,13 +479,13 @@ def read(
     exit_ms: float = 0.0,
     waited_ms: float = 0.0,
 ) -> Outcome:
-    """Read the result of a trial.
+    """Read the result of a trial from the log of the frames.
 
     Args:
         log: The log of the robot's frames.
         expected: The expected safe states and the bound.
         began_ns: Time of the fault. Earlier frames are ignored.
-        since_ns: Time from which the safe frame is measured.
+        since_ns: Time from which the delay of the safe frame (the stop command) is measured.
         exit_ms: Time until the caller had ended, if it ended by itself.
         waited_ms: Time for which processes waited for a processor.
     """
@@ -501,7 +507,10 @@ def read(
 
 
 def with_story(outcome: Outcome, log: WireLog, since_ns: int) -> Outcome:
-    """If a result is unsafe or late, add a description of the frames to it. The next trial overwrites the log."""
+    """Add a description of the frames to a result that is unsafe or late.
+
+    The next trial overwrites the log of the frames.
+    """
     return outcome if outcome.safe and not outcome.late else replace(outcome, story=log.story(since_ns))
 
 
@@ -526,7 +535,10 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
 
 
 async def _until(look: Callable[[], T | None]) -> T:
-    """Call ``look`` repeatedly until it returns a result. Raise ``TooSlowError`` after ``PATIENCE_S``."""
+    """Call the function ``look`` repeatedly until it returns a result.
+
+    Raise ``TooSlowError`` after ``PATIENCE_S``.
+    """
     with trio.fail_after(PATIENCE_S):
         while not (result := look()):  # noqa: ASYNC110  # another process causes it, so there is no event
             await trio.sleep(0.002)
@@ -536,6 +548,6 @@ async def _until(look: Callable[[], T | None]) -> T:
 def is_safe_state(entry: Entry, safe_state: str) -> bool:
     """Return True if a frame brings the whole robot to ``safe_state``.
 
-    If the log does not contain the state, every safe frame counts.
+    If the frame's entry in the log does not name a state, every safe frame (stop command) counts.
     """
     return entry.safe_state is None or entry.safe_state == safe_state

@@ -74,7 +74,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Check:
-    """One check. If it is called and finds a defect, it raises ``AssertionError``.
+    """One check of a driver. A call of it raises ``AssertionError`` if it finds a defect.
 
     Attributes:
         name: What the check verifies, in a few words.
@@ -129,8 +129,8 @@ def conformance(
     Args:
         cls: The driver class.
         robot: One of its robots. By default the first one.
-        good: An action that the driver accepts when nothing is wrong. By default the first axis at 0, or all axes
-            at 0 for a driver of whole actions.
+        good: An action that the driver accepts when nothing is wrong. By default the first axis at 0. For a driver
+            that accepts only actions with all axes, all axes at 0.
         twin: False leaves out the checks that start processes.
         far: How far the first axis of the simulated robot may be moved, in the axis' units.
     """
@@ -163,7 +163,9 @@ def conformance(
 
 
 class _SharedBench:
-    """The bench that all kill cells of a driver share.
+    """The bench (simulated robot and script) that all kill cells of a driver share.
+
+    A kill cell breaks one process of the moving robot.
 
     The first cell opens the bench. The last cell closes it. It is also closed by the first cell of another driver,
     by ``close_bench``, and at the end of the process.
@@ -229,7 +231,9 @@ class _SharedBench:
 def close_bench() -> None:
     """Close the bench of a driver's kill cells, if some of the cells are not run here.
 
-    This is the case with pytest's ``-k``, or if another worker runs the other cells.
+    A kill cell is a check that breaks one process of a moving robot.
+
+    Some cells are not run here with pytest's ``-k``, or if another worker process of pytest runs them.
     """
     if _SharedBench.opened is not None:
         _SharedBench.opened.close()
@@ -273,8 +277,8 @@ class _Subject:
     def names(self) -> None:
         """Check that the classes that a driver names exist, and that its config is frozen.
 
-        The connection to the robot gets only the config, and not the driver. So its process need not load what the
-        driver needs.
+        The connection to the robot gets only the config, and not the driver. So a process that opens a connection
+        need not load the modules that the driver needs.
         """
         cls = self.cls
         for member, base_class in (("WIRE", Wire), ("STOP_CHANNEL", StopChannel)):

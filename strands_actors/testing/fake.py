@@ -68,7 +68,7 @@ class FakeHardware:
         """Add a frame to ``written``, with the present time of the clock.
 
         Args:
-            clock: The clock of the tree.
+            clock: The clock of the robot's processes.
             kind: As in ``Written``.
             path: ``wire`` or ``stop_channel``.
             safe_state: The safe state, for a frame of the kind ``safe``.
@@ -89,7 +89,7 @@ class FakeHardware:
         """Bring each axis that answers to the safe state, and return a report for every axis.
 
         Args:
-            clock: The clock of the tree.
+            clock: The clock of the robot's processes.
             safe_state: ``hold`` keeps an axis energised at its position. Any other state removes its torque.
             path: ``wire`` or ``stop_channel``.
 

@@ -26,7 +26,10 @@ from strands_actors.supervisors.wire.transport import BACKOFF_S
 
 
 class Victims(enum.StrEnum):
-    """The victims whose fault leads to a safe state of the robot. Other victims are named by their role."""
+    """The victims (processes, or the robot) whose fault leads to a safe state of the robot.
+
+    Other victims are named by their role.
+    """
 
     CALLER = "caller"  # the user's script
     POLICY = "policy"
@@ -119,7 +122,7 @@ class Cell:
 
     @property
     def members(self) -> tuple[str, ...]:
-        """The roles of the victims. A cell has one, a pair has two."""
+        """The roles of the victims (broken processes). A cell has one victim, a pair has two."""
         return (self.victim,)
 
     @property
@@ -151,7 +154,7 @@ def victim_named(role: str) -> str:
 
 
 def cells_of(driver: Driver, roles: Iterable[str] = ()) -> Iterator[Cell]:
-    """Yield every victim with every fault.
+    """Yield a cell for every victim (process, or robot) with every fault.
 
     Args:
         driver: The driver of the robot.
@@ -180,7 +183,7 @@ def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
 
 
 def proves(victim: str, fault: Faults) -> tuple[str, ...]:
-    """Return the requirements (docs/safety-evidence.md) that a safe result of this cell proves."""
+    """Return the ids of the requirements (docs/safety-evidence.md) that a safe result of this cell proves."""
     if victim is Victims.TWIN:
         if fault in RETURNING:
             return ("SAF-002", "SAF-008", "SAF-012")
@@ -200,8 +203,10 @@ def proves(victim: str, fault: Faults) -> tuple[str, ...]:
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
     """Return the published bound of a cell, in seconds.
 
-    After the end of a process, or after a stop, it is the driver's bound. A freeze or an endless loop is detected
-    only after some time, which is added.
+    It is the longest time from the fault, or from a stop after it, to the stop command.
+
+    After the end of a process, or after a stop, the bound is that of the driver. A freeze or an endless loop is
+    detected only after some time, which is added.
     """
     if is_bystander(victim):
         return driver.bound_s

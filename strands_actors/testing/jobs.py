@@ -1,7 +1,9 @@
-"""Run several benches next to each other, each in a ``worker`` process, until every cell has its trials.
+"""Run several benches at the same time, each in a ``worker`` process, until every cell has its trials.
+
+A bench is a simulated robot with the script that moves it.
 
 An order is a few trials of one cell. A worker keeps its robot as long as there are orders for this robot. A robot
-with a bound below ``SHORT_S`` (for the time to a stop) has only one bench, and is measured first.
+with a bound below ``SHORT_S`` (for the time to a stop) has only one bench, and is measured before the others.
 """
 
 from __future__ import annotations
@@ -41,14 +43,14 @@ Cells = Callable[[str, Driver], Iterable[Cell | Pair]]
 
 
 class Plan:
-    """The orders that are still to be carried out.
+    """The orders (a few trials of one cell each) that are still to be carried out.
 
     Args:
         drivers: The robots.
-        repeats: Number of undisturbed trials that each cell needs.
+        repeats: Number of trials that each cell needs, without those that a busy computer has disturbed.
         trials: The trials that were made already.
         cells: Function that returns the cells of a robot.
-        victims: Measure only cells with one of these victims. Empty for all.
+        victims: Measure only cells that break one of these processes. Empty for all.
     """
 
     def __init__(
@@ -83,7 +85,10 @@ class Plan:
             orders.rotate(-number * len(orders) // len(self._pending))
 
     def next_for(self, robot: str) -> Order | None:
-        """Return the next order for a worker. ``robot`` is the robot of its bench; empty if it has no bench yet."""
+        """Return the next order (trials of one cell) for a worker process.
+
+        ``robot`` is the robot of its bench; empty if it has no bench yet.
+        """
         if robot and self._pending[robot]:
             return self._pending[robot].popleft()
         if robot:
@@ -115,7 +120,10 @@ def _orders(robot: str, class_path: str, cell: Cell | Pair, trials: int) -> Iter
 
 
 async def measure_all(plan: Plan, jobs: int, on_trial: Callable[[Trial], None]) -> list[str]:
-    """Carry out all orders. Call ``on_trial`` with each trial when it is made. Return the problems as text."""
+    """Carry out all orders for trials.
+
+    Call ``on_trial`` with each trial when it is made. Return the problems as text.
+    """
     problems: list[str] = []
     async with trio.open_nursery() as nursery:
         for _ in range(jobs):
@@ -137,7 +145,10 @@ async def _work(plan: Plan, on_trial: Callable[[Trial], None], problems: list[st
 
 
 async def _persevere(worker: _Worker, order: Order) -> str:
-    """Carry out an order, with several attempts. Return why trials are missing, or an empty text."""
+    """Carry out an order for trials, with several attempts.
+
+    Return why trials are missing, or an empty text if all were made.
+    """
     problem = ""
     for _ in range(ATTEMPTS):
         problem = await worker.carry_out(order)
@@ -148,7 +159,10 @@ async def _persevere(worker: _Worker, order: Order) -> str:
 
 
 class _Worker:
-    """A worker process with a bench. If the process ends, a new one is started for the next order."""
+    """A worker process with a bench (a simulated robot and the script that moves it).
+
+    If the process ends, a new one is started for the next order.
+    """
 
     def __init__(self, on_trial: Callable[[Trial], None]) -> None:
         self._on_trial = on_trial
@@ -158,7 +172,7 @@ class _Worker:
         """Undisturbed trials of the last order."""
 
     async def carry_out(self, order: Order) -> str:
-        """Carry out an order. Return the problem, or an empty text if there is no problem."""
+        """Carry out an order for trials. Return the problem, or an empty text if there is no problem."""
         self.undisturbed = 0
         process = self._process or await self._begin()
         assert process.stdin is not None

@@ -1,7 +1,7 @@
 """Measure the kill cells of one robot from the command line. A kill cell breaks one process of the moving robot.
 
 ``python -m strands_actors.testing.kill --robot so101 --repeats 20`` runs every cell, prints median and worst, and
-ends with code 1 if a cell was unsafe, or later than its published bound.
+ends with code 1 if the robot was not brought to a safe state, or later than the published bound.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def main() -> int:
     parser.add_argument("--victim", action="append", help=f"{', '.join(Victims)}, or another role of its tree")
     parser.add_argument("--fault", choices=list(Faults), action="append")
     options = parser.parse_args()
-    # A shell makes background jobs ignore this signal. The children would inherit this, so restore the default.
+    # A shell makes background jobs ignore SIGINT. The children would inherit that, so restore the default.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def is_chosen(cell: Cell) -> bool:

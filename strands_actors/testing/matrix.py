@@ -34,7 +34,10 @@ from .trials import Trials
 
 
 class Row(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The results of one cell of one robot. Times are in milliseconds; None if no safe frame came."""
+    """The results of one cell of one robot.
+
+    Times are in milliseconds; None if no safe frame (stop command) came.
+    """
 
     robot: str
     victim: str
@@ -55,9 +58,9 @@ class Row(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def excused(self) -> bool:
-        """True if more trials were disturbed than not.
+        """True if a busy computer has disturbed more trials than it has left undisturbed.
 
-        A busy computer then no longer excuses the missing trials.
+        The busy computer is then no longer an excuse for the missing trials.
         """
         return self.disturbed > self.trials
 
@@ -65,7 +68,7 @@ class Row(msgspec.Struct, frozen=True, omit_defaults=True):
     def safe(self) -> bool:
         """True if the cell is not applicable, or was measured and all its trials were safe and on time.
 
-        A cell that was mostly disturbed is not safe.
+        A cell is not safe if a busy computer has disturbed most of its trials.
         """
         return bool(self.why_not) or (self.trials > 0 and not (self.unsafe or self.late or self.excused))
 
@@ -81,11 +84,11 @@ def measure(
     only: Callable[[Cell], bool] = lambda _: True,
     progress: Progress = lambda *_: None,
 ) -> Iterator[Row]:
-    """Measure each cell of one robot, in the order of the tables.
+    """Measure each cell of one robot, in the order of the tables in ``faults``.
 
     Args:
         robot: A column of the matrix (``registering.column``).
-        repeats: Undisturbed trials for each cell.
+        repeats: Number of trials for each cell, without those that a busy computer has disturbed.
         driver_class: The driver of a robot that is no part of this package.
         only: Function that returns True for each cell to be measured.
         progress: Function that is called after each trial.
@@ -105,14 +108,17 @@ def measure(
 
 
 def rows_of(drivers: Drivers, trials: Trials, cells: Cells) -> Iterator[Row]:
-    """Yield a row for each cell of each robot, in the order of the tables."""
+    """Yield a row for each cell of each robot, in the order of the tables in ``faults``."""
     for robot, driver_class in drivers.items():
         for cell in cells(robot, driver_of(robot, driver_class)):
             yield summary(robot, cell, () if cell.why_not else trials.of(robot, cell))
 
 
 def summary(robot: str, cell: Cell | Pair, outcomes: Sequence[Outcome]) -> Row:
-    """Return the row of a cell. Its times are those of undisturbed trials. Unsafe trials always count."""
+    """Return the row of a cell.
+
+    Its times are from the trials that a busy computer has not disturbed. Unsafe trials always count.
+    """
     counted = [outcome for outcome in outcomes if not outcome.disturbed]
     if not counted:
         return Row(robot, cell.victim, cell.fault, cell.why_not, disturbed=len(outcomes), proves=cell.proves)
@@ -142,7 +148,10 @@ def _rounded(time_ms: float) -> float | None:
 
 
 def shown(time_ms: float | None) -> str:
-    """Return a time in milliseconds as text, with one decimal. It is ``never`` if no safe frame came."""
+    """Return a time in milliseconds as text, with one decimal.
+
+    It is ``never`` if no safe frame (stop command) came.
+    """
     return "never" if time_ms is None else f"{time_ms:.1f}"
 
 

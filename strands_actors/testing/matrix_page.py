@@ -30,7 +30,7 @@ Columns = dict[str, Column]
 
 
 def columns_of(rows: Iterable[Row], trials: Trials) -> Columns:
-    """Return the columns with the results of new measurements."""
+    """Return the columns (one for each robot) of new measurements."""
     columns: Columns = {}
     for row in rows:
         if row.robot not in columns:
@@ -59,7 +59,7 @@ def conditions(trials: Trials, robot: str) -> dict[str, str]:
 
 
 def load(path: Path) -> Columns:
-    """Read the columns of a file.
+    """Read the columns (the measurements of each robot) from a JSON file.
 
     Return no columns if there is no file. Raise ``msgspec.DecodeError`` for wrong content.
     """
@@ -70,7 +70,7 @@ def load(path: Path) -> Columns:
 
 
 def encode(columns: Mapping[str, Column]) -> bytes:
-    """Return the columns as JSON, with a line for each cell."""
+    """Return the columns (the measurements of each robot) as JSON, with a line for each cell."""
     return b"{" + b",\n".join(_column(robot, column) for robot, column in columns.items()) + b"}\n"
 
 
@@ -153,7 +153,7 @@ read from the log of the simulated robot, not from the program. The command `str
 
 
 def page(columns: Mapping[str, Column], introduction: str = INTRODUCTION) -> str:
-    """Return the page as Markdown."""
+    """Return the page of a kill matrix as Markdown."""
     rows = [row for column in columns.values() for row in column.rows]
     measured = [row for row in rows if not row.why_not]
     repeats = max((row.trials for row in measured), default=1)

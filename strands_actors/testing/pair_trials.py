@@ -33,7 +33,7 @@ from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
 def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
-    """Run one trial of a pair, as ``cells.run_cell`` does for a cell.
+    """Run one trial in which a pair of processes breaks, as ``cells.run_cell`` does for one process.
 
     The order of the two faults and the time between them are random.
     """
@@ -47,7 +47,7 @@ def run_pair(pair: Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
 
 
 def _motion(pair: Pair, driver: Driver) -> str:
-    """Choose a motion in which one of the two victims sends the setpoints, if one of them can do that."""
+    """Choose a motion in which a process of the pair sends the setpoints, if one of the two can do that."""
     if driver.TASKS:
         return "rollout"
     if driver.ROLLOUTS:
@@ -68,7 +68,7 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
         except ProcessLookupError:
             if not number:
                 raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
-            # If only the second process is missing, the first fault has ended it. The trial counts nevertheless.
+            # If only the second process to break is missing, the first fault has ended it, and the trial counts.
     bound_ms = pair_bound_s(bench.driver, pair) * 1e3
     expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     if pair.stops:
@@ -85,7 +85,7 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
 
 
 def _let_go(pair: Pair, caller: Caller) -> None:
-    """Let frozen processes continue.
+    """Let the frozen processes of a pair continue.
 
     They must not write: they were killed, or they have no connection to the robot.
     """

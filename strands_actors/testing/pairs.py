@@ -60,12 +60,12 @@ class Pair:
 
     @property
     def faults(self) -> tuple[tuple[str, Faults], ...]:
-        """The two victims, each with its fault."""
+        """The two victims (processes that are broken), each with its fault."""
         return tuple(zip(self.members, FAULTS[self.combination], strict=True)) if self.members else ()
 
     @property
     def stops(self) -> bool:
-        """True if neither fault changes the commands to the robot. Then the trial ends with a stop."""
+        """True if the trial ends with a stop, because neither fault changes the commands to the robot."""
         return bool(self.members) and all(map(is_bystander, self.members))
 
     def __str__(self) -> str:
@@ -128,8 +128,8 @@ def pair_bound_s(driver: Driver, pair: Pair) -> float:
     """Return the published bound, in seconds from the later fault.
 
     If root and wire process fail, the standby process stops the robot, and the bound is the standby's. For all
-    other pairs a process remains that stops the robot. Then it is the longer one of the bounds for each fault
-    alone.
+    other pairs a process remains that stops the robot. The bound is then the longer one of the bounds for each
+    fault alone.
     """
     timing = driver.timing
     if set(pair.members) == _LAST_TWO:

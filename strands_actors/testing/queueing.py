@@ -22,8 +22,8 @@ class Queue:
 
     Args:
         pids: The processes.
-        mortal: One of the processes, which may end before the measurement does. ``look`` reads its time before
-            that. Any other process that ends or begins during the measurement counts with no wait.
+        mortal: One of the processes, which may end before the measurement does. ``look`` reads its waiting time
+            before that. Any other process that ends or begins during the measurement counts with no wait.
     """
 
     def __init__(self, pids: Iterable[int], mortal: int = 0) -> None:
@@ -32,11 +32,11 @@ class Queue:
         self._last_use = self._before.get(mortal, {}).get(mortal)
 
     def look(self) -> None:
-        """Read the time of the process that may end, while it can still be read."""
+        """Read the waiting time of the process that may end, while it can still be read."""
         self._last_use = processor_use(self._mortal) or self._last_use
 
     def waited_ms(self) -> float:
-        """Return the waits of all processes together, in milliseconds.
+        """Return how long all processes together waited for a processor, in milliseconds.
 
         For each process, only the thread with the longest wait counts.
         """

@@ -28,7 +28,7 @@ def register(class_path: str, robot: str) -> None:
 def column(name: str, class_path: str = "") -> tuple[str, str]:
     """Return the robot of a column of the kill matrix, and the ``module:Class`` of the driver to register.
 
-    The latter is empty for the usual driver of the robot.
+    The second text is empty for the usual driver of the robot.
 
     The name of a column is that of a robot, or ``robot:level`` if the robot can be commanded in two ways
     (``Driver.LEVELS``).

@@ -29,7 +29,7 @@ _MAX_REQUEST = 65536
 
 
 class Forked:
-    """A child of the template.
+    """A child that the template process has forked.
 
     Nothing waits for the end of the children. So the process id of a child may be used again when the child has
     ended.
@@ -56,7 +56,7 @@ class Forked:
 
 
 class Template:
-    """The template process.
+    """The process that has imported everything and forks callers (scripts that move a robot).
 
     Args:
         environment: The environment of the callers.
@@ -118,7 +118,7 @@ class Template:
 
 
 def serve(sock: socket.socket) -> dict[str, Any]:
-    """Fork for each request. Return in the child, with its settings.
+    """Fork a child for each request. This function returns in the child, with the settings of the child.
 
     When the parent has closed the socket, the template kills the last child and ends. A child in an endless loop
     would not notice the end of the parent.

@@ -64,7 +64,7 @@ def cell_named(victim: str, fault: str) -> Cell | Pair:
 
 
 class Done(msgspec.Struct, frozen=True, tag="done"):
-    """The last line of a worker for an order.
+    """The last line that a worker process writes for an order (some trials of a cell).
 
     ``problem`` is the reason if trials are missing, and empty otherwise.
     """
@@ -86,7 +86,7 @@ def trial(robot: str, outcome: Outcome) -> Trial:
 
 
 def subject() -> dict[str, str]:
-    """Return the conditions on which the figures depend: the code, the computer and Python.
+    """Return the subject of a run, on which the figures depend: the code, the computer and Python.
 
     The load is not included.
     """
@@ -120,7 +120,7 @@ def _processor() -> str:
 
 
 def encode(line: Trial | Run | Done) -> bytes:
-    """Encode a line.
+    """Encode a trial, or the head of a run, as a line of the file.
 
     JSON has no infinity. So if no safe frame came, the time is 0 and ``setpoints_after`` is -1.
     """
@@ -144,7 +144,7 @@ def _with_safe_ms(result: Trial, safe_ms: float) -> Trial:
 
 
 class Trials:
-    """All trials of a matrix. They are stored in a file if a path is given."""
+    """All trials of a kill matrix. They are stored in a file if a path is given."""
 
     def __init__(self, path: Path | None, jobs: int) -> None:
         """Read the file, and add a line for the new run.

@@ -147,7 +147,7 @@ class Twin:
         self._hand = trio.run(load(_BY_HAND), str(self._control), {**self._hand, **radians})
 
     def order(self, line: str) -> None:
-        """Send an order that only this robot's twin has, as a line of text."""
+        """Send an order that only the simulation of this robot (twin) knows, as a line of text."""
         self._command(line)
 
     def _command(self, line: str) -> None:
@@ -180,13 +180,13 @@ class Twin:
             self.process.wait()
             raise
         finally:
-            with contextlib.suppress(BrokenPipeError):  # closing writes what the twin has not read
+            with contextlib.suppress(BrokenPipeError):  # closing sends the orders that are not sent yet
                 self._lines.close()
             os.close(self._ours)
 
 
 def serve(driver: str, robot: str, **options: Any) -> None:
-    """Run ``strands-actors twin`` in the process of the simulated robot.
+    """Run the command ``strands-actors twin`` in the process of the simulated robot.
 
     ``driver`` is ``module:Class``, or empty.
     """

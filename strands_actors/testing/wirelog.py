@@ -131,11 +131,11 @@ class WireLog:
         return [entry for entry in self.entries(since_ns) if entry.sender == "host" and entry.kind == kind]
 
     def first_safe(self, since_ns: int) -> Entry | None:
-        """Return the first safe frame that was sent to the robot since this time (ns), or None."""
+        """Return the first safe frame (stop command) that was sent to the robot since this time (ns), or None."""
         return next(iter(self.host("safe", since_ns)), None)
 
     def safe_within(self, since_ns: int, bound_s: float) -> float:
-        """Return the seconds from ``since_ns`` to the first safe frame.
+        """Return the seconds from ``since_ns`` to the first safe frame (stop command).
 
         Raises:
             AssertionError: The safe frame came later than the bound, or there is no safe frame.
@@ -147,7 +147,7 @@ class WireLog:
         return took_s
 
     def setpoints_after_safe(self, since_ns: int, until_ns: int | None = None) -> int:
-        """Count the setpoints after the first safe frame after ``since_ns``.
+        """Count the setpoints after the first safe frame (stop command) since ``since_ns``.
 
         The order in the log decides, because frames that were read together have the same time.
         """
@@ -161,7 +161,7 @@ class WireLog:
         return count
 
     def no_setpoint_after_safe(self, since_ns: int, until_ns: int | None = None) -> None:
-        """Raise ``AssertionError`` if a setpoint follows the first safe frame, or if there is no safe frame."""
+        """Raise ``AssertionError`` unless a safe frame (stop command) came, and no setpoint after it."""
         count = self.setpoints_after_safe(since_ns, until_ns)
         assert count == 0, f"{count} setpoints after the safe frame"
 

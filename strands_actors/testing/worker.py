@@ -1,4 +1,4 @@
-"""Run one bench of a matrix as a process: ``python -m strands_actors.testing.worker``.
+"""Run one bench of a kill matrix as a process: ``python -m strands_actors.testing.worker``.
 
 The worker reads orders from standard input, one JSON line each (``Order``). For each order it writes one line per
 trial, and then ``Done``. It keeps the bench (a simulated robot and the script that moves it) while orders are for
@@ -36,14 +36,14 @@ class Order(msgspec.Struct, frozen=True):
 
 
 class Worker:
-    """Carry out orders, and keep the bench while orders are for the same robot."""
+    """Carry out orders for trials, and keep the bench while orders are for the same robot."""
 
     def __init__(self) -> None:
         self._bench: Bench | None = None
         self._bench_key = ("", "")
 
     def obey(self, order: Order) -> Iterator[Trial]:
-        """Yield the trials of an order. If the bench is of another robot, close it first.
+        """Carry out an order, and yield its trials. If the bench is of another robot, close it first.
 
         Raises:
             NotMoving: The robot cannot be made to move.
@@ -74,8 +74,8 @@ class Worker:
 
 
 def main() -> None:
-    """Carry out the orders on standard input until it ends. Write each trial, then ``Done``."""
-    # A shell makes background jobs ignore this signal. The children would inherit this, so restore the default.
+    """Carry out the orders on standard input until it ends. For each order, write each trial, then ``Done``."""
+    # A shell makes background jobs ignore SIGINT. The children would inherit that, so restore the default.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     worker = Worker()
     with contextlib.closing(worker), contextlib.suppress(KeyboardInterrupt, BrokenPipeError):

@@ -3,7 +3,7 @@
 Pure: the gate passes in its state (``GateSnapshot``) and the time. The first check that fails gives the refusal. So
 the checks of a setpoint are in the order that helps a person most:
 
-    mode          an e-stop, a tree that ends, no link, a robot that is not armed
+    mode          an e-stop, processes that are being ended, no link, a robot that is not armed
     lease, epoch  another writer has the lease, or the command was made before the last stop
     deadline      the deadline has passed, or is too far ahead
     conditions    a condition of the robot is broken: battery, a fault, a mode of its controller

@@ -32,7 +32,7 @@ ENDING_REASONS = frozenset({Reason.CALLER, Reason.CLEANUP, Reason.ROOT})
 
 
 class Mode(enum.StrEnum):
-    DOWN = "down"  # not connected; these processes have energised nothing
+    DOWN = "down"  # not connected; the robot's processes have energised nothing
     LOST = "lost"  # not connected; the link was lost while energised, or before the safe state was confirmed
     DISARMED = "disarmed"  # connected and stopped, with a confirmed safe state; waits for a resume
     ARMING = "arming"  # the motors are being energised at the measured position
@@ -41,8 +41,8 @@ class Mode(enum.StrEnum):
     STOPPING = "stopping"  # the safe state was written and is not yet confirmed
     UNCONFIRMED = "unconfirmed"  # a motor did not confirm the safe state
     FAILED = "failed"  # the wire process has failed too often; only a new start of the robot helps
-    ENDING = "ending"  # the processes end; the safe state is not yet confirmed; only a stop is accepted
-    ENDED = "ended"  # the processes end; the safe state is confirmed, or nothing had been energised
+    ENDING = "ending"  # the robot's processes end; the safe state is not yet confirmed; only a stop is accepted
+    ENDED = "ended"  # the robot's processes end; the safe state is confirmed, or nothing had been energised
 
 
 class Event(enum.StrEnum):

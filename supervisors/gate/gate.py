@@ -235,7 +235,7 @@ class Gate(Actor):
                 self._link_lost(message.cause)
         return None
 
-    # -- setpoints
+    # -- setpoints of writers
 
     def _setpoint(self, message: Setpoint) -> Accepted | Refused:
         lease = self._leases.find(message.lease, message.channel)
@@ -328,7 +328,7 @@ class Gate(Actor):
         if deferred is not None:
             deferred.send(message.refusal or Performed(message.result))
 
-    # -- the lease
+    # -- leases: give, release and end them
 
     def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
         """Give a lease. During a hold, the reply is sent only when the hold is done. The next command then starts
@@ -389,7 +389,7 @@ class Gate(Actor):
         elif lease.pid == pid:
             self._trip(Reason.EXPIRED, f"the process of {lease.holder} is stopped")
 
-    # -- time
+    # -- checks when time passes
 
     def _look(self, now_ns: int, admitted: bool = False) -> None:
         """Check everything that may end the setpoint in force. ``admitted`` is True if the conditions of the robot
@@ -426,7 +426,7 @@ class Gate(Actor):
         live = self._live is not None and self._state.mode is Mode.ARMED
         self._watchdog.tell(Alive(number, self._state.epoch, live))
 
-    # -- stop, resume
+    # -- stops and resumes
 
     def _stop(self, message: Stop) -> StopReport | Deferred | None:
         if message.channel:  # the sender is a policy process, or another program of the user
@@ -449,11 +449,11 @@ class Gate(Actor):
         return self._report_now(message.reason)
 
     def _report_now(self, reason: Reason) -> StopReport:
-        """Return the report when there is nothing to order. It is the report of the last stop, while that is still
-        valid.
+        """Return the report for ``reason`` when no stop has to be ordered.
 
-        Without such a report, only two kinds of robots are confirmed as stopped: a robot with nothing energised,
-        and an armed robot for a reason that only requires a hold.
+        Two kinds of robots are confirmed as stopped: a robot with nothing energised, and an armed robot if
+        ``reason`` only requires a hold. For any other robot, return the report of the last stop if that is still
+        valid, and otherwise a report without a confirmation.
         """
         state, safe_state = self._state, self._driver.fallbacks[reason]
         if state.mode in failsafe.SAFE or (state.mode is Mode.ARMED and reason in HOLDING_REASONS):
@@ -464,7 +464,7 @@ class Gate(Actor):
         return StopReport(reason, safe_state, state.epoch, False, not_reached(self._driver, problem))
 
     def _safety(self) -> StopReport | Deferred:
-        """Return the report of ``_report_now``. If a stop is not reported yet, reply when it is."""
+        """Return the report of the last stop (``_report_now``). If a stop is not reported yet, reply when it is."""
         if self._state.mode in _MADE_SAFE and not self._is_reported:
             deferred = self.context.defer()
             self._stops.append(Waiting(self._state.epoch, deferred, False))
@@ -524,12 +524,12 @@ class Gate(Actor):
         self._state, action = failsafe.step(before, event, lock)
         makes_safe = action is Action.MAKE_SAFE
         if makes_safe:
-            # A hold after a lost link does not replace that cause.
+            # A hold after a lost link keeps the lost link as the cause.
             if event is not Event.HOLD or before.mode is not Mode.LOST:
                 self._blame(cause, reason, rank_of(reason) if rank is None else rank, lapse)
             self._live = None
             self._report_stands = False
-            # Send this before any other message.
+            # Send the order to stop before any other message.
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))
             self._refuse_resumes(Refused(Code.STOPPED, cause, "call resume() again when the stop is confirmed"))
         if self._state != before:
@@ -540,7 +540,7 @@ class Gate(Actor):
         """Set the cause of the stop, unless a more specific cause was found shortly before."""
         now_ns = self.context.received_ns
         present, observation = self._cause, self._observation
-        # True if the same cause is set again, as when a lost link comes back.
+        # True if this cause is already set, for example when a lost link comes back.
         goes_on = text == present.text
         faults = present.faults if goes_on else {} if observation is None else dict(observation.faults)
         cause = Cause(text, reason, rank, now_ns + SOON_NS, faults, lapse)
@@ -731,7 +731,7 @@ class Gate(Actor):
         self._aim_at_measured(observation)
         self._target = target_after_hold(self._driver, report, before, self._target)
 
-    # -- the link
+    # -- the link to the robot, and the state of the gate
 
     def _link_up(self, message: LinkUp) -> None:
         self._facts = dict(message.facts)
@@ -796,7 +796,7 @@ class Gate(Actor):
         refusal = self._admission.refuse_motion(self._snapshot(), self.context.received_ns)
         return None if refusal is None else refusal.about(MOVE)
 
-    # -- recordings
+    # -- memory for recordings and replays
 
     def memory(self) -> GateMemory:
         return GateMemory(**{name: getattr(self, f"_{name}") for name in GateMemory.__struct_fields__})

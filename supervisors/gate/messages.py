@@ -26,7 +26,7 @@ MAX_LIFETIME_S = 10.0
 """Longest time from now to a setpoint's deadline. A later deadline comes from a wrong clock."""
 
 
-# -- from writers
+# -- messages from writers (scripts, policies and other programs)
 
 
 MOVE, OBSERVE, ACQUIRE, RESUME = "move", "observe", "acquire", "resume"
@@ -154,8 +154,8 @@ class Stop(Message, frozen=True):
     channel: str = ""
 
     def as_ordered(self) -> Stop:
-        """Return the stop with a reason that another program may use. Other reasons would end the robot's
-        processes, or only make a locked robot hold."""
+        """Return this order with a reason that another program may use. Any other reason is replaced, since it
+        would end the robot's processes, or only make a locked robot hold."""
         if self.reason in ORDERED:
             return self
         return msgspec.structs.replace(self, reason=Reason.ESTOP if self.lock else Reason.STOP)

@@ -23,8 +23,8 @@ _MAX_QUESTIONS = 256
 class Answers:
     """Send the robot's answers and events over the mesh.
 
-    A command that was published (zenoh put) is answered on a public key of its sender. A query (zenoh get) gets a
-    private reply.
+    A command that was published (zenoh put) is answered on a zenoh key of its sender, which other peers can
+    read. A query (zenoh get) gets a reply that only its sender can read.
 
     Attributes:
         refused: Number of refusals, whether they were sent or not.

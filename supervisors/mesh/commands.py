@@ -285,7 +285,7 @@ class Commands(Actor):
         own = self._lease if sender == self._holder else None
         self.context.start_soon(self._motion.do, sender, own, command, answer)
 
-    # -- writing
+    # -- commands that need a lease
 
     async def _acquire(self, sender: str) -> dict[str, Any] | Refused:
         await self._motion.wait_for_hold()
@@ -332,7 +332,7 @@ class Commands(Actor):
             return no_answer(answer)
         return self._driver.accepted(move.targets, answer.values, answer.sensors)
 
-    # -- reading
+    # -- commands that only read the robot
 
     async def _observe(self) -> dict[str, Any] | Refused:
         answer = await self._gate.ask(messages.GetObservation(), ASK_S)

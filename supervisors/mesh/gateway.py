@@ -142,7 +142,7 @@ class Gateway(Actor):
 
     Args:
         robot: Name of the robot.
-        kind: Type of the robot.
+        robot_type: Type of the robot, such as ``so101``.
         driver: Driver of the robot.
         pubsub: The session on the mesh.
         shared: State that the actors on the mesh share.

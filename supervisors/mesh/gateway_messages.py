@@ -2,7 +2,7 @@
 
 A caller on another host shares no clock with the robot. It first reads the robot's clock (``Sync``)
 and gives every command a deadline on that clock (``Dated``). The gateway refuses a command that
-arrives after its deadline, however long the command was under way.
+arrives after its deadline.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Synced(Message, frozen=True):
         session: Name of the caller's session. It is secret, since it proves the right to use the leases of the
             session.
         robot_ns: The robot's clock (CLOCK_MONOTONIC of its host) when this answer was sent.
-        kind: The kind of the robot.
+        kind: Type of the robot, such as ``so101``.
         axes: The axes of the robot.
     """
 

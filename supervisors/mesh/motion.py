@@ -130,7 +130,7 @@ class Motion:
         if self._keeper == sender:
             self._kept = None
 
-    # -- checks
+    # -- checks before a motion begins
 
     def _refuse(self, command: mesh_json.Motion) -> Refused | None:
         driver, action = self._driver, command.action
@@ -174,7 +174,7 @@ class Motion:
                 return await self._simulate(lease, sender, own, "step", {"steps": command.steps})
         return await self._reset(lease, sender, own)
 
-    # -- the lease
+    # -- the lease of a motion: acquire, keep and release it
 
     async def _lease(self, sender: str, own: messages.Lease | None) -> messages.Lease | Refused:
         """Return the lease for a motion: the sender's own lease, the one that is kept for it, or a new one."""
@@ -195,8 +195,8 @@ class Motion:
         return answer if isinstance(answer, messages.Lease | Refused) else no_answer(answer)
 
     def _keep(self, lease: messages.Lease, sender: str, own: messages.Lease | None, for_s: float) -> None:
-        """Send heartbeats for a lease for ``for_s`` seconds; 0 means until the policy has ended. For its own lease,
-        the sender sends them itself."""
+        """Send heartbeats for the lease of a motion for ``for_s`` seconds; 0 means until the policy has ended. Do
+        nothing for the sender's own lease, since the sender sends its heartbeats."""
         if lease == own:
             return
         until_ns = self._context.clock.now_ns() + round(for_s * NS) if for_s else 0
@@ -208,7 +208,7 @@ class Motion:
 
     async def _beat(self, lease: messages.Lease) -> None:
         """Send heartbeats for a lease until its motion has ended, the robot is stopped, or the lease is replaced.
-        Then release it."""
+        Then release the lease."""
         due_ns = 0
         while self._kept == lease:
             now_ns = self._context.clock.now_ns()
@@ -256,13 +256,13 @@ class Motion:
             if status is None or status.holder != by or self._kept != lease:
                 return
             if status.epoch == lease.epoch + 1 and status.lapse in _OVER_BY_ITSELF:
-                # The motion ended by itself before our order, which is a planned end, too.
+                # The motion ended by itself before this process could order the hold. This is a planned end, too.
                 self._shared.resumed_epoch = status.epoch
             if status.epoch != lease.epoch:
                 return
             report = await self._gate.ask(messages.Stop(Reason.EXPIRED, by), self._stop_s)
         except (AskTimeout, Unreachable):
-            # The setpoint ends by itself. Then the robot must be resumed.
+            # The gate did not answer. The setpoint ends by itself, and then the robot must be resumed.
             return
         if isinstance(report, messages.StopReport) and report.epoch == lease.epoch + 1:
             self._shared.resumed_epoch = report.epoch
@@ -294,7 +294,7 @@ class Motion:
         except (AskTimeout, Unreachable):
             return
 
-    # -- a rollout
+    # -- motions by a policy (a rollout)
 
     async def _start(
         self, sender: str, own: messages.Lease | None, command: mesh_json.Start
@@ -339,7 +339,7 @@ class Motion:
         await self._free.wait()
         return task_json(self._task())
 
-    # -- a pose
+    # -- motions to a pose
 
     async def _pose(
         self, lease: messages.Lease, sender: str, own: messages.Lease | None, command: mesh_json.SetJoints
@@ -354,7 +354,7 @@ class Motion:
         self._keep(lease, sender, own, command.duration)
         return self._driver.accepted(command.target_joints, answer.values, answer.sensors)
 
-    # -- a simulation
+    # -- steps and resets of a simulation
 
     async def _simulate(
         self,
@@ -419,7 +419,7 @@ _NOT_SAFE = Refused(Code.UNCONFIRMED, "the simulated robot did not confirm the s
 
 
 def holder_of(sender: str) -> str:
-    """Return the name of a lease's holder, as other callers read it."""
+    """Return the name under which a sender on the mesh holds a lease, as other callers see it."""
     return f"{mesh_json.plain(sender)} on the mesh"
 
 

@@ -192,13 +192,13 @@ class Safety(Actor):
             self._shared.audit(sender or "somebody", "stop or resume", f"refused: {refused.text}", "the mesh")
         self._answers.refuse(sender if admitted else "", turn, refused)
 
-    # -- stop
+    # -- orders to stop the robot
 
     def _stop(self, order: StopOrder) -> None:
         if order.sent is not None:
             self.context.start_soon(self._make_safe, [order])
             return
-        # If the list is full, add only an e-stop, and only if no other e-stop waits.
+        # If the list of waiting orders is full, add only an e-stop, and only if no other e-stop waits.
         if len(self._waiting) < _WAITING or (order.lock and not any(waiting.lock for waiting in self._waiting)):
             self._waiting.append(order)
         if self._later_is_due:
@@ -240,7 +240,7 @@ class Safety(Actor):
             if order.sender:
                 self._answers.success(order.sender, order.turn, {**result, "locked": order.lock}, final)
 
-    # -- resume
+    # -- orders to resume the robot
 
     def _resume(self, order: ResumeOrder) -> None:
         if self._resuming:

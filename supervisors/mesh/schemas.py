@@ -65,7 +65,7 @@ def response_key(sender: str, robot: str, turn: str) -> str:
     return f"{PREFIX}/{sender}/response/{robot}/{turn or '-'}"
 
 
-# -- commands
+# -- commands to a robot
 
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_.-]{1,64}\Z")]
 MAX_TEXT = 256
@@ -285,7 +285,7 @@ class SafetyOrder(msgspec.Struct, frozen=True):
     by: Any = ""
 
 
-# -- answers
+# -- answers of a robot
 
 
 class Refusal(msgspec.Struct, frozen=True, omit_defaults=True):

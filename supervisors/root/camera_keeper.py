@@ -123,7 +123,7 @@ class CameraKeeper:
             reason = await self._until_ended(camera, ring)
             failures = 0 if trio.current_time() - began_s > SETTLED_S else failures
             pause_s = PAUSES_S[min(failures, len(PAUSES_S) - 1)]
-            _tell(ring, f"{reason}. its process is started again in {pause_s:g} s")
+            _tell(ring, f"{reason}. Its process is started again in {pause_s:g} s")
             await trio.sleep(pause_s)
             failures += 1
 
@@ -157,8 +157,8 @@ class CameraKeeper:
         return reason
 
     async def _watch(self, process: ChildProcess, ring: FrameRing, silent: trio.Event) -> None:
-        """Kill the process if it sends no heartbeat. Its ring has only one writer, so the next process is started
-        after that."""
+        """Kill the process of a camera if it sends no heartbeat. The next process is started only after that, since
+        only one process may write pictures into the ring."""
         while self._node.clock.now_ns() - ring.beaten_ns <= SILENT_S * NS:  # noqa: ASYNC110  # there is no event to wait for
             await trio.sleep(LOOK_S)
         silent.set()

@@ -100,7 +100,8 @@ class ChannelKeeper:
         return deferred
 
     def look(self) -> None:
-        """Inform the gate when the root's channel begins to lack a resource, or no longer lacks it."""
+        """Inform the gate when the root's channel begins to lack a resource, such as memory, or has it
+        again."""
         lacks = "" if self.own is None else self.own.lacks
         if lacks != self._lacks:
             self._lacks = lacks

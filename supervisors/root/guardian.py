@@ -2,7 +2,7 @@
 
 If the wire process is silent or dies, the guardian
 
-1. writes the safe frame by the root's own connection to the robot (its stop channel),
+1. writes the safe frame (it stops the robot) by the root's own connection to the robot (its stop channel),
 2. fences the wire process: kills it and waits for its end, since a frozen process could write again,
 3. writes the safe frame again, and reads every motor back.
 
@@ -179,8 +179,8 @@ class Guardian(Actor):
                 # Ignore a late message of a wire process that has ended.
                 if self._guarded is not None:
                     if self._broken.is_set() and self.state.locked_by and not message.locked_by:
-                        # The message was sent before the wire process ended. The gate did not know the e-stop that
-                        # the root was ordered.
+                        # The gate sent this message before the wire process ended, and without knowledge of the
+                        # e-stop that the root has carried out.
                         message = msgspec.structs.replace(message, locked_by=self.state.locked_by)
                     self.state = message
                     # This is the first message of a new gate, before the robot is connected.
@@ -486,7 +486,7 @@ class Guardian(Actor):
             fenced = await self._fenced(guarded)
             if fenced and self._look_for_requests(fenced):
                 await self._repeat_stop(epoch, REPEAT_S)
-        while self._waiting:  # orders that came meanwhile
+        while self._waiting:  # orders to stop that came during this method
             await self._make_safe(epoch)
         self.reported.set()
         self.idle.set()
@@ -503,7 +503,7 @@ class Guardian(Actor):
         return unsettled
 
     async def _fence_guarded(self, guarded: GuardedWire) -> bool:
-        """Write the safe frame, then kill the wire process and wait for its end.
+        """Write the safe frame (the bytes that stop the robot), then kill the wire process and wait for its end.
 
         If the root dies in between, either the wire process still runs and stops the robot, or the robot has
         received the safe frame.
@@ -578,8 +578,8 @@ class Guardian(Actor):
             if self.channels.own is not None:
                 motors = await self._settled(partial(attempt, self.channels.own, self._driver, safe_state))
             elif not self._confirmed or safe_state.severity > self._usual.severity:
-                # This wire process has energised nothing. But the robot may be in a state that an earlier one has
-                # left.
+                # This wire process has energised nothing. But an earlier wire process may have left the
+                # robot in any state.
                 motors = await self._settled(partial(attempt_anew, self._driver, self.context.clock, safe_state))
         self._attempting = None
         if not all_safe(motors):

@@ -1,7 +1,7 @@
 """Keep the lock of an e-stop on the disk while the robot is locked. A thread writes it, since a disk may be slow.
 
 The root does this, because it knows every lock: a lock that the gate in the wire process has set, and a lock of an
-e-stop after which that process was killed. Safe frames never wait for the disk. The report that the robot is locked
+e-stop after which that process was killed. A stop never waits for the disk. The report that the robot is locked
 waits until the lock is stored.
 """
 

@@ -386,7 +386,7 @@ class Tree:
         await wait_for_end_of(pid)
         self.shut_down(Reason.CALLER, "the caller ended")
 
-    # -- the end
+    # -- the end of the robot's processes
 
     def _see_dying(self, pid: int) -> None:
         """React to a writer's process that was killed, before the system reports its end. On a busy machine a
@@ -424,7 +424,7 @@ class Tree:
             waiting.send(report)
         self._waiting.clear()
         await self.guardian.idle.wait()
-        for waiting in self._waiting:  # orders that came meanwhile
+        for waiting in self._waiting:  # orders to end the processes that came during this method
             waiting.send(self.guardian.last_report or report)
         await self.keeper.settle()
         with trio.move_on_after(KEEP_S):
@@ -527,13 +527,13 @@ def main(args: dict[str, Any], sock: socket.socket) -> None:
         name=(args["robot"], "spawner", args["label"]),
         forget=args.clear,
     )
-    raise_limits()  # done after the spawner was forked, so that policies keep the limits of the user
+    raise_limits()  # after the fork of the spawner, which starts policies: they keep the limits of the user
     (page,) = args["descriptors"]
     robot, label = args["robot"], args["label"]
     wire = ForkedAhead((robot, "wire", label), (page,))
     standby = ForkedAhead((robot, "standby", label), session=True)
     ahead = Ahead(spawner, wire, standby, page)
-    lower_oom_score()  # not for the spawner, since policies are its children
+    lower_oom_score()  # after the fork of the spawner, since its children (policies) would inherit the score
     trio.run(_main, args, sock, ahead)
 
 

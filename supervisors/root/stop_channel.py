@@ -105,7 +105,7 @@ async def settled(
 ) -> tuple[MotorReport, ...]:
     """Stop the robot again and again, until no earlier request can take effect any more.
 
-    An arming that was cut off may energise the robot after the safe frame. So the safe state is written at once.
+    An arming that was cut off may energise the robot after a stop. So the safe state is written at once.
     When ``SafetyPage.unsettled_s`` has passed, it is written and read back again. Only the last report counts.
 
     Args:

@@ -176,8 +176,8 @@ class Tasks(Actor):
             self.process.kill()
 
     def _refuse_late(self, message: StartTask) -> Refused | None:
-        """Return a refusal if the deadline of the request has passed. At its deadline, the sender was answered that
-        no policy was started."""
+        """Return a refusal if the deadline of the request has passed, since the sender was then answered that no
+        policy was started."""
         if not message.deadline_ns:
             return None
         return refuse_by_deadline(message.deadline_ns, self.context.clock.now_ns())

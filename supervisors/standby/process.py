@@ -210,8 +210,8 @@ class Standby(Actor):
             self._leave(NO_CHANNEL)
 
     def _check_reserve(self, now_ns: int) -> None:
-        """Exit if this process lacks a resource that it needs to stop the robot. The root then starts another
-        standby."""
+        """Exit if this process lacks a resource, such as memory, that it needs to stop the robot. The root then
+        starts another standby."""
         if self._acts or self._root.state is not ProcessState.RUNS or now_ns < self._check_at_ns:
             return
         self._check_at_ns = now_ns + round(CHECK_S * NS)
@@ -219,7 +219,7 @@ class Standby(Actor):
             report_failure("the standby process", RuntimeError(f"the standby could not stop the robot: {missing}"))
             self._leave(EXIT_SHORT)
 
-    # -- actions
+    # -- actions of the standby: decide, fence, stop the robot
 
     def _decide(self) -> None:
         if self._acts:
@@ -238,8 +238,8 @@ class Standby(Actor):
                 pass
 
     async def _fence(self, *processes: _WatchedProcess) -> None:
-        """Kill all silent processes, then wait until they have ended. No process may run while another one is
-        waited for."""
+        """Kill all silent processes, then wait until they have ended. Kill all of them before the first wait, since
+        a silent process may wake up meanwhile."""
         now_ns = self.context.clock.now_ns()
         async with trio.open_nursery() as nursery:
             for process in processes:
@@ -348,7 +348,8 @@ class Standby(Actor):
 
 
 def _parts_of(message: WatchOver) -> tuple[int, int | None, int | None]:
-    """Return the descriptor of the page, and the pidfds of root and wire or None."""
+    """Return the descriptors in a message: the shared page, and the pidfds of root and wire. A pidfd that is
+    missing in the message is None."""
     page, *pidfds = message.descriptors
     root_fd, wire_fd, *_ = (*pidfds, None, None)
     return page, root_fd, wire_fd

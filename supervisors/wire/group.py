@@ -80,16 +80,17 @@ async def run_group(
         robot: Name of the robot.
         start_state: The first failsafe state.
         cause: The cause of that state.
-        orphaned: See ``Watchdog``.
+        orphaned: Called after the root has ended and the robot was stopped (see ``Watchdog``).
         heartbeat: The heartbeats of wire and root.
-        root: See ``Watchdog``.
-        missed: See ``Watchdog``.
+        root: Returns whether the root process waits for a processor (see ``Watchdog``).
+        missed: Called at a tick without a new heartbeat of the root (see ``Watchdog``).
         made: Called with the new transport.
-        locked_since: See ``Gate``.
-        safety_page: See ``Transport``.
-        no_standby: See ``Gate``.
-        audited: See ``Gate``.
-        secret: See ``Gate``.
+        locked_since: When the robot was locked by an e-stop; empty if it is not locked.
+        safety_page: The shared page on which root and standby read if anything may be energised.
+        no_standby: Why nothing may be energised yet (see ``Gate``).
+        audited: True to report every decision of the gate to the root, for the audit.
+        secret: Key for the numbers of leases (see ``Gate``).
+        task_status: Informed when the three actors run.
     """
     actors = addresses.of(robot)
     transport = Transport(

@@ -2,8 +2,8 @@
 
 An arming takes effect when the robot carries it out, not when the wire process sends it. The robot may still load a
 program, answer a login, or start a motor driver. If a stop comes meanwhile, the robot may be energised after the
-safe frame. So the transport notes each request on the shared page (``SafetyPage``). Root and standby read it there
-after the wire process has died.
+stop. So the transport notes each request on the shared page (``SafetyPage``). Root and standby read it there after
+the wire process has died.
 
     state of the request                        entry on the page
     the check of its permit has passed          running

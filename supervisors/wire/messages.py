@@ -8,7 +8,7 @@ from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.messages import Message
 
-# -- the transport
+# -- messages to the transport
 
 
 class Write(Message, frozen=True):
@@ -61,7 +61,7 @@ class HandOverAgain(Message, frozen=True):
     """A request of the root: hand over the open descriptors again, for a new standby."""
 
 
-# -- the watchdog
+# -- messages to the watchdog
 
 
 class Alive(Message, frozen=True):

@@ -122,7 +122,7 @@ class Transport(Actor):
         self._safety_page = safety_page or SafetyPage()
         self._safety_page.may_be_energised = energised
         self._performing: trio.CancelScope | None = None
-        # True if a call of an SDK hangs: this process can then only write safe frames.
+        # True if a call of an SDK hangs: this process can then only stop the robot.
         self._replacement_requested = False
         self._last: Write | None = None
         timing = driver.timing
@@ -444,7 +444,7 @@ class Transport(Actor):
         moved = declared.moves
         self._gate.tell(CarriedOut(message.number, result, refusal, moved))
 
-    # -- the link
+    # -- the link to the robot: open, hand over and close it
 
     async def _open(self, number: int) -> None:
         now_ns = self.context.clock.now_ns()
@@ -568,8 +568,8 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _waiting(self) -> Iterator[None]:
-        """Let the block wait for the robot, until a stop comes. If the driver declares that a call may take longer
-        than a heartbeat, inform the watchdog."""
+        """Run a ``with`` block that waits for the robot. A stop cancels the block. If the driver declares that a
+        call may take longer than a heartbeat, inform the watchdog."""
         with contextlib.ExitStack() as stack:
             if self._driver.timing.call_s:
                 stack.enter_context(self._busy(self._driver.timing.call_s))
@@ -578,7 +578,7 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _busy(self, at_most_s: float, number: int = 0) -> Iterator[None]:
-        """Inform the watchdog that the block may take ``longest_s``, so that it does not expect replies
+        """Inform the watchdog that the ``with`` block may take ``at_most_s`` seconds, so that it expects no replies
         meanwhile."""
         until_ns = self.context.clock.now_ns() + round(at_most_s * NS)
         self._watchdog.tell(Cycled(number, until_ns))

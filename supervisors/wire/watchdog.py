@@ -215,7 +215,7 @@ class Watchdog(Actor):
         finally:
             self._orphaned(confirmed)
 
-    # -- recordings
+    # -- memory for recordings and replays
 
     def memory(self) -> WatchdogMemory:
         return WatchdogMemory(

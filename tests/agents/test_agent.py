@@ -143,7 +143,7 @@ def test_an_undeclared_input_is_never_written(arm: RealRobot, twin: Twin) -> Non
         ({"action": "dance"}, "'dance' is not a verb of so101. Use status, sensors, move_to, set_torque, stop"),
         ({"action": "send_action", "shoulder_pan": 5.0}, "is not a verb"),
         ({"targets": {"gripper": 5.0}}, "no action is given"),
-        ([], "give an object"),
+        ([], "Give an object"),
         ({"action": "move_to", "shoulder_pan": 5.0}, "there is no input 'shoulder_pan'. Use targets, seconds"),
         ({"action": "move_to", "targets": [5.0]}, "targets is [5.0]. Give targets as object"),
         ({"action": "move_to"}, "targets is missing"),
@@ -167,7 +167,7 @@ def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin)
     locked_ns = time.monotonic_ns()
     refusal = call(arm, {"action": "set_torque", "enabled": True})
     assert "e-stopped by so101" in why(refusal)
-    assert "ask a person to lift the e-stop" in why(refusal)
+    assert "Ask a person to lift the e-stop" in why(refusal)
     refused = why(call(arm, moves(gripper=40.0)[1]))
     assert "e-stopped" in refused and "ask a person to lift the e-stop" in refused
     assert not twin.log.host("enable", locked_ns)
@@ -179,7 +179,7 @@ def test_a_call_of_an_unconnected_robot_is_refused(new_arm: NewArm) -> None:
     robot = new_arm(port="/dev/nowhere")
     assert json_of(call(robot, {"action": "status"}))["connected"] is False
     for action in ({"action": "sensors"}, {"action": "stop"}, moves(gripper=1.0)[1]):
-        assert "call connect_eagerly() first" in why(call(robot, action))
+        assert "Call connect_eagerly() first" in why(call(robot, action))
     robot.cleanup()
     assert "cleaned up. Make a new one" in why(call(robot, {"action": "stop"}))
 

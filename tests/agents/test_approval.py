@@ -99,7 +99,7 @@ def test_an_approval_that_guards_nothing_is_refused(keywords: dict[str, Any]) ->
 @pytest.mark.parametrize("seconds", ["30", None, float("nan"), float("inf"), -1, 0, [1], True])
 def test_how_long_an_operator_may_think_is_a_number_of_seconds(seconds: Any) -> None:
     """With another value the tool would raise when it asks the operator."""
-    with pytest.raises(ValueError, match=r"approve_within_s is .*\. give seconds, a number above 0"):
+    with pytest.raises(ValueError, match=r"approve_within_s is .*\. Give seconds, a number above 0"):
         Robot("so101", mode="real", port="/dev/nowhere", approve_within_s=seconds)
 
 

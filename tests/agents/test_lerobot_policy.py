@@ -245,13 +245,13 @@ def test_normalized_is_a_share_of_the_calibrated_range(save: Save) -> None:
 
 @pytest.mark.parametrize("units", ["", "radians", "percent", None])
 def test_units_are_never_guessed(save: Save, units: Any) -> None:
-    with pytest.raises(ValueError, match=r"units is .* give 'degrees' or 'normalized', the units of"):
+    with pytest.raises(ValueError, match=r"units is .* Give 'degrees' or 'normalized', the units of"):
         load(save(), units=units)
 
 
 def test_the_drivers_unit_is_accepted(save: Save) -> None:
     folder = save()
-    with pytest.raises(ValueError, match=r"units is 'degrees'\. give 'radians' or 'normalized'"):
+    with pytest.raises(ValueError, match=r"units is 'degrees'\. Give 'radians' or 'normalized'"):
         load(folder, unit="radians")
     load(folder, unit="radians", units="radians")
 
@@ -289,7 +289,7 @@ def test_a_calibrated_arm_passes_its_travel_only_to_a_policy_that_accepts_it() -
 
 
 def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"no checkpoint\. give pretrained_name_or_path, a folder"):
+    with pytest.raises(ValueError, match=r"no checkpoint\. Give pretrained_name_or_path, a folder"):
         load("")
     with pytest.raises(
         ValueError, match=r"there is no folder .*nowhere. Give one that lerobot saved; .*hf download"
@@ -301,7 +301,7 @@ def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
 def test_half_a_checkpoint_is_named(save: Save, name: str) -> None:
     folder = save()
     (folder / name).unlink()
-    with pytest.raises(ValueError, match=rf"has no {name}\. give a checkpoint as lerobot >= 0\.4 saves one"):
+    with pytest.raises(ValueError, match=rf"has no {name}\. Give a checkpoint as lerobot >= 0\.4 saves one"):
         load(folder)
 
 

@@ -94,7 +94,7 @@ def test_only_a_remote_policy_takes_an_address() -> None:
 
 @pytest.mark.parametrize("name", ["smooth_talk", "", None, 3])
 def test_an_unknown_policy_name_is_refused_with_the_known_names(name: Any) -> None:
-    with pytest.raises(ValueError, match="use one of lerobot_local, mock, remote, sine"):
+    with pytest.raises(ValueError, match="Use one of lerobot_local, mock, remote, sine"):
         choose_provider(name, "localhost", None, {})
 
 
@@ -311,5 +311,5 @@ def test_a_missing_reading_is_null_in_json() -> None:
 def test_a_silent_policy_server_ends_in_a_timeout() -> None:
     with socket.create_server(("127.0.0.1", 0)) as mute, pytest.raises(TimeoutError, match=r"within 0\.2 s"):
         Remote(AXES, "127.0.0.1", mute.getsockname()[1], timeout_s=0.2)
-    with pytest.raises(ValueError, match="use one of msgpack, json"):
+    with pytest.raises(ValueError, match="Use one of msgpack, json"):
         Remote(AXES, encoding="pickle")

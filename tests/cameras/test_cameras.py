@@ -171,9 +171,9 @@ def test_a_reader_follows_a_restarted_robot_and_names_a_missing_camera(new_arm: 
     reader = attach_camera("so101", "eye")
     picture(reader)
     for wrong in ("50", [50], -1, 0, float("nan"), float("inf"), True):
-        with pytest.raises(ValueError, match="give milliseconds, above 0"):
+        with pytest.raises(ValueError, match="Give milliseconds, above 0"):
             arm.read_camera("eye", wrong)  # type: ignore[arg-type]
-        with pytest.raises(ValueError, match="give seconds, above 0"):
+        with pytest.raises(ValueError, match="Give seconds, above 0"):
             reader.newest(wrong)  # type: ignore[arg-type]
     none: tuple[Any, ...] = (["eye"], {}, None)
     for nothing in none:

@@ -98,7 +98,7 @@ def test_a_device_is_set_up_format_first_and_read_in_rgb() -> None:
         assert [picture.image[0, 0].tolist() for picture in (first, second)] == [[1, 0, 0], [2, 0, 0]]
         assert before_ns < first.captured_ns < second.captured_ns <= time.monotonic_ns()
         await source.read()
-        with pytest.raises(WireDown, match=r"0 gives no more pictures\. check that it is plugged in"):
+        with pytest.raises(WireDown, match=r"0 gives no more pictures\. Check that it is plugged in"):
             await source.read()
         await source.aclose()
 

@@ -36,7 +36,7 @@ from .command import Command
         (["calibrate", "so11", "--port", "x"], "'so11' is not known (so101?)"),
         (["calibrate", "ur5e", "--port", "x"], "its maker calibrates it"),
         (["drill", "nope", "--twin", "--yes"], "`strands-actors list` has them all"),
-        (["twin", "so101", "--port-file", "port", "--fault", "off:99"], "it has 1, 2, 3, 4, 5, 6"),
+        (["twin", "so101", "--port-file", "port", "--fault", "off:99"], "Use one of 1, 2, 3, 4, 5, 6"),
         (["send", "nobody", "x=1"], "nobody is not on the mesh"),
         (["record", "one", "-o", "a", "--dataset", "b"], "one of the two"),
         (["record", "one", "-o", "a", "--fps", "7", "--camera", "eye"], "--fps, --camera: of a dataset's episodes"),

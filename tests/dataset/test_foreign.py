@@ -194,7 +194,7 @@ def test_files_of_a_dataset_that_counts_no_episode_stay(root: Path) -> None:
     path = root / "data/chunk-000/file-000.parquet"
     path.parent.mkdir(parents=True)
     path.write_bytes(b"PAR1 and no footer")
-    with pytest.raises(DatasetError, match=r"has no episode in its meta/info.json, and files"):
+    with pytest.raises(DatasetError, match=r"has no episode in its meta/info.json, but files"):
         Dataset(root)
     assert path.exists() and show(root).stray_files == ["data/chunk-000/file-000.parquet"]
 

@@ -142,8 +142,8 @@ def test_an_onlooker_sees_an_episode_run_from_its_start_to_its_end() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("-o", "x.mcap", "--keys", "page"), "give --dataset DIR"),
-        (("--dataset", "set", "--task", "x", "--keys", "pedal"), "use page, gamepad, phone"),
+        (("-o", "x.mcap", "--keys", "page"), "Give --dataset DIR"),
+        (("--dataset", "set", "--task", "x", "--keys", "pedal"), "Use page, gamepad, phone"),
         (("--dataset", "set", "--task", "x", "--keys", "phone:host:99999"), "cannot listen on 'host:99999'"),
     ],
 )

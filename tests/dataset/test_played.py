@@ -95,9 +95,9 @@ def played(units: tuple[str, ...] = (), joints: tuple[str, ...] = ("shoulder_pan
 @pytest.mark.parametrize(
     ("given", "units", "says"),
     [
-        (played(), "", "give units='degrees' or 'normalized'"),
-        (played(), "radians", "give units='degrees' or 'normalized'"),
-        (played(), "normalized", "give the robot calibration="),
+        (played(), "", "Give units='degrees' or 'normalized'"),
+        (played(), "radians", "Give units='degrees' or 'normalized'"),
+        (played(), "normalized", "Give the robot calibration="),
         (played(("rad", "percent")), "", "shoulder_pan was recorded in rad, but so101 uses deg"),
         (
             played(("deg", "percent")),
@@ -147,7 +147,7 @@ def test_the_command_plays_it_on_a_robot_that_runs(arm: Any, twin: Twin, tmp_pat
     result = json.loads(done.stdout)
     assert result["played"] and result["rows"] == 10
     done = command.run("dataset", "play", str(strange), arm.name)
-    assert done.returncode == cli.USAGE and "give units='degrees' or 'normalized'" in done.stderr
+    assert done.returncode == cli.USAGE and "Give units='degrees' or 'normalized'" in done.stderr
     done = command.run("dataset", "play", str(strange), arm.name, "--units", "degrees")
     assert done.returncode == 0 and "20 frames at 30 fps: put the cube down" in done.stdout, done.stderr
     arm.stop()

@@ -78,7 +78,7 @@ def test_a_frozen_recorder_is_dropped_and_its_episode_is_repaired(
         monkeypatch.setattr("strands_actors.surfaces.dataset.script.SILENT_S", 2.0)
         began_s = time.monotonic()
         for _ in range(2):
-            with pytest.raises(DatasetError, match=f"the recorder does not answer.*dataset repair {root}"):
+            with pytest.raises(DatasetError, match=f"the recorder did not answer.*dataset repair {root}"):
                 getattr(recording, word)()
         assert time.monotonic() - began_s < 10.0
         raise ZeroDivisionError
@@ -98,7 +98,7 @@ def test_the_exception_of_a_block_survives_the_death_of_its_recorder(arm: Any, t
 def test_a_killed_recorder_is_reported_with_a_remedy(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with (
-        pytest.raises(DatasetError, match=f"ended with code -9. `strands-actors dataset repair {root}`"),
+        pytest.raises(DatasetError, match=f"ended with code -9.*dataset repair {root}"),
         record_dataset(arm, root, task="wave") as recording,
         recording.episode(),
     ):
@@ -122,18 +122,18 @@ def test_a_script_gets_an_error_when_its_robot_is_gone(arm: Any, tmp_path: Path)
     ("given", "message"),
     [
         *(
-            ({"robot": robot}, "robot is .* give a connected robot")
+            ({"robot": robot}, "robot is .* Give a connected robot")
             for robot in (5, None, ["so101"], "", b"so101", Robot)
         ),
-        ({"robot": Path("so101")}, "robot is .* give a connected robot"),
-        *(({"root": root}, "root is .* give a path") for root in (5, None, "", b"set", ["set"])),
+        ({"robot": Path("so101")}, "robot is .* Give a connected robot"),
+        *(({"root": root}, "root is .* Give a path") for root in (5, None, "", b"set", ["set"])),
         *(
             ({"cameras": cameras}, "cameras is .* in a list")
             for cameras in (5, None, [["w"]], [5], b"w", "", [None])
         ),
-        *(({"codec": codec}, "there is no codec .* use av1 or mpeg4") for codec in (["av1"], 5, "", True)),
+        *(({"codec": codec}, "there is no codec .* Use av1 or mpeg4") for codec in (["av1"], 5, "", True)),
         *(({"task": task}, "task is missing") for task in (5, None, "", ["wave"])),
-        *(({"fps": fps}, "fps is .* give a whole number from 1 to 240") for fps in (30.0, "30", None, True, 0)),
+        *(({"fps": fps}, "fps is .* Give a whole number from 1 to 240") for fps in (30.0, "30", None, True, 0)),
     ],
 )
 def test_a_slip_is_refused_by_name_and_nothing_is_written(

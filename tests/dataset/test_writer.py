@@ -141,7 +141,7 @@ def test_every_codec_keeps_every_picture(root: Path, codec: str) -> None:
     [
         (CameraShape("a", 480, 641), "av1", "even width and height"),
         (CameraShape("a", 48, 64), "av1", "64 pixels or more"),
-        (CameraShape("a", 64, 64), "h264", "use av1 or mpeg4"),
+        (CameraShape("a", 64, 64), "h264", "Use av1 or mpeg4"),
     ],
 )
 def test_a_format_that_no_encoder_accepts_is_refused(

@@ -54,7 +54,7 @@ def earthrover(rover: RealRobot, twin: Twin) -> None:
 
 
 def microduck(duck: RealRobot, twin: Twin) -> None:
-    assert "call enable() first" in why(duck.send_action({"vx": 0.1}))
+    assert "Call enable() first" in why(duck.send_action({"vx": 0.1}))
     json_of(duck.enable())
     json_of(duck.send_action({"vx": 0.2, "duration": 0.4}))
     json_of(duck.send_action({"head_yaw": 0.3}))
@@ -75,7 +75,7 @@ def reachy_mini(reachy: RealRobot, twin: Twin) -> None:
 
 def spot(robot: RealRobot, twin: Twin) -> None:
     json_of(robot.resume())
-    assert "call stand() first" in why(robot.send_action({"vx": 0.2}))
+    assert "Call stand() first" in why(robot.send_action({"vx": 0.2}))
     json_of(robot.service("stand"))
     json_of(robot.send_action({"vx": 0.2}))
     json_of(robot.send_action({"arm_sh0": 0.3}))

@@ -169,7 +169,7 @@ def test_a_class_that_lacks_members_is_refused_by_their_names() -> None:
     assert not {"stop", "tool_name"} & set(missing)
     with pytest.raises(TypeError) as refusal:
         register_native_driver("half", Half)
-    assert str(refusal.value) == f"register_native_driver: the class Half lacks {', '.join(missing)}. add them"
+    assert str(refusal.value) == f"register_native_driver: the class Half lacks {', '.join(missing)}. Add them"
     assert "half" not in list_native_drivers()
 
 

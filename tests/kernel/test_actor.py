@@ -97,11 +97,11 @@ def test_the_protocol_is_the_union_in_the_annotation() -> None:
     [
         (NotAnnotated, "annotate its argument 'message' with the types it accepts"),
         (OtherName, "annotate its argument 'message' with the types it accepts"),
-        (TakesStrings, "<class 'str'> is not a Message. annotate 'message' with subclasses"),
-        (SaysNothing, "<class 'NoneType'> is not a Message. annotate 'message' with subclasses"),
-        (TakesAnything, "typing.Any is not a Message. annotate 'message' with subclasses"),
-        (NoReceive, "typing.Any is not a Message. annotate 'message' with subclasses"),
-        (NotImported, "'OnlyForCheckers' is not defined. import or define what it names at module level"),
+        (TakesStrings, "<class 'str'> is not a Message. Annotate 'message' with subclasses"),
+        (SaysNothing, "<class 'NoneType'> is not a Message. Annotate 'message' with subclasses"),
+        (TakesAnything, "typing.Any is not a Message. Annotate 'message' with subclasses"),
+        (NoReceive, "typing.Any is not a Message. Annotate 'message' with subclasses"),
+        (NotImported, "'OnlyForCheckers' is not defined. Import or define what it names at module level"),
     ],
 )
 def test_an_invalid_annotation_is_refused_with_the_remedy(actor: type[Actor], says: str) -> None:

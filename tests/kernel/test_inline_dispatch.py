@@ -219,4 +219,4 @@ async def test_an_actor_that_claims_to_be_prompt_but_waits_fails() -> None:
             with node.dispatch:
                 node.ref("strands/t/actor/slow").tell(Number(1))
             await trio.sleep(5)
-    assert "called prompt" in str(caught.value.exceptions[0].exceptions[0])  # type: ignore[attr-defined]
+    assert "is_prompt returned True" in str(caught.value.exceptions[0].exceptions[0])  # type: ignore[attr-defined]

@@ -167,7 +167,7 @@ def test_saf_016_without_a_standby_nothing_is_armed(moving: Callable[[str], Any]
     until(lambda: status(arm)["standby"] != "ready", "the missing standby is reported")
     requested_ns = time.monotonic_ns()
     refused = why(arm.resume())
-    assert "a process that could stop the robot is missing" in refused and "try again" in refused
+    assert "a process that could stop the robot is missing" in refused and "Try again" in refused
     assert twin.log.host("enable", requested_ns) == []
     resumed(arm)
     assert twin.log.host("enable", requested_ns)

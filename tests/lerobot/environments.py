@@ -34,7 +34,7 @@ def main(arguments: list[str]) -> int:
     only = [text.removeprefix(ONLY) for text in arguments if text.startswith(ONLY)]
     versions = [version for version in VERSIONS if not only or version.lerobot in only]
     if not versions:
-        print(f"no version {', '.join(only)}. there are {', '.join(each.lerobot for each in VERSIONS)}")
+        print(f"no version {', '.join(only)}. There are {', '.join(each.lerobot for each in VERSIONS)}")
         return 2
     rest = [text for text in arguments if not text.startswith(ONLY)]
     codes = [_run(version, rest) for version in versions]

@@ -68,7 +68,7 @@ def test_one_that_is_not_calibrated_is_refused_and_asks_nobody(tmp_path: Path) -
     with Twin("so101_leader", tmp_path) as leader, Robot("so101", mode="real", transport="twin") as arm:
         theirs = Teleoperator("lerobot:so101_leader", port=leader.port, id="grey", calibration_dir=str(tmp_path))
         json_of(arm.attach_teleop(theirs))
-        until(lambda: "run lerobot-calibrate" in json.dumps(task(arm)), "it says why", LONG_S)
+        until(lambda: "Run lerobot-calibrate" in json.dumps(task(arm)), "it says why", LONG_S)
         arm.stop_task()
 
 

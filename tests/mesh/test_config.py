@@ -68,11 +68,11 @@ FILES = {"ca": "a", "certificate": "b", "key": "c"}
         ({"listen": "tcp/127.0.0.1:7447", "insecure": "false"}, "insecure is 'false'. Give True or False"),
         ({"listen": "tcp/127.0.0.1:7447", "insecure": 1}, "insecure is 1. Give True or False"),
         ({"listen": 5}, "listen is 5. Give an endpoint like 'tls/0.0.0.0:7447', or a list of them"),
-        ({"listen": None}, "listen is None. give"),
-        ({"listen": b"tls/0.0.0.0:1"}, "listen is b'tls/0.0.0.0:1'. give"),
-        ({"listen": {"tcp/127.0.0.1:1": 2}}, "listen is {'tcp/127.0.0.1:1': 2}. give"),
-        ({"connect": [5]}, "connect is [5]. give"),
-        ({"tls": FILES}, "give TLS(ca, certificate, key)"),
+        ({"listen": None}, "listen is None. Give"),
+        ({"listen": b"tls/0.0.0.0:1"}, "listen is b'tls/0.0.0.0:1'. Give"),
+        ({"listen": {"tcp/127.0.0.1:1": 2}}, "listen is {'tcp/127.0.0.1:1': 2}. Give"),
+        ({"connect": [5]}, "connect is [5]. Give"),
+        ({"tls": FILES}, "Give TLS(ca, certificate, key)"),
         ({"tls": TLS(5, 5, 5)}, "tls.ca is 5. Give a path"),  # type: ignore[arg-type]
         ({"access": {"viewers": "v"}}, "access is {'viewers': 'v'}. Give Access(viewers, operators)"),
         ({"access": Access(operators=7)}, "access.operators is 7. Give a name, or a list"),  # type: ignore[arg-type]
@@ -86,7 +86,7 @@ def test_saf_014_a_field_of_another_kind_opens_nothing(fields: dict[str, Any], e
 
 @pytest.mark.parametrize("path", [5, None, b"mesh.toml", ["mesh.toml"]])
 def test_a_value_that_is_no_path_is_refused(path: Any) -> None:
-    with pytest.raises(ValueError, match=r"mesh: the file is .*\. give the path of a TOML file, as text"):
+    with pytest.raises(ValueError, match=r"mesh: the file is .*\. Give the path of a TOML file, as text"):
         MeshConfig.load(path)
 
 
@@ -145,13 +145,13 @@ def test_a_file_gives_the_same_settings(keys: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('listne = "x"', "`listne`. there are listen, connect, tls, access, insecure"),
-        ('[tls]\nca = "a"\ncertificate = "b"\nkey = "c"\ncert = "d"', "there are ca, certificate, key"),
-        ('[access]\nviewer = "x"', "there are viewers, operators"),
+        ('listne = "x"', "`listne`. There are listen, connect, tls, access, insecure"),
+        ('[tls]\nca = "a"\ncertificate = "b"\nkey = "c"\ncert = "d"', "There are ca, certificate, key"),
+        ('[access]\nviewer = "x"', "There are viewers, operators"),
         ('listen = "tls/0.0.0.0:1"', "needs certificates. Give a table [tls] with ca, certificate and key"),
         (
             'connect = "tcp/arm.example:1"',
-            "use tls/ and a table [tls] with ca, certificate and key, or set insecure = true",
+            "Use tls/ and a table [tls] with ca, certificate and key, or set insecure = true",
         ),
     ],
 )

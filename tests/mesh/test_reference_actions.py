@@ -293,13 +293,13 @@ def test_robots_are_listed_and_a_request_goes_to_all() -> None:
             broadcast({"action": "execute", "instruction": "wave"})
         with pytest.raises(PermissionError, match="'dance' is no action") as refused:
             broadcast("dance")
-        offered = "send status, observe, ping, state, features, describe_tool, teleop_status, stop"
+        offered = "Send status, observe, ping, state, features, describe_tool, teleop_status, stop"
         assert str(refused.value).endswith(offered), "it lists exactly the requests that go to all robots"
         for nothing in (None, 5, ["ping"]):
-            with pytest.raises(PermissionError, match=r"the command is .* give an action"):
+            with pytest.raises(PermissionError, match=r"the command is .* Give an action"):
                 broadcast(nothing)  # type: ignore[arg-type]
         with pytest.raises(
-            PermissionError, match=r"the action 'call' is not available: .* use the tool with an agent"
+            PermissionError, match=r"the action 'call' is not available: .* Use the tool with an agent"
         ):
             broadcast({"action": "call", "function": "render"})
         with pytest.raises(PermissionError, match="nemo is not on the mesh"):

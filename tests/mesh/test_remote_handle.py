@@ -154,7 +154,7 @@ def test_saf_001_a_cut_cable_leads_to_a_hold_within_the_lifetime_and_an_unanswer
     cable.heal()
     until(lambda: state(there) == "holding", "it is reached again")
     assert twin.log.setpoints_after_safe(cut_ns) == 0
-    assert "resume" in why(there.send_action({"wrist_roll": 0.0}))
+    assert "Resume" in why(there.send_action({"wrist_roll": 0.0}))
     assert twin.log.setpoints_after_safe(cut_ns) == 0
     json_of(there.resume())
     json_of(there.send_action({"wrist_roll": there.get_observation()["wrist_roll"]}))

@@ -59,5 +59,5 @@ def test_a_path_that_leaves_the_range_is_refused_before_anything_moves(arm: Real
     armed(arm)
     began_ns = time.monotonic_ns()
     refused = why(arm.move_along([{PAN: 0.0}, {PAN: 200.0}], hz=0.04))
-    assert "is past" in refused and "stay within" in refused and refused.startswith("move_along: at ")
+    assert "is past" in refused and "Stay within" in refused and refused.startswith("move_along: at ")
     assert twin.log.host("setpoint", began_ns) == []

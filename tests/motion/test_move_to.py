@@ -63,9 +63,9 @@ def test_a_time_that_is_too_short_is_refused_with_the_least(arm: RealRobot, twin
     began_ns = time.monotonic_ns()
     refused = arm.move_to({PAN: other_side(arm)}, seconds=0.05)
     least = refused["content"][1]["json"]["refused"]["limit"]
-    assert f"give seconds={least} or more" in why(refused)
+    assert f"Give seconds={least} or more" in why(refused)
     assert "is past" in why(arm.move_to({PAN: 300.0}))
-    assert "give seconds, above 0" in why(arm.move_to({PAN: 0.0}, seconds=-1))
+    assert "Give seconds, above 0" in why(arm.move_to({PAN: 0.0}, seconds=-1))
     assert twin.log.host("setpoint", began_ns) == []
     json_of(arm.move_to({PAN: other_side(arm)}, seconds=float(least) + 0.1))
 

@@ -207,7 +207,7 @@ def test_saf_005_a_stop_ends_the_move_on_its_way(reachy: RealRobot, daemon: Daem
     stopped = json_of(reachy.stop())
     assert (stopped["safe_state"], stopped["unconfirmed"]) == ("hold", [])
     daemon.stands()
-    assert "call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
+    assert "Call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
 
 
 def test_saf_005_a_stop_ends_a_move_of_another_client(reachy: RealRobot, daemon: Daemon) -> None:

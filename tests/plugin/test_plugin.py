@@ -72,7 +72,7 @@ def test_features_are_known_before_anything_is_connected(make: Make, plugin: Any
         ({}, "so101 needs 'port'"),
         ({"port": "/dev/null", "twin": True}, "both given"),
         ({"twin": True, "use_degrees": False}, "use_degrees=false needs a calibration"),
-        ({"twin": True, "refusals": 0}, "refusals is 0. Give 1 or more"),
+        ({"twin": True, "refusals": 0}, "refusals is 0. Give the number of refused actions"),
         ({"twin": True, "name": "my arm"}, "tool_name is 'my arm'"),
         ({"twin": True, "mesh": "/no/such.toml"}, "/no/such.toml cannot be read"),
     ],

@@ -51,11 +51,11 @@ def test_an_invalid_path_is_refused_by_name_and_nothing_is_written(
     path: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(RecordingError, match=r"record: path is .*\. give a path"), record("so101", path):
+    with pytest.raises(RecordingError, match=r"record: path is .*\. Give a path"), record("so101", path):
         pass
-    with pytest.raises(RecordingError, match=r"read: path is .*\. give a path"):
+    with pytest.raises(RecordingError, match=r"read: path is .*\. Give a path"):
         read(path)
-    with pytest.raises(RecordingError, match=r"replay: recording is .*\. give a path"):
+    with pytest.raises(RecordingError, match=r"replay: recording is .*\. Give a path"):
         replay(path)
     assert not any(tmp_path.iterdir())
 
@@ -63,7 +63,7 @@ def test_an_invalid_path_is_refused_by_name_and_nothing_is_written(
 @pytest.mark.parametrize("robot", [None, 5, b"so101", ["so101"], Path("so101"), ""])
 def test_an_invalid_robot_is_refused_by_name(robot: Any, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with pytest.raises(RecordingError, match=r"record: robot is .*\. give a connected robot"), record(robot, path):
+    with pytest.raises(RecordingError, match=r"record: robot is .*\. Give a connected robot"), record(robot, path):
         pass
 
 

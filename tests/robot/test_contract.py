@@ -58,7 +58,7 @@ def test_the_refusal_of_a_misspelled_name_names_close_ones(name: str) -> None:
 def test_invalid_factory_arguments_are_refused_for_each_robot(name: str) -> None:
     assert "'auto', 'lerobot', 'strands'" in refusal(ValueError, name, driver="ros")
     assert "'sim', 'real', 'auto'" in refusal(ValueError, name, mode="dream")
-    assert "transport 'smoke'. it offers " in refusal(ValueError, name, mode="real", transport="smoke")
+    assert "transport 'smoke'. It offers " in refusal(ValueError, name, mode="real", transport="smoke")
     assert "add transport='twin'" in refusal(ValueError, name, mode="real", port="x", sim=object())
     assert "1 to 64 of A-Z a-z 0-9 _ -" in refusal(ValueError, name, tool_name="my robot")
     assert "is a teleoperator" in refusal(ValueError, f"{name}_leader", mode="real", port="x")

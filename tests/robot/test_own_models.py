@@ -110,7 +110,7 @@ def test_a_simulation_starts_at_its_keyframe_and_holds_it(new: New, tmp_path: Pa
     assert sim.get_observation()["lift"] == pytest.approx(0.3, abs=0.02)
     assert after(sim, 1000)["lift"] == pytest.approx(0.3, abs=0.02)
     assert json_of(sim.reset())["position"]["lift"] == pytest.approx(0.3, abs=0.02)
-    assert "stay within -2.0000..2.0000" in why(sim.send_action({"lift": 1e300}))
+    assert "Stay within -2.0000..2.0000" in why(sim.send_action({"lift": 1e300}))
 
 
 WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
@@ -118,9 +118,9 @@ WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"position": [1.0, 2.0]}, ValueError, r"position is \[1.0, 2.0\]. Give 3 numbers"),
     ({"position": "here"}, ValueError, "position is 'here'"),
     ({"orientation": [0, 0, 0, 0]}, ValueError, "that is not zero"),
-    ({"orientation": [1, 0, 0, float("nan")]}, ValueError, "give finite numbers"),
+    ({"orientation": [1, 0, 0, float("nan")]}, ValueError, "Give finite numbers"),
     ({"keyframe": "folded"}, ValueError, "so101 has 'home'"),
-    ({"backend": "bullet"}, ValueError, "use one of 'mujoco', 'newton', 'isaac'"),
+    ({"backend": "bullet"}, ValueError, "Use one of 'mujoco', 'newton', 'isaac'"),
     ({"backend": "isaac"}, ImportError, r"pip install 'isaacsim\[all,extscache\]>=5,<6'"),
     ({"mode": "real", "port": "x", "position": [0, 0, 1]}, TypeError, "only a simulation takes position="),
 ]
@@ -142,7 +142,7 @@ def test_invalid_keywords_are_refused(keywords: dict[str, Any], error: type[Exce
         ("arm.urdf", "<sdf/>", "is no URDF or MJCF, since it begins with <sdf>"),
         ("arm.urdf", URDF.replace("visual>", "collision>"),
          r"link arm is 'package://lifter_description/meshes/arm\.stl': it is not there"),
-        ("arm.xacro", URDF, "is a xacro. expand it first"),
+        ("arm.xacro", URDF, "is a xacro. Expand it first"),
     ],
 )  # fmt: skip
 def test_a_model_that_cannot_be_read_is_refused(tmp_path: Path, file: str, text: str, message: str) -> None:
@@ -227,8 +227,8 @@ SCENE: list[tuple[str, dict[str, Any], str]] = [
     ("add_object", {"name": "hand"}, "there is a body 'hand' already"),
     ("add_object", {"name": "cube", "mass": 0}, "mass is 0. Give kilograms, above 0"),
     ("add_object", {"name": "cube", "mass": float("nan")}, "mass is nan"),
-    ("add_object", {"name": "cube", "size": [0.1]}, "give 3 numbers"),
-    ("add_object", {"name": "cube", "size": [0.1, 0.1, -1]}, "give metres, above 0"),
+    ("add_object", {"name": "cube", "size": [0.1]}, "Give 3 numbers"),
+    ("add_object", {"name": "cube", "size": [0.1, 0.1, -1]}, "Give metres, above 0"),
     ("add_object", {"name": "cube", "color": [2, 0, 0]}, "0 to 1"),
     ("add_object", {"name": "cube", "is_static": "no"}, "is_static is 'no'"),
     ("add_object", {"name": "cup", "mesh_path": "no-such.stl"}, "there is no mesh file"),
@@ -237,7 +237,7 @@ SCENE: list[tuple[str, dict[str, Any], str]] = [
     ("add_camera", {"name": "c", "fov": 200}, "fov is 200"),
     ("add_camera", {"name": "c", "position": [0, 0, 1], "target": [0, 0, 1]}, "position is its target"),
     ("add_camera", {"name": "c", "parent_body": "foot"}, "there is no body 'foot'. Use one of base, shoulder"),
-    ("load_state", {"name": "never"}, "no state 'never' was saved. saved states: none"),
+    ("load_state", {"name": "never"}, "no state 'never' was saved. Saved states: none"),
 ]
 
 
@@ -295,7 +295,7 @@ def test_a_policy_is_evaluated_in_episodes(arm: SimRobot) -> None:
         ({"seed": -1}, "seed is -1"),
         ({"control_frequency": 0}, "control_frequency is 0"),
         ({"success_fn": "lifted"}, "success_fn is 'lifted'"),
-        ({"policy_provider": "smooth_talk"}, "use one of"),
+        ({"policy_provider": "smooth_talk"}, "Use one of"),
         ({"policy_object": 7}, "is no policy"),
         ({"policy_object": lambda seen: {"hoist": 1.0}}, "hoist"),
         ({"policy_object": lambda seen: []}, "gave no action"),

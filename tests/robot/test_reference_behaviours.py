@@ -46,8 +46,8 @@ class Half:
     [
         ("so101", {"driver": "vendor"}, "vendor"),
         ("so101", {**ARM, "driver": "vendor"}, "vendor"),
-        ("so101", {**ARM, "transport": "carrier"}, "'carrier'. it offers twin, serial"),
-        ("ur5e", {"mode": "real", "transport": "carrier"}, "'carrier'. it offers twin$"),
+        ("so101", {**ARM, "transport": "carrier"}, "'carrier'. It offers twin, serial"),
+        ("ur5e", {"mode": "real", "transport": "carrier"}, "'carrier'. It offers twin$"),
         ("so101", {"baud_rate": 1_000_000}, "baud"),
         ("ability_hand", {**ARM, "driver": "strands"}, "ability_hand"),
         ("robotiq_2f85", {**GRIPPER, "unit_id": 300}, "unit_id"),
@@ -98,7 +98,7 @@ def test_a_name_may_have_any_spelling_and_must_be_text() -> None:
     }.items():
         assert canonical_name(written) == robot
     for name in (None, 42, True, b"so100", ["so100"]):
-        with pytest.raises(TypeError, match=r"give the name of a robot as text: list_robots\(\)"):
+        with pytest.raises(TypeError, match=r"Give the name of a robot as text: list_robots\(\)"):
             canonical_name(name)  # type: ignore[arg-type]
     for name in ("", "  ", "nope_bot"):
         for mode in ("sim", "real"):
@@ -116,7 +116,7 @@ def test_robots_are_listed_by_mode() -> None:
     for robot in list_robots("sim"):
         assert "sim" in repr(Robot(robot))
     for mode in ("hardware", "sims", None):
-        with pytest.raises(ValueError, match="use 'all', 'sim', 'real', 'both'"):
+        with pytest.raises(ValueError, match="Use 'all', 'sim', 'real', 'both'"):
             list_robots(mode)  # type: ignore[arg-type]
     groups = set(covered.values())
     assert groups == {("lerobot",), ("strands",), ("lerobot", "strands"), ()}
@@ -129,7 +129,7 @@ def test_robots_are_listed_by_mode() -> None:
 @pytest.mark.parametrize("name", ["left arm", "left_arm\n", "a/b", "", 3, "x" * 65])
 def test_a_tool_name_must_be_valid_for_model_providers(name: Any) -> None:
     for keywords in ({}, ARM, {"port": "/dev/ttyACM0"}):  # the name is checked before the other keywords
-        with pytest.raises(ValueError, match="use 1 to 64 characters of A-Z"):
+        with pytest.raises(ValueError, match="Use 1 to 64 characters of A-Z"):
             Robot("so101", tool_name=name, **keywords)
 
 
@@ -151,12 +151,12 @@ def test_a_robot_has_its_tool_name() -> None:
         ("so101", {"robot_ip": "192.0.2.2"}, "takes no 'robot_ip'"),
         ("so101", {"mock": True}, "takes no 'mock'"),
         ("reachy_mini", {"ip_address": "reachy.local"}, "takes no 'ip_address'"),
-        ("so101", {"position": []}, "give 3 numbers"),
-        ("so101", {"position": [NAN, 0.0, 0.0]}, "give finite numbers"),
-        ("so101", {"orientation": [1.0, 0.0, 0.0]}, "give 4 numbers"),
-        ("so101", {"orientation": [0.0, float("inf"), 0.0, 0.0]}, "give finite numbers"),
+        ("so101", {"position": []}, "Give 3 numbers"),
+        ("so101", {"position": [NAN, 0.0, 0.0]}, "Give finite numbers"),
+        ("so101", {"orientation": [1.0, 0.0, 0.0]}, "Give 4 numbers"),
+        ("so101", {"orientation": [0.0, float("inf"), 0.0, 0.0]}, "Give finite numbers"),
         ("so101", {"keyframe": "nope"}, "so101 has 'home'"),
-        ("so101", {"backend": "nope"}, "use one of 'mujoco', 'newton', 'isaac'"),
+        ("so101", {"backend": "nope"}, "Use one of 'mujoco', 'newton', 'isaac'"),
         ("so101", {**ARM, "position": [0.0, 0.0, 0.0]}, "only a simulation takes position="),
         ("so101", {**ARM, "keyframe": 0}, "only a simulation takes keyframe="),
         ("so101", {**ARM, "ports": ["/dev/a", "/dev/b"]}, "'ports' -> 'port'"),
@@ -188,7 +188,7 @@ def test_any_name_is_simulated_by_a_file_and_keeps_its_keyframe(tmp_path: Path) 
         sim.step(1000)
         assert sim.get_observation() == folded
     for name in (None, 42, ["so100"]):
-        with pytest.raises(TypeError, match="give the name of a robot as text"):
+        with pytest.raises(TypeError, match="Give the name of a robot as text"):
             Robot(name, urdf_path=file)  # type: ignore[arg-type]
 
 
@@ -220,9 +220,9 @@ def test_a_blank_port_is_refused(port: str | None) -> None:
 def test_a_port_must_be_text() -> None:
     for robot in ("so101", "ur5e", "unitree_g1", "koch"):
         for port in (5, False, b"/dev/ttyACM0", ["/dev/ttyACM0"]):
-            with pytest.raises(TypeError, match="give a path or an address, as text"):
+            with pytest.raises(TypeError, match="Give a path or an address, as text"):
                 Robot(robot, mode="real", port=port)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="give an address, without spaces"):
+    with pytest.raises(ValueError, match="Give an address, without spaces"):
         Robot("ur5e", mode="real", port="192.0.2.30 30004")
     written = repr(Robot("so101", mode="real", port="/dev/serial/by-id/left arm"))
     assert written == repr(Robot("so101", mode="real", port=Path("/dev/serial/by-id/left arm")))  # type: ignore[arg-type]
@@ -233,7 +233,7 @@ def test_a_name_can_be_registered_once_in_any_spelling() -> None:
         with pytest.raises(ValueError, match=f"{name} is known already. Pass overwrite=True"):
             register_robot(name)
     for name in ("a b", "a/b", "ärm", "x" * 65, "--", "arm\n"):
-        with pytest.raises(ValueError, match="use 1 to 64 characters of A-Z"):
+        with pytest.raises(ValueError, match="Use 1 to 64 characters of A-Z"):
             register_robot(name)
     with pytest.raises(ValueError, match="SO-101 is known already"):
         register_robot("bench_arm_7", aliases=["SO-101"])

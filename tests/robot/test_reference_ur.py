@@ -98,7 +98,7 @@ def test_each_step_of_a_stream_is_limited_from_the_last_commanded_position(bench
         json_of(bench.send_action({ELBOW: start - 0.02 * step}))
         time.sleep(PERIOD_S)
     assert STEP_RAD < 0.02 * 10  # from the measured position the step would be too far
-    assert "step at most" in why(bench.send_action({ELBOW: start - 1.2}))
+    assert "Step at most" in why(bench.send_action({ELBOW: start - 1.2}))
     json_of(bench.send_action({ELBOW: start - 0.21}))  # the refused step does not end the stream
     until(lambda: abs(elbow(bench) - start + 0.21) < 0.002, "the elbow is there")
 

@@ -32,9 +32,9 @@ def test_arguments_may_be_given_by_position(
 @pytest.mark.parametrize(
     ("service", "values", "named", "text"),
     [
-        ("takeoff", (0.5, 2.0, 1.0), {}, "takeoff: 3 values were given. it takes height, duration"),
-        ("takeoff", (0.5,), {"height": 0.4}, "takeoff: height is given twice. it takes height, duration"),
-        ("emergency_stop", (1,), {}, "emergency_stop: 1 values were given. it takes no arguments"),
+        ("takeoff", (0.5, 2.0, 1.0), {}, "takeoff: 3 values were given. It takes height, duration"),
+        ("takeoff", (0.5,), {"height": 0.4}, "takeoff: height is given twice. It takes height, duration"),
+        ("emergency_stop", (1,), {}, "emergency_stop: 1 values were given. It takes no arguments"),
     ],
 )
 def test_too_many_arguments_are_refused_with_the_accepted_ones(

@@ -192,7 +192,7 @@ def test_a_cleaned_up_simulation_has_no_processes_and_refuses_verbs(new_sim: New
             os.kill(processes[role], 0)
     assert "cleaned up" in why(sim.send_action({"shoulder_pan": 1.0}))
     assert sim.get_observation() == {}
-    with pytest.raises(SimulationError, match=r"render: the simulation was cleaned up\. make a new one"):
+    with pytest.raises(SimulationError, match=r"render: the simulation was cleaned up\. Make a new one"):
         sim.render()
     json_of(second.send_action({"shoulder_pan": 5.0}))
 
@@ -332,7 +332,7 @@ def test_a_picture_shows_the_whole_robot_and_its_motion(new_sim: NewSim, monkeyp
     json_of(sim.send_action({"shoulder_pan": 40.0}))
     at(sim, "shoulder_pan", 40.0)
     if not has_egl():
-        with pytest.raises(SimulationError, match=r"render: no OpenGL .* install libegl1 \(egl\) or libosmesa6"):
+        with pytest.raises(SimulationError, match=r"render: no OpenGL .* Install libegl1 \(egl\) or libosmesa6"):
             sim.render()
         return
     before = sim.render()
@@ -357,8 +357,8 @@ def test_a_picture_shows_the_whole_robot_and_its_motion(new_sim: NewSim, monkeyp
 @pytest.mark.parametrize(
     ("word", "text"),
     [
-        ("impossible", r"MUJOCO_GL is 'impossible'. unset it, or use MUJOCO_GL=egl \(Debian package libegl1\) or "),
-        ("off", "MUJOCO_GL is 'off'. unset it, or use MUJOCO_GL=egl"),
+        ("impossible", r"MUJOCO_GL is 'impossible'. Unset it, or use MUJOCO_GL=egl \(Debian package libegl1\) or "),
+        ("off", "MUJOCO_GL is 'off'. Unset it, or use MUJOCO_GL=egl"),
     ],
 )
 def test_without_opengl_the_error_names_the_package_and_the_robot_moves(
@@ -429,7 +429,7 @@ def test_an_action_and_the_steps_after_it_are_one_call(new_sim: NewSim) -> None:
     assert "the action is a list" in why(sim.step(50_000, [1.0]))  # type: ignore[arg-type]
     assert json_of(sim.step())["sim_time_s"] < before_s + 50.0, "none of the refused steps ran"
     json_of(sim.stop())
-    assert "call resume() first" in why(sim.step(50_000, {"shoulder_pan": 0.0}))
+    assert "Call resume() first" in why(sim.step(50_000, {"shoulder_pan": 0.0}))
     json_of(sim.resume())
     json_of(sim.step(1, {"shoulder_pan": 0.0}))
 
@@ -444,7 +444,7 @@ def test_a_limp_robot_falls_during_steps(new_sim: NewSim) -> None:
 
 @pytest.mark.parametrize("steps", [0, -1, 1.5, True, 100_001, math.inf, "1"])
 def test_an_invalid_number_of_steps_is_refused(new_sim: NewSim, steps: Any) -> None:
-    assert "give a whole number, 1 to 100000" in why(new_sim().step(steps))
+    assert "Give a whole number, 1 to 100000" in why(new_sim().step(steps))
 
 
 def test_steps_are_refused_while_the_robot_on_the_wire_is_energised(new_sim: NewSim, new_arm: NewArm) -> None:

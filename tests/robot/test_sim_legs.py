@@ -73,7 +73,7 @@ def test_torques_act_as_on_the_real_wire(g1: SimRobot, log: Path) -> None:
     json_of(g1.step(1000))
     assert g1.get_observation()["left_elbow"] == pytest.approx(began, abs=0.1)
     assert "is not a joint" in why(g1.send_action({"left_toe": 0.0}))
-    assert "use q, dq, tau, kp, kd" in why(g1.send_action({"left_elbow": {"q": 0.0, "speed": 1.0}}))
+    assert "Use q, dq, tau, kp, kd" in why(g1.send_action({"left_elbow": {"q": 0.0, "speed": 1.0}}))
     assert "fell" not in events(log)
 
 

@@ -102,7 +102,7 @@ def test_a_simulation_is_recorded_into_a_dataset(tmp_path: Path) -> None:
         assert json_of(sim.stop_recording())["reason"] == "nothing was recorded"
         began = json_of(sim.start_recording(repo_id="me/pick", task="pick", fps=20, root=root))
         assert (began["root"], began["task"]) == (str(root), "pick")
-        assert "call stop_recording()" in why(sim.start_recording(root=tmp_path / "other"))
+        assert "Call stop_recording()" in why(sim.start_recording(root=tmp_path / "other"))
         json_of(sim.run_policy(robot_name="recorded", policy_provider="mock", duration=1.0))
         assert json_of(sim.get_recording_status())["recording"]
         ended = json_of(sim.stop_recording())

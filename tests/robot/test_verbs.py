@@ -195,7 +195,7 @@ def test_stop_releases_every_motor_and_lists_it(arm: RealRobot, twin: Twin) -> N
     assert all(motor["safe"] and motor["written"] for motor in report["motors"].values())
     assert (report["stopped"], report["safe_state"], report["unconfirmed"]) == (True, "limp", [])
 
-    assert "call resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
+    assert "Call resume() first" in why(arm.send_action({"shoulder_pan": 0.0}))
     assert "resume() first" in why(arm.run_policy(lambda observation: observation))
     assert state(arm) == "disarmed"
     time.sleep(0.2)  # a few keepalive periods

@@ -71,7 +71,7 @@ def test_saf_009_a_stop_while_the_first_command_connects_is_kept(
 
     monkeypatch.setattr(RobotTree, "connect", stopped)
     assert why(arm.send_action({"shoulder_pan": 10.0})) == "move: not connected: stopped meanwhile"
-    assert "call connect_eagerly() first" in why(arm.send_action({"shoulder_pan": 10.0}))
+    assert "Call connect_eagerly() first" in why(arm.send_action({"shoulder_pan": 10.0}))
     assert connected == [True]
 
 

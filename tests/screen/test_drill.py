@@ -171,7 +171,7 @@ def test_no_writer_gets_motion_without_a_certificate(run_dir: Path) -> None:
         answer = move(robot)
         assert answer["content"][1]["json"]["refused"]["code"] == "no_drill"
         text = answer["content"][0]["text"]
-        assert "run `strands-actors drill so101 --twin`" in text
+        assert "Run `strands-actors drill so101 --twin`" in text
         started = robot.start_task("wave", policy_provider="sine")
         deadline_s = time.monotonic() + 20.0
         while (task := robot.get_task_status()["content"][0]["json"])["running"]:

@@ -221,7 +221,7 @@ def test_one_robot_is_measured_again_and_the_page_keeps_the_others(
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("m.json", "give a path *.md"), ("m.md", "not the data of a matrix")]
+    ("name", "message"), [("m.json", "Give a path *.md"), ("m.md", "not the data of a matrix")]
 )
 def test_a_file_that_is_no_matrix_page_is_not_overwritten(
     name: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -171,7 +171,7 @@ def test_a_port_in_use_is_refused(pair: Pair) -> None:
         json_of(pair.arm.attach_teleop(Teleoperator("gamepad", listen=where)))
         ended = until(lambda: None if (now := json_of(pair.arm.get_task_status()))["running"] else now, "it ends")
     assert f"no page at {where}" in ended["exit_detail"]
-    with pytest.raises(ValueError, match="give an address of this host"):
+    with pytest.raises(ValueError, match="Give an address of this host"):
         Teleoperator("page", listen="127.0.0.1:http")
 
 

@@ -120,7 +120,7 @@ def test_a_page_is_found_by_its_name_in_any_case(host: str) -> None:
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:8000", "0.0.0.0", "0:8000", "0.0:8000"])
 def test_a_page_that_no_browser_could_name_is_refused(listen: str) -> None:
-    with pytest.raises(ValueError, match=r"every address of this host\. give the one .* as 192\.0\.2\.5"):
+    with pytest.raises(ValueError, match=r"every address of this host\. Give the one .* as 192\.0\.2\.5"):
         Teleoperator("phone", listen=listen)
 
 
@@ -154,5 +154,5 @@ def test_the_page_shows_each_step_of_a_stop_and_only_confirmed_results() -> None
         "stopping: asked, not confirmed yet | false",
         "stopped: limp, 6 motors confirmed | false",
         "stopped: limp, 6 motors confirmed",
-        "stopping: NOT CONFIRMED: the connection ended. cut its power if it still moves",
+        "stopping: NOT CONFIRMED: the connection ended. Cut its power if it still moves",
     ]

@@ -139,7 +139,7 @@ def test_saf_011_a_leader_that_is_elsewhere_is_not_engaged(pair: Pair) -> None:
     pair.begin()
     pair.wait(lambda now: now["values"]["shoulder_pan"] > 35, held=False)
     shown = pair.wait(lambda now: now["differs"], held=True)
-    assert set(shown["differs"]) == {"shoulder_pan"} and "move it to within 15 degrees" in shown["why"]
+    assert set(shown["differs"]) == {"shoulder_pan"} and "Move it to within 15 degrees" in shown["why"]
     pair.hold_on(0.3)
     assert pair.follower.log.host("setpoint") == []
 
@@ -160,7 +160,7 @@ def test_a_stop_ends_an_idle_teleoperation(pair: Pair) -> None:
 
 def test_an_invalid_leader_is_refused_before_anything_starts(pair: Pair) -> None:
     arm, leader = pair.arm, pair.teleoperator
-    assert "give so101_leader one of port=" in why(arm.attach_teleop("so101_leader"))
+    assert "Give so101_leader one of port=" in why(arm.attach_teleop("so101_leader"))
     assert "hz is 0" in why(arm.attach_teleop(leader, hz=0))
     assert "deadman is 'foot'" in why(arm.attach_teleop(leader, deadman="foot"))
     assert "no other process can import" in why(arm.attach_teleop(leader, map_fn=lambda action: action))

@@ -23,10 +23,10 @@ from tests.answers import json_of, task, until, why
 
 REFUSALS: list[tuple[str, dict[str, Any], str]] = [
     ("so102_leader", {"port": "x"}, "is not known. Did you mean: so101_leader"),
-    ("so101_leader", {}, "give so101_leader one of port= and transport='twin'"),
+    ("so101_leader", {}, "Give so101_leader one of port= and transport='twin'"),
     ("so101_leader", {"port": "x", "transport": "twin"}, "one of port= and transport='twin'"),
     ("so101_leader", {"transport": "smoke"}, "it offers twin"),
-    ("so101_leader", {"port": "x", "wheels": 4}, "takes no wheels. it takes calibration, baud"),
+    ("so101_leader", {"port": "x", "wheels": 4}, "takes no wheels. It takes calibration, baud"),
     ("so101_leader", {"port": "x", "baud": 9600}, "baud is 9600"),
     ("so101_leader", {"port": ""}, "port is ''. Give it as text: '/dev/ttyACM1'"),
     ("so101_leader", {"port": 5}, "port is 5. Give it as text"),
@@ -123,7 +123,7 @@ def test_a_hand_moves_twins_alone() -> None:
         (5, "it is 5. Give positions by joint: {'shoulder_pan': 10.0}"),
         (None, "it is None. Give positions by joint"),
         (["shoulder_pan"], "it is ['shoulder_pan']. Give positions by joint"),
-        ({5: 1.0}, "has no 5. it has shoulder_pan"),
+        ({5: 1.0}, "has no 5. It has shoulder_pan"),
         ({"shoulder_pan": "x"}, "shoulder_pan is 'x'. Give a finite number, in degrees"),
         ({"shoulder_pan": None}, "shoulder_pan is None. Give a finite number"),
         ({"shoulder_pan": float("nan")}, "shoulder_pan is nan. Give a finite number"),
@@ -218,7 +218,7 @@ def test_lerobots_own_are_made_by_their_type(tmp_path: Path, monkeypatch: pytest
     assert made.get_action() == {"shoulder_pan.pos": 2.0}
     with pytest.raises(ValueError, match="no teleoperator 'wheel'"):
         lerobot.make("wheel")
-    with pytest.raises(ValueError, match=r"stick has no option speed\. use gain"):
+    with pytest.raises(ValueError, match=r"stick has no option speed\. Use gain"):
         lerobot.make("stick", speed=2.0)
     made.connect()
     with pytest.raises(ConnectionError, match=r"stick 'left' is not calibrated .* --teleop\.id=left"):

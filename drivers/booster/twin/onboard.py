@@ -127,7 +127,7 @@ class Onboard:
         self._watch(now_s)
 
     def step(self, seconds: float) -> None:
-        """Do one step of physics at once."""
+        """Let the onboard controller command the motors, and advance the physics by one time step."""
         self._control(seconds)
         self.body.step(1)
 

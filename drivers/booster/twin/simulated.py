@@ -1,4 +1,4 @@
-"""Let a local simulation move the simulated robot's arms, in the place of a client.
+"""Let a simulation (another program on this computer) move the simulated robot's arms.
 
 This is possible only while no client has the upper body. The onboard controller keeps the robot
 standing.

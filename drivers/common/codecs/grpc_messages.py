@@ -170,7 +170,7 @@ class _FrameSizes:
 
 
 class _End:
-    """The code that the client and the server of a gRPC connection share."""
+    """Base of ``ClientEnd`` and ``ServerEnd``, the two sides of a gRPC connection."""
 
     def __init__(self, client: bool, max_message: int) -> None:
         config = h2.config.H2Configuration(client_side=client, header_encoding="utf-8")

@@ -75,8 +75,8 @@ class _Incoming:
         """Decode at most ``parts`` parts (h11 events) of the received data.
 
         Returns:
-            Three values: whether the message is complete, whether more bytes are needed, and how many more
-            parts may be decoded in this turn.
+            Three values: whether the message is complete, whether more bytes are needed, and how many of the
+            ``parts`` may still be decoded.
 
         Raises:
             MalformedFrame: The data is no HTTP, or the message exceeds a bound.
@@ -130,7 +130,7 @@ class _Incoming:
             self._check_response(event)
 
     def _check_response(self, response: h11.Response) -> None:
-        """Raise ``MalformedFrame`` for a response that is compressed, redirects, or has no length."""
+        """Raise ``MalformedFrame`` for a response that is compressed, redirects, or does not give its length."""
         encoding = self.headers.get("content-encoding", "identity")
         if encoding.lower() != "identity":
             raise MalformedFrame(f"HTTP: the answer is compressed ({encoding[:40]}), which was not asked for")

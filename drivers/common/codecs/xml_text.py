@@ -31,7 +31,7 @@ class NotXml(ValueError):
 
 class Attribute(NamedTuple):
     value: str
-    start: int  # offset of the whole attribute (name, sign and value) in the text
+    start: int  # offset of the whole attribute (name, ``=`` and value) in the text
     end: int
 
 
@@ -85,7 +85,8 @@ class Edit(NamedTuple):
 
 
 def parse(text: str) -> Element:
-    """Return the first element of a text. The time grows in proportion to the text. Raise ``NotXml``."""
+    """Return the first element of a text. Parsing takes time in proportion to the length of the text. Raise
+    ``NotXml`` if the text is not valid XML."""
     opened: list[Element] = []
     offset = 0
     while (offset := text.find("<", offset)) >= 0:

@@ -56,8 +56,8 @@ class Identity(msgspec.Struct, frozen=True):
 def reach(axis: Axis, servo: Identity, calibrated: bool) -> tuple[int, int]:
     """Return the range of counts in which the joint may be when it is energised.
 
-    A servo that counts whole turns may be outside the joint's range. It would turn all the way back at the first
-    command.
+    A servo that counts whole turns may be outside this range. Such a servo must not be energised, because it would
+    turn all the way back at the first command.
     """
     if servo.mode == table.POSITION_MODE:
         return servo.travel
@@ -90,7 +90,8 @@ async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
 
 
 def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
-    """Raise ``WireDown`` unless the servo has the table's model and the values of the calibration."""
+    """Raise ``WireDown`` unless the servo is of the model in the robot's table, and its registers have the values
+    of the calibration."""
     check_model(axis, servo.id, servo.model, protocol)
     if servo.mode not in POSITION_MODES:
         name = table.MODE_NAMES.get(servo.mode, "unknown")
@@ -109,7 +110,8 @@ def check(axis: Axis, servo: Identity, motor: MotorCalibration | None) -> None:
 
 
 def facts(axes: Sequence[Axis], servos: Mapping[int, Identity]) -> dict[str, dict[str, object] | float]:
-    """Return the servos' properties that ``status`` shows: each by its name, then by axis key."""
+    """Return the properties of the servos that ``status`` shows, by name. The value of a property is a dict by axis
+    key, or a single number for all servos."""
     by_key = {axis.key: servos[axis.id] for axis in axes}
     return {
         **facts_of(by_key),

@@ -20,11 +20,12 @@ FIRST_TARGET = t.EEPROM_END
 class Region(enum.Enum):
     TABLE = enum.auto()
     POINTERS = enum.auto()  # the registers that hold the indirect addresses
-    OWN = enum.auto()  # the block's own storage: bytes that refer to no other register
+    OWN = enum.auto()  # memory of the bytes in the block that refer to no register
 
 
 class Run(NamedTuple):
-    """Consecutive bytes in one of the memories of ``Region``. ``offset`` is the index of the first byte in it."""
+    """Consecutive bytes in one memory of the servo (see ``Region``). ``offset`` is the index of the first of these
+    bytes in that memory."""
 
     region: Region
     offset: int
@@ -43,7 +44,8 @@ class Run(NamedTuple):
 
 
 class Indirect:
-    """The indirect addresses of one servo. After a power-on each byte of the block refers to its own storage."""
+    """The indirect addresses of one servo. After a power-on no byte of the block refers to a register:
+    each one is plain memory."""
 
     def __init__(self, blocks: Sequence[t.IndirectBlock]) -> None:
         self._addresses = [block.addresses + offset for block in blocks for offset in range(2 * block.size)]

@@ -34,7 +34,7 @@ class DynamixelReadings(Readings[protocol.Packet]):
         return UNNAMED in self._alerts.values()
 
     def watchdogs_are(self, counts: int) -> None:
-        """Note the value of all bus watchdog registers, after it was written and read back."""
+        """Note the value that was written to the bus watchdog registers of all servos, and was read back."""
         self._watchdog.clear()
         self._watchdog_counts = counts
 

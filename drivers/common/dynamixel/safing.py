@@ -1,5 +1,5 @@
-"""Make Dynamixel servos safe: how often a safe frame is repeated so that replies cannot garble every copy, and when
-a servo counts as holding."""
+"""Make Dynamixel servos safe: how often a stop frame is repeated, so that replies on the bus cannot garble every
+copy of it, and when a servo counts as holding."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ WITHOUT_CURRENT = frozenset((t.VELOCITY_MODE, t.POSITION_MODE, t.EXTENDED_POSITI
 
 
 class ModelValues(NamedTuple):
-    """Register values in which the servo models differ, as delivered, from the vendor's control tables."""
+    """Register values at delivery that depend on the servo's model. Source: the vendor's control tables."""
 
     max_temperature_c: int
     min_voltage: int  # unit: 0.1 V
@@ -280,8 +280,8 @@ class Servo(TwinServo):
         self._eeprom[:] = self.table[: t.EEPROM_END]
 
     def _begin_mode(self) -> None:
-        """Set the goal registers as at delivery: the goal that the operating mode follows to 0, the others to their
-        limits [assumed]."""
+        """Set the goal registers to their values at delivery: 0 for the goal that the operating mode follows, its
+        limit for every other goal [assumed]."""
         mode = self.get(t.MODE)
         driven = {t.PWM_MODE: t.GOAL_PWM, t.CURRENT_MODE: t.GOAL_CURRENT, t.VELOCITY_MODE: t.GOAL_VELOCITY}.get(
             mode
@@ -475,6 +475,6 @@ class Servo(TwinServo):
         if not profile or not self.table[t.DRIVE_MODE.address] & TIMED_PROFILE:
             return profile * abs(self._rad_s_a_unit)
         if self.rate_rad_s and goal_rad == self.aimed_rad:
-            # The goal is the same, so the move continues at its speed.
+            # The goal has not changed, so the move continues at its present speed.
             return self.rate_rad_s
         return abs(goal_rad - self.reading.rad) / (profile / 1000)

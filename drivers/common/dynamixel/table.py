@@ -36,7 +36,7 @@ FIRMWARE = Register(6)
 ID = Register(7)
 BAUD = Register(8)
 RETURN_DELAY = Register(9)  # unit: 2 us; value at delivery: 250
-# Bit 0 reverses the direction. The servo applies it by itself, so the host must not.
+# Bit 0 reverses the direction. The servo itself reverses it, so the host must not reverse it again.
 DRIVE_MODE = Register(10)
 MODE = Register(11)
 SECONDARY_ID = Register(12)
@@ -86,9 +86,9 @@ TEMPERATURE = Register(146)  # unit: deg C
 class IndirectBlock(NamedTuple):
     """The addresses of one block of indirect addressing.
 
-    From ``addresses`` on there are ``size`` words. Each word is the address of the register that the byte at the
-    same index from ``data`` on shows. At delivery each word points to its own data byte, which a host may use as
-    free RAM.
+    ``size`` words begin at the address ``addresses``, and ``size`` data bytes at the address ``data``. Word number
+    n holds the address of the register that data byte number n stands for. At delivery it holds the address of data
+    byte n itself, which a host may then use as free RAM.
     """
 
     addresses: int

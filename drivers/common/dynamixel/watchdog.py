@@ -6,16 +6,16 @@ defence. The wire process (which talks to the robot) stops the arm within 50 ms.
 process) stops it within 150 ms. The firmware stops it if both processes have ended or the cable is cut.
 
 *Any* instruction restarts the watchdog, even a read. So a process that only reads could let a servo drive to its
-last goal without limit. Two rules prevent this:
+last goal without limit. Two rules prevent such a motion:
 
 * The watchdog actor of the wire process requests each read. It requests none while the gate (which admits commands)
   or the transport does not answer.
-* After a setpoint the wire process reads for ``FEED_S`` only, unless another setpoint, a re-sent one or a safe
-  frame follows. One of these follows as long as all processes work. The wire process also stops reading if a servo
-  has answered a safe frame and still moves.
+* After a setpoint the wire process reads for ``FEED_S`` only, unless another setpoint, the same setpoint again or a
+  stop frame (for limp or hold) follows. One of these follows as long as all processes work. The wire process also
+  stops reading if a servo has answered a stop frame and still moves.
 
-Without reads, the wire process reports the last readings. They soon are too old, so the gate refuses every move,
-and the firmware stops the arm. An arm that is limp or holds may be read without limit.
+When it does not read, the wire process reports the last readings. These readings soon are too old, so the gate
+refuses every move, and the firmware stops the arm. An arm that is limp or holds may be read without limit.
 
 A servo that its watchdog has stopped is reported as a fault. Only the next ``resume()`` clears this state, with the
 torque off. The vendor does not document how a servo treats its old goal if the state is cleared under torque.

@@ -69,8 +69,8 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     async def before_arming(self, permit: Permit) -> None:
         """Refuse to arm a servo with a hardware alert, and switch every bus watchdog off.
 
-        A servo that its watchdog has stopped loses its torque first, because its old goal might become active
-        again. Raise ``WireDown``.
+        If the watchdog has stopped a servo, the servo's torque is switched off first, because its old goal might
+        become active again. Raise ``WireDown`` if arming is refused or a servo does not answer.
         """
         bus = self.session.bus
         replies = await self.ask_all(*_STATE, "its state")

@@ -25,7 +25,7 @@ class Outcome(NamedTuple):
     def reports(
         self, axes: Sequence[str], ids: Sequence[int] = (), targets: Sequence[float | None] = ()
     ) -> tuple[MotorReport, ...]:
-        """Return one report per axis, all with the same result.
+        """Return one ``MotorReport`` per axis, all with the result of this stop.
 
         Args:
             axes: Keys of the axes.

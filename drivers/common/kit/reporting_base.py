@@ -1,8 +1,9 @@
 """Stop a mobile base that reports its speed on the same connection that carries the stop command.
 
 The command "speed zero" is repeated until the base reports that it does not move. A report counts only if it was
-made after the base had received a zero. The first report after that moment may be older, so only the second one
-counts. A slow answer does not delay the next zero.
+made after the base had received this command. The first report that arrives after the base has acknowledged the
+command may have been made before, so reports count from the second on. A slow answer does not delay the next
+"speed zero".
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ class _Stop:
         self.sent = 0
         self.acknowledged = False
         self.detail = "not confirmed: it has not answered"
-        self._watch = RestWatch()  # of the reports since the base acknowledged a stop command
+        self._watch = RestWatch()  # gets the reports that came after the base had acknowledged a stop command
 
     def send(self) -> None:
         try:

@@ -79,8 +79,7 @@ class SdkCalls:
     async def open(self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args) -> Result:
         """Return ``function(*args)`` as ``call`` does, for a constructor that moves nothing.
 
-        A stop does not wait for it. The stop then cancels the call, after which this process can no longer use the
-        SDK.
+        A stop does not wait for this call, but cancels it. Afterwards this process can no longer use the SDK.
         """
         if self.spent:
             raise ProcessSpent(self.spent)
@@ -101,8 +100,8 @@ class SdkCalls:
     async def construct(
         self, name: str, deadline_s: float, function: Callable[[*Args], Result], *args: *Args
     ) -> Result:
-        """Construct an SDK object as ``open`` does, and keep it until the process ends. Its destructor may block
-        all Python threads for half a second, or for ever."""
+        """Construct an SDK object as ``open`` does, and keep it until the process ends. The destructor of the
+        object may block all Python threads for half a second, or for ever."""
         constructed = None
         try:
             constructed = await self.open(name, deadline_s, function, *args)

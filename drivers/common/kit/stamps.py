@@ -68,7 +68,7 @@ class Stamps:
         return 0 < self._ahead(stamp) < self._wrap / 2
 
     def _ahead(self, stamp: float) -> float:
-        """Return by how much a stamp is later than the newest one so far."""
+        """Return by how much a stamp is later than the newest stamp so far."""
         if self._newest is None:
             return 0.0
         ahead = stamp - self._newest

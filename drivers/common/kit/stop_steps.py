@@ -1,7 +1,7 @@
 """Repeat the steps of a stop until the robot is safe, or the time for it is over.
 
-A driver writes one step: send the order if it is due, read the robot, and say why it is not safe yet. The loop
-around it is the same for every robot, and never raises.
+A driver defines one step: send the stop command if it is due, read the robot's state, and return why the robot is
+not safe yet. The loop that repeats the step is the same for every robot, and never raises.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ from .outcome import Outcome
 
 
 class StopSteps(Protocol):
-    """One stop of one robot."""
+    """The methods with which a driver stops one robot. ``repeat_until_safe`` calls them."""
 
     @property
     def written(self) -> bool:
-        """True if a frame of the stop has left."""
+        """True if a stop command was sent."""
         ...
 
     @property
     def acknowledged(self) -> bool:
-        """True if the robot has answered an order of the stop."""
+        """True if the robot has answered a stop command."""
         ...
 
     async def step(self) -> str:
-        """Send the order if it is due, then read the robot. The first frame leaves before the first wait.
+        """Send the stop command if it is due, then read the robot's state. Send the first command before any wait.
 
         Returns:
             Why the robot is not known to be safe; empty if it is.
 
         Raises:
             WireDown: The robot cannot be reached.
-            ProcessSpent: This process cannot reach it any more.
-            MalformedFrame: Its answer cannot be read.
+            ProcessSpent: This process cannot reach the robot any more.
+            MalformedFrame: The robot's answer cannot be decoded.
         """
         ...
 
 
 def always() -> bool:
-    """Return True: a failed step is followed by another one."""
+    """Default of ``goes_on``: after a failed step another step follows. Return True."""
     return True
 
 
@@ -58,8 +58,8 @@ async def repeat_until_safe(
         stop: The stop.
         within_s: Time for all steps, seconds.
         pause_s: Pause between two steps, seconds.
-        goes_on: Return False after a failed step if no other can succeed. The caller then has another connection
-            to try.
+        goes_on: Called after a failed step. Return False if no further step can succeed. The caller then tries
+            another connection.
     """
     detail = "not confirmed: the robot is silent"
     with trio.move_on_after(within_s):

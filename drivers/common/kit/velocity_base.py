@@ -3,8 +3,9 @@
 Such a base keeps its last speed until it receives another command. So each speed command has a lifetime. A stop
 sends speed zero until the base reports that it does not move.
 
-The service's answer to a command only means that the service has passed it on. So it does not confirm a stop. A
-report of the base does, if it is late enough: no command from before the stop may still be on its way.
+The service's answer to a command only means that the service has passed the command on. So the answer does not
+confirm a stop. Only a report of the base confirms it, and only if the report was made so late that no command from
+before the stop can still be on its way.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ class StopRequests(Protocol):
 
 
 def nothing_pending() -> bool:
-    """Default of ``stop_base`` for a caller that knows of no earlier commands. Return False."""
+    """Default of ``pending`` in ``stop_base``: the caller knows of no earlier commands. Return False."""
     return False
 
 

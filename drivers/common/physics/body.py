@@ -1,7 +1,8 @@
 """The body of a simulated robot: the interface that a simulation uses to move it and to read it.
 
-Two sides can move one joint. Commands in the robot's real protocol (the "wire") have priority: a servo with torque,
-or an arm with a running program, follows them. The simulation may move the other joints.
+A joint can be moved by commands in the robot's real protocol (the "wire"), or by the simulation. The commands have
+priority: a servo with torque, or an arm with a running program, follows them. The simulation may move the other
+joints.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ TIMESTEP_S = 0.002
 
 
 class Commander(enum.IntEnum):
-    """The side that controls a joint.
+    """The controller of a joint: commands in the robot's protocol, or the simulation.
 
     The simulation controls a joint from ``energise`` until it is stopped, or until a command in the robot's
     protocol energises the joint. It does not get the joint back automatically, because its old target would become
     active again.
     """
 
-    # No side controls the joint: it is limp.
+    # Neither commands nor the simulation control the joint.
     NONE = 0
     # The robot's simulated electronics control the joint, on commands in the robot's protocol.
     WIRE = 1
@@ -53,7 +54,7 @@ class Body(Protocol):
 
     @property
     def commanders(self) -> Sequence[Commander]:
-        """The side that controls each axis."""
+        """The controller of each axis: commands in the robot's protocol, or the simulation."""
         ...
 
     def pass_time(self) -> None: ...

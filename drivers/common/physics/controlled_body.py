@@ -31,7 +31,7 @@ class ControlledBody(JointedBody, ABC):
 
     @abstractmethod
     def let_simulation_move(self, on: bool) -> None:
-        """Let the simulation move the arm, or end this. The arm keeps its position."""
+        """Let the simulation move the arm; with ``on=False`` forbid it again. The arm keeps its position."""
 
     @abstractmethod
     def set_controller_targets(self, values: Sequence[float]) -> None:

@@ -1,12 +1,12 @@
 """Compute the physics with Isaac Sim (PhysX), which needs an RTX graphics card. Only for simulated robots with
 ``backend="isaac"``.
 
-This code was never run on Isaac Sim. It uses the names in the documentation of Isaac Sim 5, and the tests use a
-stand-in.
+This code was never run on Isaac Sim. It uses the names in the documentation of Isaac Sim 5. The tests replace Isaac
+Sim by a stand-in.
 
-The model and its state stay in MuJoCo, as with Newton. So all other code of a simulation is the same for each
-solver. Isaac Sim receives the model once, as an MJCF file. For each step it receives gains, targets and torques of
-the joints, and returns their positions and velocities. From these MuJoCo computes forces and sensors.
+The model and its state stay in MuJoCo, as with the solver Newton. So all other code of a simulation is the
+same for each solver. Isaac Sim receives the model once, as an MJCF file. For each step it receives gains, targets
+and torques of the joints, and returns their positions and velocities. MuJoCo computes forces and sensors from them.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ class IsaacSolver(Paced):
         self._took(steps, began_s)
 
     def _put(self, joints: Any, positions: Any, velocities: Any) -> None:
-        """Set positions and velocities of joints directly: after a reset, after a change by hand, or for jammed
-        joints."""
+        """Set positions and velocities of joints directly: after a program has changed the state (for example by a
+        reset), or for jammed joints."""
         self._robot.set_joint_positions(np.asarray(positions), joint_indices=self._dof[joints])
         self._robot.set_joint_velocities(np.asarray(velocities), joint_indices=self._dof[joints])
 
@@ -192,4 +192,4 @@ def _import(file: str) -> None:
     config.set_import_inertia_tensor(True)
     done, _ = omni.kit.commands.execute("MJCFCreateAsset", mjcf_path=file, import_config=config, prim_path=ROBOT)
     if not done:
-        raise ValueError("Isaac Sim's importer does not accept this model. Its log above has the reason")
+        raise ValueError("Isaac Sim's importer does not accept this model. Isaac Sim's log has the reason")

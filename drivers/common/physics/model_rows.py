@@ -49,7 +49,7 @@ class Row(NamedTuple):
 def with_limits(links: str, limits_of: Callable[[str], str]) -> str:
     """Add the columns range, effort and velocity to rows that lack them.
 
-    A robot's table has these values once, with its joints.
+    A robot's table gives these values with its joints, so its rows need not repeat them.
 
     Args:
         links: Rows without these three columns.

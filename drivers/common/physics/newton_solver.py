@@ -1,7 +1,7 @@
 """Compute the physics with Newton's MuJoCo solver, which runs on Warp: on a graphics card, or on the processor if
 there is no card. Only for simulated robots with ``backend="newton"``. Needs the extra ``[newton]``.
 
-The model and its state stay in MuJoCo. So all other code of a simulation is the same for both solvers. Before each
+The model and its state stay in MuJoCo. So all other code of a simulation is the same for each solver. Before each
 step the changes of the state are copied to Warp, and afterwards the motion is copied back. Warp compiles the solver
 once per type of processor, in about a minute, and caches the result.
 

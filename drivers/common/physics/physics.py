@@ -44,7 +44,7 @@ class Plant(Jointed):
     ) -> None:
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
-        # This value makes the servo critically damped.
+        # With this damping gain the servo is critically damped.
         self._kv = self.model.dof_M0[self._dof] * bandwidth_rad_s * 2
         if gains:
             own = np.array([kp > 0 for kp, _ in gains])

@@ -74,7 +74,7 @@ class Scenery:
     def add_object(self, requested: Object) -> None:
         """Raise ``Refused``."""
         if requested.name in self.objects:
-            raise Refused(f"there is a body {requested.name!r} already. choose another name")
+            raise Refused(f"there is a body {requested.name!r} already. Choose another name")
         geom_type, count, meaning = SHAPES.get(requested.shape, (None, 0, ""))
         if geom_type is None:
             raise Refused(f"the shape is {requested.shape!r}. Use one of {', '.join(SHAPES)}")
@@ -124,7 +124,7 @@ class Scenery:
         """Raise ``Refused``."""
         spec = self._jointed.spec
         if requested.name in self.cameras:
-            raise Refused(f"there is a camera {requested.name!r} already. choose another name")
+            raise Refused(f"there is a camera {requested.name!r} already. Choose another name")
         carrier = spec.body(requested.body) if requested.body else spec.worldbody
         if carrier is None:
             raise Refused(f"there is no body {requested.body!r}. Use one of {', '.join(self.objects)}")
@@ -168,7 +168,7 @@ class Scenery:
         state = self._saved.get(name)
         if state is None:
             names = ", ".join(self._saved) or "none"
-            raise Refused(f"no state {name!r} was saved. saved states: {names}")
+            raise Refused(f"no state {name!r} was saved. Saved states: {names}")
         signature = mujoco.mjtState.mjSTATE_INTEGRATION
         if len(state) != mujoco.mj_stateSize(jointed.model, signature):
             raise Refused(f"objects were added or removed since the state {name!r} was saved. save the state again")

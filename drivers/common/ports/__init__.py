@@ -1,1 +1,2 @@
-"""Connections to robots. Each write is handed over at once or raises, and each wait has a deadline."""
+"""Connections to robots. Each write gives its data to the operating system at once or raises. Each wait
+has a deadline."""

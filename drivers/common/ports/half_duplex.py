@@ -3,7 +3,8 @@
 Frames on these buses have no sequence numbers. So a late reply looks like the reply to the next request of the same
 id and length. After a missing reply, the master therefore sends no request for 0.1 s (the *quiet time*), and drops
 everything that arrives. In a measurement one reply in ten was 60 ms late. Without the quiet time, 7 to 10 of 60
-late replies were taken for the next reply; with it not a single one.
+late replies were taken for the reply to the next request. With the quiet time, no late reply was
+mistaken for another reply.
 """
 
 from __future__ import annotations
@@ -125,7 +126,7 @@ class HalfDuplexBus(Generic[PacketT]):
 
     def send_unawaited(self, frame: bytes, expected: Mapping[int, int]) -> None:
         """Send a frame at once, although motors will reply to it. The next request waits for these replies first.
-        Afterwards ``refusals`` has the errors among them."""
+        Afterwards ``refusals`` has the errors that these replies report."""
         self._write(frame)
         answer_bytes = sum(expected.values()) + len(expected) * self._overhead
         line_s = (len(frame) + answer_bytes) * self._byte_s

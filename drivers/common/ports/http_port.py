@@ -79,8 +79,8 @@ class HttpPort:
         if self.is_open:
             self.close()
         stream = await self._open_stream(*self._where)
-        # Another task has connected meanwhile, and may have sent a request. So keep its connection and close this
-        # one.
+        # If another task has connected meanwhile, it may have sent a request. So keep the connection of that task
+        # and close this one.
         if self.is_open:
             stream.close()
             return

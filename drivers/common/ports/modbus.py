@@ -149,8 +149,8 @@ class ModbusClient:
         return await self.first_answer((number,), within_s)
 
     async def first_answer(self, numbers: Sequence[int], within_s: float) -> list[int] | None:
-        """Wait until one of several read requests is answered, and return its registers. Otherwise as
-        ``answer``."""
+        """Wait until one of several read requests is answered, and return its registers. Return None or raise as
+        ``answer`` does."""
         with trio.move_on_after(within_s):
             while all(self._answers[number] is None for number in numbers):
                 self._take(await self._stream.read())

@@ -86,7 +86,7 @@ class RtuDecoder:
             return 5 if function & ~_EXCEPTION in self._lengths else 0
         size, length_offset = self._lengths.get(function, (0, None))
         if length_offset is not None:
-            # If the byte that holds the length has not arrived, the frame's size is not complete yet.
+            # Until the byte that holds the length has arrived, ``size`` is the size without the variable part.
             size += self._pending[length_offset] if len(self._pending) > length_offset else 0
         return size if size <= _MAX else 0
 

@@ -36,8 +36,8 @@ def _processes() -> Iterator[int]:
 
 
 def _has_open(pid: int, device: int) -> bool:
-    """Return True if a process has the device open. A process that simulates the device does not count, although it
-    may keep this end of the pseudo-terminal open: it has the other end, too."""
+    """Return True if a process has the device open. A process that simulates the device does not count. It has the
+    master end of the pseudo-terminal open, and may also keep the device open."""
     is_open = False
     try:
         for entry in (PROC / str(pid) / "fd").iterdir():
@@ -51,7 +51,7 @@ def _has_open(pid: int, device: int) -> bool:
 
 
 def _terminal(pid: int, descriptor: str) -> int | None:
-    """Return the number of the pseudo-terminal of which this descriptor is the other end. Source:
+    """Return the number of the pseudo-terminal of which this descriptor is the master end. Source:
     proc_pid_fdinfo(5)."""
     for line in (PROC / str(pid) / "fdinfo" / descriptor).read_text().splitlines():
         name, _, value = line.partition(":")

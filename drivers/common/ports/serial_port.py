@@ -193,7 +193,8 @@ def in_use(path: str, users: tuple[str, ...]) -> str:
 
 
 def adopt_serial(fd: int, name: str = "serial port") -> SerialPort:
-    """Make a port from a duplicate of a descriptor. The process that opened the device has configured it."""
+    """Make a port from a duplicate of a descriptor. The process that opened the device has already configured the
+    device."""
     return SerialPort(fd, name, owner=False)
 
 

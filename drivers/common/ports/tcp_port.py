@@ -109,7 +109,7 @@ class TcpPort:
         return self._sock.fileno()
 
     def reset_if_stalled(self) -> bool:
-        """Reset the connection if the peer does not acknowledge its data, so that this data is not delivered later.
+        """Reset the connection if the peer does not acknowledge the sent data, so that no data is delivered later.
 
         The reset acts for every process that has the connection open. Call it before a stop is sent on another
         connection.

@@ -112,7 +112,7 @@ class WebRtcVideo:
         self._news.set()
         self._news = trio.Event()
 
-    # -- runs in the asyncio thread
+    # -- methods that run in the asyncio thread
 
     def _run(self) -> None:
         reason = "the stream was closed"

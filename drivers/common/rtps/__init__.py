@@ -9,14 +9,14 @@ It supports discovery, best-effort and reliable delivery, and fragments.
     await participant.wait_matched(writer, reader)
     writer.write(payload)                                     # an ordinary function
 
-A remote endpoint counts as matched when its participant has acknowledged our endpoint. A reliable one must also
-have sent a message to our endpoint. From then on, samples are received. The age of a sample counts from the time at
-which the kernel received its datagram. Every table is bounded (peers, remote endpoints, early samples, fragments),
-and drops are counted.
+A remote endpoint counts as matched when its participant has acknowledged our endpoint. A reliable remote endpoint
+must also have sent a message to our endpoint. From then on, samples are received. The age of a sample counts from
+the time at which the kernel received its datagram. Every table is bounded (peers, remote endpoints, early samples,
+fragments), and drops are counted.
 
 A datagram with a peer's name is accepted only from that peer's address, and its sequence numbers must follow the
 last ones. So a single datagram from another address cannot end a connection. A sender that also forges the address
-is accepted, because the protocol cannot detect this. Robots with legs need a separate network.
+is accepted, because the protocol cannot detect this. So connect robots with legs to a separate network.
 
 Protocol 2.2, IPv4. No type information is sent, because participants of other DDS versions fail on it. Not
 supported: security, keys, content filters, deadlines, liveliness beyond the participant's lease, IPv6.

@@ -454,8 +454,8 @@ def _without_repeats(parts: list[Submessage]) -> list[Submessage]:
 
 
 def _acknowledging(announcements: Writer, reader: bytes) -> Callable[[bytes], bool]:
-    """Return a function. It returns True if a participant has acknowledged the announcement that ``announcements``
-    sends next."""
+    """Return a function that takes the GUID prefix of a participant. It returns True if this participant has
+    acknowledged the announcement that the writer ``announcements`` will send next."""
     number = announcements.sequence + 1
     return lambda prefix: announcements.acknowledged_by(prefix + reader) >= number
 

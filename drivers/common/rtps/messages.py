@@ -136,8 +136,8 @@ def decode(datagram: memoryview, own: bytes) -> list[Submessage]:
             destination = bytes(_need(body, PREFIX_SIZE)[:PREFIX_SIZE])
             mine = named and destination in (own, bytes(PREFIX_SIZE))
         elif kind == _INFO_SRC:
-            # A participant that forwards a message uses the name of another sender. The name cannot be checked by
-            # the address.
+            # INFO_SRC names the source of the following submessages. If it is not the sender of the datagram, they
+            # are ignored, because the sender's address does not prove another participant's name.
             named = named and bytes(_need(body, 20)[8:20]) == source
             mine = mine and named
         elif decoder := _DECODERS.get(kind):
@@ -180,7 +180,7 @@ def _content(body: memoryview, flags: int, order: Order, skip: int, least: int) 
 
     Args:
         skip: Number of bytes from the end of the field "octets to inline QoS" to the variable part.
-        least: End of the fixed part.
+        least: Offset at which the fixed part ends.
     """
     offset = 4 + skip
     if offset < least or offset > len(body):
@@ -335,7 +335,7 @@ def heartbeat(reader: bytes, writer: bytes, first: int, last: int, count: int, f
 
 
 def _bitmap(base: int, members: Sequence[int]) -> tuple[int, bytes]:
-    """Return the bitmap of a set of sequence numbers: the number of its bits, and its words.
+    """Return the bitmap of a set of sequence numbers: the number of its bits, and its 32-bit words.
 
     Args:
         base: The number of the first bit.

@@ -272,5 +272,5 @@ def _peer(text: str, domain: int) -> list[Address]:
     if not port:
         return [(host, wire_types.discovery_port(domain, index)) for index in range(PORTS_TRIED)]
     if not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or none")
+        raise ValueError(f"peer is {text!r}. Give a port of 1..65535, or no port")
     return [(host, int(port))]

@@ -70,9 +70,10 @@ class ServoOptions(DriverOptions, frozen=True):
 class ServoDriver(Driver):
     """Base of the drivers of servo buses.
 
-    This class provides options, axes, checks of commands, calibration and caveats. A subclass sets the class
-    variables that have no value here: the robots' tables, baud rates, rules for calibrations, and codes of faults.
-    It also provides the classes that ``Driver`` requires for talking to the robot and for stopping it.
+    This class provides options, axes, checks of commands, calibration, and a warning if the robot is not
+    calibrated. A subclass sets the class variables that have no value here: the robots' tables, baud rates, rules
+    for calibrations, and codes of faults. It also provides the classes that ``Driver`` requires for talking to the
+    robot and for stopping it.
     """
 
     PORT_KIND: ClassVar[Literal["serial", "address"]] = "serial"

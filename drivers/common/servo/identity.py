@@ -56,7 +56,7 @@ def _travel(axis: Axis, servo: Identity) -> tuple[float, float]:
 
 
 def facts_of(servos: Mapping[str, Identity]) -> dict[str, dict[str, object]]:
-    """Return the servos' properties that ``status`` shows: each by its name, then by axis key.
+    """Return the properties of the servos that ``status`` shows, by name. The value of each is a dict by axis key.
 
     Args:
         servos: The servos by axis key.

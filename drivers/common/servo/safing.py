@@ -62,8 +62,8 @@ class Tally:
             self._detail[motor] = reason
 
     def reports(self, goals: Mapping[int, int] | None = None) -> tuple[MotorReport, ...]:
-        """Return one report per motor. ``goals`` are the positions at which the motors should hold, in counts by
-        id."""
+        """Return one ``MotorReport`` per motor, with its result so far. ``goals`` are the positions at which the
+        motors should hold, in counts by id."""
         targets = goals or {}
         return tuple(
             MotorReport(
@@ -123,7 +123,7 @@ class Safing(Generic[PacketT]):
 
     @property
     def port_took_a_frame(self) -> bool:
-        """True if the port has accepted any frame, even a read request, so that the port works."""
+        """True if the port has accepted any frame, even a read request. Then the port works."""
         return self._bus.sent > 0
 
     def goals(self, counts: Mapping[int, int]) -> dict[int, int]:
@@ -227,17 +227,17 @@ class Safing(Generic[PacketT]):
                 await self._burst(self._codec.hold(new_goals), tally)
 
     async def _burst(self, frame: bytes, tally: Tally) -> None:
-        """Send a safe frame so often that each servo reads it, even after an incomplete frame.
+        """Send a stop frame (for limp or hold) so often that each servo reads it, even after an incomplete frame.
 
         Output that was not sent yet is dropped first. This may leave an incomplete frame on the bus, as does the
         death of a process while it writes. A servo then takes the following bytes for the rest of that frame.
-        RESYNC and enough copies of the safe frame (more bytes than the longest frame has) let its parser find a
+        RESYNC and enough copies of the stop frame (more bytes than the longest frame has) let its parser find a
         header before the last copy.
         """
         try:
             self._bus.port.discard_output()
         except WireDown as error:
-            # Dropping the unsent output has failed. Even so, try to write the safe frame.
+            # Dropping the unsent output has failed. Even so, try to write the stop frame.
             tally.failed(str(error))
         self._bus.send(self._codec.RESYNC + frame * (self._longest // len(frame) + 2))
         tally.written = True
@@ -271,7 +271,7 @@ class Safing(Generic[PacketT]):
         tally.answered(motor, replies[motor].params[0] == 0, "still energised")
 
     async def _read_places(self, ids: Sequence[int], tally: Tally) -> dict[int, int]:
-        """Return the present positions by id.
+        """Return the present positions of the servos that answer and have torque, in counts by id.
 
         If the replies took long, their positions may be old. Then the positions are read again, and joints that
         have moved between the readings are left out.

@@ -52,7 +52,7 @@ class SimulationClient:
         except OSError as error:
             raise WireDown(f"the simulation ended ({error.strerror or error})") from None
         if sent != len(data):
-            raise WireDown("the simulation does not read its socket. reconnect")
+            raise WireDown("the simulation does not read its socket. Reconnect")
 
     def ask(self, request: p.Request) -> int:
         """Send a request. Return its number, which its reply will carry."""

@@ -142,7 +142,7 @@ class Sample(Frame, frozen=True):
     position: tuple[float, ...]
     velocity: tuple[float, ...]
     effort: tuple[float, ...]  # newton metres; newtons for a linear axis
-    # Side that controls each joint. 0: none, 1: commands in the robot's real protocol, 2: the simulation.
+    # Controller of each joint. 1: commands in the robot's real protocol, 2: the simulation, 0: neither of these.
     commanders: tuple[int, ...]
 
 

@@ -89,7 +89,7 @@ class Renderer:
         return self._drawn.shoot(pose, width, height, camera)
 
     def _look(self, pose: Sequence[float]) -> View:
-        """Return the part of the scene that the camera shows. The first pose decides it."""
+        """Return the part of the scene that the camera shows. It is computed from the first pose, and then kept."""
         if self._view is None:
             model = self._spec.copy().compile()
             data = mujoco.MjData(model)
@@ -152,7 +152,7 @@ class SceneRenderer:
         own = [model.camera(index).name for index in range(model.ncam)]
         if camera not in CAMERAS and camera not in own:
             names = ", ".join(name for name in dict.fromkeys((*CAMERAS, *own)) if name)
-            raise CannotRender(f"no camera {camera!r}. there are {names}, and None for the whole robot")
+            raise CannotRender(f"no camera {camera!r}. There are {names}, and None for the whole robot")
         data.qpos[:] = pose
         mujoco.mj_kinematics(model, data)
         mujoco.mj_camlight(model, data)
@@ -194,7 +194,7 @@ def open_gl(width: int, height: int) -> Any:
         if not _is_installed(platform):
             raise CannotRender(_missing([platform]))
     else:
-        raise CannotRender(f"MUJOCO_GL is {requested!r}. unset it, or use {_names(list(LIBRARIES))}")
+        raise CannotRender(f"MUJOCO_GL is {requested!r}. Unset it, or use {_names(list(LIBRARIES))}")
     # MuJoCo reads this variable when it loads OpenGL.
     os.environ["MUJOCO_GL"] = platform
     try:

@@ -26,7 +26,7 @@ _STEPS_AT_ONCE = 500
 
 
 class Log(Protocol):
-    """The log of requests. It is the log of the simulated robot's protocol."""
+    """The log of the simulated robot's protocol, which also gets the requests on the control socket."""
 
     def write(
         self,
@@ -51,7 +51,7 @@ class SimulationControl:
         self._path = path
         self._body = body
         self._log = log
-        # The renderer's thread needs a copy of its own.
+        # The renderer's thread needs a separate copy of the model.
         self._renderer = Renderer(body.spec.copy())
         scenery = getattr(body, "scenery", None)
         if scenery is not None:

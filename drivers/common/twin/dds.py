@@ -166,8 +166,8 @@ class DdsServer(ABC):
     # -- events that a test can cause
 
     def set_fault(self, text: str) -> None:
-        """Set a fault: ``WORD`` for the robot or ``WORD:slot`` for one motor. Raise ``ValueError`` for any other
-        text."""
+        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:slot`` for one motor. Raise
+        ``ValueError`` for any other text."""
         fault, unit = parse_fault(text)
         if unit is None:
             self.faults.set(fault)

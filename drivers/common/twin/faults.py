@@ -35,7 +35,8 @@ class Fault(enum.StrEnum):
 
 
 def parse_fault(text: str) -> tuple[Fault, int | None]:
-    """Parse ``WORD`` or ``WORD:unit``. For any other text raise ``ValueError``, which lists the words."""
+    """Parse ``WORD`` (the name of a fault), or ``WORD:unit`` with the number of a unit. For any other text raise
+    ``ValueError``, which lists the names."""
     word, colon, unit = text.partition(":")
     try:
         return Fault(word), int(unit) if colon else None
@@ -56,7 +57,7 @@ class Reply(NamedTuple):
 
 
 class Faults:
-    """The present fault of each unit (such as a servo), and of all other units."""
+    """The present faults of single units (such as servos), and the present fault of all other units."""
 
     def __init__(self) -> None:
         self._everyone = Fault.OK

@@ -17,7 +17,7 @@ class TwinOptions(DriverOptions, frozen=True):
 
 
 class HostOption(TwinOptions, frozen=True):
-    """The option of a simulated robot in a network whose port numbers are fixed."""
+    """The option ``host`` of a simulated robot in a network. With fixed port numbers, it has no option ``port``."""
 
     host: Annotated[str | None, option("address to serve at; None: one of its own in 127.0.0.0/8")] = None
 

@@ -1,5 +1,5 @@
-"""The process of a simulated robot: signals, control lines on stdin, the end of the parent process, the port
-file."""
+"""The process of a simulated robot: signals, control lines on stdin, the end of the parent process, and the file
+with the robot's address (the port file)."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ class Frost:
 
     async def every(self, period_s: float, step: Callable[[], None]) -> None:
         """Call ``step`` once per period until cancelled, except while the robot is frozen. After a delay, at most
-        one missed call is made in addition."""
+        one of the missed calls is made."""
         period_ns = round(period_s * NS)
         due_ns = time.monotonic_ns()
         # trio's own sleep would take as much computing time as a step of a simulated arm.
@@ -213,8 +213,8 @@ class Server:
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """Set a fault: ``WORD`` for the robot or ``WORD:unit`` for one unit. Raise ``ValueError`` for any other
-        text."""
+        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:unit`` for one unit. Raise
+        ``ValueError`` for any other text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:

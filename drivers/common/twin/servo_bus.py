@@ -83,7 +83,7 @@ class TwinServo(ABC):
     # -- moving the joint's target
 
     def move_target(self, rad: float, rate_rad_s: float = 0.0) -> None:
-        """Move the joint's target to ``rad`` at this rate. With rate 0 the joint moves as fast as it can."""
+        """Move the joint's target to ``rad`` at ``rate_rad_s``. With rate 0 the joint moves as fast as it can."""
         self.aimed_rad = rad
         if rate_rad_s <= 0:
             self.rate_rad_s = 0.0
@@ -94,7 +94,7 @@ class TwinServo(ABC):
         self.rate_rad_s = rate_rad_s
 
     def turn(self, rate_rad_s: float) -> None:
-        """Turn the joint without end at this rate. With rate 0 it holds its present position."""
+        """Turn the joint without end at ``rate_rad_s``. With rate 0 it holds its present position."""
         if rate_rad_s == 0.0:
             self.move_target(self.reading.rad)
             return

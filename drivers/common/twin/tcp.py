@@ -96,14 +96,15 @@ class Connection:
 
     @property
     def takes(self) -> bool:
-        """True if the last offered frame was sent completely. Otherwise try to send the rest of it first."""
+        """True if the last offered frame was sent completely, so that a new frame may be offered. Reading this
+        property first tries to send the rest of the last frame."""
         if self._unsent:
             self._unsent = self._unsent[self._sent(self._unsent) :]
         return not self._unsent
 
     def offer(self, data: bytes) -> None:
-        """Send a frame that a client may ignore, for example a client that only sends. As long as the client does
-        not read, whole frames are skipped."""
+        """Send a frame that the client may ignore. As long as the client does not read, later frames are skipped,
+        each as a whole."""
         # A small send buffer prevents megabytes from waiting for a client that does not read.
         if not self._offers:
             self._offers = True
@@ -196,8 +197,8 @@ class StreamServer(ABC):
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """Set a fault: ``WORD`` for the robot or ``WORD:unit`` for one unit. Raise ``ValueError`` for any other
-        text."""
+        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:unit`` for one unit. Raise
+        ``ValueError`` for any other text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:

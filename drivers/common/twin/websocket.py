@@ -1,4 +1,5 @@
-"""The WebSocket server of a simulated robot. It has a port alone, or shares it with an HTTP service."""
+"""The WebSocket server of a simulated robot. It uses a port alone, or shares the port with an HTTP
+service."""
 
 from __future__ import annotations
 

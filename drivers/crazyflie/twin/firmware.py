@@ -224,7 +224,7 @@ class Firmware:
             Bit.TUMBLED: self.tumbled,
             Bit.LOCKED: self.locked,
             Bit.CRASHED: self.crashed,
-            # True even while a setpoint is obeyed instead of the plan.
+            # This flag is set even while the drone obeys a setpoint instead of the plan.
             Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,
             Bit.TRAJECTORY_FINISHED: self.time_s >= self._planned_until_s,
         }

@@ -162,8 +162,8 @@ class CrazyflieServer:
     # -- faults
 
     def set_fault(self, text: str) -> None:
-        """Inject a fault. The text is the fault's word alone, because the drone has no units. Raise
-        ``ValueError``."""
+        """Inject a fault. The text is the fault's word alone, because the drone has no parts that fail separately.
+        Raise ``ValueError``."""
         fault, unit = parse_fault(text)
         if unit is not None:
             raise ValueError(f"fault {text!r}: a Crazyflie has no units. Use {fault} alone")

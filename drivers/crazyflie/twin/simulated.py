@@ -1,4 +1,5 @@
-"""Let a local simulation fly the simulated drone. While a client flies it, the drone obeys only the client."""
+"""Let a local simulation (another program on this computer) fly the simulated drone. While a client
+flies the drone, it obeys only the client."""
 
 from __future__ import annotations
 
@@ -41,8 +42,8 @@ class CrazyflieBody:
         return pose
 
     def energise(self, on: bool) -> None:
-        """Give the drone to the local simulation, or take it back. The drone then stays on the floor, motors
-        off."""
+        """Give the drone to the local simulation (``on``), or take it back. Both switch the motors off, so a drone
+        on the floor stays there."""
         if Commander.WIRE not in self.commanders:
             self._firmware.simulated = on
             self._firmware.fly(None)

@@ -1,6 +1,6 @@
 """Simulate a Franka arm with its controller (a "twin"): FCI 5 or 10 on TCP and UDP, and MuJoCo for the arm.
 
-A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``reflex
+A test controls a simulated robot by lines of text. This robot accepts the lines of every twin, and also ``reflex
 ERROR``, ``mode MODE`` and ``success-rate NUMBER|measured``. The names are in ``protocol.ERRORS`` and
 ``protocol.RobotMode``.
 """

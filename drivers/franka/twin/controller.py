@@ -121,7 +121,7 @@ class Controller:
             self.reasons.clear()
         return self.mode == p.RobotMode.IDLE
 
-    # -- events
+    # -- reflexes, modes, and motion without a client
 
     def reflex(self, reason: str) -> tuple[int, str] | None:
         ended = self.stop("reflex_aborted")
@@ -160,7 +160,7 @@ class Controller:
         """The joint positions that the controller commands at present, in rad."""
         return self._goal
 
-    # -- time
+    # -- the passing of time
 
     def tick(self) -> tuple[int, str] | None:
         """Advance by a millisecond. If the motion ends in this tick, return the same as ``stop``, else None."""
@@ -246,7 +246,7 @@ class Controller:
         for joint in SEVEN:
             self.plant.set_target(joint, goal[joint])
 
-    # -- the state
+    # -- the state that clients receive
 
     @property
     def message_id(self) -> int:

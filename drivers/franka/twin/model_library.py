@@ -55,7 +55,7 @@ def model_library() -> bytes:
     names, code, strings, symbols = _functions(), b"", b"\0", bytes(24)
     for name, (register, count) in names.items():
         body = _code(register, count)
-        symbols += struct.pack("<IBBHQQ", len(strings), 0x12, 0, 1, _BASE + len(code), len(body))  # GLOBAL FUNC
+        symbols += struct.pack("<IBBHQQ", len(strings), 0x12, 0, 1, _BASE + len(code), len(body))  # global function
         strings += name.encode() + b"\0"
         code += body
     total = len(names) + 1

@@ -40,7 +40,7 @@ KINDS = {"move": "enable", "stop": "safe", "recover": "enable"}
 
 
 class Machine:
-    """The faults and events of the simulated robot."""
+    """Set faults of the simulated robot, and restart it."""
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
@@ -97,7 +97,7 @@ class FrankaServer(TcpServer):
     def _dialect(self) -> p.Dialect:
         return self.controller.dialect
 
-    # -- events
+    # -- faults and events that a test sets
 
     def set_fault(self, text: str) -> None:
         super().set_fault(text)
@@ -129,7 +129,7 @@ class FrankaServer(TcpServer):
         super().close()
         self._udp.close()
 
-    # -- TCP
+    # -- requests of clients on TCP
 
     async def _attend_client(self, connection: Connection) -> None:
         decoder = p.Decoder(p.LARGEST_REQUEST)
@@ -195,7 +195,7 @@ class FrankaServer(TcpServer):
                 "read", p.Message(self._dialect.commands.index("move"), ended[0], bytes((status,))).raw
             )
 
-    # -- UDP, and time
+    # -- states and commands on UDP, and the ticks of the controller
 
     async def serve(self) -> None:
         async with trio.open_nursery() as nursery:

@@ -109,7 +109,8 @@ class KukaServer:
     # -- the network
 
     def _find_place(self, options: KukaTwinOptions) -> tuple[str, int]:
-        """Return an own address, and a port that is free there and at the client's address. Raise ``OSError``."""
+        """Return the address and the port of this controller. Without a given port, choose one that is free here
+        and at the client's address. Raise ``OSError``."""
         host, port = options.host or own_host(), options.port
         if port:
             return host, port

@@ -1,6 +1,6 @@
 """Simulate a KUKA controller: its FRI session, its pendant and its arm. No sockets.
 
-Each call of ``cycle`` is one cycle of the controller. All thresholds of the session are assumed [?], because the
+Each call of ``cycle`` is one cycle of the controller. All thresholds of the session are [assumed], because the
 vendor does not publish them.
 """
 

@@ -1,5 +1,5 @@
-"""Talk to a robot by LeRobot's class. This is the wire of a user's class, with a stop by this package's own driver
-if that knows the servo bus."""
+"""Connect the wire process to a robot by LeRobot's class, in the same way as by a user's class. If this package's
+own driver knows the servo bus, that driver stops the robot."""
 
 from __future__ import annotations
 
@@ -60,8 +60,8 @@ class LeRobotWire(PlainWire):
         return replace(observation, faults={**observation.faults, **dict.fromkeys(sorted(limp), LIMP)})
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Return no report if this package's own driver has a stop channel for the bus. That channel then stops the
-        robot, without an object of LeRobot's class."""
+        """Stop the robot with an object of LeRobot's class. If this package's own driver has a stop channel for the
+        bus, do nothing and return no reports, since that channel then stops the robot."""
         return () if TYPES[self._config.robot].wire else await super().reach(safe_state)
 
     def handover(self) -> Sequence[int]:

@@ -252,7 +252,7 @@ class Controller:
         return all(low - _ROUNDING <= rad <= high + _ROUNDING for rad, (low, high) in rows)
 
     def _motion(self, name: str, part: JointPosition) -> Motion:
-        """Plan a motion in the commanded time, but no faster than the joints turn."""
+        """Plan a motion in the commanded time, but no faster than the joints can turn."""
         now_s, joints = self.now_s(), self._slices[name]
         begin = tuple(self._target[joints])
         rows = zip(begin, part.position, self._speeds[joints], strict=True)

@@ -1,6 +1,6 @@
-"""Let a local simulation move the simulated Spot, in the place of a client.
+"""Let a simulation (another program on this computer) move the simulated Spot.
 
-Parts that a client commands follow the client. When the local simulation takes the robot, it stands
+Parts that a client commands follow the client. When the simulation takes the robot, it stands
 up.
 """
 

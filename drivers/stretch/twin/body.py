@@ -1,4 +1,4 @@
-"""Let a local simulation move the simulated Stretch, in the place of a client. Parts that a client commands
+"""Let a simulation (another program on this computer) move the simulated Stretch. Parts that a client commands
 follow the client."""
 
 from __future__ import annotations

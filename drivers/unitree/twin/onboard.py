@@ -213,8 +213,8 @@ class Onboard:
             self._note("fell" if self.fallen else "stood", f"{self.body.height_m:.3f}")
 
     def _hang_up(self) -> None:
-        """Put a robot that has fallen while standing up back on its feet. A real G1 or H1 hangs in a hanger
-        then."""
+        """If the robot has fallen while it stood up, put it back on its feet. A real G1 or H1 hangs in a hanger
+        while it stands up."""
         if self.body.fallen and not self._is_down:
             self.body.stand_up()
             self.body.drive(*self._stand)

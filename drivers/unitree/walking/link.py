@@ -120,7 +120,7 @@ class WalkingLink(Network):
         if self.dialect.ask_odometry:
             self.sport.ask(self.dialect.ask_odometry, self._on_pose)
 
-    # -- answers and states
+    # -- handle received answers and states
 
     def _hear(self, order: Order, response: rpc.Response) -> None:
         if response.id < self.answered.get(order, 0):

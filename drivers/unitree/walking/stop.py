@@ -38,7 +38,7 @@ STILL_M_S, STILL_RAD_S = 0.1, 0.15
 
 
 class Stopping:
-    """Stop the robot over one connection. It implements ``ReportingBase``, for ``stop_until_it_stands``."""
+    """Stop the robot over one connection, with the methods that ``stop_until_it_stands`` needs."""
 
     def __init__(self, link: WalkingLink, safe_state: SafeState) -> None:
         self._link = link
@@ -123,8 +123,8 @@ def reports(outcome: Outcome) -> tuple[MotorReport, ...]:
 class WalkingStopChannel(KeptSession[UnitreeConfig, WalkingLink]):
     """The stop channel: a separate DDS participant in the supervising process (root).
 
-    It connects to the robot early, so that a stop needs no time. It receives states only during a stop, because
-    500 states a second would cost the root process too much CPU time.
+    It connects to the robot early, so that a stop need not wait for the connection. It receives states
+    only during a stop, because 500 states a second would cost the root process too much CPU time.
     """
 
     SERVED_FIRST: ClassVar[bool] = False

@@ -59,7 +59,7 @@ class WalkingSession(RobotSession):
         self._requested_ns = 0
 
     def poll(self, now_ns: int) -> None:
-        """Handle received data, and request the onboard mode if it is time."""
+        """Handle received data, and request the onboard mode if that is due."""
         self.link.poll()
         if now_ns - self._requested_ns >= ASK_EVERY_NS:
             self._requested_ns = now_ns

@@ -1,6 +1,6 @@
 """Simulate a UR controller with its arm (a "twin"): RTDE, script ports and dashboard. MuJoCo simulates the arm.
 
-A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``safety
+A test controls a simulated robot by lines of text. This robot accepts the lines of every twin, and also ``safety
 MODE``, ``mode MODE`` and ``remote yes|no``. The names of the modes are in ``protocol.SafetyMode`` and
 ``protocol.RobotMode``.
 """
@@ -50,7 +50,7 @@ class URTwinOptions(HostOption, frozen=True):
 
 
 class Machine:
-    """Faults and power cycles of the simulated robot."""
+    """Set faults of the simulated robot, and restart it."""
 
     def __init__(self, controller: Controller, faults: Faults) -> None:
         self.controller = controller

@@ -28,7 +28,7 @@ class ControlScript:
     """
 
     def __init__(self, controller: Controller, offset: int, path: Sequence[Statement] = ()) -> None:
-        """Start the script. ``offset`` is its first register. ``path`` is the moves in the uploaded text."""
+        """Start the script. ``offset`` is its first register. ``path`` has the moves from the uploaded text."""
         self._controller = controller
         self._offset = offset
         self._path = path
@@ -87,7 +87,7 @@ class ControlScript:
             else:
                 self._controller.fail(str(unreachable))
 
-    # -- moves
+    # -- commands that move or stop the arm
 
     def _move_j(self) -> None:
         goal = self._six()
@@ -159,7 +159,7 @@ class ControlScript:
         if self._controller.motion.limp:
             self._controller.halt()
 
-    # -- questions
+    # -- commands that compute kinematics
 
     def _has_solution(self, near: Sequence[float]) -> None:
         self._say(self._controller.joints_for(self._frame(), near) is not None)
@@ -176,7 +176,7 @@ class ControlScript:
     def _inverse_near(self) -> None:
         self._out(self._controller.solved(self._frame(), self._six(6)))
 
-    # -- settings
+    # -- commands that set tool, payload and gravity
 
     def _payload(self) -> None:
         self._controller.payload_kg = self._double(0)
@@ -193,7 +193,7 @@ class ControlScript:
     def _set_gravity(self) -> None:
         self._controller.gravity_m_s2 = tuple(self._six()[:3])
 
-    # -- registers
+    # -- reading and writing of registers
 
     def _answer(self, word: int) -> None:
         self._controller.int_out[self._offset] = word

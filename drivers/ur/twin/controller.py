@@ -42,7 +42,7 @@ class Program(Protocol):
         ...
 
     def step(self) -> None:
-        """Run for one tick."""
+        """Run the program for one tick."""
         ...
 
 
@@ -112,7 +112,7 @@ class Controller:
         self._ticked_s = self._booted_s
         self._brake(True)
 
-    # -- modes
+    # -- robot mode and safety mode
 
     @property
     def movable(self) -> bool:
@@ -143,7 +143,7 @@ class Controller:
             self.plant.set_torque(joint, not on)
             self.plant.set_target(joint, self.plant.position_rad[joint])
 
-    # -- programs
+    # -- programs and their motions
 
     @property
     def busy(self) -> bool:
@@ -263,7 +263,7 @@ class Controller:
         else:
             self._watched.pop(register, None)
 
-    # -- inputs
+    # -- RTDE inputs that clients write
 
     def write(self, values: Mapping[str, p.Value]) -> None:
         """Store the input values that an RTDE client has written, by name."""
@@ -300,7 +300,7 @@ class Controller:
             if mask >> index & 1:
                 self.analog_out[index] = _scalar(values.get(f"standard_analog_output_{index}", 0.0))
 
-    # -- time
+    # -- the passing of time
 
     def tick(self) -> None:
         # Check the watchdogs for the time of the last tick, not for the present time. If this process did not run
@@ -326,7 +326,7 @@ class Controller:
                 self.protect(str(unreachable))
         self.plant.catch_up(now_s)
 
-    # -- state
+    # -- the present state of controller and arm
 
     @property
     def uptime_s(self) -> float:

@@ -44,7 +44,7 @@ class Functions:
         self._robot = controller
         self.signal_async_progress = on_progress
 
-    # -- moves
+    # -- functions that move or stop the arm
 
     def movej(self, q: Any, a: float = 1.4, v: float = 1.05, t: float = 0.0, r: float = 0.0) -> Waits:
         return self._arrives(self._robot.move_joints(self._joints(q), v, a, t))
@@ -91,7 +91,7 @@ class Functions:
     def protective_stop(self) -> None:
         raise Unreachable("the program asked for it")
 
-    # -- time
+    # -- functions that wait
 
     def sleep(self, t: float) -> Waits:
         # The controller waits for a whole number of ticks, so end half a tick early.
@@ -101,7 +101,7 @@ class Functions:
     def sync(self) -> Waits:
         return Waits(lambda: True)
 
-    # -- settings
+    # -- functions that set tool, payload and gravity
 
     def set_tcp(self, pose: Any, tcp_name: str = "") -> None:
         self._robot.tcp = frame_of(_six(pose))
@@ -182,7 +182,7 @@ class Functions:
             raise ScriptError("a watchdog is for an input_int_register and its action is stop, on this controller")
         self._robot.watch(_index(int(number), c.REGISTERS), _number(min_frequency))
 
-    # -- messages
+    # -- functions that write messages
 
     def textmsg(self, s1: Any, s2: Any = "") -> None:
         self._robot.log.append(f"{s1}{s2}")
@@ -192,7 +192,7 @@ class Functions:
     ) -> None:
         self._robot.log.append(f"popup: {s}")
 
-    # -- state
+    # -- functions that return the state of the arm
 
     def get_actual_joint_positions(self) -> list[float]:
         return list(self._robot.plant.position_rad)
@@ -235,7 +235,7 @@ class Functions:
     def get_steptime(self) -> float:
         return 0.002
 
-    # -- arithmetic
+    # -- functions that compute
 
     def pose_trans(self, p_from: Any, p_from_to: Any) -> Pose:
         return Pose(frame_of(_six(p_from)).then(frame_of(_six(p_from_to))).pose())
@@ -267,7 +267,7 @@ class Functions:
     def norm(self, a: Any) -> float:
         return math.sqrt(sum(_number(part) ** 2 for part in a)) if isinstance(a, list | tuple) else abs(_number(a))
 
-    # -- parts
+    # -- helper methods of the functions above
 
     def _arrives(self, trip: Any) -> Waits:
         return Waits(lambda: trip.arrived(self._robot.plant))

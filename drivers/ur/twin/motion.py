@@ -63,7 +63,7 @@ class Hold(Motion):
     """Stop the arm and hold it."""
 
     def __init__(self, stand: Sequence[float] | None = None) -> None:
-        """Hold the arm at ``stand`` (rad). None: at the nearest positions at which the joints can stop."""
+        """Hold the arm at ``stand`` (rad). If ``stand`` is None, hold it where its joints can stop soonest."""
         super().__init__()
         self._stand = stand
 

@@ -209,7 +209,7 @@ class ScriptPort:
             self._clients.discard(connection)
 
     def push(self, tick: int, sample: Callable[[], Sample]) -> None:
-        """Send the state of a tick to all clients, at the rate of this port. Skip it if no client reads."""
+        """Send the state of a tick to all clients, at the rate of this port. Send nothing if no client reads."""
         if tick % self._every or not self._clients:
             return
         reading = [client for client in self._clients if client.takes]

@@ -138,7 +138,7 @@ def _expression(number: int, text: str) -> ast.expr:
         raise ScriptError(f"line {number}: syntax error in {text[:60]!r}") from None
 
 
-# -- running
+# -- running a parsed program
 
 
 class _Return(Exception):
@@ -192,7 +192,7 @@ class Script:
         self._remaining_steps = STEPS_A_TICK
 
     def react_to_inputs(self) -> None:
-        """Do nothing, because the program reads a register only when it runs such a line."""
+        """Do nothing, because the program reads a register only when it runs a line that does so."""
 
     def step(self) -> None:
         try:
@@ -303,7 +303,7 @@ class Script:
         if isinstance(waits, Waits):
             yield waits
 
-    # -- expressions
+    # -- values of expressions
 
     def _value(self, node: ast.expr, names: dict[str, Any]) -> Any:
         match node:

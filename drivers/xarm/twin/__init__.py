@@ -124,7 +124,7 @@ class ControlSession:
 
 
 class XArmServer(TcpServer):
-    """Serve the ports of one simulated controller, and simulate the passing time."""
+    """Serve the ports of one simulated controller, and advance it with real time."""
 
     def __init__(self, controller: Controller, log: WireLog, host: str | None, port: int) -> None:
         self.controller = controller

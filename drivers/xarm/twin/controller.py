@@ -52,9 +52,12 @@ class Controller:
         plant: Plant | None = None,
     ) -> None:
         """Args:
+        robot: Name of the robot.
+        arm_type: The type of its arm.
         version: The controller's version text.
         speed_limit_rad_s: The joint speed limit that the controller reports. The simulated arm itself moves at
             the speed in the robot's table.
+        now_s: The clock.
         plant: The physics of the arm; None for the arm in the robot's table.
         """
         self.plant = plant or Plant.from_table(model_table(robot, arm_type))
@@ -83,7 +86,7 @@ class Controller:
         self._halt()
         self.plant.catch_up(self._ticked_s)
 
-    # -- observation
+    # -- values for replies and reports
 
     @property
     def runs(self) -> bool:
@@ -92,7 +95,7 @@ class Controller:
 
     @property
     def flags(self) -> int:
-        """Return the state byte of every reply."""
+        """Return the present state byte, which every reply contains."""
         ready = self.enabled and self.state in _RUNNING and not self.error
         return ERROR * bool(self.error) | WARNING * bool(self.warning) | NOT_READY * (not ready)
 
@@ -106,7 +109,7 @@ class Controller:
     def details(self) -> r.Details:
         return r.Details(self.enabled, self.error, self.warning)
 
-    # -- events
+    # -- events: an error, or a new state or mode
 
     def fail(self, error: int) -> None:
         """Set an error. The arm stops, and its motors are off until a client enables them again [assumed]. The code
@@ -131,7 +134,7 @@ class Controller:
         self.mode = mode
         self._stop()
 
-    # -- registers
+    # -- requests of clients, by register
 
     def obey(self, register: int, data: bytes) -> tuple[int, bytes]:
         """Carry out a request. Return the state byte and the data of the reply."""
@@ -221,7 +224,7 @@ class Controller:
         else:
             self._goal = goal
 
-    # -- the arm
+    # -- stop, hold and target of the arm
 
     def _stop(self) -> None:
         self.state = State.STOPPED
@@ -252,7 +255,7 @@ class Controller:
             self.plant.set_stuck(joint, not released)
             self.plant.set_torque(joint, released)
 
-    # -- time
+    # -- the passing of time
 
     def tick(self) -> None:
         now_s = self._now_s()
@@ -264,7 +267,7 @@ class Controller:
             self.state = State.MOVING if self._queue or moves else State.READY
 
     def advance(self, elapsed_s: float) -> None:
-        """Set the targets of the joints after this time has passed."""
+        """Advance the motion by ``elapsed_s`` seconds, and set the targets of the joints."""
         if self.state in _RUNNING and not self.simulation_moves:
             if self.mode == Mode.SERVO and self._goal is not None:
                 # The arm moves there at full speed, even if targets come rarely.

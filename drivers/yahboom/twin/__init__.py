@@ -69,7 +69,7 @@ class M3ProTwin:
 
 
 class M3ProBody:
-    """Let a local simulation move the simulated robot, in the place of a client. Parts that a
+    """Let a simulation (another program on this computer) move the simulated robot. Parts that a
     client commands follow the client."""
 
     def __init__(self, mechanism: Mechanism, robot: str) -> None:

@@ -139,7 +139,7 @@ class BridgeSession:
         """Start a session. ``send`` is called with each message for the client."""
         self._graph = graph
         self._send_text = send
-        # How often each subscribed topic is sent to this client.
+        # The period in which each subscribed topic is sent to this client, by topic.
         self._period_s: dict[str, float] = {}
         self._due_s: dict[str, float] = {}
 

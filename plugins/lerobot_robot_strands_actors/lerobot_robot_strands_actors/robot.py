@@ -71,7 +71,8 @@ class StrandsRobot(Robot):
 
     @property
     def is_calibrated(self) -> bool:
-        # True keeps LeRobot from starting its own calibration. The constructor has read the file, if it exists.
+        # True keeps LeRobot from starting its own calibration. The constructor has read the calibration file, if
+        # there is one.
         return True
 
     def calibrate(self) -> None:

@@ -35,7 +35,7 @@ def features(
     """Return one feature per axis, in order.
 
     Args:
-        robot: The robot's name, for the message.
+        robot: The robot's name, for the error message.
         axes: The driver's axes.
         travel: Calibrated range (low, high) of each axis; empty without a calibration.
         use_degrees: True for degrees, False for -100 to 100 over the calibrated range.

@@ -327,8 +327,8 @@ async def open_robot(
     Args:
         name: Name of the robot.
         mode: ``"sim"``, ``"real"`` or ``"auto"``.
-        arm: False energises nothing.
-        approve: Function that gives the approval of an operator.
+        arm: False: opening the robot energises nothing.
+        approve: Function that asks an operator for approval, and returns True to approve.
         guarded: Verbs and action keys that need approval, in addition to those of the driver.
         approve_within_s: Longest time in seconds that ``approve`` may take.
         keywords: The other keywords of ``Robot``.

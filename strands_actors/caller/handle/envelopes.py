@@ -41,7 +41,7 @@ class Answer(dict[str, Any], Coroutine[Any, Any, "Answer"]):
         return self
 
     def send(self, value: Any) -> Any:
-        """End the coroutine at once, with the envelope as its result."""
+        """End this coroutine at once, with the envelope as its result."""
         raise StopIteration(self)
 
     def throw(self, typ: Any, val: Any = None, tb: Any = None) -> Any:
@@ -190,12 +190,12 @@ def with_remedy(answer: Answer, remedies: Mapping[str, str]) -> Answer:
 
 
 def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = None) -> Answer:
-    """Return the envelope of a stop. It is a success only if every motor confirmed the safe state.
+    """Return the envelope (answer) for a stop. It is a success only if every motor confirmed the safe state.
 
     Args:
         verb: The verb, for the text of an error.
         result: The result of the stop.
-        done: Keys that the verb adds to the JSON.
+        done: Values that the verb adds to the JSON, by key.
     """
     more = done or {}
     match result:
@@ -209,7 +209,7 @@ def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = Non
                     assert_never(proof)
         case Unconfirmed(report):
             named = ", ".join(f"{motor.axis} (id {motor.id}): {motor.detail}" for motor in result.unsafe)
-            text = f"{verb}: not confirmed by {named or 'the robot'}. cut its power if it still moves"
+            text = f"{verb}: not confirmed by {named or 'the robot'}. Cut its power if it still moves"
             return error(text, {**more, **_report(report)})
         case Unreachable(refusal, motors):
             refused = {"code": str(refusal.code)}
@@ -248,7 +248,7 @@ def _report(report: StopReport) -> dict[str, Any]:
 
 
 def task(status: TaskStatus) -> dict[str, Any]:
-    """Return the keys of ``get_task_status``."""
+    """Return the values that ``get_task_status`` reports, by key."""
     return {
         "running": status.running,
         "steps": status.steps,
@@ -271,7 +271,7 @@ def status(
     facts: Mapping[str, Any],
     standby_report: str | None = None,
 ) -> dict[str, Any]:
-    """Return the keys of ``get_status``. The same keys exist if the robot does not answer.
+    """Return the values that ``get_status`` reports, by key. The keys are the same if the robot does not answer.
 
     Args:
         tool_name: Name of the handle.
@@ -313,7 +313,7 @@ def status(
 
 
 def positions(driver: Driver, observation: Observation) -> dict[str, float | None]:
-    """Return the positions by the keys of ``get_observation``; null for an axis that was never read."""
+    """Return the positions by key, as ``get_observation`` does; null for an axis that was never read."""
     return {key: _none_if_nan(value) for key, value in driver.observed(observation).items()}
 
 

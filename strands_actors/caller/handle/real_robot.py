@@ -151,7 +151,7 @@ class RealRobot(RobotTool):
 
     @property
     def _tree(self) -> RobotTree | None:
-        """The program's side of the robot's processes; None before the first connect, and in a forked child.
+        """The interface to the robot's processes; None before the first connect, and in a forked child.
 
         A forked child cannot use these processes, since they belong to its parent.
         """
@@ -185,7 +185,7 @@ class RealRobot(RobotTool):
         return self._call(answered, name, verb, tree, *args) if answer is None else answer
 
     def _ready(self, name: str) -> RobotTree | str:
-        """Return the tree for a verb, or the reason as text why there is no tree.
+        """Return the tree (the robot's processes) for a verb, or the reason as text why there is no tree.
 
         Connect first, if this verb may connect a robot.
         """
@@ -267,7 +267,7 @@ class RealRobot(RobotTool):
         return await tree.connect(self._arm)
 
     async def _complete(self) -> str | None:
-        """Read the options that only the robot knows (``Driver.complete``), and rebuild plan and driver.
+        """Read the options that only the robot knows (``Driver.complete``), and make a new plan and driver.
 
         Return None, or why the robot could not be read.
         """
@@ -745,7 +745,9 @@ class RealRobot(RobotTool):
         block: bool | None = None,
         **options: Any,
     ) -> Answer:
-        """Let a leader control the robot, and wait for the end of that. Ctrl-C makes the robot hold.
+        """Let a leader (a device that a person moves) control the robot, and wait for the end.
+
+        Ctrl-C ends the teleoperation, and the robot holds its position.
 
         Args:
             leader: A ``Teleoperator``, or its name. None: the leader that was attached before continues

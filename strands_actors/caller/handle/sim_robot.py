@@ -204,7 +204,7 @@ class SimRobot(RealRobot):
         return self._change("save_state", lambda: (scene.state_name(name),), {"saved": name})
 
     def load_state(self, name: str = "default") -> Answer:
-        """Stop the robot, restore a state of ``save_state``, and energise the robot.
+        """Stop the robot, restore a state that ``save_state`` has saved, and energise the robot.
 
         Returns:
             Key: ``position`` by joint.
@@ -370,7 +370,7 @@ class SimRobot(RealRobot):
         """
         if push_to_hub:
             return answers.error(
-                "start_recording: nothing is uploaded here. upload its folder with LeRobot's tools"
+                "start_recording: nothing is uploaded here. Upload its folder with LeRobot's tools"
             )
         ready = self._ready("observe")
         if isinstance(ready, str):
@@ -446,7 +446,10 @@ class SimRobot(RealRobot):
         return answers.success(result)
 
     def _change(self, verb: str, read: Callable[[], tuple[Any, ...]], done: dict[str, Any]) -> Answer:
-        """Change the scene. ``read`` checks the arguments and returns those for the simulation."""
+        """Change the scene.
+
+        The function ``read`` checks the arguments, and returns the arguments for the simulation.
+        """
         try:
             self._call(self._world.change, verb, *read())
         except (ValueError, SimulationError) as failure:

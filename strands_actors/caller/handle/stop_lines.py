@@ -26,18 +26,18 @@ async def stop_by_name(robot: str, by: str) -> str:
                 if note.robot == robot:
                     return line_of(await joined.stop(note, Reason.STOP, by))
     except OSError as failure:
-        return f"NOT CONFIRMED: {failure}. cut its power if it still moves"
-    return f"NOT CONFIRMED: no tree of {robot} is found. cut its power if it still moves"
+        return f"NOT CONFIRMED: {failure}. Cut its power if it still moves"
+    return f"NOT CONFIRMED: no tree of {robot} is found. Cut its power if it still moves"
 
 
 def line_of(result: StopResult) -> str:
-    """Describe in one line whether every motor confirmed the safe state, and what to do if not."""
+    """Describe in one line whether every motor confirmed the safe state after a stop, and what to do if not."""
     match result:
         case Unreachable():
             return f"NOT CONFIRMED: {result.text}"
         case Unconfirmed():
             named = ", ".join(f"{m.axis} (id {m.id}): {m.detail}" for m in result.unsafe)
-            return f"NOT CONFIRMED by {named or 'the robot'}. cut its power if it still moves"
+            return f"NOT CONFIRMED by {named or 'the robot'}. Cut its power if it still moves"
         case Confirmed(proof):
             return _confirmed(proof)
         case _:

@@ -69,7 +69,7 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "mo
     Args:
         robot_name: The name in the command; None means this robot. ``tool_name`` and ``running_as`` are
             accepted. Without a ``tool_name``, every name of this type of robot is accepted, too.
-        plan: The plan of this robot.
+        plan: The plan of this robot (its checked arguments).
         running_as: The name by which this robot runs.
         verb: The verb that is refused.
     """
@@ -140,12 +140,12 @@ class Observing:
 
 
 async def get_state(tree: RobotTree) -> Answer:
-    """Return positions and velocities, with their age."""
+    """Return the positions and velocities of the joints, with the age of the reading."""
     return await _measured(tree, "state", lambda observation: _state(tree.driver, observation))
 
 
 def _state(driver: Driver, observation: Observation) -> dict[str, Any]:
-    """Return the keys of ``state``.
+    """Return the values that the verb ``state`` reports, by key.
 
     ``joints`` and ``joint_velocities`` are the same values under their names in strands-robots.
     """
@@ -160,7 +160,7 @@ def _state(driver: Driver, observation: Observation) -> dict[str, Any]:
 
 
 async def get_sensors(tree: RobotTree) -> Answer:
-    """Return positions, sensors and faults, with their age."""
+    """Return the positions, the sensors and the faults of the motors, with the age of the reading."""
     return await _measured(
         tree,
         "sensors",
@@ -207,8 +207,8 @@ def require_service(handle: object, plan: Plan | None, name: str) -> None:
     """Raise ``AttributeError`` if the driver has no service of this name.
 
     Args:
-        handle: The object that was searched for the attribute.
-        plan: The plan of the object; None while the object is being made.
+        handle: The robot object on which the attribute was read.
+        plan: The plan of that robot (its checked arguments); None while the object is being made.
         name: Name of the attribute.
     """
     if not is_service(plan, name):
@@ -336,7 +336,7 @@ async def get_status(tree: RobotTree) -> Answer:
 
 
 def describe(tree: RobotTree, status: Status | None) -> dict[str, Any]:
-    """Return the keys of ``get_status``.
+    """Return the values that ``get_status`` reports, by key.
 
     Args:
         tree: The robot.

@@ -88,7 +88,7 @@ class Directory:
             answer = await self._ask(actor_addresses.gate, Gate, Stop(reason, by, lock), deadlines.gate_s)
         except (AskTimeout, Unreachable):
             answer = None
-        # A refusal has not stopped the robot either.
+        # If the answer is a refusal, the robot is not stopped, as without an answer.
         if not isinstance(answer, StopReport):
             try:
                 answer = await self._ask(

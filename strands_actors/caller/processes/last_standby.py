@@ -32,12 +32,13 @@ _log = logging.getLogger("strands_actors")
 
 
 async def until_over(robot: str, port_identity: str) -> str | None:
-    """Wait for the standby processes of earlier runs. Return their reports since the last start of a robot.
+    """Wait for the end of the standby processes of earlier runs. Return those reports of them that were not
+    returned before.
 
     Args:
-        robot: Name of the robot. Standbys of this robot are waited for.
-        port_identity: Identifies the robot's port (``port_claim.port_identity``); empty for a simulated robot.
-            Standbys of this port are waited for, too.
+        robot: Name of the robot. The standby processes of this robot are waited for.
+        port_identity: Identifies the robot's port (``port_claim.port_identity``); empty for a simulated robot. The
+            standby processes of this port are waited for, too.
 
     Returns:
         The reports as one text; None if there are no reports.
@@ -91,7 +92,7 @@ def _reports(robot: str, port_identity: str) -> Iterator[Path]:
 
 
 def _take(path: Path) -> str:
-    """Return the text of a report, and remove its file, so that the report is logged only once."""
+    """Return the text of a standby's report, and remove its file, so that the report is logged only once."""
     report = read(path)
     path.unlink(missing_ok=True)
     if report is None:

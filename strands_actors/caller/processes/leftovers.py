@@ -66,7 +66,7 @@ def _remove_socket(lock: Path) -> None:
 
 @contextlib.contextmanager
 def _unused(path: Path) -> Iterator[bool]:
-    """Hold the shared lock of a file for a block, if no process has the exclusive one.
+    """Hold the shared lock of a file for a ``with`` block, if no process has the exclusive lock.
 
     Yields:
         True if the lock is held. False also if the file does not exist or cannot be opened.

@@ -109,7 +109,7 @@ class Processes(ABC):
         """Start the processes, or connect to them if another host runs them.
 
         Args:
-            background: An async function that runs until the processes end.
+            background: An async function to run as long as the processes, such as sending heartbeats.
 
         Raises:
             NotConnected: The processes cannot be started, or cannot be reached.
@@ -139,7 +139,8 @@ class Processes(ABC):
         """Restart the processes that have ended. Raise as ``start`` does.
 
         Args:
-            lift: False for a caller that is not an operator. It may get a refusal.
+            lift: True for an operator. False for another caller, which gets a refusal if the processes have ended,
+                since they may have been locked by an e-stop.
             background: As in ``start``.
         """
 
@@ -177,7 +178,7 @@ class Processes(ABC):
         """Wait until the link to the robot is up, and return the status.
 
         Args:
-            patience_s: How long to wait for a link that was lost.
+            patience_s: Seconds to wait for a lost link to come back.
 
         Raises:
             NotConnected: The root process has ended, the link is lost, or the timeout has passed.

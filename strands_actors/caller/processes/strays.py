@@ -28,7 +28,7 @@ class Stray(NamedTuple):
 
     @property
     def text(self) -> str:
-        return f"its note in {run_dir()} is gone. its root is process {self.root}"
+        return f"its note in {run_dir()} is gone. Its root is process {self.root}"
 
 
 def label_of(robot: str) -> str:
@@ -85,10 +85,11 @@ def _wait_until_ended(stray: Stray) -> bool:
 
 
 def _labelled(prefix: str, standbys: bool = True) -> Iterator[tuple[int, str]]:
-    """Yield (pid, robot) of this user's processes with a label that begins with ``prefix``.
+    """Yield (pid, robot name) of this user's processes with a label that begins with ``prefix``. A label is a text
+    in the arguments of a process (``label_of``).
 
     Args:
-        prefix: Beginning of the label.
+        prefix: Beginning of the labels.
         standbys: Include standby processes. A standby makes the robot safe after the end of its root, so it
             must not be killed.
     """

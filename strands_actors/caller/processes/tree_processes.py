@@ -1,6 +1,7 @@
 """Start, ask and end the processes of one robot on this host.
 
-These are the root process, which starts the others, and the process of a simulated robot, if there is one.
+This module starts the root process, which starts the others, and the process of a simulated robot, if there is
+one.
 """
 
 from __future__ import annotations
@@ -77,13 +78,13 @@ class TreeProcesses(Processes):
     def alive(self) -> bool:
         return self._root_process is not None and self._root_process.alive
 
-    # -- start and end
+    # -- start and end of the processes
 
     async def start(self, background: Callable[[], Awaitable[None]]) -> None:
         """Start the simulated robot, if there is one, then the root process.
 
         Args:
-            background: An async function that runs as long as the root process.
+            background: An async function to run as long as the root process, such as sending heartbeats.
 
         Raises:
             NotConnected: The simulated robot does not start, or another robot uses the port.
@@ -326,7 +327,7 @@ class TreeProcesses(Processes):
     async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
         if await self._answers():
             return None
-        # The robot may have been locked by an e-stop. The processes that knew it have ended.
+        # The robot may have been locked by an e-stop. The processes that stored this lock have ended.
         if not lift:
             remedy = "an operator's resume() starts it again"
             return Refused(Code.NOT_CONNECTED, "the robot's processes do not answer", remedy, verb=RESUME)

@@ -83,7 +83,9 @@ class TwinProcess:
         return 0 if self._process is None else self._process.pid
 
     async def start(self) -> None:
-        """Start the process if it does not run. Return when it accepts connections. Raise ``TwinProcessDown``."""
+        """Start the process if it does not run. Return when it accepts connections. Raise ``TwinProcessDown`` if
+        it cannot be started.
+        """
         async with self._starting:
             if self._closed:
                 raise TwinProcessDown(_CLEANED_UP)
@@ -117,7 +119,7 @@ class TwinProcess:
         if self._closed:
             raise TwinProcessDown(_CLEANED_UP)
         self._process = None
-        # Without this the next start would treat the process as ready.
+        # If ``_process`` stayed set, the next start would treat the process as ready.
         await process.drop()
         raise TwinProcessDown("the twin did not start")
 
@@ -136,7 +138,7 @@ class TwinProcess:
 
 
 def _socket_path() -> str:
-    """Return a new path. Raise ``TwinProcessDown`` if it is too long for a socket."""
+    """Return a new path for a socket. Raise ``TwinProcessDown`` if the path is too long."""
     path = f"{run_dir()}/sim-{os.getpid()}-{next(_numbers)}.sock"
     if len(path.encode()) > MAX_SOCKET_PATH:
         raise TwinProcessDown(

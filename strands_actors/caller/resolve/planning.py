@@ -57,8 +57,8 @@ def _check_scene(arguments: RobotArguments) -> None:
 async def completed(robot_plan: Plan) -> Plan:
     """Add the options that only the robot knows to a plan. Raise ``WireDown`` if the robot cannot be asked.
 
-    Two plans are returned unchanged. A simulated robot is new, so it knows no options. The host of a distant
-    robot asks that robot itself.
+    Two kinds of plans are returned unchanged. The plan of a simulated robot, since a new robot knows no options.
+    And the plan of a robot of another host, since that host asks the robot itself.
     """
     if robot_plan.twin_process is not None or robot_plan.host_address:
         return robot_plan
@@ -66,7 +66,7 @@ async def completed(robot_plan: Plan) -> Plan:
     return robot_plan if options == robot_plan.options else replace(robot_plan, options=options)
 
 
-# -- in simulation
+# -- plans for a simulation
 
 
 def _simulated(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
@@ -87,7 +87,7 @@ def _simulation(
     if ignored := arguments.hardware_keywords():
         raise TypeError(
             f"Robot: a simulation of {arguments.name} would ignore {', '.join(f'{key}=' for key in ignored)}. "
-            "add mode='real', or leave it out"
+            "Add mode='real', or leave it out"
         )
     options = {"class": place_of(driver_class), "options": resolved, "gated": arguments.scene.gated}
     simulation = load(SIMULATION)
@@ -131,7 +131,7 @@ def _draws(cameras: Iterable[CameraSettings]) -> bool:
     return any(camera.type == SCENE for camera in cameras)
 
 
-# -- on hardware, or on a twin
+# -- plans for hardware, or for a simulated robot (twin)
 
 
 def _real(arguments: RobotArguments, driver_class: type[Driver]) -> Plan:
@@ -251,11 +251,14 @@ def _check_hardware(arguments: RobotArguments, driver_class: type[Any]) -> None:
     offered = tuple(getattr(driver_class, "TRANSPORTS", ()))
     if transport is not None and transport not in offered:
         words = (*offered, "serial") if is_serial(driver_class) else offered
-        raise ValueError(f"Robot: {name} has no transport {transport!r}. it offers {', '.join(words) or 'none'}")
+        raise ValueError(
+            f"Robot: {name} has no transport {transport!r}. "
+            f"It offers {', '.join(words) or 'no transport, so leave transport= out'}"
+        )
     if arguments.sim is not None and transport != TWIN:
         raise ValueError(
             "Robot: sim= is used only with transport='twin'. Add it, or leave out sim=. "
-            f"{name} offers {', '.join(offered) or 'none'}"
+            f"{name} offers {', '.join(offered) or 'no transport'}"
         )
     is_plain = not issubclass(driver_class, Driver)
     if arguments.cameras and is_plain and not getattr(driver_class, "reads_cameras", False):
@@ -313,5 +316,5 @@ def _missing_port(robot: str, driver_class: type[Any]) -> str:
     doubt = "" if adapters(driver_class) else ", none looks like a servo bus"
     return (
         f"Robot: {robot} needs 'port': Robot({robot!r}, mode='real', port='/dev/ttyACM0'). "
-        f"serial devices here: {devices}{doubt} (a path is not an identity: check which robot is behind it)"
+        f"Serial devices here: {devices}{doubt} (a path is not an identity: check which robot is behind it)"
     )

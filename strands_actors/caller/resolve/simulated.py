@@ -49,7 +49,7 @@ class Scene:
         return {name: value for name, value in own.items() if value is not None}
 
     def model(self, robot: str) -> str | None:
-        """Return the user's model file for this robot; None if the built-in model is simulated."""
+        """Return the user's model file (MJCF or URDF) for this robot; None if the built-in model is simulated."""
         return os.fspath(self.urdf_path) if self.urdf_path is not None else model_of(robot)
 
     @property

@@ -134,7 +134,7 @@ def read(
     options, spelled = _spelled(driver_class, options)
     if mesh is False:
         mesh = MeshConfig()
-    # In strands-robots True asks for a mesh. Every robot here is on one anyway.
+    # In strands-robots True asks for a mesh. Every robot of this package is on a mesh anyway.
     if mesh is True:
         mesh = None
     if mesh is not None and not isinstance(mesh, MeshConfig):
@@ -226,7 +226,7 @@ def _check_keywords(driver_class: type[Any], options: Mapping[str, Any]) -> None
             close = closest(keyword, accepted)
             hint = f" ({keyword!r} -> {close[0]!r}?)" if close else ""
             raise ValueError(
-                f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. it takes {', '.join(accepted)}"
+                f"Robot: {driver_name(driver_class)} takes no {keyword!r}{hint}. It takes {', '.join(accepted)}"
             )
 
 

@@ -40,7 +40,7 @@ class Order(NamedTuple):
 
 
 class Orders:
-    """Make the ``Order`` of a command or of a service. Any thread may use it."""
+    """Make the ``Order`` (a command without a lease yet) for a command or a service. Any thread may use it."""
 
     def __init__(self, driver: Driver, clock: Clock, patience: Patience) -> None:
         self._driver = driver
@@ -56,7 +56,7 @@ class Orders:
     def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None
     ) -> Order | Refused:
-        """Return the order for a service.
+        """Return the ``Order`` for a service.
 
         Args:
             service: Name of the service.

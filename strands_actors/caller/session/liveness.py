@@ -74,8 +74,8 @@ class Liveness:
         called = self._calls != self._counted_calls
         self._busy_ns, self._at_ns, self._counted_calls = busy_ns, now_ns, self._calls
         if computed_ns < BUSY_SHARE * passed_ns:
-            # The thread may have begun to spin since the last call of ``look``. That is not longer ago than its
-            # computing time.
+            # The thread may have begun to spin since the last call of ``look``. This moment is not longer ago than
+            # the time that the thread has computed since.
             return True, computed_ns / NS
         if self._inside > 0:
             return True, 0.0

@@ -275,7 +275,7 @@ def arrived(driver: Driver, action: Mapping[str, float], state: GateState) -> Ga
 
 
 def refuse_action(driver: Driver, action: Mapping[str, float], state: GateState) -> Candidate | Refused:
-    """Return ``action`` as the robot's gates accept it, or their refusal."""
+    """Return the targets of ``action``, or the refusal of the robot's gates (its checks of range and speed)."""
     parsed = driver.parse(action, state)
     if isinstance(parsed, Refused):
         return parsed

@@ -156,7 +156,7 @@ def forked_from() -> int:
 
 
 def portal() -> Portal:
-    """Return the portal of this process. The first call starts it.
+    """Return the portal (the background thread) of this process. The first call starts it.
 
     Raises:
         Forked: A parent of this process has a portal. A fork does not copy the threads of its zenoh sessions,

@@ -1,4 +1,4 @@
-"""Start, watch and end the rollouts (policies and motions) of one robot, on the program's side.
+"""Start, watch and end the rollouts (policies and motions) of one robot, from the user's program.
 
 A rollout is a policy object in this process, a motion in this process, or a named policy in a separate process.
 One rollout runs at a time, under the program's lease (the right to command). Its status has the same form
@@ -249,7 +249,7 @@ class Rollouts:
         return Rollout(robot, driver.axes, instruction, period_s, ttl_s, longest_s, n_steps, over, driver.table)
 
     async def task(self) -> TaskStatus:
-        """Return the status of the present task, or of the last one."""
+        """Return the status of the present rollout (policy or motion), or of the last one."""
         tasks = self._processes.tasks
         if tasks is not None and self._has_process and self._task.running:
             try:
@@ -355,8 +355,8 @@ class Rollouts:
     def end(self, reason: str) -> None:
         """End the rollout after the robot was stopped.
 
-        A policy of this process is cancelled. A policy of another process gets a message, since it may not
-        notice the stop before the robot is resumed. In both cases the status is then that of an ended task.
+        A policy of this process is cancelled. A policy of another process gets a message, since it may not notice
+        the stop before the robot is resumed. In both cases the status then shows an ended rollout.
         """
         tasks = self._processes.tasks
         if self._has_process and self._task.running and tasks is not None:

@@ -1,4 +1,4 @@
-"""The program's side of one robot, on trio: connect, command, stop and resume the robot.
+"""The interface of a program to one robot, on trio: connect, command, stop and resume the robot.
 
 A tree is the set of processes of one robot. ``Robot`` and ``open_robot`` are built on this class. The methods
 ``..._here`` are for the other threads of the program. They ask the robot's gate, which checks each command,
@@ -59,8 +59,8 @@ RETRY_S = 3.0
 
 
 class RobotTree:
-    """The program's side of the processes of one robot. Only the trio loop of ``nursery`` may call it, except
-    for the methods ``..._here``.
+    """The interface of a program to the processes of one robot. Only the trio loop of ``nursery`` may call it,
+    except for the methods ``..._here``.
 
     Args:
         node: The caller's node.
@@ -125,7 +125,7 @@ class RobotTree:
         """Return the report of the standby process (the last one that can stop a robot) of an earlier run."""
         return self._processes.standby_report
 
-    # -- start and end
+    # -- start and end of the processes
 
     async def connect(self, arm: bool = True) -> str | None:
         """Start the robot's processes if they do not run, wait for the link to the robot, arm, and acquire the
@@ -135,7 +135,7 @@ class RobotTree:
             arm: False returns when the link is up. Nothing is energised, and no lease is acquired.
 
         Returns:
-            None, or the reason why it failed.
+            None, or the reason why connecting failed.
         """
         try:
             self._processes.require_open()
@@ -162,7 +162,8 @@ class RobotTree:
                 await processes.require_mesh()
                 processes.require_open()
             except (NotConnected, OSError):
-                # Without this the processes would keep trying, and would take the port from the next program.
+                # If the processes were not ended here, they would keep trying to connect, and would take the port
+                # from the next program.
                 await self._end()
                 raise
         # For a robot of another host, the script on that host logs the warnings.
@@ -262,7 +263,7 @@ class RobotTree:
         self._processes.require()
         return order if isinstance(order, Refused) else self._commanding.ask_here(order)
 
-    # -- stop and resume
+    # -- stop and resume the robot
 
     async def stop(self, reason: Reason = Reason.STOP, lock: bool = False) -> StopResult:
         """Make the robot safe. If the wire process does not answer, the root process kills it and stops the
@@ -315,8 +316,8 @@ class RobotTree:
         return result
 
     async def resume(self, lift: bool = True) -> Resumed | Refused:
-        """Lift a lock, restart processes that have ended, and energise at the measured position. It starts
-        no motion.
+        """Lift the lock of an e-stop, restart processes that have ended, and energise at the measured position. It
+        starts no motion.
 
         Args:
             lift: False only energises, for a caller that is not an operator.
@@ -370,8 +371,8 @@ class RobotTree:
         Args:
             stops: ``self._stops`` at the time of the request. A greater number now means that this caller
                 has stopped the robot since.
-            requested_ns: Time of the request. The gate refuses if anyone has stopped the robot since.
-            lift: Lift a lock.
+            requested_ns: Time of the request. The gate refuses if anyone has stopped the robot since. lift: True
+                lifts the lock of an e-stop, too.
         """
         self._processes.require_open()
         if self._stops != stops:

@@ -1,4 +1,4 @@
-"""The program's side of the lease (the right to command): acquire it, send heartbeats, release it."""
+"""Acquire the lease (the right to command) for a program, send its heartbeats, and release it."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class Link:
         sock.setblocking(False)
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Serve until the other end is gone or the task is cancelled."""
+        """Send and receive frames until the other end of the link is gone, or the task is cancelled."""
         self._token = trio.lowlevel.current_trio_token()
         try:
             async with trio.open_nursery() as nursery:

@@ -318,7 +318,7 @@ class ZenohMesh:
     def _subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None]) -> Any:
         return self._session.declare_subscriber(key, callback(on_sample))
 
-    # -- on zenoh's thread
+    # -- code that runs on zenoh's thread
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         (self._urgent if sample.priority == _URGENT else self._inbox).append((self, sample.payload.to_bytes()))

@@ -109,8 +109,7 @@ def _print(text: str) -> None:
 def traceback_lines(error: BaseException, indent: str = "") -> Iterator[str]:
     """Yield the lines of a traceback without source, innermost call last.
 
-    Then the same lines follow for the exception before it (its cause or context), and for each exception of a
-    group.
+    The same lines follow for the cause or context of the exception, and for each exception of a group.
     """
     yield f"{indent}Traceback, without the source:"
     for frame, line in traceback.walk_tb(error.__traceback__):

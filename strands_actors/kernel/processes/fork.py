@@ -22,13 +22,13 @@ UNKNOWN = 1
 def fork_child(link_fd: int, keep: Sequence[int] = (), session: bool = False, name: Sequence[str] = ()) -> int:
     """Fork a child and return its pid.
 
-    The child is like a child of ``process.execute``. It is a process group, has only the given descriptors, and
-    gets its specification over ``link_fd``. This process must have only one thread.
+    As after ``process.execute``, the child is in a new process group, has only the given descriptors, and gets its
+    specification over ``link_fd``. This process must have only one thread.
 
     Args:
         link_fd: The child's end of the link.
         keep: Further descriptors that stay open in the child.
-        session: The child is a session, too.
+        session: True: the child begins a new session of processes, too.
         name: Process name of the child until its entry runs, as arguments of ``take_name``.
     """
     pid = os.fork()
@@ -83,7 +83,7 @@ class ForkedAhead:
         name: Process name of the waiting child, as arguments of ``take_name``. Without a name it keeps its
             parent's name, and a kill by name does not find it.
         keep: Descriptors that stay open in the child.
-        session: The child is a session, too.
+        session: True: the child begins a new session of processes, too.
     """
 
     def __init__(self, name: Sequence[str], keep: Sequence[int] = (), session: bool = False) -> None:

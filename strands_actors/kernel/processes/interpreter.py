@@ -12,7 +12,7 @@ the processes of a robot."""
 
 
 def environment(**more: str) -> Mapping[str, str]:
-    """Return the environment of a child process. It is that of this process, with its import path.
+    """Return the environment variables for a child process. They are those of this process, and its import path.
 
     So a child finds a user's own modules.
     """

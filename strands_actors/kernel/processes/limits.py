@@ -77,7 +77,9 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
 
 
 def limits_of(settings: Mapping[str, Any] | PolicyLimits | None) -> PolicyLimits:
-    """Return the limits. Raise ``ValueError``, which names the accepted keys."""
+    """Return the limits from a mapping, checked. Raise ``ValueError``, which names the accepted keys, if a limit
+    is wrong.
+    """
     if isinstance(settings, PolicyLimits):
         limits = settings
     else:

@@ -169,10 +169,10 @@ class OwnChild(ChildProcess):
     """A child of this process.
 
     A process with real-time priority (``health/realtime.py``) does not reap its child when the child ends. A
-    thread of ordinary priority calls waitpid later. In waitpid the kernel walks over the child's entries in
-    /proc. It continues until the child's threads have finished the same walk. A caller with real-time priority
-    keeps these threads from its processor. Two such root processes on two processors walked for minutes, and
-    wrote no safe frame.
+    thread of ordinary priority calls waitpid later. In waitpid the kernel walks over the child's entries in /proc.
+    It continues until the child's threads have finished the same walk. A caller with real-time priority keeps
+    these threads from its processor. Two such root processes on two processors walked for minutes, and did not
+    stop their robots.
     """
 
     def __init__(self, child: Started, link_socket: socket.socket) -> None:
@@ -314,7 +314,9 @@ async def _wait_readable(fd: int) -> None:
 
 
 def _pidfd_of(pid: int) -> int | None:
-    """Return a pidfd, or None on macOS or if no descriptor is free. Raise ``ProcessLookupError``."""
+    """Return a pidfd (a descriptor for the process), or None on macOS or if no descriptor is free. Raise
+    ``ProcessLookupError`` if the process does not exist.
+    """
     if not hasattr(os, "pidfd_open"):
         return None
     try:

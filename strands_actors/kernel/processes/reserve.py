@@ -129,8 +129,8 @@ class Reserve:
         return self._stops > 0
 
     def lacked(self, error: BaseException) -> None:
-        """End this process if a stop could not open a resource (``error``), and another process stops the robot
-        then.
+        """End this process if a stop could not open a resource (``error``) and another process will then stop the
+        robot. If there is no such process, do nothing.
 
         Code that opens a connection, a port or a process calls this before it turns the error into
         ``WireDown``. Otherwise the stop might be tried again for seconds, while the next process waits for the
@@ -140,7 +140,8 @@ class Reserve:
             end(str(error))
 
     def end_if_short(self) -> None:
-        """End this process if it lacks a resource for a stop, and another process stops the robot then.
+        """End this process if it lacks a resource for a stop and another process will then stop the robot. If
+        there is no such process, do nothing.
 
         Call it when a stop was not confirmed.
         """

@@ -71,7 +71,7 @@ class SpawnedChild(ChildProcess):
 
 
 class _Server:
-    """The root's side of one spawner process."""
+    """The connection of the root process to one spawner process."""
 
     def __init__(self, process: ChildProcess) -> None:
         self.process = process
@@ -197,7 +197,7 @@ class Spawner:
         Args:
             entry: ``module:function``.
             args: Arguments of that function.
-            session: True makes the child a session. Otherwise it is a process group.
+            session: True: the child begins a new session of processes. False: only a new process group.
             descriptors: Open files for the child (``process.specify``).
 
         Raises:

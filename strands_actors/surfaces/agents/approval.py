@@ -52,8 +52,8 @@ class Request:
 
     Attributes:
         robot: The name of the robot.
-        verb: The verb.
-        inputs: The inputs of the verb.
+        verb: The verb of the robot's tool, such as ``move_to``.
+        inputs: The inputs of the verb, by name.
         by: The program that asks, for example ``agent`` or ``mcp``.
     """
 
@@ -102,8 +102,8 @@ def approval_of(
 
 
 def _drivers(driver_class: type[Driver]) -> list[Driver]:
-    """Return a driver for each robot of a driver class. Return an empty list if the drivers cannot be built
-    without further options."""
+    """Return a driver for each type of robot that a driver class supports. Return an empty list if the drivers
+    cannot be built without further options."""
     try:
         return [driver_class(robot, "", driver_class.resolve(robot, {})) for robot in driver_class.SUPPORTED_ROBOTS]
     except (ValueError, TypeError):
@@ -165,8 +165,8 @@ class Approval:
         self._within_s = seconds
 
     def guards_nothing(self, *drivers: Driver) -> str:
-        """Return an error text if a guarded name fits no verb, axis or service of these robots. It lists the
-        names that fit. Empty if all names fit."""
+        """Return an error text if a guarded name fits no verb, axis or service of these robots. The text lists
+        the names that fit, and is empty if all guarded names fit."""
         of_each = [_guardable(driver) for driver in drivers]
         guardable = list(dict.fromkeys(name for names in of_each for name in names))
         wrong = sorted(self.guarded.difference(guardable))
@@ -181,7 +181,7 @@ class Approval:
         hint = f" (do you mean {' or '.join(sorted(suggestions))}?)" if suggestions else ""
         common = [each for each in guardable if all(each in names for names in of_each)]
         listed = ", ".join(common) + (", and the axes of the robot" if len(common) < len(guardable) else "")
-        return f"guarded names {shown(name)}, which guards nothing here{hint}. there are {listed or 'none'}"
+        return f"guarded names {shown(name)}, which guards nothing here{hint}. There are {listed or 'none'}"
 
     async def refuse(
         self, request: Request, keys: Iterable[str] = (), needs_approval: bool = False

@@ -34,11 +34,11 @@ _TYPES: Mapping[str, tuple[type, ...]] = {
 
 @dataclass(frozen=True)
 class Call:
-    """A declared verb with inputs of the declared types.
+    """A call of a verb that the driver declares for the robot's tool, with inputs of the declared types.
 
     Attributes:
-        verb: The verb.
-        inputs: The inputs by name.
+        verb: The verb, such as ``move_to``.
+        inputs: The inputs of the verb, by name.
         moves: True if the call runs a service that moves the robot.
         needs_approval: True if the call runs a service that its driver does not declare for agents. Then an
             operator is asked.
@@ -72,7 +72,7 @@ class Call:
 
     @property
     def action(self) -> dict[str, Any]:
-        """Return the command of an ``action``, or the targets of a ``move_to``."""
+        """Return the command for the axes if the verb is an ``action``, or the targets if it is a ``move_to``."""
         if self.verb.does == "move_to":
             return dict(self.inputs["targets"])
         return self.verb.command(self.inputs) if self.targets is None else dict(self.targets)

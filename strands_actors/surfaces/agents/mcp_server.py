@@ -41,7 +41,7 @@ async def serve(robot: AsyncRobot, allow_motion: bool) -> None:
         context: ServerRequestContext[Any], params: types.CallToolRequestParams
     ) -> types.CallToolResult:
         if params.name != robot.tool_name:
-            text = f"there is no tool {params.name!r}. the tool is {robot.tool_name}"
+            text = f"there is no tool {params.name!r}. The tool is {robot.tool_name}"
             return types.CallToolResult(content=[types.TextContent(type="text", text=text)], is_error=True)
         return _result(await robot.use_tool(params.arguments or {}, "mcp", motion))
 

@@ -24,9 +24,9 @@ async def use(tree: RobotTree, call: Call, approval: Approval, by: str, motion: 
     delayed.
 
     Args:
-        tree: The robot.
-        call: The call.
-        approval: Asks the operator.
+        tree: The connected robot.
+        call: The call of the robot's tool.
+        approval: The operator gate, which asks the operator.
         by: The name of the caller, which the operator sees in a request for approval.
         motion: Empty if motion is allowed. Otherwise the remedy in the refusal of a motion.
 

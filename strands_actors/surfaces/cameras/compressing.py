@@ -21,7 +21,8 @@ class Compressor:
     """Compress one picture at a time. Pictures that come in the meantime are skipped.
 
     Attributes:
-        problem: Why the newest picture was not compressed, or why no picture can be. Empty without a problem.
+        problem: Why the newest picture was not compressed, or why no picture can be compressed. Empty without a
+            problem.
     """
 
     def __init__(self, ring: FrameRing) -> None:
@@ -35,7 +36,7 @@ class Compressor:
         return not self._busy and not self._cannot and now_ns < self._ring.requested_until_ns
 
     async def compress(self, image: NDArray[numpy.uint8], captured_ns: int, number: int) -> None:
-        """Compress a picture and put it into the ring of shared memory. A failure is kept in ``problem``."""
+        """Compress a picture and put it into the ring buffer in shared memory. A failure is kept in ``problem``."""
         self._busy = True
         try:
             if self._can():

@@ -198,7 +198,7 @@ def _view(camera: str, name: str, words: Mapping[str, Any], camera_type: str, ow
     if not isinstance(view, str) or not view or len(view) > 64:
         raise ValueError(f"{camera}: view is {view!r}. Give the name of a view: {', '.join(own or VIEWS)}")
     if camera_type == ROBOT and view not in own:
-        raise ValueError(f"{camera}: view is {view!r}. this robot has the views {', '.join(own)}")
+        raise ValueError(f"{camera}: view is {view!r}. This robot has the views {', '.join(own)}")
     return view
 
 
@@ -213,7 +213,7 @@ def _place(camera: str, index_or_path: object) -> int | str:
         return index_or_path
     raise ValueError(
         f"{camera}: index_or_path is {index_or_path!r}. Give the camera's number (0) or path ('/dev/video0'). "
-        "a path below /dev/v4l/by-id stays the same after the camera is unplugged"
+        "A path below /dev/v4l/by-id stays the same after the camera is unplugged"
     )
 
 

@@ -1,12 +1,12 @@
 """The process of one camera. It opens the source, reads it, and puts the newest picture into shared memory.
 
-The camera's process has a connection to the robot's root process, which starts it, and the file of its
-pictures. It has no other access to the robot. No other process waits for a camera, so the robot keeps
-running if the camera's process is killed or frozen. The root process then starts it again.
+The robot's root process starts the camera's process. Of the robot, the camera's process can access only the
+connection to the root process, and the file of its pictures. No other process waits for a camera, so the robot
+keeps running if the camera's process is killed or frozen. The root process then starts the camera's process again.
 
 The states are in ``report.CameraReport``. When the source fails, it is opened again after a pause
 (``PAUSES_S``). When a call of the source does not return in time, its thread may hang in the device's driver. So
-the process ends (``HUNG``), and the root process starts another.
+the process ends with the exit code ``HUNG``, and the root process starts another.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ Open = Callable[[CameraSettings], Awaitable[PictureSource]]
 
 
 class Hangs(Exception):
-    """A call of the source does not return in time."""
+    """A call of the camera's source of pictures does not return in time."""
 
 
 class UnexpectedPicture(Exception):
@@ -78,12 +78,13 @@ class Tick(Message, frozen=True):
 
 
 class Camera(Actor):
-    """Read one source until the process ends.
+    """Read the pictures of one camera until the process ends.
 
     Args:
         settings: The settings of the camera.
-        ring: The ring of its pictures.
-        open_source: Opens the source. Any exception is reported, and the source is opened again later.
+        ring: The ring buffer in shared memory for the camera's pictures.
+        open_source: Function that opens the source of the pictures, such as a device. Any exception is reported,
+            and the source is opened again later.
     """
 
     def __init__(self, settings: CameraSettings, ring: FrameRing, open_source: Open) -> None:

@@ -101,8 +101,8 @@ class CameraReader:
         self.close()
 
     def _open(self, anew: bool = False) -> FrameRing | None:
-        """Return the open file of pictures, or None if no camera runs. ``anew`` checks if a restarted camera
-        has replaced the file."""
+        """Return the open file of pictures, or None if no camera runs. If ``anew`` is
+        True, check first if a restarted camera has replaced the file."""
         if self._closed:
             return None
         now_s = time.monotonic()

@@ -46,7 +46,7 @@ def encode(report: CameraReport) -> bytes:
 
 
 def decode(data: bytes) -> CameraReport:
-    """Return the decoded report; the default if it cannot be read."""
+    """Return the decoded report. If it cannot be decoded, return a report with the default values."""
     try:
         return _decoder.decode(data)
     except msgspec.MsgspecError:

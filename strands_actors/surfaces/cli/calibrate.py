@@ -94,7 +94,7 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
     setup = _setup(driver_class, name, port)
     axes = {axis.key: axis for axis in setup.axes}
     if wrong := [joint for joint in joints if joint not in axes]:
-        raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. it has {', '.join(axes)}")
+        raise Problem(f"setup-motors: {name} has no {', '.join(wrong)}. It has {', '.join(axes)}")
     chosen = [axis for key, axis in reversed(axes.items()) if not joints or key in joints]
     person = Terminal(quiet=as_json)
     servos = []

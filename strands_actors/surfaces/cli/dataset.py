@@ -42,7 +42,7 @@ BAR = 12
 
 
 class Screen:
-    """Prints events on stderr. On a terminal, a line below them shows the progress."""
+    """Prints the events of a recording on stderr. On a terminal, a line below the events shows the progress."""
 
     def __init__(self, as_json: bool) -> None:
         self._is_live = sys.stderr.isatty() and not as_json
@@ -63,7 +63,7 @@ class Screen:
 
 
 def line_of(now: Progress) -> str:
-    """Return the line that shows the progress."""
+    """Return the line that shows the progress of a recording on a terminal."""
     bar = ""
     if now.of:
         full = min(BAR, BAR * now.done // now.of)
@@ -72,7 +72,7 @@ def line_of(now: Progress) -> str:
 
 
 def record(order: Order, keys: str | None, as_json: bool) -> int:
-    """Record a dataset until the demonstrator ends it. Return the exit code.
+    """Record a dataset until the demonstrator (the person that shows the task) ends it. Return the exit code.
 
     Args:
         order: The options of the recording.

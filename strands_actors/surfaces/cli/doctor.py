@@ -240,7 +240,7 @@ def check_zenoh() -> Iterator[Check]:
 def check_serial() -> Iterator[Check]:
     from serial.tools import list_ports
 
-    # Leave out built-in ports that have no hardware.
+    # Leave out built-in serial ports that have no hardware.
     devices = (port for port in list_ports.comports() if port.hwid != "n/a")
     ports = sorted(devices, key=lambda port: str(port.device))
     usable = []

@@ -131,7 +131,7 @@ def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
             text = f"{result.step}: {result.detail}" if result.passed else f"{result.step} FAILED: {result.detail}"
             console.print(Text(text, "" if result.passed else "bold red"))
     if outcome.certificate is not None:
-        print(f"passed. certificate: {outcome.path}")
+        print(f"passed. Certificate: {outcome.path}")
     else:
         print("not passed: no certificate, an earlier one was taken back")
 

@@ -64,7 +64,7 @@ def run(
     only = frozenset(name.strip() for name in (victims or "").split(",") if name.strip())
     names = {role for process_names in roles.values() for role in process_names} | set(Victims)
     if unknown := sorted(only - names):
-        raise Problem(f"matrix: no process {', '.join(unknown)}. there are {', '.join(sorted(names))}")
+        raise Problem(f"matrix: no process {', '.join(unknown)}. There are {', '.join(sorted(names))}")
     try:
         trials = Trials(resume, jobs)
     except testing_trials.Problem as problem:
@@ -124,7 +124,7 @@ def _kept(out: Path) -> Columns:
 
 
 class _Progress:
-    """Prints a line for each cell that is complete or unsafe."""
+    """Prints a line about a cell (one robot with one fault) after its last trial, and after each unsafe trial."""
 
     def __init__(self, trials: Trials, repeats: int) -> None:
         self._trials = trials
@@ -165,7 +165,7 @@ def _chosen(text: str) -> list[str]:
     for robot in robots:
         try:
             if column(robot)[0] not in native_drivers:
-                raise Problem(f"matrix: no driver for {robot!r}. there are {', '.join(native_drivers)}")
+                raise Problem(f"matrix: no driver for {robot!r}. There are {', '.join(native_drivers)}")
         except ValueError as error:
             raise Problem(f"matrix: {error}") from None
     return robots

@@ -73,12 +73,12 @@ async def end(lost: Sequence[Stray], lock: bool) -> tuple[bool, str]:
         if all_ended
         else "ITS WIRE PROCESS HAS NOT ENDED"
     )
-    line = f"NOT CONFIRMED: {text}, which was ended. {became}. cut its power if it still moves"
+    line = f"NOT CONFIRMED: {text}, which was ended. {became}. Cut its power if it still moves"
     return False, line + (locked_until(robot, _lock_the_next(robot)) if lock else "")
 
 
 def locked_until(robot: str, problem: str) -> str:
-    """Return the text about the lock, which ends a line for the user.
+    """Return the end of a line for the user. It has the command that lifts the lock of the robot.
 
     Args:
         robot: The robot's name.
@@ -120,7 +120,7 @@ def lift(robot: str) -> tuple[bool, str]:
     if lock is None:
         return True, "it was not locked"
     since = f", {lock.since}" if lock.since else ""
-    return True, f"the e-stop by {lock.by}{since} is lifted. the robot is not running, so nothing was energised"
+    return True, f"the e-stop by {lock.by}{since} is lifted. The robot is not running, so nothing was energised"
 
 
 def by() -> str:

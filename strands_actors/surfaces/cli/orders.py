@@ -81,7 +81,7 @@ async def _run(
         running = ", ".join(client.robots)
     if not results:
         missing = "no robot" if every else f"no robot {robot!r}"
-        raise Problem(f"{missing} is on the mesh of this user{f'. there are {running}' if running else ''}")
+        raise Problem(f"{missing} is on the mesh of this user{f'. There are {running}' if running else ''}")
     if as_json:
         print(json.dumps({"robots": [{"robot": each.robot, "done": each.done, **each.facts} for each in results]}))
     else:
@@ -181,7 +181,7 @@ def _tell(outcome: Outcome) -> RobotResult:
     facts = msgspec.to_builtins(outcome)
     del facts["robot"]
     if outcome.outcome != "safe":
-        line = f"NOT CONFIRMED: {outcome.detail or outcome.outcome}. cut its power if it still moves"
+        line = f"NOT CONFIRMED: {outcome.detail or outcome.outcome}. Cut its power if it still moves"
     elif not outcome.motors:
         line = f"{outcome.safe_state} already, before this stop"
     else:

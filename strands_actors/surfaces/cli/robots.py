@@ -111,7 +111,7 @@ def serve_twin(
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]
     if driver_class is None or not issubclass(driver_class, Driver):
         raise Problem(
-            f"twin: no driver for {robot!r}. there are {', '.join([*list_native_drivers(), *list_leaders()])}"
+            f"twin: no driver for {robot!r}. There are {', '.join([*list_native_drivers(), *list_leaders()])}"
         )
     if wrong := [text for text in options if "=" not in text]:
         raise Problem(f"twin: {wrong[0]!r} is not KEY=VALUE")

@@ -51,7 +51,8 @@ def teleop(
         port: The port or address of a real robot. None for a simulated robot.
         twin: Use the real driver with a simulated robot.
         deadman: The dead-man switch: ``key``, ``gripper``, or None for the default.
-        relative: The robot moves relative to the positions of both when the operator engages.
+        relative: True: the robot repeats the leader's movements since the operator engaged. False: the robot goes
+            to the leader's position.
         hz: Setpoints per second.
         max_speed: Largest speed in degrees per second. Faster setpoints are refused.
         map_fn: ``module:function`` that converts the leader's positions to the robot's. None for no conversion.
@@ -110,7 +111,8 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
     Args:
         text: ``NAME:PORT``, ``NAME:PORT:ID``, ``NAME:twin``, ``keyboard``, ``module:Class``, ``lerobot:TYPE``.
         leader_id: The name of a leader arm's calibration, LeRobot's ``id``.
-        relative: The robot moves relative to the positions of both when the operator engages.
+        relative: True: the robot repeats the leader's movements since the operator engaged. False: the robot goes
+            to the leader's position.
 
     Raises:
         ValueError: The leader is not known, or two names of its calibration are given.
@@ -123,7 +125,7 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
         return Teleoperator(text, relative=relative, id=leader_id)
     if not place:
         raise ValueError(f"--from {text} lacks the port of the leader. Give {text}:/dev/ttyACM1, or {text}:twin")
-    # A colon separates the id. But a path of a port may also contain colons, as udev's by-path names do.
+    # A colon separates the id from the port. But a port's path may contain colons, too, as udev's by-path names do.
     if ":" in place and not os.path.exists(place):
         place, _, own_id = place.rpartition(":")
         if leader_id not in (None, own_id):
@@ -136,7 +138,7 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
 
 def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
     if port is not None and twin:
-        raise Problem("teleop: --port and --twin are both given. choose one")
+        raise Problem("teleop: --port and --twin are both given. Choose one")
     if port is not None:
         return Robot(robot, mode="real", port=port, tool_name=robot_id)
     if twin:

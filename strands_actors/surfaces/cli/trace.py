@@ -90,7 +90,7 @@ def trace(robot: str, as_json: bool, count: int | None, seconds: float | None) -
 def _note_of(robot: str) -> Note:
     notes_by_robot = {note.robot: note for note in notes()}
     if robot not in notes_by_robot:
-        raise Problem(f"no robot {robot!r} of this user runs. there are {', '.join(notes_by_robot) or 'none'}")
+        raise Problem(f"no robot {robot!r} of this user runs. There are {', '.join(notes_by_robot) or 'none'}")
     return notes_by_robot[robot]
 
 

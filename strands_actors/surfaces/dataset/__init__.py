@@ -2,7 +2,7 @@
 
 from strands_actors.contract.extras import require
 
-require("dataset", "a dataset")  # before an import below raises a message without the name of the extra
+require("dataset", "a dataset")  # The imports below would raise an error without the name of the extra.
 
 from .errors import DatasetError  # noqa: E402
 from .played import replay_episode  # noqa: E402

@@ -58,7 +58,7 @@ def attach_camera(robot: str, camera: str) -> CameraReader:
 
 
 def frame_of(newest: Any) -> Frame | None:
-    """Return a result of ``newest`` if it has a picture, otherwise None."""
+    """Return a camera reader's result of ``newest`` if it has a picture, otherwise None."""
     return newest if getattr(newest, "image", None) is not None else None
 
 

@@ -1,8 +1,8 @@
 """Compare the data and the videos of a dataset with its index.
 
-The dataset's index lists the episodes and their files. Each data file, and the packet index of each video, is
-read. Both must have exactly the frames that the dataset's index lists, in the same order. Otherwise the episode
-is damaged. Damage of one episode does not affect the others.
+The dataset's index lists the episodes and their files. Each data file is read, and the packet index (the list of
+the encoded pictures) of each video. Both must have exactly the frames that the dataset's index lists, in the same
+order. Otherwise the episode is damaged. Damage of one episode does not affect the others.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class _Data(msgspec.Struct, frozen=True):
     index: NDArray[np.int64]
     task: NDArray[np.int64]
     seconds: NDArray[np.float64]
-    # By the name of a column: for each frame, True if the frame lacks a number of it.
+    # For each column by name: an array that is True for each frame without all its numbers in this column.
     incomplete: dict[str, NDArray[np.bool_]]
     wrong: str  # A defect of all episodes in the file. Empty if there is no such defect.
     unread: str  # Why a part of the file cannot be read. Empty if all was read.
@@ -160,11 +160,11 @@ def _read(path: Path, info: Info) -> _Data:
 
 
 def _read_numbers(table: pa.Table, info: Info) -> tuple[dict[str, NDArray[np.bool_]], str]:
-    """Look for missing numbers.
+    """Find the frames in which numbers are missing.
 
     Returns:
-        By the name of a column, for each frame whether it lacks a number. And a defect of all frames, empty
-        if there is no such defect.
+        For each column with missing numbers, an array that is True for each frame without all its numbers. And
+        a text about a defect of all frames, empty if there is no such defect.
     """
     incomplete = {}
     for key, feature in info.features.items():

@@ -59,7 +59,7 @@ def _say(event: Event) -> None:
 def main() -> int:
     """Run the recorder. The first argument is the ``Order``, in JSON. Return the exit code."""
     order = msgspec.json.decode(sys.argv[1], type=Order)
-    # A parent process that ignores SIGINT passes this on to its children.
+    # If the parent process ignores SIGINT, so does this process. Therefore set the default handler.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     give_way()
     try:

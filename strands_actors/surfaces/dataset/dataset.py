@@ -113,7 +113,7 @@ class Dataset:
 
     @property
     def layout(self) -> Layout | None:
-        """The layout of the dataset's episodes, or None if there are no episodes yet.
+        """The layout (rate and features) of the dataset's episodes, or None if there are no episodes yet.
 
         Raises:
             DatasetError: The dataset has a layout that a recording here cannot have.
@@ -134,7 +134,7 @@ class Dataset:
         return list(staged_folders(self.staging))
 
     def require(self, layout: Layout) -> Layout:
-        """Return the layout to record with.
+        """Return the layout (rate and features) for a new recording.
 
         Args:
             layout: The layout of the new episode.
@@ -202,7 +202,7 @@ class Dataset:
         if not self._lock.is_of(self.root):
             raise DatasetError(
                 f"{self.root} was moved, or its disk was unmounted. "
-                "Put it back. saved episodes are safe, and an unfinished episode is in the folder .staging"
+                "Put it back. Saved episodes are safe, and an unfinished episode is in the folder .staging"
             )
 
     def free_bytes(self) -> int:

@@ -78,10 +78,10 @@ def columns_of(layout: Layout, table: pa.Table, episode: int, first: int, task: 
 
     Args:
         layout: The dataset's layout.
-        table: The staged rows.
-        episode: The episode's number.
-        first: The number of its first frame in the dataset.
-        task: The number of its task.
+        table: The rows of the episode in its staging folder.
+        episode: The number of the episode.
+        first: The number of the episode's first frame, counted over the whole dataset.
+        task: The number of the episode's task.
     """
     count = table.num_rows
     frames = np.arange(count, dtype=np.int64)

@@ -76,7 +76,8 @@ class _Fields(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Info(_Fields, frozen=True, kw_only=True):
-    """The contents of ``info.json``. A total that the file does not state is None.
+    """The contents of ``info.json``. A total (number of episodes, frames or tasks) that is not in the
+    file is None.
 
     ``document`` is the whole decoded JSON. A copy of the dataset keeps its unknown fields.
     """

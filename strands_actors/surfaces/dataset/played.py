@@ -1,7 +1,7 @@
 """Move a robot along an episode of a dataset.
 
 The robot gets the episode's ``action`` at the dataset's rate. Datasets of this package state their units.
-LeRobot's datasets do not, so the caller must state them: the robot's units, or ``normalized``
+Datasets of LeRobot state no units, so the caller must give them: the robot's units, or ``normalized``
 (``policies.scale``). There is no default, because numbers in a wrong unit would move the robot to wrong
 positions.
 """
@@ -146,7 +146,7 @@ def _require_units(driver: Driver, played: Played, units: str) -> None:
 
 
 def _scale(driver: Driver, joints: Sequence[str], units: str) -> Scale | None:
-    """Return the scale that converts normalized numbers. None if the numbers are in the robot's unit."""
+    """Return the scale from normalized numbers to the robot's unit. None if the numbers have this unit already."""
     own = unit_word(driver.unit)
     if units and units == own:
         return None

@@ -20,8 +20,8 @@ class Repaired(msgspec.Struct, frozen=True):
     """The result of a repair for one episode in staging.
 
     Attributes:
-        folder: The staging folder of the episode. ``finished`` if the recorder had finished the episode, so
-            that it only had to be committed.
+        folder: The name of the episode's staging folder. If the recorder had finished the episode, so that it
+            only had to be committed, the text ``finished``.
         episode: The number of the episode in the dataset. -1 if it could not be saved.
         frames: The number of frames.
         defects: The defects of the episode as text.

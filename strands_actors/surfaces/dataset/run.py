@@ -39,7 +39,7 @@ Controls = Callable[[Command], Awaitable[None]]
 
 
 class Onlooker:
-    """Keeps the recording's state for display on web pages, away from the recorder's terminal."""
+    """Keeps the newest state of the recording, for the web pages that show it to a remote operator."""
 
     def __init__(self, tell: Callable[[EpisodeState], None] = lambda state: None) -> None:
         self._tell = tell

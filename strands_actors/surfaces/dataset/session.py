@@ -1,4 +1,5 @@
-"""Record episodes of one robot. The demonstrator's commands begin and end them.
+"""Record episodes of one robot. The commands of the demonstrator (the person that shows the task) begin and end
+each episode.
 
 A recorder delivers the robot's journal (its internal messages) to the session. Each period, the session takes
 the newest picture of each camera and queues a frame. The module ``frames`` builds the frames. A worker thread
@@ -224,7 +225,7 @@ class DatasetSession:
         """
         if pressed_ns and (late_ns := self._clock.now_ns() - pressed_ns) > PRESSED_NS:
             self._refuse(
-                f"{word}: the key press arrived {late_ns / NS:.1f} s late. press the key again", command_number
+                f"{word}: the key press arrived {late_ns / NS:.1f} s late. Press the key again", command_number
             )
             return
         if word == "toggle":
@@ -261,7 +262,7 @@ class DatasetSession:
         if self._leaving:
             return "the recording ends"
         if self._state is State.RECORDING:
-            return "an episode is running. finish or discard it first"
+            return "an episode is running. Finish or discard it first"
         if self._state is State.FINISHING:
             return "the last frames of the previous episode are still being saved. Try again"
         if self._order.episodes is not None and self._finished >= self._order.episodes:
@@ -458,7 +459,7 @@ class DatasetSession:
         if self._order.episodes is not None and len(self.saved) >= self._order.episodes and not self._leaving:
             self._quit()
 
-    # -- progress, and the end
+    # -- the progress and the end of the recording
 
     def progress(self) -> Progress:
         """Return the progress. Call this once per second: the frames since the last call are shown as the rate.
@@ -493,7 +494,7 @@ class DatasetSession:
         if scope.cancelled_caught:
             return (
                 f"the disk took longer than {LEAVE_S:g} s. "
-                "repair the last episode with `strands-actors dataset repair`"
+                "Repair the last episode with `strands-actors dataset repair`"
             )
         if self._episode is not None:
             self._episode.abandon()

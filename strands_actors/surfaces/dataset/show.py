@@ -42,7 +42,7 @@ class Shown(msgspec.Struct, frozen=True):
     good: list[int]  # Episodes without defects. Use them for training, with LeRobot's option --dataset.episodes.
     # Files of no episode that LeRobot would read nevertheless. `repair` moves them to .staging.
     stray_files: list[str] = msgspec.field(name="uncounted")
-    strange: list[str]  # The same, with names that this package does not use. `repair` does not move them.
+    strange: list[str]  # Files of no episode, with names of another form. `repair` does not move them.
     unfinished: list[Unfinished]
     version: str = VERSION
     damaged: list[int] = []  # Numbers of the episodes that cannot be used.
@@ -112,8 +112,8 @@ def _camera(feature: Feature) -> str:
 
 
 def _bytes(root: Path) -> int:
-    """Return the total size of all files, without files that a running recorder removes meanwhile and broken
-    links."""
+    """Return the total size of all files outside the staging folder. Broken links, and files that a running
+    recorder removes meanwhile, do not count."""
     total = 0
     for folder, below, names in os.walk(root):
         below[:] = [name for name in below if name != STAGING.name]

@@ -14,7 +14,7 @@ Job = Callable[[], None]
 class Worker:
     """A queue of jobs that are done one after the other.
 
-    The queue should have at most ``most`` frames. So check ``is_full`` before queueing a frame.
+    At most ``most`` frames should wait in the queue. So check ``is_full`` before queueing a frame.
     """
 
     def __init__(self, most: int) -> None:

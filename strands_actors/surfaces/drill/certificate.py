@@ -37,11 +37,12 @@ class StepResult(msgspec.Struct, frozen=True):
     step: str
     passed: bool
     safe_state: str
-    # Time from the fault to the first safe frame. Only on a simulated robot, which logs all frames.
+    # Time from the fault to the first frame that brings the robot to the safe state. Only on a simulated robot,
+    # which logs all frames.
     safe_ms: float | None
     confirmed_ms: float | None  # Time from the fault until every motor was read and was safe.
-    bound_ms: float  # Longest allowed time to the first safe frame.
-    setpoints_after: int | None  # Setpoints after the safe frame. Only on a simulated robot.
+    bound_ms: float  # Longest allowed time from the fault to the first safe frame.
+    setpoints_after: int | None  # Setpoints after the first safe frame. Only on a simulated robot.
     detail: str
     proves: tuple[str, ...] = ()
 
@@ -93,8 +94,8 @@ def config_of(driver_class: type[Driver], robot: str, port: str, options: Mappin
 
 
 def _digest_of_code(driver_class: type[Driver]) -> str:
-    """Return the hash of all code that stops the robot: the kernel, the supervisors, the driver's folder, and
-    the code that drivers share."""
+    """Return the hash of all code that stops the robot: the packages ``kernel`` and ``supervisors``, the driver's
+    folder, and the code that drivers share."""
     digest = hashlib.sha256()
     for path in sorted(_code(driver_class)):
         digest.update(path.name.encode() + path.read_bytes())

@@ -68,7 +68,7 @@ async def run_drill(
         port: The robot's port. None drills a simulated robot.
         options: The options of the robot.
         tell: Called with each instruction for the operator.
-        done: Called after each step.
+        done: Called with the result of each step.
 
     Raises:
         ValueError: The robot or an option is wrong.

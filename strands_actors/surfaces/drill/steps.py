@@ -4,13 +4,13 @@ Each step sends setpoints that move nothing, causes one fault (or a stop), and w
 robot is safe.
 
 The proof is a reading of every motor: each must be in the safe state that the driver declares. A simulated
-robot also logs all frames that are sent to it. The log must show that the first safe frame was sent in time,
-and that no setpoint followed.
+robot also logs all frames that are sent to it. The log must show that the first safe frame (a frame that
+brings the robot to the safe state) was sent in time, and that no setpoint followed.
 
     step          fault                                    the robot is stopped by
     stop          no fault, a stop is ordered              the gate (the actor that checks commands)
     policy kill   SIGKILL of the policy process            the root, through the gate
-    wire kill     SIGKILL of the wire process              the guardian's stop channel
+    wire kill     SIGKILL of the wire process              the root, by its own stop channel
     root freeze   SIGSTOP of the root process              the wire process, which then exits
     link loss     the cable is pulled and put back         the transport, when the link is back
 """

@@ -84,8 +84,8 @@ STORIES: dict[str, tuple[str, ...]] = {
 def data() -> dict[str, Any]:
     """Return the state machine as plain data.
 
-    For every mode and event the data has the next mode, whether the epoch rises, the action, and the effect
-    on the lock (``keeps``, ``locks`` or ``lifts``).
+    For every mode and event the data has the next mode, whether the epoch rises (the number that makes older
+    setpoints invalid), the action, and the effect on the lock (``keeps``, ``locks`` or ``lifts``).
     """
     start = State()
     return {

@@ -90,7 +90,7 @@ class MeshClient:
 
     Args:
         config: The configuration.
-        nursery: Runs the sessions.
+        nursery: The trio nursery in which the sessions run.
         now_ns: This host's clock, in nanoseconds. Tests pass another one.
     """
 
@@ -130,7 +130,7 @@ class MeshClient:
         return robot in self.sessions.via
 
     def subscribe(self, key: str, handler: Callable[[Received], None]) -> None:
-        """Call ``handler`` for each sample, also of robots that appear later."""
+        """Call ``handler`` for each message that is published on ``key``, also by robots that appear later."""
         self.sessions.subscribe(key, handler)
 
     # -- requests
@@ -222,7 +222,7 @@ class MeshClient:
         if via is None:
             names = ", ".join(self.sessions.via) or "none"
             return Refused(
-                Code.UNREACHABLE, f"{robot} is not on the mesh", f"check the name. robots on the mesh: {names}"
+                Code.UNREACHABLE, f"{robot} is not on the mesh", f"check the name. Robots on the mesh: {names}"
             )
         with self._turn() as (turn, answers):
             self._send(via, key, robot, turn, body)
@@ -307,12 +307,12 @@ class MeshClient:
             await trio.sleep(AWAY_S)
             return await self.outcomes(pressed, within_s)
         finally:
-            # ``outcomes`` also does this, but may never run if this task is cancelled.
+            # ``outcomes`` also removes this entry, but may never run if this task is cancelled.
             self._waiting.pop(pressed.turn, None)
 
     def press(self, by: str = "", robot: str = "*") -> Pressed:
-        """Send an e-stop from any thread, even if the event loop is blocked. It has been sent when this
-        returns. Then wait ``AWAY_S``, and call ``outcomes`` for the results."""
+        """Send an e-stop from any thread, even if the event loop is blocked. When this method returns, the e-stop
+        has been sent. Then wait ``AWAY_S``, and call ``outcomes`` for the results."""
         by = signed(by)
         turn, answers = self._open_turn()
         return Pressed(turn, by, robot, answers, *self._order_estop(turn, by, robot))

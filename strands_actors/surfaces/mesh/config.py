@@ -272,7 +272,7 @@ def _valid_keys(error: Exception) -> str:
     if "unknown field" not in text:
         return ""
     config_class = TLS if "$.tls" in text else Access if "$.access" in text else MeshConfig
-    return f". there are {', '.join(config_class.__struct_fields__)}"
+    return f". There are {', '.join(config_class.__struct_fields__)}"
 
 
 def _check_key(path: str) -> None:

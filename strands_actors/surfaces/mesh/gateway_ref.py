@@ -60,7 +60,7 @@ class GatewayRef:
             self.clock.read(answer.robot_ns, requested_ns, self._now_ns())
         return answer
 
-    # -- as a Ref
+    # -- the methods of a Ref
 
     def tell(self, message: Message) -> None:
         outgoing = self._outgoing(message)

@@ -115,8 +115,8 @@ async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str
 def _read(
     command: Command, offered: Sequence[str] = tuple(mesh_json.ACTIONS)
 ) -> tuple[dict[str, Any], type[mesh_json.Command] | Refused]:
-    """Return the command as a dict, with the class of its action. For an unknown action, return a refusal in
-    place of the class. The refusal lists the actions in ``offered``."""
+    """Return the command as a dict, and the message class for its action. For an unknown action, return a
+    refusal in place of the class. The refusal lists the actions in ``offered``."""
     unchecked: object = command  # The type is only a hint. A program may pass anything.
     if not isinstance(unchecked, Mapping | str):
         reason = f"the command is {shown(unchecked)}"

@@ -49,7 +49,7 @@ class Outcome(msgspec.Struct, frozen=True):
 
 
 def result_of(response: Response) -> dict[str, Any] | Refused:
-    """Return the result of a response, or its refusal."""
+    """Return the result in a robot's response, or the refusal in it."""
     if response.refused is not None:
         return Refused(**{name: harmless(text) for name, text in msgspec.structs.asdict(response.refused).items()})
     if response.type != "response":

@@ -55,7 +55,7 @@ async def _find(robot: str, config: MeshConfig) -> tuple[str, str]:
         if synced is not None:
             return endpoint, synced.kind
     raise ConnectionError(
-        f"{robot} is not on the mesh. robots on this host: {', '.join(local_endpoints) or 'none'}"
+        f"{robot} is not on the mesh. Robots on this host: {', '.join(local_endpoints) or 'none'}"
     )
 
 

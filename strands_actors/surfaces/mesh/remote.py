@@ -4,8 +4,9 @@
         await arm.send_action({"shoulder_pan": 10.0})
 
 The block holds the lease (the right to command) while it runs, unless its event loop is blocked. If the
-connection is cut, the lease ends. The robot then holds its position when the last setpoint expires, or a
-second later if that setpoint has no end. It accepts no command from the mesh before a ``resume``.
+connection is cut, the lease ends a second after the last heartbeat. The robot holds its position when the last
+setpoint expires, at the latest when the lease ends. Afterwards the robot accepts no command from the mesh before
+a ``resume``.
 """
 
 from __future__ import annotations

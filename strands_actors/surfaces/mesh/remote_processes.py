@@ -155,12 +155,12 @@ class RemoteProcesses(Processes):
     async def cancel_late_request(self, verb: str, timeout: AskTimeout) -> Refused:
         """Return the refusal of a command that was not answered in time. The robot may have carried out the
         command before its deadline, but will not carry it out later."""
-        reason = f"{timeout}. the command may have been carried out, and will not be carried out later"
+        reason = f"{timeout}. The command may have been carried out, and will not be carried out later"
         return Refused(Code.TIMEOUT, reason, "check with get_status()", verb=verb)
 
     def _unreachable(self, verb: str, failure: Exception | None) -> stop_result.Unreachable:
         reason = f"{self.robot} at {self.plan.host_address} does not answer{f' ({failure})' if failure else ''}"
-        consequence = "it is not known if it has stopped. it holds its position when its setpoint or lease expires"
+        consequence = "it is not known if it has stopped. It holds its position when its setpoint or lease expires"
         return stop_result.Unreachable(
             Refused(Code.UNREACHABLE, f"{reason}: {consequence}", "look if the robot has stopped", verb=verb),
             self.driver.axes,

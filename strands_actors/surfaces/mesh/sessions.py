@@ -39,7 +39,7 @@ class Sessions:
 
     Args:
         config: The configuration.
-        nursery: Runs the sessions.
+        nursery: The trio nursery in which the sessions run.
         on_join: Called with each new session before its samples are handled.
     """
 
@@ -90,7 +90,7 @@ class Sessions:
         return self.via.get(robot)
 
     def subscribe(self, key: str, handler: Callable[[Received], None]) -> None:
-        """Call ``handler`` for each sample, also of robots that appear later."""
+        """Call ``handler`` for each message that is published on ``key``, also by robots that appear later."""
         self._subscriptions.append((key, handler))
         for session in self._open.values():
             self._subscribe(session, key, handler)
@@ -104,7 +104,7 @@ class Sessions:
 
         session.subscribe(key, handle)
 
-    # -- joining and leaving
+    # -- connect to robots, and disconnect
 
     async def look(self) -> None:
         """Connect to this user's robots that have started, and disconnect from robots that have ended.
@@ -136,7 +136,7 @@ class Sessions:
                 with trio.CancelScope(shield=True):
                     try:
                         session = await PubSub.open(connect=[endpoint])
-                    # For example, file descriptors or threads have run out.
+                    # A connection fails, for example, if file descriptors or threads have run out.
                     except (zenoh.ZError, OSError, RuntimeError) as error:
                         problems[note.robot] = f"no connection to the robot: {error}"
                     else:
@@ -156,7 +156,7 @@ class Sessions:
         for endpoint in dict.fromkeys(self._config.connects):
             try:
                 session = await PubSub.open(connect=[endpoint], settings=self._config.settings())
-            # For example, a certificate is missing, or file descriptors or threads have run out.
+            # A connection fails, for example, if a certificate is missing, or file descriptors have run out.
             except (zenoh.ZError, OSError, RuntimeError) as error:
                 reason = f"mesh: {endpoint}: {short(error) if isinstance(error, zenoh.ZError) else error}"
                 if not go_on:

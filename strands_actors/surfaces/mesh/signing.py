@@ -17,7 +17,7 @@ def signed(by: object) -> str:
     """Return the origin of a stop as a text that a robot accepts.
 
     Args:
-        by: The origin. Empty or None stands for this program.
+        by: The origin of the stop. Empty or None stands for this program.
     """
     try:
         text = "" if by is None else str(by)

@@ -226,7 +226,7 @@ def _info(path: Path, metadata: dict[str, str]) -> Info:
     if plain.get("format") != FORMAT:
         written, form = (harmless(str(plain.get(name))[:40]) for name in ("version", "format"))
         raise RecordingError(
-            f"{path} has format {form}, written by strands-actors {written}. this version reads format {FORMAT}"
+            f"{path} has format {form}, written by strands-actors {written}. This version reads format {FORMAT}"
         )
     return msgspec.json.decode(metadata["info"], type=Info)
 

@@ -58,7 +58,7 @@ class Outcome(msgspec.Struct):
         equal: True if all steps had the recorded effects.
         steps: Number of messages that were replayed.
         effects: Number of effects that were compared.
-        skipped: Number of messages that could not be replayed, because the actor's memory was not known.
+        skipped: Number of messages that could not be replayed, because the actor's state was not known.
         gaps: Number of gaps.
         seconds: Length of the replayed part.
         difference: The first difference; None if there is no difference.
@@ -187,8 +187,8 @@ class Replay:
         )
 
     def _break_off(self) -> None:
-        """Handle a gap in the recording: drop all actors until their next memories. The present step of an
-        actor may be incomplete, so it is skipped."""
+        """Handle a gap in the recording: drop each actor until the next snapshot of its state ("memory").
+        The present step of an actor may be incomplete, so it is skipped."""
         self._gaps += 1
         self._skipped += sum(player.entry is not None for player in self._players.values())
         self._players.clear()

@@ -86,13 +86,13 @@ class Ending(msgspec.Struct, frozen=True):
 
 
 class Source(Actor):
-    """Receive the journal of one process of the robot, and connect again after each loss.
+    """Receive the journal of one process of the robot. Connect again whenever the connection is lost.
 
     Args:
         name: The process: ``wire`` or ``root``.
         instrument: The address of the actor that sends the journal of this process.
         on_batch: Called with each batch of entries, in order.
-        on_attached: Called with each answer to a request to attach.
+        on_attached: Called with the process's answer to each request to send its journal.
         on_lost: Called with the reason when the connection is lost.
     """
 
@@ -285,7 +285,7 @@ class Recorder(Generic[SomeSink]):
                 if now > last_received_at + GONE_S:
                     self.end(GONE)
 
-    # -- from the sources
+    # -- called by the sources (``Source``)
 
     def _attached(self, name: str, answer: Attached | Taken | Refused) -> None:
         if isinstance(answer, Taken | Refused):
@@ -355,7 +355,7 @@ async def visit(robot: str) -> AsyncIterator[Node]:
     runs."""
     running = {note.robot: note for note in notes()}
     if robot not in running:
-        listed = f". there are {', '.join(running)}" if running else ""
+        listed = f". There are {', '.join(running)}" if running else ""
         raise RecordingError(f"no robot {robot!r} of this user is running{listed}")
     async with open_node(f"recorder.{os.getpid()}", connect=running[robot].endpoints) as (node, _):
         yield node

@@ -46,7 +46,7 @@ class ReplayTicker(Ticker):
     """A ticker that never ticks, since its ticks are recorded messages."""
 
     def brought(self) -> None:
-        """Do nothing. The message that came in place of a tick is recorded."""
+        """Do nothing. On the robot, this call delays the next tick, but a replay has no ticks."""
 
 
 class ReplayContext(Context):

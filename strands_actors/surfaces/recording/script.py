@@ -73,7 +73,7 @@ def _error_text(process: subprocess.Popen[str]) -> str:
 def main() -> int:
     """Run the recorder's process. Its arguments are the robot's name and the path."""
     name, path = sys.argv[1:]
-    # A parent process that ignores SIGINT passes this on to its children.
+    # If the parent process ignores SIGINT, so does this process. Therefore set the default handler.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def on_started() -> None:

@@ -99,7 +99,7 @@ class View:
         yield from self._timed([("gap", Gap(self._source, -1, reason))])
 
     def end(self) -> Iterator[Row]:
-        """Yield the row of the last command. It still waits for an outcome that will not come."""
+        """Yield the row of the last command, if its outcome is still missing at the end of the recording."""
         yield from self._timed(self._end_command())
 
     def _timed(self, shown: Iterable[tuple[str, msgspec.Struct]]) -> Iterator[Row]:
@@ -209,7 +209,7 @@ class View:
             yield "command", self._command
             self._command = None
 
-    # -- actions without a command
+    # -- messages and notes of the robot that are not commands
 
     def _sent(self, actor: str, message: Message) -> Iterator[tuple[str, msgspec.Struct]]:
         if isinstance(message, MakeSafe):

@@ -80,7 +80,8 @@ class Page:
     Args:
         clock: The clock.
         operate: Function that is called with the operator's input.
-        press: Function that is called with the time and the name when a button of the recorder is pressed.
+        press: Function that is called when a button of the recorder is pressed, with the time and the name of the
+            button.
         stop: Function that stops the robot, and returns the result as text.
         status: Function that returns the data that the page shows.
         axes: Names of the axes that can be moved.
@@ -229,7 +230,7 @@ class Page:
             self._stopped = await self._stop()
         except Exception as failure:  # keep the server running, so that the operator can press stop again
             _log.exception("the page's stop failed")
-            self._stopped = f"NOT CONFIRMED: {failure!r}. cut its power if it still moves"
+            self._stopped = f"NOT CONFIRMED: {failure!r}. Cut its power if it still moves"
         self._stopping = False
         self._stopped_ns = self._clock.now_ns()
 
@@ -238,7 +239,7 @@ class Page:
         return {**self._status(), "stopped": "" if is_old else self._stopped}
 
     async def _send_status(self, client: Client, end: WSConnection, scope: trio.CancelScope) -> None:
-        """Send the data that the page shows, again and again. A page that does not read them is disconnected."""
+        """Send the data that the page shows, again and again. A page that reads nothing is disconnected."""
         try:
             while True:
                 await client.send(end.send(TextMessage(json.dumps(self._shown()))))

@@ -115,7 +115,7 @@ def test_a_motor_of_the_onboard_controller(joint: str) -> None:
 
 
 def test_the_base_is_no_joint() -> None:
-    assert "call move(vx, vy, vyaw)" in refused({"vx": 0.1}).text
+    assert "Call move(vx, vy, vyaw)" in refused({"vx": 0.1}).text
 
 
 @pytest.mark.parametrize(

@@ -140,12 +140,12 @@ def test_connecting_and_arming_write_no_command(robot: T1) -> None:
 
 def test_saf_014_a_refused_command_is_not_written(robot: T1) -> None:
     here = robot.robot.get_observation()["left_elbow_pitch"]
-    assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": here}))
+    assert "Call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": here}))
     robot.enable()
     for action, words in (
         ({"left_knee_pitch": 0.4}, "(slot 14) is moved only by the onboard controller"),
-        ({"head_yaw": 0.1}, "call rotate_head"),
-        ({"vx": 0.1}, "call move(vx, vy, vyaw)"),
+        ({"head_yaw": 0.1}, "Call rotate_head"),
+        ({"vx": 0.1}, "Call move(vx, vy, vyaw)"),
         ({"left_elbow_pitch": {"kp": 60.0}}, "has no q"),
         ({"left_elbow_pitch": 2.5}, "past"),
         ({"left_elbow_pitch": here + 0.5}, "steps"),
@@ -154,7 +154,7 @@ def test_saf_014_a_refused_command_is_not_written(robot: T1) -> None:
         assert words in why(robot.robot.send_action(action))
     assert "outside -0.8..0.8 m/s" in why(robot.robot.move(vx=2.0))
     assert "outside" in why(robot.robot.rotate_head(pitch=2.0))
-    assert "use one of damping" in why(robot.robot.change_mode(mode="custom"))
+    assert "Use one of damping" in why(robot.robot.change_mode(mode="custom"))
     assert robot.log.host("setpoint") == []
 
 
@@ -201,13 +201,13 @@ def test_the_upper_body_can_be_given_back(robot: T1) -> None:
     robot.elbow(0.1)
     json_of(robot.robot.stop())
     assert robot.events("upper_body") == ["host", "back"]
-    assert "call resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    assert "Call resume() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     json_of(robot.robot.resume())
-    assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    assert "Call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     robot.enable()
     robot.elbow(robot.robot.get_observation()["left_elbow_pitch"] + 0.1)
     json_of(robot.robot.enable_upper_body(on=False))  # the same as disable_upper_body()
-    assert "call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
+    assert "Call enable_upper_body() first" in why(robot.robot.send_action({"left_elbow_pitch": 0.1}))
     at_ns = time.monotonic_ns()
     robot.enable()
     time.sleep(0.3)

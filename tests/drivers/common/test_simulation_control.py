@@ -316,7 +316,7 @@ def test_the_scene_can_be_taken_away_and_posed_elsewhere(tmp_path: Path) -> None
         (p.Render(0, 0, 48, ""), "0 x 48 pixels. Ask for at most"),
         (
             p.Render(0, 64, 48, "nose"),
-            "no camera 'nose'. there are front, side, top, wrist, and None for the whole robot",
+            "no camera 'nose'. There are front, side, top, wrist, and None for the whole robot",
         ),
     ],
 )

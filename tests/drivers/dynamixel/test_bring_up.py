@@ -221,12 +221,12 @@ def test_arm_refuses_a_joint_that_rests_outside_in_every_mode() -> None:
         rig.servo().put(table.MODE, table.POSITION_MODE)
         rig.servo().put(table.MIN_POSITION, 2600)
         await rig.wire.open()
-        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) rests .* deg outside its range"):
+        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) is .* deg outside its range"):
             await rig.wire.arm(Permission())
         rig = DynamixelRig()
         rig.servo().put(table.HOMING_OFFSET, 4096)  # one turn away
         await rig.wire.open()
-        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) rests .* deg outside its range"):
+        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) is .* deg outside its range"):
             await rig.wire.arm(Permission())
         assert rig.torque() == [0] * 6
 

@@ -115,7 +115,7 @@ def test_past_the_calibrated_range_is_refused_in_a_mode_of_many_turns_too() -> N
 def test_each_servo_has_its_own_supply() -> None:
     at = state()
     at.observation.sensors["voltage_v"] = (12.0, 5.0, 5.0, 5.0, 5.0, 12.0)
-    assert refusal(koch(), {"shoulder_lift": 1.0}, at).reason == "shoulder_lift (id 2) has 5.0 V"
+    assert refusal(koch(), {"shoulder_lift": 1.0}, at).reason == "shoulder_lift (id 2) has a supply of 5.0 V"
     assert refusal(koch(), {"gripper": 1.0}, at).remedy == "supply 3.5..7.0 V"
     assert isinstance(decide(koch(), {"shoulder_pan": 1.0, "elbow_flex": 1.0}, at), Candidate)
 

@@ -179,7 +179,7 @@ def test_saf_012_a_service_without_reports_is_sent_nothing_and_counts_as_lost() 
                 await wire.write((0.1, 0.0, 0.0), Permission())
         assert port.log.count("setpoint") == 1
         await trio.sleep(SILENT_S)
-        with pytest.raises(WireDown, match="no data for 1 s"):
+        with pytest.raises(WireDown, match="no valid report for 1 s"):
             await wire.read()
 
     virtual(test)

@@ -93,7 +93,7 @@ def test_saf_005_a_stop_is_repeated_until_a_newer_report_shows_speed_0(rover: Re
     assert len(twin.log.host("safe", began_ns)) >= 2
     twin.log.no_setpoint_after_safe(began_ns)
     assert status(rover)["sensors"]["speed"] == [0.0] or stopped["took_ms"] > 50
-    assert "call resume() first" in why(rover.send_action({"linear": 0.1}))
+    assert "Call resume() first" in why(rover.send_action({"linear": 0.1}))
     json_of(rover.resume())
     assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 

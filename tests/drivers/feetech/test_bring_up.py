@@ -113,7 +113,7 @@ def test_garbled_answers_are_named() -> None:
     [
         (protocol.MODEL, 2825, "elbow_flex (id 3) is a STS3250, must be STS3215"),
         (protocol.MODEL, 4242, "elbow_flex (id 3) is a model 4242, must be STS3215"),
-        (protocol.MODE, 1, "elbow_flex (id 3) is in mode 1, must be 0"),
+        (protocol.MODE, 1, "elbow_flex (id 3) is in mode 1, not in mode 0"),
     ],
 )
 def test_another_servo_is_refused(register: protocol.Register, value: int, says: str) -> None:
@@ -269,7 +269,7 @@ def test_arm_refuses_to_pull_a_joint_in() -> None:
         rig = FeetechRig()
         rig.servo().put(protocol.MIN_POSITION, 2600)
         await rig.wire.open()
-        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) rests .* deg outside its range"):
+        with pytest.raises(WireDown, match=r"elbow_flex \(id 3\) is .* deg outside its range"):
             await rig.wire.arm(Permission())
         assert rig.torque() == [0] * 6
 

@@ -221,7 +221,7 @@ def test_voltage_out_of_the_servos_limits(volt: float, shown: str) -> None:
     at = state(sensors={"voltage_v": (7.4, 7.4, volt, 7.4, 7.4, 7.4)})
     no = refusal({"elbow_flex": 1.0}, at)
     assert no.code == "voltage"
-    assert no.reason == f"elbow_flex (id 3) has {shown} V"
+    assert no.reason == f"elbow_flex (id 3) has a supply of {shown} V"
     assert (no.offered, no.limit) == (shown, "4.0..8.0")
     assert isinstance(decide(ARM, {"gripper": 1.0}, at), Candidate)
 

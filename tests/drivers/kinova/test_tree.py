@@ -174,7 +174,7 @@ def test_a_base_in_fault_is_refused_at_connect(tmp_path: Path) -> None:
     with bench_of(tmp_path, connect=False) as bench:
         bench.twin.command("state IN_FAULT")
         time.sleep(0.2)
-        until(lambda: "clear the fault, then reconnect" in (bench.arm.connect_eagerly() or ""), "it says so")
+        until(lambda: "Clear the fault, then reconnect" in (bench.arm.connect_eagerly() or ""), "it says so")
         assert not bench.log.host("enable") and not bench.log.host("setpoint")
         bench.twin.command("state SERVOING_READY")
         connected(bench.arm)

@@ -104,9 +104,9 @@ def test_saf_005_a_stop_is_repeated_until_its_state_shows_no_twist(duck: RealRob
     assert len(twin.log.host("safe", began_ns)) >= 3
     twin.log.no_setpoint_after_safe(began_ns)
     assert status(duck)["sensors"]["odometry_linear_m_s"] == [0.0, 0.0]
-    assert "call resume() first" in why(duck.send_action({"vx": 0.1}))
-    assert "call resume() first" in why(duck.enable())
-    assert "call resume() first" in why(duck.do(skill="kick_left"))
+    assert "Call resume() first" in why(duck.send_action({"vx": 0.1}))
+    assert "Call resume() first" in why(duck.enable())
+    assert "Call resume() first" in why(duck.do(skill="kick_left"))
     json_of(duck.resume())
     assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 
@@ -212,7 +212,7 @@ def test_a_stop_puts_the_theremin_down(duck: RealRobot, twin: Twin) -> None:
     assert with_it["theremin"]["zones"] == 0
     json_of(duck.stop())
     say_until(twin, lambda told: "theremin" not in told)
-    assert "call resume() first" in why(duck.theremin(active=True)), (
+    assert "Call resume() first" in why(duck.theremin(active=True)), (
         "the theremin moves the mouth, so it is refused after a stop"
     )
     json_of(duck.theremin(active=False))

@@ -281,5 +281,5 @@ def test_a_robot_without_supply_forgets_and_one_that_is_stuck_stays() -> None:
     assert twin.state() == before
     twin.set_fault(Fault.OFF)
     assert twin.body.requested == (0.0, 0.0, 0.0) and twin.body.x_m == 0.0
-    with pytest.raises(ValueError, match="use walk, roller"):
+    with pytest.raises(ValueError, match="Use walk, roller"):
         DuckTwin("microduck", mode="fly")

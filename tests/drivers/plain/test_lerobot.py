@@ -119,8 +119,8 @@ def test_an_object_that_cannot_be_made_or_is_not_calibrated_gives_the_reason(
     twin: Twin, lerobot: None, tmp_path: Path
 ) -> None:
     for keywords, text in (
-        ({"tool_name": "white"}, "so101_follower 'white' is not calibrated .* run lerobot-calibrate"),
-        ({**calibrated(tmp_path), "gain": 3}, "so101_follower has no gain. it has id, calibration_dir, port"),
+        ({"tool_name": "white"}, "so101_follower 'white' is not calibrated .* Run lerobot-calibrate"),
+        ({**calibrated(tmp_path), "gain": 3}, "so101_follower has no option gain. Use id, calibration_dir, port"),
     ):
         robot = Robot("so101", mode="real", driver="lerobot", port=twin.port, **keywords)
         try:
@@ -285,7 +285,7 @@ class Half:
 
 def followed(robot: Half, kind: str = "so101") -> follower.Follower:
     made: follower.Follower = object.__new__(class_of(kind))
-    made._kind, made._robot = load(LEROBOT)[kind], robot
+    made._robot_type, made._robot = load(LEROBOT)[kind], robot
     made._energise()
     robot.goals.clear()
     return made

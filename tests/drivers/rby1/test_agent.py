@@ -27,6 +27,6 @@ def test_an_agent_keeps_it_and_can_stop_it(tmp_path: Path, run_dir: Path) -> Non
         assert json_of(sensors)["sensors"]["battery_pct"] == [80.0]
         assert json_of(reported)["state"] == "armed"
         assert json_of(stopped)["safe_state"] == "stop"
-        assert "use sensors, state, status, move_to, stop" in why(refused)
+        assert "Use sensors, state, status, move_to, stop" in why(refused)
         assert twin.log.first_safe(began_ns) is not None
         assert state(robot) == "disarmed"

@@ -98,8 +98,8 @@ def test_saf_005_a_stop_ends_the_move_where_it_is_and_no_other_follows(reachy: R
     first_safe(twin.log, began_ns)
     assert ask(twin, p.RUNNING) == []
     stands(reachy)
-    assert "call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
-    assert "call resume() first" in why(reachy.wake())
+    assert "Call resume() first" in why(reachy.send_action({"head_yaw": 1.0}))
+    assert "Call resume() first" in why(reachy.wake())
     json_of(reachy.resume())
     assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 
@@ -302,7 +302,7 @@ def test_saf_003_torque_off_by_another_client_ends_the_live_command(reachy: Real
 def test_services(reachy: RealRobot, twin: Twin) -> None:
     assert set(json_of(reachy.list_moves())["moves"]) == {"amazed1", "cheerful1", "yes1"}
     assert len(json_of(reachy.express(move="yes1"))["move"]) == 36
-    assert "use one of amazed1, cheerful1, yes1" in why(reachy.express(move="nothing"))
+    assert "Use one of amazed1, cheerful1, yes1" in why(reachy.express(move="nothing"))
     json_of(reachy.set_volume(volume=30))
     assert json_of(reachy.volume())["volume"] == 30
     assert json_of(reachy.turn_to_sound_status()) == {"left_deg": pytest.approx(30.0), "speech": True}

@@ -152,5 +152,5 @@ def test_faults() -> None:
     twin.set_fault(Fault.WRONG)
     run(twin, clock, 0.5)
     assert ask(twin, "GET", "/api/state/full")["body_yaw"] == pytest.approx(0.2 + math.radians(5.0), abs=1e-3)
-    with pytest.raises(ValueError, match="use disabled, enabled, gravity_compensation"):
+    with pytest.raises(ValueError, match="Use disabled, enabled, gravity_compensation"):
         reachy(motors="on")

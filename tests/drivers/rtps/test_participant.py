@@ -282,7 +282,7 @@ def test_the_address_of_another_host_is_refused() -> None:
 def test_an_address_without_free_ports_is_refused() -> None:
     last = wire_types.MAX_DOMAIN
     taken = []
-    with pytest.raises(WireDown, match="taken"):
+    with pytest.raises(WireDown, match="all ports are in use"):
         while True:
             taken.append(Participant(last, "127.0.0.31", (), False))
     assert len(taken) == wire_types.indices(last) == 63

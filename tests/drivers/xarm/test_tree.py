@@ -163,7 +163,7 @@ def test_saf_003_the_controller_stops_by_itself_or_by_another_client(
     until(lambda: twin.log.first_safe(ordered_ns), "a safe frame of ours")
     time.sleep(0.2)
     twin.log.no_setpoint_after_safe(ordered_ns)
-    assert "call resume() first" in why(nudge(arm))
+    assert "Call resume() first" in why(nudge(arm))
     if order.startswith("error"):
         assert "the controller reports error 31 (collision). Clear it at the arm" in why(arm.resume())
         assert not twin.log.host("enable", ordered_ns), "the command is refused before anything is energised"

@@ -40,7 +40,7 @@ def test_saf_014_a_value_that_is_not_a_finite_number_is_refused(key: str, value:
 
 
 def test_saf_014_an_unknown_key_is_refused_with_the_known_ones() -> None:
-    assert "use linear.x, linear.y, angular.z, arm1" in refused({"vx": 0.1}).text
+    assert "Use linear.x, linear.y, angular.z, arm1" in refused({"vx": 0.1}).text
 
 
 def test_saf_012_nothing_is_commanded_without_odometry() -> None:

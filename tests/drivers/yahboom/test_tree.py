@@ -105,7 +105,7 @@ def test_saf_005_a_stop_is_repeated_until_odometry_shows_that_it_stands(m3: Real
     assert len(zeros) >= 3
     assert all(message(one) == m.twist_message(m.REST, stop=True) for one in zeros)
     twin.log.no_setpoint_after_safe(began_ns)
-    assert "call resume() first" in why(m3.send_action({"linear.x": 0.1}))
+    assert "Call resume() first" in why(m3.send_action({"linear.x": 0.1}))
     json_of(m3.resume())
     assert twin.log.setpoints_after_safe(began_ns) == 0, "no setpoint is sent after the stop, not even by a resume"
 

@@ -227,7 +227,8 @@ class Scenario:
         return self._watch.wire.first_safe(outcome.safe_state, outcome.struck_ns)
 
     def _look(self, outcome: Outcome, look_s: float) -> None:
-        """Watch the stopped arm for some time, and count setpoints that were sent after the safe frame."""
+        """Watch the stopped arm for ``look_s`` seconds. Count the setpoints that were sent after the frame that
+        brought the arm to the safe state."""
         wire, index = self._watch.wire, self._first_safe(outcome)
         assert index is not None
         outcome.safe_ns = wire.frames[index].t_ns
@@ -263,7 +264,8 @@ class Scenario:
         outcome.restarted = wait_for(lambda: self._watch.pid(outcome.victim) not in (None, outcome.pid), 5.0)
 
     def _read(self, key: str) -> Any:
-        """Wait until the status has a value, which needs an answer of the wire process, and return it."""
+        """Return a value of the robot's status, by its key. The value is missing while the wire process does not
+        answer, so wait for it."""
         deadline = time.monotonic() + RESTART_S
         while key not in (status := status_of(self._robot)):
             if time.monotonic() > deadline:

@@ -157,8 +157,8 @@ class _Bar:
 
 
 class _Sparkline:
-    """A chart of the setpoints that were sent during the last seconds. A half-full block means the control
-    rate."""
+    """A chart of the setpoints that were sent during the last seconds. A block of half height
+    means that setpoints were sent at the control rate."""
 
     def __init__(self, wire: Wire, now_ns: int) -> None:
         self._wire = wire

@@ -119,8 +119,8 @@ class Watch:
             await trio.sleep(TREE_S)
 
     def _counted(self, report: TreeReport) -> TreeReport:
-        """Return the report with the restarts that this object has counted. A new root process does not know
-        about earlier restarts."""
+        """Return the root process's report, with the number of restarts that this object has counted for each
+        process. A new root process does not know about earlier restarts."""
         processes = []
         for process in report.processes:
             pids = self._pids.setdefault(process.role, [])

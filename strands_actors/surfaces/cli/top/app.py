@@ -34,9 +34,10 @@ EMPTY = Text.assemble(
 
 
 class Confirm(ModalScreen[bool]):
-    """The question whether to energise a robot.
+    """A dialog that asks the user whether to energise a robot.
 
-    The keys for a stop and an e-stop work here, too. They call ``stop`` with the verb ``stop`` or ``e-stop``.
+    The keys for a stop and an e-stop work here, too. Both call the function ``stop``, with the text ``stop`` or
+    ``e-stop``.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

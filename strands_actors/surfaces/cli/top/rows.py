@@ -105,8 +105,8 @@ def row(snapshot: RobotSnapshot, rates: Rates, columns: Columns) -> list[Text]:
 
 
 def state(snapshot: RobotSnapshot) -> Text:
-    """Return the robot's mode. Use the mode in the status if the wire process answers, since it is newer than
-    the root process's."""
+    """Return the robot's mode. If the wire process answers, use the mode in its status, which is newer than the
+    mode in the report of the root process."""
     if snapshot.status is None:
         return styled(snapshot.tree.state)
     if snapshot.status.locked_by and snapshot.status.mode == Mode.DISARMED:
