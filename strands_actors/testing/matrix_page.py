@@ -92,34 +92,37 @@ INTRODUCTION = """\
 In each cell of this matrix, one process of a moving simulated robot, or the robot itself, is broken
 in one way. The time until the robot gets the frame of its safe state is read from the log of the
 simulated robot, not from the program. The command `strands-actors matrix --repeats {repeats} --jobs
-2 -o docs/kill-matrix.md` made this page. With `--drivers ROBOT` it measures only this robot and
-replaces its table.
+2 -o docs/kill-matrix.md` made this page. With `--drivers ROBOT` the command measures only this robot
+and replaces its table. [testing.md](testing.md#break-things-victims--faults) explains the names of
+the faults.
 
 * **victim**: the process that is broken, or the simulated robot itself (`twin`). Each process that
   `strands-actors tree` shows for a running robot is a victim.
 * **median / worst**: milliseconds from the fault to the frame that brings the whole robot to its
-  safe state. In three cases the time begins later:
+  safe state. In three cases the measured time begins later than the fault:
   * If the caller (the script) ends by itself, the time begins when its process has ended.
-  * If the robot is frozen or its cable is unplugged, the time begins when the robot is back. 0
-    means that the safe frame was written during the freeze, and no other frame followed.
-  * For the other faults of the robot, the time begins with a stop that is given during the fault. 0
-    means that the fault itself had already led to the safe state.
-* **after**: number of setpoints after that frame, in all trials. Any value above 0 is a defect, and
-  so is a time above the bound.
-* **disturbed**: number of trials that were repeated because the computer was too busy. There are
-  two kinds of these trials. Either the robot became safe after the bound, but its processes had
-  waited for a processor for more than {disturbed_ms:g} ms (as Linux counts it), and without this
-  time the bound is kept. Or the robot went to another safe state than expected, because a process
-  that got no processor looked frozen before the fault. A trial in which the robot is not safe is
-  never repeated. A cell with more disturbed than undisturbed trials does not count as safe. Robots
-  that are measured at the same time (`jobs`) disturb each other.
+  * If the robot is frozen or its cable is unplugged, the time begins when the robot continues or
+    the cable is plugged in again. A time of 0 means that the safe frame was written while the robot
+    was frozen, and no other frame followed.
+  * For the other faults of the robot, the time begins with a stop that is ordered during the fault.
+    A time of 0 means that the fault itself had already led to the safe state before the stop.
+* **after**: number of setpoints that followed the frame of the safe state, in all trials. Any such
+  setpoint is a defect, and so is a time above the bound.
+* **disturbed**: number of trials that were repeated because the computer was too busy. A trial
+  counts as disturbed in two cases. In the first case the robot became safe after the bound, but its
+  processes had waited for a processor for more than {disturbed_ms:g} ms (as Linux counts it), and
+  without this waiting time the bound is kept. In the second case the robot went to another safe
+  state than expected, because a process that got no processor looked frozen before the fault. A
+  trial in which the robot is not safe is never repeated. A cell with more disturbed than
+  undisturbed trials does not count as safe. Robots that are measured at the same time (`jobs` in
+  the measuring conditions) disturb each other.
 * Each trial that breaks the caller starts a new caller, forked from a process with all imports.
   Root, wire and policy processes start as usual.
 * If the end of a victim has no effect on the wire (standby, spawner, camera, recorder, stop
-  process), the robot must continue for half a second. Then a stop is given, and the time counts
-  from this stop.
-* **proves**: the requirements of [safety-evidence.md](safety-evidence.md#requirements) that the
-  cell proves.
+  process), the robot must continue for half a second. After this half second a stop is ordered, and
+  the time of the cell counts from this stop.
+* **proves**: the ids of the requirements in [safety-evidence.md](safety-evidence.md#requirements)
+  that the trials of the cell prove.
 """
 
 
@@ -131,24 +134,28 @@ In each cell of this matrix, two processes of a moving simulated robot are broke
 read from the log of the simulated robot, not from the program. The command `strands-actors matrix
 --pairs --repeats {repeats} --jobs 2 -o docs/kill-matrix-pairs.md` made this page.
 
-* **kill** is SIGKILL. **freeze** is SIGSTOP, and SIGCONT at the end of the trial. In `freeze +
-  kill` the first victim is frozen and the second is killed.
+* **kill** means that the process gets SIGKILL. **freeze** means that the process gets SIGSTOP, and
+  SIGCONT at the end of the trial. In `freeze + kill` the first victim is frozen and the second is
+  killed.
 * **median / worst**: milliseconds from the *later* of the two faults to the frame that brings the
-  whole robot to its safe state. 0 means that the robot was safe before the second fault.
-* **bound**: if root and wire process are the two victims, the standby stops the robot. After two
-  kills its bound is the bound of the driver. Otherwise the time until both count as silent, and one
-  tick, are added. For all other pairs, the bound is the longer of the bounds for each victim alone
+  whole robot to its safe state. A time of 0 means that the robot was in its safe state before the
+  second fault.
+* **bound**: if root and wire process are the two victims, the standby process stops the robot. If
+  both were killed, the bound is that of the driver. If one or both were frozen, the time until both
+  count as silent, and one tick of the standby, are added. For all other pairs, the bound is the
+  longer one of the two bounds that the victims have alone
   ([safety-faults.md](safety-faults.md#bounds-of-two-at-once)).
 * **victim**: all pairs of processes that the running robot has. If the two faults have no effect on
-  the wire, a stop is given, and the time counts from this stop.
-* **after**: number of setpoints after that frame, in all trials. Any value above 0 is a defect, and
-  so is a time above the bound.
+  the connection to the robot, a stop is ordered after them, and the time of the cell counts from
+  this stop.
+* **after**: number of setpoints that followed the frame of the safe state, in all trials. Any such
+  setpoint is a defect, and so is a time above the bound.
 * **disturbed**: number of trials that were repeated, because their processes had waited for a
   processor for more than {disturbed_ms:g} ms ([kill-matrix.md](kill-matrix.md) describes the rule).
 * **pkill python** ends only the script, because the other processes of the robot have other names.
-  `pkill -9 -f strands` is not measured. It kills all processes at once, so no process is left that
-  could write, and only the firmware acts (`firmware_watchdog` in the status of each robot, and
-  [safety-faults.md](safety-faults.md#firmware)).
+  `pkill -9 -f strands` is not measured, because it kills all processes at once, so that no process
+  is left that could write to the robot, and only the firmware acts (`firmware_watchdog` in the
+  status of each robot, and [safety-faults.md](safety-faults.md#firmware)).
 """
 
 
@@ -188,12 +195,13 @@ def _table(rows: Sequence[Row]) -> Iterator[str]:
         for story in row.stories:
             yield ""
             yield paragraph(f"{row.victim} {row.fault}, {verdict(row)}: from the fault on the wire showed {story}.")
-    yield ""
-    yield "These faults were not tested:"
-    yield ""
     faults: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         if row.why_not:
             faults.setdefault((row.victim, row.why_not), []).append(row.fault)
+    if faults:
+        yield ""
+        yield "These faults were not tested:"
+        yield ""
     for (victim, reason), of_them in faults.items():
         yield paragraph(f"* {victim} was not tested with {', '.join(of_them)}. Reason: {reason}.", "  ")
