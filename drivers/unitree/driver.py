@@ -55,7 +55,8 @@ class _Legs(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.unitree.stop_channel:UnitreeStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.unitree.twin:main"
     TASKS: ClassVar[str] = (
-        "legs run no named policy: balance needs a policy of the caller, at 500 Hz, on the robot's computer"
+        "a policy for legs is not started by name, because balance needs a policy object of the script, "
+        "at 500 Hz, on the robot's computer"
     )
     SENSORS: ClassVar[tuple[Sensor, ...]] = (
         imu(**IMU),

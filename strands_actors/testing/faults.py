@@ -173,7 +173,7 @@ def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
         return "" if fault in BYSTANDER_FAULTS else "a test has no means to cause such a fault in this process"
     if victim is Victims.TWIN:
         if fault is Faults.KILL:
-            return "afterwards there is no robot that could get a safe frame"
+            return "after its end there is no simulated robot that could get a safe frame"
         return "" if fault in ROBOT_FAULTS else "a real robot is not a process and cannot have such a fault"
     if fault not in PROCESS_FAULTS:
         return "only the robot itself can have such a fault"
