@@ -98,8 +98,8 @@ def _imports(frame: str) -> bool:
 
 
 def written(stacks: Stacks) -> str:
-    """Return the stacks as text, one line each. A function too narrow to be drawn is cut off; its samples count for
-    its caller.
+    """Return the call stacks as text, one per line, with their numbers of samples. A function with too few samples
+    is left out, and its samples count for its caller.
     """
     least = LEAST / 2 * stacks.total()
     wide = inclusive(stacks)
@@ -124,8 +124,8 @@ def inclusive(stacks: Stacks) -> Stacks:
 
 
 def heaviest(stacks: Stacks, most: int = 6) -> list[tuple[str, float]]:
-    """Return the functions that compute most themselves, without the functions that they call, and their shares of
-    the time. Calls into C count as the caller's own time.
+    """Return the functions with most processor time, not counting the functions that they call, and the share of
+    each in all samples (0 to 1). Calls into C count as the caller's own time.
     """
     own: Counter[str] = Counter()
     for stack, count in stacks.items():

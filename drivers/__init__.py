@@ -432,7 +432,8 @@ def model_of(name: str) -> str | None:
 
 
 def list_native_drivers() -> dict[str, str]:
-    """Return the name of the driver class of each robot that this package or a registration drives, sorted."""
+    """Return the name of the driver class by name of the robot, sorted. The robots are those of this package and
+    those for which a driver class was registered."""
     _load()
     return {name: driver_name(_registered[name]) for name in sorted(_registered)}
 

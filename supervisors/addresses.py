@@ -32,7 +32,8 @@ class Addresses:
         return self.path(f"introspection/{process}")
 
     def instrument(self, process: str) -> str:
-        """Return the path of the actor that a recorder connects to, in one process: root or wire."""
+        """Return the path of the actor to which a recorder connects. ``process`` is the one that it records: root
+        or wire."""
         return self.path(f"instrument/{process}")
 
     def address(self, name: str) -> str:

@@ -115,7 +115,7 @@ class Batch(Message, frozen=True):
 
 
 class Acknowledge(Message, frozen=True):
-    """The recorder has read all batches up to this one."""
+    """The recorder has read all batches up to the one with this ``number``."""
 
     lane = "latest"
 
@@ -146,12 +146,14 @@ _Line = tuple[Kind, str, int, int, str, object]
 
 
 class Journal:
-    """An ``Instrument`` that stores the events of some actors.
+    """An ``Instrument`` that stores the events of some actors, until they are sent to a recorder: the messages
+    that they receive, answer and send.
 
     Args:
         names: Name of each recorded actor, by its address.
         dull: Types of messages that are not recorded.
-        remember: Returns the present memory of each actor, as (actor, number of deferred answers so far, memory).
+        remember: Returns the memory of each actor (the data on which its decisions depend), as (actor, number of
+            deferred answers so far, memory).
     """
 
     def __init__(
@@ -214,7 +216,8 @@ class Journal:
     # -- methods for the task that sends the entries
 
     def begin(self, now_ns: int) -> None:
-        """Add the present memory of each actor. It is encoded at once, since it will change."""
+        """Append the present memory of each actor to the journal, so that a replay can start here. It is encoded
+        at once, since it will change."""
         for actor, deferrals, memory in self._remember():
             body = encode(memory)
             # Leave out a memory that is too large for an entry. A replay can then start only at a later memory.
@@ -222,7 +225,7 @@ class Journal:
                 self._lines.append((Kind.MEMORY, actor, now_ns, deferrals, "", msgspec.Raw(body)))
 
     def take(self, now_ns: int) -> tuple[msgspec.Raw, ...]:
-        """Return the next encoded entries, as many as one batch can hold."""
+        """Remove the oldest entries from the journal, as many as one batch can hold, and return them encoded."""
         entries: list[msgspec.Raw] = []
         size = 0
         while size < BATCH_BYTES:
@@ -274,8 +277,8 @@ class InstrumentKeeper(Actor):
     Args:
         names: Name of each recorded actor, by its address.
         attached: The reply to the recorder, with the description of the robot.
-        remember: As for ``Journal``.
-        dull: As for ``Journal``.
+        remember: Returns the present memory of each actor (see ``Journal``).
+        dull: Types of messages that are not recorded.
     """
 
     def __init__(

@@ -57,8 +57,8 @@ def import_ours(description: dict[str, Any]) -> None:
 
 
 def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:
-    """Return a gate that refuses every setpoint from ``until_ns`` on, because the robot has no valid certificate of
-    a stop drill."""
+    """Return a check that refuses every setpoint from ``until_ns`` on, because the robot has no valid certificate
+    of a stop drill."""
 
     def requires_drill(candidate: Candidate, state: GateState) -> Refused | None:
         return None if state.now_ns < until_ns else Refused(Code.NO_DRILL, reason, remedy)

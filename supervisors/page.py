@@ -28,10 +28,11 @@ _BY_SEVERITY = tuple(SafeState)
 
 
 class SafetyPage:
-    """The words of the page about open orders and requests, for example an e-stop that is not confirmed yet.
+    """Access to a page of shared memory with the orders and requests that are still open, for example an e-stop
+    that is not confirmed yet.
 
     Args:
-        words: The shared page; None for a private one.
+        words: The memory of the page; None for a page that only this process uses.
     """
 
     def __init__(self, words: memoryview | None = None) -> None:
@@ -50,7 +51,8 @@ class SafetyPage:
     @property
     def may_be_energised(self) -> bool:
         """True if something may be energised. It is set before an arming, and cleared when every motor has
-        confirmed a stop. The wire sets it, and so does the root when it stops the robot itself."""
+        confirmed a stop. The wire process writes it, and so does the root process when it stops the robot
+        itself."""
         return self._energised.get() != 0
 
     @may_be_energised.setter
@@ -68,7 +70,7 @@ class SafetyPage:
 
     @property
     def stopped_ns(self) -> int:
-        """When the root was last ordered to stop the robot, for a wire that starts later; 0 for never."""
+        """When the root was last ordered to stop the robot, for a wire process that starts later; 0 for never."""
         return self._stopped.get()
 
     @stopped_ns.setter
@@ -89,7 +91,7 @@ class SafetyPage:
 
     @property
     def is_asking(self) -> bool:
-        """True while the wire waits for a request to the robot that may take effect later."""
+        """True while the wire process waits for a request to the robot that may take effect later."""
         return self._late.get() < 0
 
     def ask(self, late_ns: int) -> None:
@@ -143,5 +145,5 @@ class SafetyPage:
             self.begin_anew()
 
     def begin_anew(self) -> None:
-        """Remove all orders, after a confirmation or before an arming."""
+        """Remove the ordered safe state from the page, after its confirmation or before the robot is armed."""
         self._ordered.set(0)

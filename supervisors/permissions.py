@@ -124,7 +124,8 @@ def shown(robot: str) -> str:
 
 
 def _inside(robot: str) -> dict[str, MessageTypes]:
-    """Return the addresses that recorders and `strands-actors tree` may send any message to."""
+    """Return the addresses of the actors to which recorders and the command `strands-actors tree` may send any
+    message."""
     actors = addresses.of(robot)
     paths = [path(process) for process in ("root", "wire") for path in (actors.introspection, actors.instrument)]
     return {f"{PREFIX}/{path}": None for path in paths}

@@ -377,7 +377,8 @@ class Policy(Actor):
         return Positions(zip(self._rollout.axes, observation.position, strict=True))
 
     async def _acquire(self) -> bool:
-        """Acquire the lease when the first action is ready. Until then the script may still move the robot."""
+        """Acquire the lease (the right to command the robot) when the first action is ready. Until then the script
+        may still move the robot."""
         rollout = self._rollout
         async with self._acquiring:
             if self._ended is not None:

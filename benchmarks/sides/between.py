@@ -54,7 +54,9 @@ def rate(messages: int, began_s: float) -> Figures:
 
 
 def serve(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run our child process: an actor that counts messages from zenoh, as the processes of a robot receive them."""
+    """Run an actor of this package in a child process. It counts messages from zenoh, and receives them as the
+    processes of a robot do.
+    """
     from strands_actors.kernel.channels.zenoh_session import hand_over
 
     hand_over()

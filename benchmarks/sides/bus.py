@@ -199,7 +199,7 @@ def _without_torch() -> None:
 
 
 def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
-    """Return a read request, the number of bytes in its reply, and frames that write goals, encoded beforehand."""
+    """Return a read request, the number of bytes in its reply, and encoded messages that write target angles."""
     if robot == FEETECH:
         from strands_actors.drivers.feetech import protocol as feetech
 
@@ -212,7 +212,9 @@ def _made(robot: str) -> tuple[bytes, int, list[bytes]]:
 
 
 def floor(robot: str, port: str, seconds: float) -> dict[str, float]:
-    """Measure blocking reads that only count bytes. No program can be faster on this terminal and this computer."""
+    """Measure blocking reads that only count bytes. No program can be faster with this pseudo-terminal on this
+    computer.
+    """
     import termios
 
     import serial

@@ -61,7 +61,9 @@ def figures(spans_ns: list[int], received: int, began_s: float) -> Figures:
 
 
 def send(args: dict[str, Any], sock: socket.socket) -> None:
-    """Run our child process: one thread sends telemetry at full speed, and the trio loop sends stops."""
+    """Run the child process with this package: one thread sends telemetry at full speed, and the trio loop sends
+    stops.
+    """
     trio.run(_send, args)
 
 

@@ -141,8 +141,8 @@ def pss_mb(pids: set[int]) -> float:
 
 
 def wire_summary(arm: Arm, until_ns: int) -> tuple[int, int, float]:
-    """Return what one arm received from arming until ``until_ns``: the number of setpoints, the number of safe
-    frames (stop commands), and the longest pause between two setpoints in ms.
+    """Return what one arm received from the energising of its motors until ``until_ns``: the number of
+    setpoints, the number of safe frames (stop commands), and the longest pause between two setpoints in ms.
     """
     setpoints, safe = [], 0
     for entry in arm.log.entries(arm.armed_ns):

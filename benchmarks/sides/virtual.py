@@ -174,7 +174,7 @@ def run_tree(seconds: float) -> Ran:
 
 
 class Taker(Actor):
-    """Store and acknowledge the batches of a recording."""
+    """An actor that stores and acknowledges the batches of a recording."""
 
     def __init__(self, instrument: str) -> None:
         self.batches: list[Batch] = []

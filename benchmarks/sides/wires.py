@@ -83,8 +83,8 @@ def kuka(frame: Frame) -> object:
 
 
 def franka(frame: Frame) -> object:
-    """Return the request to move; None for another frame. The 1 kHz cycle begins only after the controller's
-    answer.
+    """Return the frame if it is the request to move, and None if it is another frame. The 1 kHz cycle begins only
+    after the controller's answer.
     """
     return frame.data if frame.kind == "enable" and frame.data.startswith("01000000") else None
 

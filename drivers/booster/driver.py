@@ -1,4 +1,5 @@
-"""Declare the Booster T1: its arms, its services, its gates and its safe states.
+"""Declare the Booster T1: its arms, its services, the checks of its commands (gates) and its safe
+states.
 
 The driver talks DDS itself, because calls of the vendor's SDK take seconds to fail.
 

@@ -47,7 +47,8 @@ obeys LowCmd."""
 
 
 def conditions() -> tuple[Condition, ...]:
-    """Return the conditions in the order in which they are checked.
+    """Return the conditions (checks of the robot's state that must pass while it is commanded), in
+    the order in which they are checked.
 
     When a condition becomes false, the robot's own controller gets the upper body back at once. This
     controller needs the arms when the robot falls or gets up.

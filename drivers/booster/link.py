@@ -1,6 +1,7 @@
 """Talk to a T1 by one DDS participant: send commands and requests, receive states and answers.
 
-The wire process and the root's stop channel each create a participant. Nothing here waits or loops:
+The process that drives the robot (wire) and the supervising process (root) each create a participant. Nothing here
+waits or loops:
 ``poll`` processes the received messages, ``send_*`` and ``ask`` send at once.
 """
 

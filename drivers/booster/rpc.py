@@ -92,8 +92,8 @@ def response_topic(robot_name: str) -> str:
 
 
 def encode_request(request: Request) -> bytes:
-    """Encode a request. Its header is that of the vendor's SDK 1.6.3. The only field that the
-    public headers add is ``expect_response``."""
+    """Encode a request. Its JSON header has the fields that the vendor's SDK 1.6.3 sends, and
+    ``expect_response``, which appears only in the vendor's published header files."""
     mode = CALL if request.wants_answer else FIRE_AND_FORGET
     header = {
         "api_id": request.api,

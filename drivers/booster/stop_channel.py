@@ -1,4 +1,4 @@
-"""Stop a T1 from the root process, without the process that drives it."""
+"""Stop a T1 from the supervising process (root), without the process that drives it."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .stopping import bring_down, unconfirmed
 
 
 class BoosterStopChannel(StopChannel):
-    """The root's own DDS connection to the robot. The robot discovers it at the start, before a
-    stop needs it.
+    """The DDS connection by which the supervising process (root) stops the robot. The robot
+    discovers it at the start, before a stop needs it.
 
     It subscribes to states only during a stop. Otherwise the root would receive 500 states a
     second.

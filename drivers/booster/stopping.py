@@ -1,5 +1,4 @@
-"""Bring a T1 to a safe state. The process that drives the robot and the root use the same
-procedure.
+"""Bring a T1 to a safe state. The process that drives the robot and the supervising process (root) use this code.
 
 ``hold``  the robot stands, and its arms are held at their present positions
 ``stop``  as ``hold``, then the robot's own controller gets the upper body back
@@ -53,7 +52,7 @@ getting far from any target.
 
 
 async def bring_down(link: Link, safe_state: SafeState, arms: bool | None = None) -> tuple[MotorReport, ...]:
-    """Bring the robot to a safe state. The first frame leaves before the first wait. Never raises.
+    """Bring the robot to a safe state. The first message is sent before anything is waited for. Never raises.
 
     Args:
         link: The DDS connection to use.

@@ -145,8 +145,8 @@ class BoosterSession:
             self.link.calls.ask(Api.GET_MODE, "", partial(self.hear_mode, now_ns))
 
     def silent_s(self, now_ns: int) -> float:
-        """Return how long the robot has been silent: the age of the newest state or of the newest
-        answer, whichever is greater."""
+        """Return for how many seconds the robot has been silent: the age of the newest state or of
+        the newest answer, whichever is greater."""
         last_received_ns = min(self.link.state_ns, self.link.calls.last_answer_ns or self._opened_ns)
         return (now_ns - last_received_ns) / NS
 
@@ -302,7 +302,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return motors
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop the robot after its link was lost. Use the existing participant, which the robot
+        """Stop the robot after its link was lost. Use the existing DDS participant, which the robot
         discovers again by itself. Without one, create a participant, which the robot must discover
         first."""
         session = self.session_or_none
@@ -416,8 +416,8 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         return _refused("disable_upper_body", answer) or {"upper_body": False}
 
     async def _wait_for_reading(self, session: BoosterSession) -> None:
-        """Wait for the next reading. The gate then knows the effect of a service before the caller
-        gets the reply of the service."""
+        """Wait for the next reading of the robot. The checks of commands (gates) then know the
+        effect of a service before the caller gets the reply of the service."""
         session.next_reading = next_reading = trio.Event()
         await next_reading.wait()
 

@@ -1,4 +1,5 @@
-"""Settings of a Crazyflie, shared by the process that flies it (the wire) and the root's stop channel."""
+"""Settings of a Crazyflie, shared by the process that flies it (the wire) and the supervising process (root),
+which can also stop it."""
 
 from __future__ import annotations
 

@@ -57,8 +57,9 @@ def bits_in(sensors: Mapping[str, Row]) -> Bit | None:
 
 
 def conditions_of(battery_v: float, hover_s: float) -> tuple[Condition, ...]:
-    """Return the conditions for flying, in the order in which they are checked. Each has its own safe state:
-    for example, a tumbled drone switches its motors off, and a drone with a low battery lands.
+    """Return the conditions (checks that must pass while the drone is commanded), in the order in which they are
+    checked. Each failed condition leads to its own safe state: for example, a tumbled drone switches its motors
+    off, and a drone with a low battery lands.
 
     Args:
         battery_v: Voltage below which the drone lands.

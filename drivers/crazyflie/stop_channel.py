@@ -1,5 +1,5 @@
-"""Stop a Crazyflie from the root process, without the process that flies it (the wire). Nothing is sent before
-a stop.
+"""Stop a Crazyflie from the supervising process (root), without the process that flies it (the wire). Nothing is
+sent before a stop.
 
 On UDP the drone sends its answers to the last sender, so the root's socket stays silent until a stop. For a
 serial line the root has a duplicate of the wire's file descriptor. If that is dead, the root opens the port
@@ -28,7 +28,7 @@ from .stopping import STOP_S, bring_down
 
 
 class CrazyflieStopChannel(StopChannel):
-    """Stop the drone from the root process. The kind of connection depends on the port."""
+    """Stop the drone from the supervising process (root). The kind of connection depends on the port."""
 
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         endpoint = config.endpoint()

@@ -1,5 +1,5 @@
-"""Bring a Crazyflie to a safe state that ends its flight. The process that flies it and the root's stop channel
-use this code.
+"""Bring a Crazyflie to a safe state that ends its flight. The process that flies it and the supervising process
+(root) use this code.
 
 ``land``  the high-level commander lands it, at 0.4 m/s on average; motors off on the floor
 ``limp``  motors off at once, in any place
@@ -46,8 +46,8 @@ async def bring_down(
 ) -> Outcome:
     """Bring the drone to a safe state that ends its flight, and check that it has reached that state.
 
-    Never raises. The first frame leaves before the first wait. If a link with a connection is lost, the attempt
-    ends, because that connection may be dead. The caller then opens another link.
+    Never raises. The first packet is sent before anything is waited for. If a link with a connection is lost, the
+    attempt ends, because that connection may be dead. The caller then opens another link.
 
     Args:
         session: A session with the drone.

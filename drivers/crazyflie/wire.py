@@ -175,8 +175,9 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         return Outcome(True, True, "").reports(AXES, targets=(0.0, 0.0, 0.0, 0.0, height_m))
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop the drone after its link was lost. A UDP socket stays in use. Any other link gets the first
-        packets once and is closed, because it may be dead and would block a new one. Then a new link is opened."""
+        """Stop the drone after its link was lost. A UDP socket stays in use. Any other link gets the first packets
+        of the stop once and is closed, because it may be dead and would block a new one. Then a new link is
+        opened."""
         end_state = SafeState.LAND if safe_state == SafeState.HOLD else safe_state
         session, self._hover, self._is_armed = self.session_or_none, None, False
         if session is not None and session.link.outlives_a_loss:

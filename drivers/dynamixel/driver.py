@@ -1,4 +1,4 @@
-"""Dynamixel X-series arms over Protocol 2.0: koch."""
+"""Drive arms of Dynamixel X-series servos over Protocol 2.0: koch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drive arms of Dynamixel X-series servos over Protocol 2.0. The robot is koch."""
+"""Read leader arms (which a person moves by hand) of Dynamixel X-series servos over Protocol 2.0: koch_leader."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ class Rover:
         self._report()
 
     def tell(self, linear: float, angular: float, lamp: float, commander: Commander) -> None:
-        """Set a new command, from a client of the wire protocol or from the simulation (``commander``)."""
+        """Set a new command. ``commander`` is its sender: a client of the wire protocol, or the simulation."""
         self.pass_time()
         self.commanded, self.lamp = (linear, angular), lamp
         self._commanded_s = self._now_s()
@@ -78,7 +78,8 @@ class Rover:
             self._report()
 
     def _report(self) -> None:
-        """Note the present speeds and heading. The SDK process sends this report until the next one."""
+        """Store the present speeds and heading of the simulated rover. ``GET /data`` reports these values until
+        the next call."""
         self.reported_s = self.time_s
         linear, angular = self.runs
         # Only the forward speed is reported, so a rover that turns on the spot reports 0.

@@ -60,7 +60,8 @@ class Picture(msgspec.Struct, frozen=True):
 
 
 def decode_picture(body: bytes, view: str) -> Picture:
-    """Decode an answer to ``GET /v2/VIEW``. Raise ``MalformedFrame`` if it contains no valid picture."""
+    """Decode an answer to ``GET /v2/front`` or ``GET /v2/rear``. Raise ``MalformedFrame`` if it contains no valid
+    picture."""
     fields = _decode(body)
     frame = fields.get(f"{view}_frame")
     if not isinstance(frame, str) or not frame:

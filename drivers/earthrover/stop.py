@@ -40,7 +40,8 @@ class RoverZero:
         self.body = p.encode_stop(lamp)
 
     def read_motion(self, body: bytes) -> MotionReport:
-        """Return the time of a report and the largest reported speed, of the rover or a wheel.
+        """Return the time of a report (s), and a number that is 0 if nothing moves. It is the reported speed of
+        the rover, or the reported rpm of a wheel if that is larger.
 
         A rover that turns on the spot may report speed 0 [assumed], so the wheels must have stopped, too, if the
         rover reports them.

@@ -75,7 +75,7 @@ class RoverTwin:
         self._stuck: bytes | None = None
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
-        """Set a fault of the whole rover. ``unit`` is not used."""
+        """Simulate a fault of the whole rover. ``unit`` is not used."""
         self.rover.pass_time()
         self._stuck = self.data() if fault is Fault.STUCK else None
         self.rover.stuck = fault is Fault.STUCK

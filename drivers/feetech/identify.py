@@ -49,8 +49,8 @@ class Identity(msgspec.Struct, frozen=True):
 
     @property
     def travel(self) -> tuple[int, int]:
-        """Return the lowest and the highest goal, in counts. If both registers are 0, the servo turns several
-        times. This driver then uses one turn."""
+        """Return the lowest and the highest goal position that the servo accepts, in counts. If both registers are
+        0, the servo turns several times. This driver then uses one turn."""
         return (self.low, self.high) if self.high > self.low else (0, TOP)
 
 

@@ -260,7 +260,8 @@ class Decoder:
 
 
 def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
-    """Return the first address of a sync write, and the bytes for each servo."""
+    """Decode a sync write, a frame that writes to several servos. Return the address of its first register, and
+    the bytes for each servo by id."""
     address, size, *_ = packet.params
     rows = packet.params[2:]
     return address, {rows[i]: rows[i + 1 : i + 1 + size] for i in range(0, len(rows), size + 1)}

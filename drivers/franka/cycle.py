@@ -135,7 +135,8 @@ class _Motion(NamedTuple):
 
 
 class Cycle:
-    """Compute the command that answers each state. Its only I/O is to read the page of shared memory."""
+    """Compute the command that answers each state. Apart from the page of memory that it shares with the wire
+    process, it reads and writes nothing."""
 
     def __init__(self, dialect: p.Dialect, limits: Limits, heartbeat: Heartbeat) -> None:
         self.dialect = dialect
@@ -336,7 +337,8 @@ def turn(
 
 
 def newest(udp: Ends) -> bytes:
-    """Return the newest of the waiting states; empty if there are no states."""
+    """Return the newest state that has arrived at the socket, and discard the older ones; empty if no state has
+    arrived."""
     state = b""
     with contextlib.suppress(OSError):  # No state is left, or an earlier command was sent to a closed port.
         for _ in range(MOST_STATES):

@@ -170,12 +170,15 @@ class Trajectory:
 
 
 def _braking_distance(speed: float, acceleration: float) -> float:
-    """Return the distance in which a joint stops from ``speed``, if it brakes in steps of a millisecond."""
+    """Return the distance (rad) in which a joint stops from ``speed`` (rad/s), if it brakes in steps of a
+    millisecond."""
     return speed**2 / (2 * acceleration) + speed * STEP_S / 2
 
 
 def _fading(step: int) -> tuple[float, float, float]:
-    """Return the weights of the three differences in ``Trajectory._apart``, ``step`` steps after ``meet``.
+    """Return the weights by which ``Trajectory`` adds a fading difference to its planned path, ``step`` steps
+    after ``meet``. They belong to the three differences between controller and path (``_apart``): at ``meet``, and
+    one and two steps before.
 
     The weights come from a polynomial of the fifth degree. It passes through the three differences, and it is zero
     at the three steps that begin with ``FADE``.

@@ -185,7 +185,7 @@ class Dialect:
     """One version of FCI: its commands, and the layout of its states and commands."""
 
     def __init__(self, version: int) -> None:
-        """Raise ``ValueError`` if this FCI version is not supported."""
+        """Select the layouts of an FCI version. Raise ``ValueError`` if the version is not supported."""
         if version not in (5, 10):
             raise ValueError(f"FCI {version} is not supported. Use 5 or 10")
         self.version = version

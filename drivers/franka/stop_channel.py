@@ -86,7 +86,8 @@ class FrankaStopChannel(WatchedFirmware[FrankaConfig, StopWatch]):
 
 
 def moving(state: p.State) -> list[int]:
-    """Return the joints that may move: all of them while the controller runs a motion."""
+    """Return the indices of the joints that are moving or could move. While the controller runs a motion, these
+    are all joints."""
     if state.robot_mode == p.RobotMode.MOVE:
         return list(range(len(state.dq)))
     return [index for index, rad_s in enumerate(state.dq) if abs(rad_s) >= STANDING_RAD_S]

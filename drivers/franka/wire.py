@@ -135,7 +135,7 @@ class FrankaSession:
             raise WireDown("the process that sends commands at 1 kHz accepts no goal. Reconnect") from None
 
     def stand_down(self) -> None:
-        """Cancel the order to the 1 kHz process, so that it sends no further command.
+        """Cancel the goal that was sent to the 1 kHz process (its order), so that it sends no further command.
 
         It is called after a stop was sent, or after the controller has ended the motion.
         """
@@ -343,7 +343,7 @@ class FrankaWire(SessionWire[FrankaSession]):
         return session.report is not None and session.report.reached == order.number
 
     def _stands(self, session: FrankaSession, since_ns: int) -> bool:
-        """Return whether a state from after ``since_ns`` shows the arm at rest."""
+        """Return whether a state that arrived after ``since_ns`` shows the arm at rest."""
         if session.state is None or session.report is None or session.report.stamp_ns <= since_ns:
             return False
         return not moving(session.state)

@@ -48,7 +48,8 @@ class CallFailed(Exception):
 
 
 class BaseSession:
-    """One client's session. The base accepts its calls only on the connection that opened the session."""
+    """One client's session with the simulated base (the arm's controller). The base accepts its calls only on the
+    connection that opened the session."""
 
     def __init__(self, number: int, connection: object, login: p.Login, now_s: float) -> None:
         self.number = number
@@ -182,7 +183,8 @@ class Base:
         return Frame(p.Kind.RESPONSE, request.call, request.message, session, payload)
 
     def kind(self, request: Frame) -> str:
-        """Return the kind of a request as the wire log names it: ``setpoint``, ``safe``, ``read``, and so on."""
+        """Return the kind of a request as the log of received messages (wire log) names it: ``setpoint``,
+        ``safe``, ``read``, and so on."""
         match request.call:
             case Call.STOP | Call.APPLY_EMERGENCY_STOP:
                 return "safe"

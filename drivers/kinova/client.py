@@ -118,7 +118,7 @@ class KortexClient:
         return number
 
     async def listen(self, number: int, within_s: float) -> None:
-        """Read until the response with this number has arrived or ``within_s`` have passed.
+        """Read until the response with this number has arrived or ``within_s`` seconds have passed.
 
         Raises:
             WireDown: The base has not responded to any request for ``SILENT_S``, or the connection is lost.

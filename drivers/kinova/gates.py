@@ -65,7 +65,8 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
 
 
 def refuse_state(state: int, fault_bank: int) -> Refused | None:
-    """Refuse if the base is in a state in which it does not move the arm. Arming makes the same check."""
+    """Return a refusal if the base (the arm's controller) is in a state in which it does not move the arm. Arming
+    makes the same check."""
     if state == ArmState.SERVOING_READY:
         return None
     name, required = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
@@ -87,9 +88,9 @@ def base_ready(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def commanded(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse after the driver has stopped the arm by itself, or the base has refused its speeds.
+    """Refuse every setpoint after the driver has stopped the arm by itself, or the base has refused its speeds.
 
-    The arm moves again only after the caller has resumed.
+    The arm moves again only after the caller has called ``resume()``.
     """
     reason = observation.faults.get(BASE)
     return None if reason is None else Refused(KinovaCode.STOPPED, reason, "call resume()", reason)

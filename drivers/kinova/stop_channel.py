@@ -48,7 +48,8 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         """
         Args:
             config: The arm's settings.
-            descriptors: File descriptors of the wire's connection and of its shared memory, or empty.
+            descriptors: File descriptors of the connection of the wire process (the process that drives the arm)
+                and of its shared memory, or empty.
             clock: The clock for timeouts.
             open_stream: Opens a connection to the base.
             wires: The client of the wire process, if the stop is made in that process. It is not closed here.

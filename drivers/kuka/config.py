@@ -61,7 +61,7 @@ class KeptPort:
         self._port: UdpListener | None = None
 
     async def get(self) -> UdpListener:
-        """Return the open port. Open it first if needed. Raise ``WireDown`` if that fails."""
+        """Return the open UDP port. Open it first if needed. Raise ``WireDown`` if that fails."""
         if self._port is None:
             self._port = await self._config.listen()
         return self._port

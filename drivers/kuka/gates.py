@@ -47,7 +47,8 @@ def last_target(state: GateState) -> tuple[float, ...]:
 
 
 def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...]:
-    """Return the conditions in the order in which they are checked. The first refusal is reported."""
+    """Return the conditions (checks that must pass while the arm is commanded), in the order in which they are
+    checked. The first refusal is reported."""
     of_the_session = (session, client_mode, control_mode, overlay, quality)
     checks = map(Condition, (safety, drives(axes), *of_the_session))
     return Condition(stale(state_ttl_s), is_silence=True), *checks

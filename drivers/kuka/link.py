@@ -138,9 +138,10 @@ class Link:
         return self.reports(written, self._is_acknowledged(hold), self._is_held(first, hold), failure or detail)
 
     def hold_unasked(self) -> bool:
-        """Send a hold although no new message has arrived: the controller may still receive it.
+        """Send an answer that holds the arm although no new message has arrived: the controller may still receive
+        it.
 
-        Return True. Raise ``WireDown`` if it cannot be sent.
+        Return True after it was sent. Raise ``WireDown`` if it cannot be sent.
         """
         self._write(self.session.again(self.message))
         return True
@@ -262,7 +263,8 @@ def failed(arm: Arm, reason: str, written: bool = False) -> tuple[MotorReport, .
 def _reports(
     arm: Arm, written: bool, acknowledged: bool, held: bool, detail: str, target: Sequence[float] = ()
 ) -> tuple[MotorReport, ...]:
-    """Return the same report for every joint, because each answer commands all joints together."""
+    """Return a report on the stop for each joint. All are equal, because each answer commands all joints
+    together."""
     return tuple(
         MotorReport(
             axis, index + 1, written, acknowledged, held, detail, target[index] if held and target else None

@@ -1,4 +1,4 @@
-"""Refusal codes that only the KUKA driver uses."""
+"""Refusal codes (the reasons for refusing a command) that only the KUKA driver uses."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
 A message of the controller is never trusted alone. It counts as new only if its sequence number continues that of
 the last message. It also has the number of the last answer that the controller has accepted. The position in that
-answer is taken from our own list of sent answers. So a repeated, late or forged message cannot move an arm that
-is held, and cannot confirm a hold (SAF-022).
+answer is taken from our own list of sent answers. So a repeated, late or forged message cannot move an arm that is
+held, and cannot confirm a hold (requirement SAF-022).
 
 In every cycle one answer is sent. Its positions depend on the state of the session:
 

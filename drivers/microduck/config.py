@@ -1,4 +1,5 @@
-"""Settings of a Microduck, shared by the process that drives it (the wire) and the root's stop channel."""
+"""Settings of a Microduck, shared by the process that drives it (the wire) and the supervising process (root),
+which can also stop it."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ def parse_port(port: str, user: str = USER) -> Endpoint:
 
 
 def endpoint_of_environment(environment: Mapping[str, str]) -> str:
-    """Return the port from the environment: the value of ``MICRODUCK_SOCKET``, else of ``MICRODUCK_HOST``.
+    """Return the option ``port`` from the environment variable ``MICRODUCK_SOCKET``, or else ``MICRODUCK_HOST``.
     Without both return the port for a program that runs on the duck itself."""
     if path := environment.get("MICRODUCK_SOCKET"):
         return path

@@ -115,7 +115,8 @@ def _duration(value: object) -> float | Refused:
 
 
 def all_gates(axes: Sequence[Axis], modes: Mapping[str, ModeLimits], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are checked. The first refusal is the answer."""
+    """Return the gates (checks of a command) in the order in which they are applied. The first refusal is reported
+    to the caller."""
     return silent(state_ttl_s), seated, within_mode(modes), past_range(axes)
 
 

@@ -1,5 +1,5 @@
 """Stop a Microduck: send a zero twist until the duck reports that it stands and has no command to walk. The
-process that drives the robot and the root's stop channel use this code.
+process that drives the robot and the supervising process (root) use this code.
 
 The duck stays on its feet. Torque stays on, and head, body and mouth keep their last goals. A skill that has
 begun plays to its end, because robotd cannot end one.
@@ -50,8 +50,8 @@ class Stopping:
         await self._link.connect()
 
     def zero(self) -> None:
-        """Send a zero twist. A hold uses the same method as a walk command. A stop uses robotd's stop method,
-        and also ends the skill "theremin", which moves the mouth."""
+        """Send a zero twist. For the safe state ``zero`` it is sent as a walk command. For every other safe state
+        robotd's stop method is called, and the skill "theremin", which moves the mouth, is ended."""
         port = self._link.port
         if self._safe_state == SafeState.ZERO:
             port.notify_stop(p.MOVE, p.REST)
@@ -79,13 +79,14 @@ class Stopping:
 async def stop_by(
     link: DuckLink, safe_state: SafeState, within_s: float = STOP_S, pending: Callable[[], bool] = nothing_pending
 ) -> Outcome:
-    """Stop the duck. Never raises. If the link is connected, the first frame is sent before the first wait."""
+    """Stop the duck. Never raises. If the link is connected, the first message is sent before anything is waited
+    for."""
     return await stop_until_it_stands(Stopping(link, safe_state, pending), within_s)
 
 
 class MicroduckStopChannel(KeptSession[MicroduckConfig, DuckLink]):
-    """Stop the duck from the root process, by the root's own connection. It is opened and tested before the
-    robot is armed, and stays open."""
+    """Stop the duck from the supervising process (root), by the root's own connection. It is opened and tested
+    before the robot is armed, and stays open."""
 
     SERVED_FIRST: ClassVar[bool] = False
 

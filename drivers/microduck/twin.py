@@ -109,7 +109,7 @@ SINCE = {p.POLICIES: 18, p.LOAD_POLICY: 18, p.RELOAD_POLICIES: 19, p.MODEL: 24, 
 
 
 class DuckTwin:
-    """One simulated robotd, which all clients share."""
+    """One simulated robotd (the duck's daemon), which all clients share."""
 
     def __init__(
         self,

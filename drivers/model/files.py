@@ -14,8 +14,8 @@ MOST_CELLS = 1 << 26
 
 
 def pointer_among(spec: Any, folder: Path) -> str:
-    """Return the ``pointer_reason`` of the first mesh or picture of a model that is a git-lfs pointer. Empty if
-    none is."""
+    """Return why a mesh or picture of a model cannot be used, if it is a git-lfs pointer and not the file itself
+    (``pointer_reason``). The text is for the first such file. It is empty if no file is a pointer."""
     assets = [(spec.meshdir, asset) for asset in (*spec.meshes, *spec.hfields)]
     assets += [(spec.texturedir, asset) for asset in spec.textures]
     for directory, asset in assets:

@@ -1,5 +1,5 @@
 """Gates that check an action before the user's class gets it: the names, the numbers, the age of the last reading,
-and the limits that the class declares. Pure. If the class itself refuses the action later, a condition stops the
+and the limits that the class declares. Pure. If the class itself refuses the action later, the gate stops the
 robot."""
 
 from __future__ import annotations

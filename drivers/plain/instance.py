@@ -1,4 +1,4 @@
-"""Hold the object of the user's class, in the only process that has one.
+"""Make, keep and call the object of the user's driver class, in the only process that has one.
 
 The methods of ``Instance`` call the object and wait for it. The caller runs them in a thread with a timeout. They
 return an error text and raise no exception.

@@ -28,7 +28,8 @@ class Ready(msgspec.Struct, frozen=True):
 
 
 class OrderResult(msgspec.Struct, frozen=True):
-    """The result of the one order that the process gets: to stop the robot, or to find its axes (``declared``)."""
+    """The result of the one order that the process gets: to stop the robot, or to find the axes of the user's
+    class (``declared``)."""
 
     failure: str
     declared: Declared | None = None

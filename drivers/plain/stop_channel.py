@@ -128,7 +128,8 @@ class Spare:
         self._reading = trio.Lock()  # a stop may come while ``serve`` still waits until the process is ready
 
     async def ready(self) -> None:
-        """Wait until the process has imported the class. Raise ``WireDown`` if it cannot."""
+        """Wait until the process has imported the class. Raise ``WireDown`` if the import fails or takes too
+        long."""
         with _within(2 * self._deadlines.load_s, f"{self._name} is not imported"):
             async with self._reading:
                 if self._ready:

@@ -1,5 +1,5 @@
-"""Settings of an RB-Y1, shared by the process that drives it (the wire) and the root's stop
-channel."""
+"""Settings of an RB-Y1, shared by the process that drives it (the wire) and the supervising process
+(root), which can also stop it."""
 
 from __future__ import annotations
 

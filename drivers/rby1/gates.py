@@ -31,7 +31,8 @@ _RESUME = "check the cause, then call resume()"
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are checked. The first refusal is the answer."""
+    """Return the gates (checks of a command) in the order in which they are applied. The first
+    refusal is reported to the caller."""
     return stale(axes, state_ttl_s), past_own_range(axes), too_fast(axes, period_s), runs_ahead(axes)
 
 
@@ -70,7 +71,8 @@ def powered(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
-    """Refuse to move while the robot's control manager is not enabled."""
+    """Refuse to move while the robot's control manager (its software that carries out commands) is
+    not enabled."""
     manager = number_of(observation.sensors, "control_manager")
     if manager == Manager.ENABLED:
         return None

@@ -1,5 +1,5 @@
-"""Stop an RB-Y1 from the root process, by a separate connection. It is kept open, and replaced if
-it is lost.
+"""Stop an RB-Y1 from the supervising process (root), by a separate connection. It is kept open, and
+replaced if it is lost.
 
 No call on it can hang: this package implements gRPC itself, on trio. The stop therefore needs no
 separate process.

@@ -1,5 +1,5 @@
-"""Stop an RB-Y1. The process that drives the robot uses its open connection, the root a separate
-one.
+"""Stop an RB-Y1. The process that drives the robot uses its open connection, the supervising process (root) a
+separate one.
 
 ``CancelControl`` ends any motion, and the robot holds its position. If the robot does not answer or
 does not stand still, its control manager is disabled. The safe state ``off`` also removes the power

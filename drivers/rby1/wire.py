@@ -140,8 +140,8 @@ class RBY1Wire(SessionWire[RBY1Session]):
             channel.close()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
-        """Run the service ``reset_fault_control_manager``. A fault of the control manager becomes
-        idle. Nothing is energised."""
+        """Run the service ``reset_fault_control_manager``. The control manager goes from its fault
+        state to the state idle. Nothing is energised."""
         session = self.session
         permit.check()
         answer = await self._manager(session, ManagerOrder.RESET_FAULT)

@@ -1,5 +1,5 @@
-"""Settings of a Reachy Mini, shared by the process that drives it (the wire) and the root's stop channel. The
-wire process also passes the address of the daemon to the root."""
+"""Settings of a Reachy Mini, shared by the process that drives it (the wire) and the supervising process (root),
+which can also stop it. The wire process also passes the address of the daemon to the root process."""
 
 from __future__ import annotations
 

@@ -69,7 +69,8 @@ def parse(
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, yaw_deg: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are checked. The first refusal is the answer."""
+    """Return the gates (checks of a command) in the order in which they are applied. The first refusal is reported
+    to the caller."""
     own = past_range(axes), asleep(axes), twisted(yaw_deg), too_fast(axes)
     return stale(axes, state_ttl_s), would_be_heeded, *own
 

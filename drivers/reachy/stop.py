@@ -1,5 +1,5 @@
-"""Bring a Reachy Mini to a safe state. The process that drives the robot and the root's stop channel share this
-code.
+"""Bring a Reachy Mini to a safe state. The process that drives the robot and the supervising process (root) use
+this code.
 
 The first messages need no answer. They are sent at once on every open connection, even if unreadable bytes have
 been received there. Without an open connection they are sent together with the request that opens a new
@@ -133,7 +133,7 @@ class Stopper:
     ) -> str:
         """Bring the robot to ``safe_state``. Never raises.
 
-        If a connection is open, the first frame leaves before the first wait.
+        If a connection is open, the first message is sent before anything is waited for.
 
         Args:
             safe_state: The safe state.
@@ -274,8 +274,8 @@ async def _drain(socket: WebSocket) -> None:
 
 
 class ReachyStopChannel(KeptSession[ReachyConfig, WebSocket]):
-    """Stop a Reachy Mini from the root process. The root keeps a WebSocket open to the daemon that the wire
-    process found, and opens others when needed. ``descriptors`` contains the published address
+    """Stop a Reachy Mini from the supervising process (root). The root keeps a WebSocket open to the daemon that
+    the wire process found, and opens others when needed. ``descriptors`` contains the published address
     (``config.publish_address``), or is empty."""
 
     SERVED_FIRST: ClassVar[bool] = False

@@ -48,7 +48,8 @@ class GripperClient(ABC):
     async def status(self, within_s: float, permit: Permit | None = None) -> Status | None:
         """Request the status again and again until an answer arrives. Return None after ``within_s`` seconds.
 
-        ``permit`` is checked before each request. If it is no longer valid, this raises ``PermitDenied``.
+        ``permit`` (the right to send) is checked before each request. If it is no longer valid, this raises
+        ``PermitDenied``.
         """
 
     @abstractmethod

@@ -38,7 +38,7 @@ def counts_of(fraction: float) -> int:
 
 
 class Activation(enum.IntEnum):
-    """State of the activation, gSTA."""
+    """State of the gripper's activation (status field gSTA)."""
 
     RESET = 0
     ACTIVATING = 1
@@ -46,7 +46,7 @@ class Activation(enum.IntEnum):
 
 
 class Contact(enum.IntEnum):
-    """Result of the last motion, gOBJ.
+    """Result of the last motion of the fingers (status field gOBJ).
 
     Right after a new command, the status still has the result of the previous command. The result belongs to the
     new command only once the status also repeats (echoes) the position of the new command.
@@ -197,7 +197,8 @@ def unsafe_words(status: Status, command: Command) -> str:
 
 
 def classify(command: Command, active: bool) -> str:
-    """Return the kind of a command for the wire log: ``setpoint``, ``enable`` or ``safe``.
+    """Return the kind of a command for the log of received messages (wire log): ``setpoint``, ``enable`` or
+    ``safe``.
 
     ``active`` is True if the bit rACT was already set before this command.
     """

@@ -76,7 +76,8 @@ class ModbusSession(ABC):
         return Exchange(kind, frame, self._replies(request, kind), "hold" if kind == "safe" else None)
 
     def _kind(self, request: ModbusPDU) -> str:
-        """Return the kind of a request as the wire log names it: ``setpoint``, ``safe``, ``read``, and so on."""
+        """Return the kind of a request as the log of received messages (wire log) names it: ``setpoint``,
+        ``safe``, ``read``, and so on."""
         access = _access_of(request)
         if access is None or request.dev_id != self._twin.unit:
             return "read" if access is not None and not access.values else "other"

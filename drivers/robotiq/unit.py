@@ -16,7 +16,8 @@ from .mechanism import Gripper, Setup
 
 
 class RobotiqTwin:
-    """One simulated gripper with its registers, its faults and its picture. All clients share it."""
+    """One simulated gripper with its registers, its injected faults, and the model for pictures of it. All clients
+    share it."""
 
     def __init__(
         self,
@@ -25,7 +26,8 @@ class RobotiqTwin:
         table: Mapping[str, Any],
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Build the gripper. ``table`` is its table in ``robots.toml``, from which its pictures are made."""
+        """Build the gripper. ``table`` is its table in ``robots.toml``, from which the model for pictures is
+        built."""
         self.gripper = Gripper(setup, now_s)
         self.unit = unit
         self.body = GripperBody(self.gripper, table)
@@ -68,7 +70,8 @@ class RobotiqTwin:
         self.gripper.write(p.Command.from_registers(self._output))
 
     def kind_of(self, first: int, registers: Sequence[int]) -> str:
-        """Return the kind of a write as the wire log names it: ``setpoint``, ``enable`` or ``safe``."""
+        """Return the kind of a write as the log of received messages (wire log) names it: ``setpoint``, ``enable``
+        or ``safe``."""
         output = self.output()
         output[first : first + len(registers)] = registers
         return p.classify(p.Command.from_registers(output), self.gripper.activation_requested)

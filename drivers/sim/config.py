@@ -23,8 +23,8 @@ class SimConfig(msgspec.Struct, frozen=True):
         return tuple(zero + scale * value for value, (zero, scale) in zip(sample.position, self.units, strict=True))
 
     def model(self, values: Sequence[float]) -> tuple[float, ...]:
-        """Return a target in the units of the simulated model. Values beyond ``rows`` numbers per axis, such as a
-        gripper's speed, are dropped, since the model does not use them."""
+        """Convert a target of the robot's driver to the units of the simulated model. Only the first ``rows``
+        numbers of each axis are used. The model does not need the others, such as a gripper's speed."""
         count = len(self.axes)
         first = tuple((value - zero) / scale for value, (zero, scale) in zip(values, self.units, strict=False))
         return (*first, *values[count : count * self.rows])

@@ -42,7 +42,7 @@ KEEPALIVE_S = 1.0
 
 
 class SimDriver(Driver):
-    """The driver of a simulated robot. ``port`` is the path of the simulation control.
+    """The driver of a simulated robot. ``port`` is the path of the socket for requests to the simulation.
 
     ``options``: ``class`` (``module:name``) and ``options`` describe the robot's own driver. ``gated`` is True if
     targets outside the range of a joint are refused.
@@ -76,7 +76,8 @@ class SimDriver(Driver):
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:
-        """Return the services of the simulation, and those services of the robot that move it."""
+        """Return the services (named operations, such as ``reset``) of the simulation, and those services of the
+        real robot's driver that move it."""
         real = _class_of(options)
         acts = {name: service for name, service in real.services(options["options"]).items() if service.acts}
         return {**cls.SERVICES, **acts}

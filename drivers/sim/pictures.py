@@ -1,7 +1,7 @@
 """Draw pictures of a simulated scene, in the process of the camera that needs them.
 
-The simulation sends its model once, and afterwards only the positions of the joints. So a picture costs the
-simulation as little as a reading, and its physics does not wait while a picture is drawn.
+The simulation, another process, sends its model once, and afterwards only the positions of the joints. So it needs
+as little time for a picture as for a reading of the robot, and its physics does not wait while a picture is drawn.
 """
 
 from __future__ import annotations

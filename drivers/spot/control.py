@@ -126,8 +126,8 @@ class BodyLease:
         return p.newer_lease(self._lease, self._uses)
 
     async def acquire(self) -> None:
-        """Take the lease if it is free, or if this machine already holds it from an earlier
-        process.
+        """Take the lease (the right to command the body) if it is free, or if this machine already holds it from
+        an earlier process.
 
         Raises:
             WireDown: Another client has the lease. The message names the client.
@@ -142,13 +142,14 @@ class BodyLease:
         self._lease, self._uses, self.was_taken, self._owner = answer["lease"], 0, False, ""
 
     async def retain(self) -> None:
-        """Tell the robot that the lease is still in use. Raise ``LeaseLost`` or ``WireDown``."""
+        """Tell the robot that we still use the lease (the right to command the body). Raise ``LeaseLost`` or
+        ``WireDown``."""
         if self._lease is not None:
             answer = await self._session.call("RetainLease", {"lease": p.newer_lease(self._lease, self._uses)})
             self.check(answer)
 
     def check(self, answer: Message) -> bool:
-        """Read from an answer whether the robot accepted the lease of the request.
+        """Read from an answer whether the robot accepted the lease (the right to command the body) in our request.
 
         Returns:
             True if the robot accepted the lease. False if a newer use of our lease has overtaken the request.
@@ -166,8 +167,8 @@ class BodyLease:
         raise LeaseLost(owner)
 
     async def give_back(self) -> str:
-        """Return the lease to the robot. The result is the reason for a failure; empty after
-        success, or if there is no lease. Raise ``WireDown``."""
+        """Give the lease (the right to command the body) back to the robot. Return the reason for a failure; empty
+        after success, or if there is no lease. Raise ``WireDown``."""
         if self._lease is None:
             return ""
         lease, self._lease = self._lease, None
@@ -193,7 +194,7 @@ class EstopEndpoint:
         return bool(self._endpoint)
 
     def forget(self) -> None:
-        """Forget our endpoint, because the robot no longer knows it."""
+        """Forget our e-stop endpoint, because the robot no longer knows it."""
         self._endpoint, self._challenge = {}, 0
 
     async def find(self) -> bool:
@@ -246,8 +247,8 @@ class EstopEndpoint:
         self._endpoint, self._challenge = answer.get("new_endpoint", new), 0
 
     def send_check_in(self, level: p.StopLevel, permit: Permit | None = None) -> SentRequest:
-        """Send a check-in with the newest challenge, without waiting for the answer. Raise
-        ``WireDown``."""
+        """Send a check-in that responds to the robot's newest challenge (a number), without waiting for the
+        answer. Raise ``WireDown``."""
         if level is not p.StopLevel.NONE:
             # A stop stores its e-stop level even if this check-in cannot be sent: ``feed`` then sends no check-ins.
             self.level = level
@@ -263,18 +264,19 @@ class EstopEndpoint:
         return request
 
     async def read_check_in(self, request: SentRequest, within_s: float = ANSWER_S) -> p.CheckIn | int:
-        """Wait for the answer to a check-in. Store its challenge for the next check-in, and return
-        its status. Raise ``WireDown``."""
+        """Wait for the answer to a check-in. Store its challenge (a number to which the next check-in responds),
+        and return its status. Raise ``WireDown``."""
         answer = await self._session.answer(request, within_s)
         self._challenge = answer.get("challenge", 0)
         status: int = answer.get("status", 0)
         return status
 
     async def check_in(self, level: p.StopLevel, permit: Permit | None = None) -> bool:
-        """Check in, and wait for the answer. Try once more if the challenge was out of date.
+        """Check in with the robot's e-stop, and wait for the answer. Try once more if the challenge (a number from
+        the robot to which the check-in responds) was out of date.
 
         Returns:
-            True if the robot knows the endpoint.
+            True if the robot knows our endpoint.
 
         Raises:
             WireDown: The robot refuses the check-in, or does not answer.

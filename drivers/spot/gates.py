@@ -27,10 +27,11 @@ LEASE, ESTOP, COMMAND, BEHAVIOUR = "lease", "estop", "command", "behaviour"
 
 
 def conditions_of() -> tuple[Condition, ...]:
-    """Return the conditions in the order in which they are checked.
+    """Return the conditions (checks that must pass while the robot is commanded), in the order in
+    which they are checked.
 
-    Another client that takes the lease controls the robot from then on. If the lease is lost, the
-    robot is therefore left standing for that client.
+    Another client that takes the lease (the right to command) controls the robot from then on. If
+    the lease is lost, the robot is therefore left standing for that client.
     """
     return (
         Condition(_lease, Reason.FAULT, SafeState.HOLD, on_resume=OnResume.ARM_ANEW),
@@ -113,8 +114,8 @@ def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
 
 
 def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
-    """Refuse joints of an arm that this robot lacks. Without this gate ``stale`` would report them
-    as silent."""
+    """Refuse joints of an arm that this robot lacks. Without this check the gate ``stale`` would
+    refuse them as joints that report nothing."""
     absent = [KEYS[index] for index in candidate.named if _is_absent(index, state.observation)]
     if not absent:
         return None

@@ -155,7 +155,7 @@ TABLES: Mapping[str, str] = {
 
 
 class Field:
-    """One field of a table. ``kind`` is stored without the star."""
+    """One field of a message. ``kind`` is stored without the star, which marks a repeated field."""
 
     __slots__ = ("kind", "number", "repeated")
 

@@ -1,4 +1,4 @@
-"""Refusal codes that only the Spot driver uses."""
+"""Refusal codes (the reasons for refusing a command) that only the Spot driver uses."""
 
 from __future__ import annotations
 

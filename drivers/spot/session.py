@@ -147,7 +147,7 @@ class SpotSession:
         Args:
             name: The method.
             body: The fields of the request, without its header.
-            permit: Checked immediately before the request is sent.
+            permit: The right to send, which is checked immediately before the request is sent.
 
         Raises:
             WireDown: It could not be sent, or there is no connection.
@@ -236,7 +236,7 @@ def own_name(machine_id: Path = Path("/etc/machine-id")) -> str:
 
 
 class _End(ClientEnd):
-    """The client side of a connection. It sends the token with each call."""
+    """The client side of a gRPC connection to the robot. It sends the login token with each call."""
 
     def __init__(self, authority: str, token: _Token) -> None:
         super().__init__(authority, "https")

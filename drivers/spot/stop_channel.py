@@ -1,5 +1,5 @@
-"""Stop a Spot from the root process, by a separate login and our e-stop endpoint. No lease is
-needed.
+"""Stop a Spot from the supervising process (root), by a separate login and our e-stop endpoint. No
+lease is needed.
 
 No separate process is needed, either: this package implements gRPC itself, on trio, so no foreign
 code can hang. When all our processes have ended, the endpoint no longer checks in. The robot then
@@ -34,7 +34,8 @@ WATCH_S = 1.5
 
 
 class EstopChannel(KeptSession[SpotConfig, SpotSession]):
-    """Stop the robot by our e-stop endpoint. ``open_stream`` replaces the network in tests."""
+    """Stop the robot by our e-stop endpoint (our registration at the robot's e-stop, which lets us
+    assert it). ``open_stream`` replaces the network in tests."""
 
     def __init__(
         self,

@@ -1,5 +1,5 @@
-"""Stop a Spot without the lease, by our e-stop endpoint. The process that drives the robot and the
-root's stop channel use this code.
+"""Stop a Spot without the lease, by our e-stop endpoint (our registration at the robot's e-stop, which lets us
+assert it). The process that drives the robot and the supervising process (root) use this code.
 
 The robot sits down and then cuts its motors, or cuts them at once.
 """
@@ -33,7 +33,7 @@ async def stop_by_estop(
 ) -> Outcome:
     """Assert the e-stop, and read the robot's state until its motors are off. Never raises.
 
-    If our endpoint is known and connected, the first message is sent before the first wait.
+    If our endpoint is known and connected, the first message is sent before anything is waited for.
 
     Args:
         session: A session with the robot.

@@ -403,8 +403,8 @@ class SpotWire(SessionWire[SpotSession]):
         return Outcome(written, acknowledged, detail), ""
 
     async def _give_back(self) -> str:
-        """Return the lease to the robot. The result is the reason for a failure; empty after
-        success, or if there is no lease."""
+        """Give the lease (the right to command the body) back to the robot. Return the reason for a failure; empty
+        after success, or if there is no lease."""
         if LEASE in self._faults:
             return f"{self._faults[LEASE]}, so it is not returned"
         try:

@@ -45,17 +45,18 @@ class Board:
         self.port.close()
 
     def send(self, call: bytes) -> None:
-        """Send a short call. Its acknowledgement is not awaited."""
+        """Send a short call (a request to the board). Its acknowledgement is not awaited."""
         self.bus.send(f.push(call))
 
     def send_first(self, call: bytes) -> None:
-        """Send a short call on a port in an unknown state. Unsent output is dropped. A frame that was thereby
-        cut, or that a dead process left unfinished, is ended before our frame begins."""
+        """Send a short call (a request to the board) on a port in an unknown state. Unsent output is dropped. A
+        frame that was thereby cut, or that a dead process left unfinished, is ended before our frame begins."""
         self.port.discard_output()
         self.bus.send(f.RESYNC + f.push(call))
 
     def tell(self, call: bytes) -> None:
-        """Send a short call without waiting. ``was_acknowledged`` can then wait for its acknowledgement."""
+        """Send a short call (a request to the board) without waiting. ``was_acknowledged`` can then wait for its
+        acknowledgement."""
         self._ack_is_pending = not (self.bus.quiet or self._line.locked())
         if not self._ack_is_pending:
             self.send(call)
@@ -94,7 +95,8 @@ class Board:
         self.info = info
 
     async def command(self, call: bytes) -> bool:
-        """Send a call of any length. Return True if each of its frames was acknowledged."""
+        """Send a call (a request to the board) of any length. Return True if each of its frames was
+        acknowledged."""
         last: f.Frame | None = None
         async with self._line:
             for frame in f.pushes(call):
@@ -105,7 +107,8 @@ class Board:
         return _acknowledges(last, call)
 
     async def change(self, call: bytes, permit: Permit) -> bool:
-        """Send a short call while other tasks read and command the board. Return True if it was acknowledged.
+        """Send a short call (a request to the board) while other tasks read and command the board. Return True if
+        it was acknowledged.
 
         The line is occupied for one answer at most, so no other task waits longer than for a silent board.
 
@@ -119,17 +122,18 @@ class Board:
         return _acknowledges(replies.get(f.PUSH_ACK), call)
 
     async def must(self, call: bytes, subject: str) -> None:
-        """Send a call. Raise ``WireDown`` if it is not acknowledged."""
+        """Send a call (a request to the board). Raise ``WireDown`` if it is not acknowledged."""
         if not await self.command(call):
             raise WireDown(f"{self.name} did not acknowledge {subject}. Check its cable and power")
 
     async def ask(self, call: int, *, wait: bool = False) -> bytes | None:
-        """Return the reply to a call, without the number at its start; None if the reply did not arrive
-        completely.
+        """Return the reply to a call (a request to the board), without the number at its start; None if the reply
+        did not arrive completely.
 
         Args:
             call: Number of the call.
-            wait: True waits for the end of the quiet time after a missing reply. False raises ``Quiet`` in it.
+            wait: True waits for the end of the quiet time after a missing reply. False raises ``Quiet`` during
+                that time.
         """
         reply, request = b"", f.pull(call)
         async with self._line:

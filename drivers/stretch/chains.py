@@ -132,7 +132,7 @@ class ChainStopChannel(DynamixelStopChannel):
 
 
 def at_rest(reports: Sequence[MotorReport]) -> tuple[MotorReport, ...]:
-    """Return the servos' reports after a hold. A servo without torque counts as safe, too, because it does not
+    """Return the servos' reports on a hold. A servo without torque is reported as safe, too, because it does not
     drive its joint."""
     return tuple(
         msgspec.structs.replace(report, safe=True) if report.detail == LIMP else report for report in reports

@@ -169,7 +169,8 @@ def _frame_in(data: bytes) -> Frame | None:
 
 
 def pushes(call: bytes) -> tuple[bytes, ...]:
-    """Return the frames that send a commanding call of any length. Raise ``ValueError`` if it is too long."""
+    """Return the frames that send a commanding call (a request to a board) of any length. Raise ``ValueError`` if
+    it is too long."""
     if not 0 < len(call) <= MAX_CALL:
         raise ValueError(f"a call has 1 to {MAX_CALL} bytes, not {len(call)}")
     chunks = [call[start : start + CHUNK_V1] for start in range(0, len(call), CHUNK_V1)]
@@ -180,13 +181,14 @@ def pushes(call: bytes) -> tuple[bytes, ...]:
 
 
 def push(call: bytes) -> bytes:
-    """Return the frame that sends a short commanding call. Raise ``ValueError`` if it is too long for one
-    frame."""
+    """Return the frame that sends a short commanding call (a request to a board). Raise ``ValueError`` if it is
+    too long for one frame."""
     return frame(PUSH_ONLY, call)
 
 
 def pull(call: int) -> bytes:
-    """Return the frame that sends a call which asks, and that requests the first part of its reply."""
+    """Return the frame that sends a call (a request to a board) which asks, and that requests the first part of
+    its reply."""
     return frame(PULL_FIRST, bytes((call,)))
 
 

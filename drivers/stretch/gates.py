@@ -140,8 +140,8 @@ def _stopped_itself(observation: Observation, now_ns: int) -> Refused | None:
 
 
 def gates_of(config: StretchConfig, axes: Sequence[Axis], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are checked. No gate checks a speed, because the motion
-    profiles of boards and servos limit it."""
+    """Return the gates (checks of a command) in the order in which they are applied. No gate checks a speed,
+    because the motion profiles of boards and servos limit it."""
     return (
         _soft_limits(axes),
         stale(axes, state_ttl_s),

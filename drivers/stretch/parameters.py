@@ -81,7 +81,8 @@ class Parameters(msgspec.Struct, frozen=True):
 
 
 def folder_of(environment: Mapping[str, str]) -> Path:
-    """Return the robot's fleet folder. Raise ``WireDown`` if the environment does not name it."""
+    """Return the folder of the robot's own YAML files (its fleet folder). Raise ``WireDown`` if the environment
+    variables do not name it."""
     path, number = environment.get(PATH), environment.get(ID)
     if not path or not number:
         raise WireDown(

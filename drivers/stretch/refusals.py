@@ -1,4 +1,4 @@
-"""Refusal codes that only the Stretch driver uses."""
+"""Refusal codes (the reasons for refusing a command) that only the Stretch driver uses."""
 
 from __future__ import annotations
 

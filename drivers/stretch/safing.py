@@ -1,5 +1,5 @@
-"""Bring each board to its safe state, and confirm it. The process that drives the robot and the root's stop
-channel use this code.
+"""Bring each board to its safe state, and confirm it. The process that drives the robot and the supervising
+process (root) use this code.
 
 The first frame is sent at once, and a board obeys it in any state. Then the board is read, and gets the frame
 again until it reports the safe state. Its first report confirms nothing. It may be from before the board
@@ -51,7 +51,7 @@ def unreachable(board: str, reason: str) -> MotorReport:
 
 async def make_safe(board: Board, config: StretchConfig, within_s: float = CONFIRM_S) -> MotorReport:
     """Bring a board to its safe state, and read back that it is in it. Never raises. The first frame is sent
-    before the first wait."""
+    before anything is waited for."""
     steps = _Runstop if board.name == PIMU else _Wheel if board.name in WHEELS else _Joint
     # A lost port fails in every step. The caller opens it again.
     outcome = await repeat_until_safe(steps(board, config), within_s, LOOK_S, lambda: False)
@@ -60,7 +60,7 @@ async def make_safe(board: Board, config: StretchConfig, within_s: float = CONFI
 
 
 class _Report(NamedTuple):
-    """A report of a board."""
+    """The state of a board, read during a stop."""
 
     time_us: int
     """By the board's clock."""
@@ -82,7 +82,7 @@ class _Safing(ABC):
 
     @abstractmethod
     async def look(self) -> _Report | None:
-        """Read the board. Return None if it does not answer."""
+        """Read the board's state. Return None if the board does not answer."""
 
     async def step(self) -> str:
         """Read the board, and send the frame again if the board is not known to be safe."""

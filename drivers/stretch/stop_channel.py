@@ -1,5 +1,5 @@
-"""Stop a Stretch from the root process. The root has a duplicate of the driving process's file descriptor for
-each board and each servo chain. If a descriptor is dead, the root opens the port again.
+"""Stop a Stretch from the supervising process (root). The root has a duplicate of the driving process's file
+descriptor for each board and each servo chain. If a descriptor is dead, the root opens the port again.
 
 The first frames are sent before anything is read, and no frame depends on a position: the wheels stand, lift
 and arm hold, and the servos are held where they are. A missing board does not delay the stop of the others.

@@ -189,7 +189,7 @@ class StretchWire(Wire):
     # -- commanding
 
     async def arm(self, permit: Permit) -> Observation:
-        """Hold every axis where it is."""
+        """Prepare the robot for commands. Every axis is held where it is."""
         self._check_open()
         observation = await self.read()
         if "runstop" not in observation.sensors:
@@ -255,7 +255,7 @@ class StretchWire(Wire):
         return {"joint": joint, "low": low, "high": high}
 
     async def _change(self, board: Board, call: bytes, permit: Permit) -> None:
-        """Send a call until it is acknowledged, while ``read`` and ``write`` continue."""
+        """Send a call (a request to a board) until it is acknowledged, while ``read`` and ``write`` continue."""
         with trio.move_on_after(ANSWER_S):
             while True:
                 try:

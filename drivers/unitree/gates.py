@@ -1,4 +1,5 @@
-"""The conditions under which the joints of a legged robot may be commanded, as pure functions.
+"""The conditions, as pure functions: checks of the state of a legged robot that must pass while its joints are
+commanded.
 
 The checks of a command's values are in ``common/kit/motor_targets``.
 """
@@ -32,7 +33,8 @@ BATTERY_FLOOR_PCT = 15.0
 def conditions(
     model: Model, floor_pct: float, state_ttl_s: float, simulator: bool = False
 ) -> tuple[Condition, ...]:
-    """Return the conditions in the order in which they are checked. The first refusal is reported.
+    """Return the conditions, in the order in which they are checked. A condition is a check of the robot's state
+    that must pass while its joints are commanded. The first one that fails is reported.
 
     For Unitree's own simulator (``simulator``) only the age of its states can be checked.
     """

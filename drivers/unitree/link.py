@@ -141,7 +141,7 @@ class Network:
 
     @property
     def unusable(self) -> str:
-        """Return a message that explains why there is no usable state."""
+        """Return a message that explains why no usable state (LowState) of the robot has arrived."""
         count = self.discarded.total()
         if not count:
             return "the robot sends no LowState. Check the robot and the network"

@@ -78,7 +78,8 @@ def _obeys(link: Link, zero_ns: int) -> list[bool]:
 
 
 def still_nm(torque: float) -> float:
-    """Return the torque (Nm) up to which a motor counts as free, because torque is only estimated [assumed]."""
+    """Return the measured torque (Nm) up to which a motor counts as free of torque. ``torque`` is the motor's
+    largest torque. The limit is not zero, because the robot only estimates torques [assumed]."""
     return max(1.0, 0.05 * torque)
 
 

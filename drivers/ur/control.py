@@ -30,7 +30,7 @@ class Control(Protocol):
         """Connect to the controller's registers, unless already connected. This starts no program."""
 
     def take(self) -> None:
-        """Handle the controller's answers that have arrived. It is called whenever a sample arrives."""
+        """Process the controller's answers that have arrived. It is called whenever a sample arrives."""
 
     async def upload(self, check: Callable[[], None]) -> bool:
         """Send the control script. It starts some time later.
@@ -48,7 +48,8 @@ class Control(Protocol):
         ...
 
     async def set_watchdog(self, min_hz: float) -> bool:
-        """Arm the controller's watchdog, with the lowest rate of feeding. Return True if it is armed."""
+        """Arm the controller's watchdog, which ends the script if it is fed at a lower rate than ``min_hz``.
+        Return True if it is armed."""
         ...
 
     async def kick(self) -> None:

@@ -38,7 +38,8 @@ WATCHED = ("timestamp", "actual_qd", "runtime_state")
 
 
 class _Stop:
-    """One stop: how to order it, how to observe it, and its result so far."""
+    """One stop of the arm. It has the methods that order the stop and observe the joints, and the result so
+    far."""
 
     def __init__(self, host: str) -> None:
         self._host = host

@@ -193,7 +193,7 @@ class URWire(SessionWire[URSession]):
         return {"address": host, "host": host, "commanded_by": control.METHOD, **facts}
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Receive samples without end, and store each one."""
+        """Receive samples until cancelled, and store each one in the session."""
         session = self.session
         task_status.started()
         while True:

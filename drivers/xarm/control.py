@@ -91,7 +91,8 @@ class Control:
             register: The register that the request reads or writes.
             data: The data of the request.
             within_s: The timeout.
-            permit: Checked during the wait; None for no check.
+            permit: The check whether the robot may still be commanded. It is repeated during the wait, and raises
+                an exception if not. None for no check.
 
         Returns:
             The reply; None if it did not arrive in time.

@@ -89,7 +89,7 @@ def pack_report(size: int, report: Report) -> bytearray:
 
 
 class Details(NamedTuple):
-    """The fields that only the normal and the rich report have."""
+    """The fields of the normal and the rich report that the shortest report does not have."""
 
     enabled: int  # enabled motors, one bit per joint
     error: int
@@ -105,7 +105,8 @@ def pack_details(data: bytearray, details: Details) -> None:
 
 
 def pack_rich(data: bytearray, version: Version, text: str, speed_limit_rad_s: float, celsius: int) -> None:
-    """Write the fields of a rich report. Limits other than the joint speed are the SDK's defaults."""
+    """Write the fields of a rich report. ``text`` is the version text. All limits except ``speed_limit_rad_s`` are
+    the defaults of the vendor's SDK."""
     data[145:151] = version.arm_type, version.axes, 1, 1, 0, 0
     data[151:181] = text.encode()[:30].ljust(30, b"\0")
     struct.pack_into("<5f", data, 181, 1000.0, 1.0, 50000.0, 0.1, 1000.0)

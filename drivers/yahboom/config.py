@@ -1,5 +1,5 @@
-"""Settings of an M3 Pro, shared by the process that drives it (the wire) and the root's stop
-channel."""
+"""Settings of an M3 Pro, shared by the process that drives it (the wire) and the supervising process (root), which
+can also stop it."""
 
 from __future__ import annotations
 

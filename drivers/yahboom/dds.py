@@ -1,5 +1,5 @@
-"""The root's own link to a base that is driven over ROS 2. It writes a zero twist to ``/cmd_vel``
-and reads ``/odom_raw``, by DDS.
+"""A separate link, for the supervising process (root), to a base that is driven over ROS 2. It
+writes a zero twist to ``/cmd_vel`` and reads ``/odom_raw``, by DDS.
 
 rclpy can hang, and must not be loaded in the root. The root therefore speaks RTPS, the protocol of
 DDS, itself. To the robot it is one more DDS participant. This was never run on a robot.
@@ -40,7 +40,7 @@ _COVARIANCE = 36 * 8
 
 
 class DdsLink:
-    """The link to one base.
+    """The connection of the root process to the base of one robot. It sends only stops.
 
     Args:
         config: The settings of the robot.

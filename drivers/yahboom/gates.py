@@ -47,7 +47,7 @@ def parse(
         robot: Name of the robot, for refusals.
         axes: Its axes.
         index: Index of each axis by key.
-        state: The gate's state.
+        state: The last target and the newest observation, by which gates check a command.
         time_ms: Duration of the arm's motion if the action gives no ``time_ms``.
     """
     targets = {key: value for key, value in action.items() if key != TIME}
@@ -74,7 +74,8 @@ def parse(
 
 
 def all_gates(axes: Sequence[Axis], servos: Sequence[Servo], state_ttl_s: float) -> tuple[GateCheck, ...]:
-    """Return the gates in the order in which they are checked. The first refusal is the answer."""
+    """Return the gates (checks of a command) in the order in which they are applied. The first
+    refusal is reported to the caller."""
     return silent(state_ttl_s), whole_arm(servos), servo_range(servos), past_range(axes)
 
 

@@ -71,9 +71,9 @@ def reports_of(
 
 
 class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
-    """Stop an M3 Pro from the root process, by the root's own connection to rosbridge. With
-    ``transport="ros2"`` the root writes to DDS itself, because rclpy must not be loaded in the
-    root."""
+    """Stop an M3 Pro from the supervising process (root), by the root's own connection to
+    rosbridge. With ``transport="ros2"`` the root writes to DDS itself, because rclpy must not be
+    loaded in the root."""
 
     SERVED_FIRST: ClassVar[bool] = False
 
@@ -98,6 +98,7 @@ class YahboomStopChannel(KeptSession[YahboomConfig, StopLink]):
 
 
 def stop_link(config: YahboomConfig, clock: Clock) -> StopLink:
-    """Return a link for a stop that does not load rclpy, so that the root may use it."""
+    """Return a link for a stop that does not load rclpy, so that the supervising process (root) may
+    use it."""
     link: StopLink = load(LINKS[config.transport])(config, clock)
     return link

@@ -73,8 +73,8 @@ class YahboomWire(Wire):
         await self._link.receive_messages()
 
     async def arm(self, permit: Permit) -> Observation:
-        """Send a zero twist, and forget the arm's last goal, because a person may have moved the
-        arm since the last stop."""
+        """Prepare the robot for commands. Send a zero twist, and forget the arm's last goal, because a person may
+        have moved the arm since the last stop."""
         permit.check()
         self._link.zero()
         self._arm_rad, self._arm_at_s = (), 0.0

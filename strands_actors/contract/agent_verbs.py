@@ -6,8 +6,9 @@ A verb in ``Driver.TOOL_VERBS`` was written for agents, under the rules that the
 (``Driver.GUARDED``). A service that was written for scripts may be requested, too. But its author did not decide
 whether an agent may use it. So on real hardware it always needs an operator's approval.
 
-A service that stops the robot for a special reason (``Service.stops``) is no verb. An agent has one stop, in
-every form of the word. It must not mistake a service that cuts a flying drone's motors for that stop.
+A service that stops the robot for a special reason (``Service.stops``) is no verb. For agents there is only the
+verb ``stop``, and every wording of a stop leads to it (``stop_words``). An agent must not mistake a service that
+cuts a flying drone's motors for that stop.
 """
 
 from __future__ import annotations
@@ -21,13 +22,16 @@ from .tool_verbs import Schema, ToolVerb
 
 
 def verbs_of(driver: Driver) -> tuple[ToolVerb, ...]:
-    """Return the verbs: the declared ones first. A verb is left out if it needs a service that this robot lacks."""
+    """Return the verbs that an agent may request from the robot, first those that the driver declares.
+
+    A declared verb is left out if it needs a service that this robot lacks.
+    """
     declared = tuple(verb for verb in driver.TOOL_VERBS if verb.does != "service" or verb.name in driver.SERVICES)
     return (*declared, *(_verb(name, driver.SERVICES[name]) for name in undeclared(driver)))
 
 
 def undeclared(driver: Driver) -> tuple[str, ...]:
-    """Return the names of the services that are not declared as verbs. An agent needs approval for them."""
+    """Return the names of the services that are not among the driver's verbs. An agent needs approval for them."""
     names = {verb.name for verb in driver.TOOL_VERBS}
     return tuple(name for name, service in driver.SERVICES.items() if name not in names and service.stops is None)
 
@@ -42,7 +46,9 @@ def _verb(name: str, service: Service) -> ToolVerb:
 
 
 def _schema(service: str, argument: str, default: object, counts: Mapping[str, int]) -> Schema:
-    """Return the schema of an argument, derived from its default. The default None stands for an optional number.
+    """Return the JSON schema of a service's argument, derived from its default.
+
+    The default None stands for an optional number.
 
     Raises:
         TypeError: JSON has no plain value for the default.

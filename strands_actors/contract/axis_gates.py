@@ -208,7 +208,7 @@ def _past_range(axis: Limited, value: float) -> Refused:
 
 
 def _show_past(value: float, end: float, unit: str) -> str:
-    """Return ``value`` with enough digits to show that it is past ``end``."""
+    """Return ``value`` as text with enough digits to show that it is past ``end``."""
     shown = show(value, unit)
     digits = _DECIMALS.get(unit, _OTHER_DECIMALS)
     while math.isfinite(value) and digits < _MOST_DECIMALS and not _is_past(float(shown), value, end):

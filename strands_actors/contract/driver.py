@@ -180,7 +180,7 @@ ConditionCheck = Callable[[Observation, int], Refused | None]
 
 
 class OnResume(enum.StrEnum):
-    """What ``resume()`` does with a robot that is armed, if a condition is broken."""
+    """What ``resume()`` does with an armed robot while a condition (such as a charged battery) is broken."""
 
     REFUSE = "refuse"  # refuse: a person has to repair the cause first, and our stop does not cause it
     ARM_ANEW = "arm anew"  # stop the robot and arm it again, which repairs the cause
@@ -374,7 +374,7 @@ class Driver(ABC):
 
     @property
     def late_s(self) -> float:
-        """Longest time for which a request to arm, or a service, can still take effect after a stop cut it off."""
+        """Longest time (s) in which a request to arm, or a service, still takes effect after a stop cut it off."""
         return max((self.timing.late_s, *(service.late_s for service in self.SERVICES.values())))
 
     def declare(self, *parts: Part) -> None:

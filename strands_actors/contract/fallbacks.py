@@ -1,4 +1,7 @@
-"""Check a driver's tables, which give the safe state for each reason and each condition."""
+"""Check a driver's tables, which give the safe state for each reason of a stop and for each condition.
+
+A condition must be true while the robot is commanded.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ def fallbacks_for(*, late: SafeState, otherwise: SafeState) -> dict[Reason, Safe
 
 
 def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason, SafeState]:
-    """Return the table with ``SafeState`` members in place of text.
+    """Return a driver's safe state for each reason of a stop, with ``SafeState`` members in place of text.
 
     Raises:
         ValueError: A reason is missing, or a text is not the name of a safe state. The message names it.
@@ -33,7 +36,9 @@ def check_fallbacks(robot: str, fallbacks: Mapping[Reason, str]) -> dict[Reason,
 
 
 def check_conditions(robot: str, conditions: Sequence[Condition]) -> tuple[Condition, ...]:
-    """Return the conditions with ``SafeState`` members in place of text.
+    """Return a driver's conditions, with ``SafeState`` members in place of text.
+
+    A condition must be true while the robot is commanded.
 
     Raises:
         ValueError: A text is not the name of a safe state. The message names it.

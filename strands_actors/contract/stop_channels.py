@@ -42,7 +42,7 @@ class Watch(Closable, Protocol):
     """A connection on which the robot reports its state."""
 
     def look(self) -> Reports:
-        """Read the data that the robot has sent, and return the report of each motor.
+        """Read the data that the robot has sent, and return the report on each motor.
 
         Raises:
             WireDown: The connection is lost.
@@ -84,14 +84,14 @@ class DuplicateDescriptor(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_on(self, port: PortT, safe_state: SafeState) -> Reports:
-        """Bring every motor to the safe state by this port, and return a report of each motor.
+        """Bring every motor to the safe state by this port, and return a report on each motor.
 
         Raise ``WireDown`` if nothing could be written.
         """
 
     @abstractmethod
     def failed(self, reason: str) -> Reports:
-        """Return a report of each motor that shows it as not confirmed, with this reason."""
+        """Return a report on each motor, according to which its safe state is not confirmed for this reason."""
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         """Close the port when its adapter is unplugged.
@@ -141,14 +141,14 @@ class ConnectWhenNeeded(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, port: PortT, safe_state: SafeState) -> Reports:
-        """Bring every motor to the safe state by this connection, and return a report of each motor.
+        """Bring every motor to the safe state by this connection, and return a report on each motor.
 
         Raise ``WireDown`` if the connection is lost.
         """
 
     @abstractmethod
     def failed(self, reason: str, port: PortT | None = None) -> Reports:
-        """Return a report of each motor that shows it as not confirmed.
+        """Return a report on each motor, according to which its safe state is not confirmed for this reason.
 
         ``port`` is the connection; None if connecting failed.
         """
@@ -226,7 +226,7 @@ class KeptSession(StopChannel, Generic[ConfigT, PortT]):
 
     @abstractmethod
     async def make_safe_by(self, session: PortT | None, safe_state: SafeState) -> Reports:
-        """Bring every motor to the safe state by the session, and return a report of each motor. Never raises.
+        """Bring every motor to the safe state by the session, and return a report on each motor. Never raises.
 
         ``session`` is None if no session is open. No other call uses it at the same time.
         """

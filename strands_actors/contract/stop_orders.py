@@ -1,7 +1,7 @@
 """The messages between a process and its child processes that can stop a robot (``stop_process``).
 
 Orders and answers go over a socket pair. The child acknowledges each order at once. When it has carried out the
-order, it answers again, with a report of each motor.
+order, it answers again, with a report on each motor.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Answer(msgspec.Struct, frozen=True):
 
     Attributes:
         number: The number of the order. 0 in the first answer, which means that the child is ready.
-        reports: A report of each motor after the stop. None if the answer only acknowledges the order, before the
+        reports: A report on each motor after the stop. None if the answer only acknowledges the order, before the
             stop.
         trouble: Why the child cannot be used. Empty if it can.
     """
@@ -70,7 +70,7 @@ class StopChild:
 
     @property
     def is_lost(self) -> bool:
-        """True if the system reports that the child was killed, has ended, or is frozen."""
+        """True if the system reports that the child was killed, has ended, or is frozen (SIGSTOP)."""
         life = life_of(self.process.pid)
         return life.dying or life.stopped or not self.process.alive
 
@@ -108,7 +108,7 @@ class StopChild:
         return await self._until(lambda: self._acknowledged >= number, max(0.0, left_s))
 
     async def carried_out(self, number: int, within_s: float) -> Reports:
-        """Return a report of each motor after an order was carried out.
+        """Return a report on each motor after an order was carried out.
 
         Raise ``WireDown`` if the reports do not arrive in time.
         """
@@ -142,7 +142,7 @@ class StopChild:
         return True
 
     def hang_up(self) -> None:
-        """Make a waiting task stop waiting for answers. Call this before the socket is closed."""
+        """End the wait of a task for answers of the child. Call this before the socket is closed."""
         trio.lowlevel.notify_closing(self.process.socket)
 
     def abandon(self) -> None:
@@ -153,7 +153,7 @@ class StopChild:
         self.process.socket.close()
 
     async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Handle answers until ``condition()`` is true. Return False if it is not true within ``within_s``.
+        """Handle answers of the child until ``condition()`` is true. Return False if ``within_s`` passes before.
 
         Raise ``WireDown`` if the child ends or reports trouble.
         """

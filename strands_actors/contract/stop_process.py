@@ -90,7 +90,7 @@ class OwnProcess(StopChannel, Generic[ConfigT]):
 
     @abstractmethod
     def failed(self, reason: str) -> Reports:
-        """Return a report of each motor that shows it as not confirmed."""
+        """Return a report on each motor, according to which its safe state is not confirmed for this reason."""
 
     @property
     def lacks(self) -> str:

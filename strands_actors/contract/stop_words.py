@@ -117,7 +117,10 @@ def _is_stop_as_object(message: Mapping[object, object], names: str, depth: int)
 
 
 def _is_set(value: object, if_empty: bool) -> bool:
-    """Return True if a flag with this value is set. ``if_empty`` is the result for an empty value."""
+    """Return True if this value of a flag, such as ``true`` in ``{"stop": true}``, sets the flag.
+
+    ``if_empty`` is the result for an empty value.
+    """
     match value:
         case str() if value.strip():
             return value.strip().lower() not in NO
@@ -144,7 +147,7 @@ def _is_stop_as_json(text: str, names: str, depth: int) -> bool:
 
 
 def _is_pairs(text: str, names: str, depth: int) -> bool:
-    """Return True if the text is a call, or nearly a JSON object.
+    """Return True if the text is a call, or nearly a JSON object, and requests a stop.
 
     Such an object is in single quotes, is cut off, or has an extra comma.
     """

@@ -203,7 +203,7 @@ class Wire(ABC):
         The first frame with the stop must be sent before the first wait. Every motor is tried.
 
         Returns:
-            A report of each motor. If the connection is lost, no motor is confirmed.
+            A report on each motor. If the connection is lost, no motor is confirmed.
         """
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
@@ -215,7 +215,7 @@ class Wire(ABC):
         call may be cancelled wherever it waits, and is repeated until all motors confirm.
 
         Returns:
-            A report of each motor. If there are no reports (the default), a new stop channel is used instead.
+            A report on each motor. If there are no reports (the default), a new stop channel is used instead.
         """
         return ()
 
@@ -236,7 +236,10 @@ class Wire(ABC):
         raise NotImplementedError(f"{type(self).__name__} declares {service} and does not do it")
 
     def handover(self) -> Sequence[int]:
-        """Return the file descriptors that the root's stop channel needs. They stay valid until ``close``."""
+        """Return the file descriptors for the stop channel of the root process (the supervisor).
+
+        They stay valid until ``close``.
+        """
         return ()
 
     @abstractmethod
@@ -269,7 +272,7 @@ class StopChannel(ABC):
     def lacks(self) -> str:
         """Why the channel is not ready for a stop, after ``serve`` has started; empty if it is ready.
 
-        No motor is energised while the root's channel is not ready.
+        No motor is energised while the stop channel of the root process (the supervisor) is not ready.
         """
         return ""
 

@@ -60,7 +60,7 @@ class Actor:
     context: Context
 
     async def started(self) -> None:
-        """Run before the first message of each incarnation."""
+        """Run before the first message of each incarnation (start or restart of the actor)."""
 
     def receive(self, message: Any) -> Any:
         raise NotImplementedError
@@ -120,12 +120,14 @@ class Context:
         return Deferred(self.reply, self, self.deferrals)
 
     def saw(self, value: object) -> None:
-        """Record a value that a handler has read or written and that is not in its message, for replays."""
+        """Report a value to the recorder, if there is one, so that a replay knows it. A handler has read or
+        written the value, and it is not in the handler's message.
+        """
         if (instrument := self.node.instrument) is not None:
             instrument.saw(self.address, value)
 
     def note(self, message: Message) -> None:
-        """Record an event that no message describes."""
+        """Report an event that no message describes to the recorder, if there is one."""
         if (instrument := self.node.instrument) is not None:
             instrument.noted(self.address, self.clock.now_ns(), message)
 
@@ -167,7 +169,9 @@ class Context:
         return ticker
 
     def start_soon(self, task: Callable[..., Awaitable[Any]], *args: Any) -> None:
-        """Start a task that is cancelled with this incarnation. If it fails, the actor fails."""
+        """Start a task that is cancelled when this incarnation (start of the actor) ends. If the task fails, the
+        actor fails.
+        """
         self._nursery.start_soon(task, *args)
 
 
@@ -196,7 +200,7 @@ class Cell:
         self.state = "starting"
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Run one incarnation, until it is cancelled or the actor raises."""
+        """Run one incarnation (one start of the actor), until it is cancelled or the actor raises."""
         if self.incarnations:
             self.actor = self.factory()
         self.incarnations += 1

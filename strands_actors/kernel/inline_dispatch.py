@@ -33,7 +33,8 @@ class Worker(Protocol):
     """An actor with waiting messages, as the dispatcher sees it."""
 
     def help(self, until_ns: int) -> bool:
-        """Handle waiting messages until ``until_ns``. Return True if no message is left.
+        """Handle the waiting messages of this actor until the time ``until_ns``. Return True if no message is
+        left.
 
         An exception of the actor is not raised here.
         """
@@ -45,7 +46,7 @@ class Worker(Protocol):
 
 
 class InlineDispatch:
-    """The dispatcher of one node.
+    """The dispatcher of one node (the actors of one process). It runs idle actors that get a message.
 
     Enter it around code that sends messages to actors, and await nothing inside.
     """
@@ -58,7 +59,9 @@ class InlineDispatch:
         self._ready: deque[Worker] = deque()
 
     def offer(self, worker: Worker) -> bool:
-        """Queue the actor, to run it at the end of the present turn. Return False if no turn is under way."""
+        """Queue the actor, to run it at the end of the present turn (the uninterrupted run of a handler). Return
+        False if no turn runs.
+        """
         if self._depth:
             self._ready.append(worker)
             return True

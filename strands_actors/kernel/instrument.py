@@ -14,7 +14,7 @@ from .messages import Message, Refused
 class Instrument(Protocol):
     """The interface of a recorder, set as ``Node.instrument``.
 
-    Addresses are those of actors of the node. Messages are frozen.
+    Addresses are those of actors of the node. Messages are immutable objects.
     """
 
     def took(self, address: str, at_ns: int, message: Message, expects_answer: bool = False) -> None:
@@ -32,7 +32,7 @@ class Instrument(Protocol):
     def answered(self, address: str, answer: Message | None) -> None: ...
 
     def deferred(self, address: str, number: int) -> None:
-        """The actor answers later. ``settled`` reports the answer, with the same number."""
+        """The actor answers the message later. ``settled`` then reports the answer, with the same number."""
         ...
 
     def settled(self, address: str, number: int, answer: Message | None) -> None: ...

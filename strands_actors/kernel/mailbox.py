@@ -38,8 +38,8 @@ Item = Message | Entry
 
 
 class Slot:
-    """The place for the ``latest`` messages of one sender and one type. An empty place is kept for the next
-    message.
+    """The place for the newest message of one sender and one type, in the lane (queue) ``latest``. An empty place
+    is kept for the next message.
     """
 
     __slots__ = ("entry",)
@@ -61,7 +61,7 @@ SUPERSEDED = Refused(Code.SUPERSEDED, "a newer message of the same sender replac
 
 
 class Mailbox:
-    """The lanes of one actor, with a single reader.
+    """The waiting messages of one actor, in three lanes (queues), with a single reader.
 
     Not thread-safe: messages of other threads and processes come in through a mesh.
 
@@ -97,7 +97,7 @@ class Mailbox:
         return bool(self.urgent)
 
     def put(self, message: Message, reply: ReplyTo | None, sender: str) -> bool:
-        """Queue a message. Return False, and queue nothing, if its lane is full."""
+        """Queue a message. Return False, and queue nothing, if its lane (one of three queues) is full."""
         lane = message.lane
         if lane == "command":
             if len(self.queue) >= self.capacity:

@@ -1,4 +1,4 @@
-"""Messages: frozen structs with a lane.
+"""Messages: immutable structs, each with a lane (the queue in which it waits).
 
 ``urgent``   Stops and lifecycle. They are handled before all other waiting messages.
 ``command``  First in, first out, bounded: a full queue refuses further messages.
@@ -32,7 +32,7 @@ def sentence_case(text: str) -> str:
 
 
 class Refused(Message, frozen=True):
-    """A refusal. Nothing was written.
+    """A refusal. Nothing was written to the robot.
 
     Attributes:
         code: Identifies the reason, for programs. It never changes.

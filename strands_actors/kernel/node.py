@@ -32,7 +32,7 @@ class Node(Router):
     """The actors of one process. Start a node with ``async with open_nursery() as n: await n.start(node.run)``."""
 
     async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
-        """Let requests (asks) expire. It runs as long as the node."""
+        """Let requests (asks) expire that were not answered in time. It runs as long as the node."""
         task_status.started()
         await self.deadlines.run()
 

@@ -91,7 +91,7 @@ class Ref:
         self._cell: Hosted | None = None
 
     def _local(self) -> Hosted | None:
-        """Return the actor's cell if this node hosts it."""
+        """Return the actor's cell (its address and mailbox) if this node hosts it."""
         cell = self._cell
         if cell is None or not cell.hosted:
             self._cell = cell = self._node.cells.get(self.address)

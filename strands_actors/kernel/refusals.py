@@ -24,7 +24,7 @@ class RefusalCode(enum.StrEnum):
 
 
 class Code(RefusalCode):
-    """The codes that are not specific to one family of robots."""
+    """The refusal codes that are not specific to one family of robots."""
 
     # Codes about commands, and about the right to give them.
     NO_ANSWER = (

@@ -95,7 +95,7 @@ class Router:
                 connection.announce(cell.address, True)
 
     def unhost(self, cell: Hosted, reason: str) -> None:
-        """Note that an incarnation of an actor has ended.
+        """Note that an incarnation (one start) of an actor has ended.
 
         The address stays hosted. Its mailbox keeps messages for the next incarnation.
         """

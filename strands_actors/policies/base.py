@@ -104,7 +104,7 @@ class Policy(ABC):
 
     @classmethod
     def preflight(cls, observation_keys: set[str], **config: Any) -> None:
-        """Check that the policy can control a robot with these observations.
+        """Check that the policy can control a robot that gives the observations ``observation_keys``.
 
         Raises:
             ValueError: The policy cannot control this robot.

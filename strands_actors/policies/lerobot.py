@@ -47,21 +47,22 @@ FILES = ("config.json", "model.safetensors", "policy_preprocessor.json", "policy
 class LerobotLocal:
     """Load a checkpoint and run it as a policy.
 
-    The package sets ``axes``, ``unit``, ``travel``, ``robot`` and ``cameras``. The user gives the other arguments
-    as options of ``start_task``.
+    This package sets ``axes``, ``unit``, ``travel``, ``robot`` and ``cameras``, from the robot. The user gives
+    the other arguments as options of ``start_task``.
 
     Args:
         axes: Names of the robot's axes, in order.
         pretrained_name_or_path: Folder of the checkpoint.
-        units: Units of the checkpoint's numbers (see above).
+        units: Units of the checkpoint's numbers, ``degrees``, the driver's own unit or ``normalized`` (see the
+            docstring of the module).
         device: ``cpu``, ``cuda`` or ``mps``.
-        unit: The driver's unit.
+        unit: The unit of the driver's positions.
         travel: Calibrated range of each axis.
         robot: Name under which the robot was started.
         cameras: Names of the robot's cameras.
         rename_map: The name that each camera has in the checkpoint, in lerobot's form:
             ``{"observation.images.wrist": "observation.images.camera1"}``.
-        rtc: Use real-time chunking (see above).
+        rtc: Use real-time chunking, which blends each chunk of actions into the previous one.
         execution_horizon: Number of actions of each chunk that are executed with ``rtc``.
 
     Raises:

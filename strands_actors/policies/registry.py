@@ -24,7 +24,8 @@ from . import waves
 class Provider(NamedTuple):
     """The description of a policy that has a name.
 
-    The process of the policy makes it by ``where(axes=..., **options)``.
+    The process of the policy imports the class or function ``where``, and makes the policy by
+    ``where(axes=..., **options)``.
     """
 
     where: str  # the policy's class or factory, as module:factory
@@ -196,7 +197,7 @@ def parse_endpoint(endpoint: str) -> tuple[str, int, str]:
 
 
 def robot_facts(provider: Provider, driver: Driver, robot: str = "", cameras: Sequence[str] = ()) -> dict[str, Any]:
-    """Return what a policy has to know of its robot (axes, units, cameras), as options of the policy.
+    """Return the facts that a policy needs about its robot (axes, units, cameras), as options of the policy.
 
     Args:
         provider: The policy's description, which declares the options that it takes.

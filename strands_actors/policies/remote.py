@@ -12,8 +12,8 @@ In the protocol of strands-robots (``PolicyServer``, JSON, version 1) the server
 ``{"type": "ready", "protocol_version": 1, "metadata": {...}}``. The client then sends ``set_state_keys``,
 ``set_control_frequency``, ``reset`` and ``get_actions``.
 
-If the server sends nothing for ``GREETING_S``, the client uses our protocol. A later greeting still
-switches the protocol, since it comes before any response.
+If the server sends nothing for ``GREETING_S``, the client uses the protocol of this package. A later greeting
+still switches the protocol, since it comes before any response.
 
 Every wait is bounded: ``timeout_s`` for the connection and for each response. A slow server ends the rollout before
 that: when all actions of the last chunk are executed and no new ones have come, the robot holds its position.

@@ -24,7 +24,7 @@ STEEPEST = 1.5
 
 
 class Swing(msgspec.Struct, frozen=True):
-    """The wave of one axis."""
+    """The wave of one axis, with the positions and the amplitude in the axis's unit."""
 
     start: float
     center: float
@@ -74,9 +74,9 @@ def fit(
 def swings(
     table: Sequence[Axis], positions: Mapping[str, float], amplitude: float, hz: Sequence[float], is_requested: bool
 ) -> dict[str, Swing]:
-    """Return a wave for each axis of ``table``, by the axis' key.
+    """Return a wave for each axis of ``table`` (the robot's axes), by the axis's name.
 
-    A position axis that was not read gets no wave.
+    An axis that is commanded by position gets no wave if its position was not read.
     """
     waves: dict[str, Swing] = {}
     for axis, frequency in zip(table, hz, strict=True):

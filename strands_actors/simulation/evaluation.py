@@ -77,7 +77,8 @@ def evaluate(
     """Run a policy in a simulation for ``n_episodes`` episodes.
 
     Returns:
-        A dict with ``n_episodes``, ``episodes``, and ``success_rate`` (None if ``success`` is None).
+        A dict with ``n_episodes``, ``episodes`` (the result of each episode), and ``success_rate`` (the share
+        of successful episodes, 0 to 1; None if ``success`` is None).
 
     Raises:
         Failed: An action was refused, or the policy gave no action.

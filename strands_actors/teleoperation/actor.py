@@ -225,9 +225,9 @@ class Teleoperation(Actor):
     async def _stop(self) -> str:
         """Stop the robot for the page's stop button, and return the result as a line of text.
 
-        A stop message is sent to the robot's gate at once. Then the robot is stopped a second time, by its name,
-        for a confirmed result. If the gate does not answer, the root process stops the robot. The teleoperation
-        ends, as after any stop.
+        A stop message is sent to the robot's gate (the actor that checks commands) at once. Then the robot is
+        stopped a second time, by its name, for a confirmed result. If the gate does not answer, the root
+        process stops the robot. The teleoperation ends, as after any stop.
         """
         self._stopping = True
         by = f"the page of {self._rollout.robot}"
@@ -388,15 +388,16 @@ class Teleoperation(Actor):
     async def _let_go(self) -> None:
         """Give up the right to command (the lease).
 
-        The robot holds its position before its gate answers. If the gate does not answer, the last setpoint expires
-        and the robot holds, too.
+        The robot holds its position before its gate (the actor that checks commands) answers. If the gate does
+        not answer, the last setpoint expires and the robot holds, too.
         """
         lease, self._lease = self._lease, None
         if lease is not None:
             await self._ask(Release(lease.id))
 
     async def _ask(self, message: Message) -> Message | None:
-        """Send a request to the robot's gate, and return its answer. None if there was no answer in time."""
+        """Send a request to the robot's gate (the actor that checks commands), and return its answer. None if
+        there was no answer in time."""
         try:
             return await self._gate.ask(message, ASK_S)
         except (AskTimeout, Unreachable):

@@ -26,7 +26,7 @@ class Hold(NamedTuple):
 
     Attributes:
         held: True if any key is held.
-        rates: Speed by axis, as a share of its jog speed (-1 to 1).
+        rates: Speed by axis, as a share (-1 to 1) of the highest speed at which an operator can move the axis.
     """
 
     held: bool

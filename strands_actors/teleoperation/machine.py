@@ -53,7 +53,8 @@ class State(enum.StrEnum):
 
 
 class Kind(enum.StrEnum):
-    """The meaning of the numbers in a leader's frame."""
+    """The meaning of the numbers in a frame (reading) of the leader, as target, position or speed of each
+    axis."""
 
     ABSOLUTE = "absolute"  # the target of each axis of the robot
     RELATIVE = "relative"  # a position; the robot repeats its changes since the robot was engaged

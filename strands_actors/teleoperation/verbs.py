@@ -51,8 +51,8 @@ def attach(
     max_speed: float | None,
     duration: float | None,
 ) -> Verb | Answer:
-    """Return the verb that starts a teleoperation, or a refusal. ``RealRobot.attach_teleop`` describes the
-    arguments.
+    """Return the verb (a function of the robot's processes) that starts a teleoperation, or the refusal of a
+    wrong argument. ``RealRobot.attach_teleop`` describes the arguments.
     """
     hz, max_speed, duration = map(as_python, (hz, max_speed, duration))
     try:
@@ -125,7 +125,7 @@ def _check(value: object, name: str, most: float) -> None:
 
 
 def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb | Answer:
-    """Return the verb that sends an operator's input, or a refusal.
+    """Return the verb (a function of the robot's processes) that sends an operator's input, or a refusal.
 
     A wrong rate is refused and moves nothing. But a release of the dead-man is sent even if a rate is wrong.
     """

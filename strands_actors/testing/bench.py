@@ -47,7 +47,7 @@ SILENT_NS = 200_000_000
 
 
 class NotMoving(Exception):
-    """The caller ended before its robot moved, or the robot cannot be made to move."""
+    """The caller (the script) ended before its robot moved, or the robot cannot be made to move."""
 
 
 class Caller:
@@ -98,7 +98,7 @@ class Caller:
         return {role for role, pid in self.pids().items() if Path(f"/proc/{pid}").exists()}
 
     def complete(self) -> None:
-        """Wait until the extra processes run, and every process that the robot has had before.
+        """Wait until the extra processes (on request) run, and every process that the robot has had before.
 
         Raises:
             NotMoving: A process is still missing after ``COMPLETE_S``.
@@ -160,7 +160,7 @@ class Caller:
             path.unlink(missing_ok=True)
 
     def end(self) -> None:
-        """Kill the caller, its recorder, and every process of its robot."""
+        """Kill the caller (the script that moves the robot), its recorder, and every process of its robot."""
         self._end_recorder()
         self.process.end()
         for pid in self.pids().values():
@@ -176,7 +176,7 @@ class Caller:
 
 
 class Bench:
-    """A simulated robot, and a caller that moves it. Use it as a context manager.
+    """A simulated robot, and a caller (a script in another process) that moves it, as a context manager.
 
     Args:
         robot: The robot's name. ``robot:level`` if the robot can be commanded in two ways.

@@ -457,7 +457,7 @@ def safe_before(log: WireLog, expected: Expected, broken_ns: int, stopped_ns: in
 
 
 class Expected(NamedTuple):
-    """The expected safe states after the fault of a cell, and the longest time until the robot gets one of them."""
+    """The expected safe states after a fault of a process or robot, and the longest time until one is received."""
 
     victim: str
     fault: str

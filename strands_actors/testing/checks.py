@@ -326,9 +326,10 @@ class _Subject:
     # -- checks of ``parse`` and of the gates
 
     def answer(self, action: Mapping[str, Any], state: GateState | None = None) -> Candidate | Refused:
-        """Answer an action as the robot's gate would: check the conditions, parse the action, and check the gates.
+        """Answer an action as the robot's gate would, with the first refusal or the accepted candidate.
 
-        Return the first refusal, or the accepted candidate.
+        Check the driver's conditions (they must be true while the robot is commanded), parse the action, and check
+        its range and speed (the driver's gates).
         """
         state = state or self.state()
         for condition in self.driver.conditions:
@@ -420,7 +421,7 @@ class _Subject:
 
 
 def report(results: Sequence[Result]) -> Iterator[str]:
-    """Yield one line for each result, for people."""
+    """Yield one line for each result of a check, for people."""
     for result in results:
         mark = "ok  " if result.passed else "FAIL"
         yield f"{mark}  {result.name}{f': {result.detail}' if result.detail else ''}"

@@ -119,7 +119,7 @@ HARDWARE: dict[str, FakeHardware] = {}
 class FakeDriver(Driver):
     """A fake driver for a robot with two position axes.
 
-    If a writer is late, the robot holds; otherwise it goes limp.
+    If the program that commands is late or has ended, the robot holds. For any other reason it goes limp.
     """
 
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]] = ("fake",)
@@ -191,7 +191,7 @@ class FakeWire(Wire):
         return {"fake": True}
 
     async def arm(self, permit: Permit) -> Observation:
-        """Energise one axis after the other, with a check of the permit before each.
+        """Energise one axis after the other, after a check (``permit``) before each that no stop has come.
 
         If an axis does not answer, raise ``WireDown``. The axes that were energised before stay energised.
         """
@@ -225,7 +225,7 @@ class FakeWire(Wire):
                 self._hardware.position[index] = value
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Write the safe state, and return the reports after ``confirm_s``.
+        """Write the safe state, and return a report on each axis after ``confirm_s``.
 
         If ``holds`` is false, a hold fails: ``hold_failed`` is set, and the axes lose their torque.
         """
@@ -258,7 +258,7 @@ class FakeStopChannel(StopChannel):
         self._clock = clock
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Write the safe state, and return the reports after 2 ms."""
+        """Write the safe state, and return a report on each axis after 2 ms."""
         reports = self._hardware.make_safe(self._clock, safe_state, "stop_channel")
         await trio.sleep(0.002)
         return reports

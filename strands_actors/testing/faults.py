@@ -103,7 +103,7 @@ one attempt, with room."""
 
 @dataclass(frozen=True)
 class Cell:
-    """One victim with one fault.
+    """One victim with one fault, which is a cell of the kill matrix.
 
     Attributes:
         victim: The role of a process, or ``Victims.TWIN``.
@@ -183,7 +183,10 @@ def _why_not(driver: Driver, victim: str, fault: Faults) -> str:
 
 
 def proves(victim: str, fault: Faults) -> tuple[str, ...]:
-    """Return the ids of the requirements (docs/safety-evidence.md) that a safe result of this cell proves."""
+    """Return the ids of the requirements (docs/safety-evidence.md) that a safe result of this cell proves.
+
+    A cell is a victim with a fault.
+    """
     if victim is Victims.TWIN:
         if fault in RETURNING:
             return ("SAF-002", "SAF-008", "SAF-012")
@@ -201,7 +204,7 @@ def proves(victim: str, fault: Faults) -> tuple[str, ...]:
 
 
 def bound_s(driver: Driver, victim: str, fault: str) -> float:
-    """Return the published bound of a cell, in seconds.
+    """Return the published bound of a cell (a victim with a fault), in seconds.
 
     It is the longest time from the fault, or from a stop after it, to the stop command.
 

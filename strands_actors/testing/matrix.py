@@ -34,7 +34,7 @@ from .trials import Trials
 
 
 class Row(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The results of one cell of one robot.
+    """The results of one cell (a victim with a fault) of one robot.
 
     Times are in milliseconds; None if no safe frame (stop command) came.
     """
@@ -60,7 +60,7 @@ class Row(msgspec.Struct, frozen=True, omit_defaults=True):
     def excused(self) -> bool:
         """True if a busy computer has disturbed more trials than it has left undisturbed.
 
-        The busy computer is then no longer an excuse for the missing trials.
+        The cell then does not count as safe, even if each undisturbed trial was safe.
         """
         return self.disturbed > self.trials
 
@@ -108,14 +108,17 @@ def measure(
 
 
 def rows_of(drivers: Drivers, trials: Trials, cells: Cells) -> Iterator[Row]:
-    """Yield a row for each cell of each robot, in the order of the tables in ``faults``."""
+    """Yield a row of results for each cell of each robot, in the order of the tables in ``faults``.
+
+    A cell is a victim with a fault.
+    """
     for robot, driver_class in drivers.items():
         for cell in cells(robot, driver_of(robot, driver_class)):
             yield summary(robot, cell, () if cell.why_not else trials.of(robot, cell))
 
 
 def summary(robot: str, cell: Cell | Pair, outcomes: Sequence[Outcome]) -> Row:
-    """Return the row of a cell.
+    """Return the row with the results of a cell (a victim with a fault).
 
     Its times are from the trials that a busy computer has not disturbed. Unsafe trials always count.
     """

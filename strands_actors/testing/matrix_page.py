@@ -19,7 +19,7 @@ from .trials import Trials
 
 
 class Column(msgspec.Struct, frozen=True):
-    """The cells of one robot, and the conditions under which they were measured."""
+    """The results of all cells (victim, fault) of one robot, and the conditions of the measurement."""
 
     conditions: dict[str, str] = msgspec.field(name="taken")
     rows: list[Row]

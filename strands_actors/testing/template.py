@@ -103,7 +103,7 @@ class Template:
         return Forked(int(self._hear()))
 
     def close(self) -> None:
-        """Kill the template, and wait for its end."""
+        """Kill the template (the process that forks callers), and wait for its end."""
         self._socket.close()
         self._process.kill()
         self._process.wait()

@@ -51,7 +51,10 @@ class Trial(msgspec.Struct, frozen=True, tag="trial"):
 
 
 class Run(msgspec.Struct, frozen=True, tag="run"):
-    """The first line of a run: its subject (code, machine, Python), and its number of benches."""
+    """The first line of a run: its subject (code, machine, Python), and its number of benches.
+
+    A bench is a simulated robot with the script that moves it. All benches run at the same time.
+    """
 
     subject: dict[str, str]
     jobs: int

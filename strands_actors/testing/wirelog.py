@@ -127,7 +127,7 @@ class WireLog:
         return ", ".join(f"{at_ms:.1f} {label} x {count}" for label, at_ms, count in runs[-RUNS:]) or "nothing"
 
     def host(self, kind: str, since_ns: int = 0) -> list[Entry]:
-        """Return the frames of one kind that were sent to the robot."""
+        """Return the frames of one kind that were sent to the robot since ``since_ns``."""
         return [entry for entry in self.entries(since_ns) if entry.sender == "host" and entry.kind == kind]
 
     def first_safe(self, since_ns: int) -> Entry | None:

@@ -23,7 +23,7 @@ from .trials import Done, Trial, cell_named, encode, trial
 
 
 class Order(msgspec.Struct, frozen=True):
-    """An order for some trials of one cell.
+    """An order for some trials of one cell (a victim with a fault).
 
     ``driver`` is the ``module:Class`` of a driver of another package, or empty.
     """
@@ -36,7 +36,10 @@ class Order(msgspec.Struct, frozen=True):
 
 
 class Worker:
-    """Carry out orders for trials, and keep the bench while orders are for the same robot."""
+    """Carry out orders for trials.
+
+    Keep the bench (the simulated robot and its script) while orders are for the same robot.
+    """
 
     def __init__(self) -> None:
         self._bench: Bench | None = None
@@ -59,7 +62,7 @@ class Worker:
         return tries(cell, bench, order.trials, run_cell)
 
     def close(self) -> None:
-        """Close the bench, if there is one."""
+        """Close the bench (the simulated robot and its script), if there is one."""
         bench, self._bench = self._bench, None
         if bench is not None:
             bench.__exit__(None, None, None)

@@ -6,7 +6,7 @@ the checks of a setpoint are in the order that helps a person most:
     mode          an e-stop, processes that are being ended, no link, a robot that is not armed
     lease, epoch  another writer has the lease, or the command was made before the last stop
     deadline      the deadline has passed, or is too far ahead
-    conditions    a condition of the robot is broken: battery, a fault, a mode of its controller
+    conditions    a check of the robot's state has failed: battery, a fault, a mode of its controller
     axes          the driver does not know a name, or cannot read a value
     gates         a limit of the driver: range, speed, step
 """
@@ -29,7 +29,7 @@ _BUSY = Refused(Code.BUSY, "another service is running", "wait until it is done"
 
 
 class GateSnapshot(NamedTuple):
-    """The part of the gate's state that a decision depends on."""
+    """The part of the gate's state on which the answer to a setpoint or a service depends."""
 
     state: failsafe.State
     leases: Leases
@@ -44,11 +44,12 @@ class GateSnapshot(NamedTuple):
 
 
 class Admitted(NamedTuple):
-    """A setpoint that may go to the wire.
+    """A setpoint that the gate has accepted, for the process that writes to the robot.
 
     Attributes:
         values: The target of every axis, in the driver's order.
-        until_ns: When the motion that it starts has to end; 0 if it ends with the lease.
+        until_ns: When the motion that it starts has to end; 0 if it ends with its writer's lease (right to
+            command).
         deadline_ns: Latest time at which it may be written.
     """
 
@@ -67,8 +68,8 @@ class Admission:
         return answer.about(MOVE) if isinstance(answer, Refused) else answer
 
     def _setpoint(self, message: Setpoint, snapshot: GateSnapshot, now_ns: int) -> Admitted | Refused:
-        """Return the setpoint for the wire, or a refusal that does not yet name the verb. The module explains the
-        order of checks."""
+        """Return the setpoint to write to the robot, or a refusal that does not yet name the refused operation.
+        The module explains the order of checks."""
         refusal = (
             self._refuse_by_mode(snapshot)
             or _refuse_by_lease(message, snapshot)
@@ -151,8 +152,8 @@ class Admission:
         return self.refuse_motion(snapshot, now_ns)
 
     def refuse_motion(self, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
-        """Return the refusal that every setpoint would get now, because of the mode or a broken condition of the
-        robot. Return None if setpoints are possible."""
+        """Return the refusal that every setpoint would get now, because of the failsafe mode, or of a failed check
+        of the robot's state (its conditions). Return None if setpoints are possible."""
         refusal = self._refuse_by_mode(snapshot)
         if refusal is not None or snapshot.observation is None:
             return refusal
@@ -162,12 +163,13 @@ class Admission:
     def broken_condition(
         self, observation: Observation, now_ns: int, only_always: bool = False
     ) -> tuple[Condition, Refused] | None:
-        """Return the first condition of the robot that is broken, with its refusal.
+        """Return the first condition (a check of the robot's state, declared by its driver) that fails, with its
+        refusal. None if all conditions pass.
 
         Args:
             observation: The newest observation.
             now_ns: The time.
-            only_always: True to check only the conditions that must also hold while no setpoint is in force.
+            only_always: True to check only the conditions that must also pass while no setpoint is in force.
         """
         for condition in self._driver.conditions:
             if condition.always or not only_always:
@@ -177,8 +179,8 @@ class Admission:
         return None
 
     def broken_for_resume(self, observation: Observation, now_ns: int) -> tuple[Condition, Refused] | None:
-        """Return the broken condition that keeps an armed robot from continuing, with its refusal; None if there is
-        none.
+        """Return the failed condition (a check of the robot's state) because of which an armed robot may not
+        continue, with its refusal; None if it may continue.
 
         A condition that only a person can repair comes before one that arming again repairs.
         """

@@ -54,7 +54,7 @@ class Cause(msgspec.Struct, frozen=True):
     """Why the robot is in its safe state.
 
     Attributes:
-        text: The cause for people. No program reads it.
+        text: The cause as a text for people. No program reads it.
         reason: The reason of the stop.
         rank: How specific the cause is.
         until_ns: Before this time a more specific cause replaces this one.
@@ -74,14 +74,15 @@ class Cause(msgspec.Struct, frozen=True):
         return self if now_ns < self.until_ns and self.rank < newer.rank else newer
 
     def reported(self, now_ns: int) -> Cause:
-        """Return this cause with a new deadline for its replacement, ``SOON_NS`` from now. The wire reads the
-        robot's faults only after it has reported the stop."""
+        """Return this cause with a later ``until_ns``, so that a more specific cause can replace it for at least
+        ``SOON_NS`` from now. An order to stop is returned unchanged. More time is needed because the wire process
+        reads the robot's faults only after it has reported the stop."""
         if self.rank == Rank.ORDER:
             return self
         return msgspec.structs.replace(self, until_ns=max(self.until_ns, now_ns + SOON_NS))
 
     def refined(self, driver: Driver, observation: Observation, now_ns: int) -> Cause:
-        """Return a more specific cause if this observation shows one; otherwise this cause."""
+        """Return a more specific cause if this observation of the robot shows one; otherwise this cause."""
         if now_ns >= self.until_ns:
             return self
         for rank, condition in enumerate(driver.conditions, Rank.ORDER + 1):
@@ -106,7 +107,7 @@ class Cause(msgspec.Struct, frozen=True):
 
 
 def rank_of_condition(driver: Driver, condition: Condition) -> int:
-    """Return the rank of a broken condition as a cause."""
+    """Return the rank, as a cause of a stop, of a failed condition (a check of the robot's state)."""
     return Rank.LINK if condition.is_silence else Rank.ORDER + 1 + driver.conditions.index(condition)
 
 

@@ -135,7 +135,8 @@ LINKED = frozenset(Mode) - {Mode.DOWN, Mode.LOST, Mode.FAILED} - OVER
 
 
 class State(msgspec.Struct, frozen=True):
-    """The state of the machine. ``locked_by`` is the operator of an e-stop; only a resume clears it."""
+    """The state of the failsafe machine: its mode, and the epoch, a counter that each stop, hold, lost link and
+    arming raises. ``locked_by`` is the operator of an e-stop; only a resume clears it."""
 
     mode: Mode = Mode.DOWN
     epoch: int = 1
@@ -143,7 +144,7 @@ class State(msgspec.Struct, frozen=True):
 
 
 def step(state: State, event: Event, locked_by: str = "") -> tuple[State, Action]:
-    """Return the next state and the action.
+    """Return the next state of the failsafe machine, and the action: nothing, arm the robot, or make it safe.
 
     Args:
         state: The present state.

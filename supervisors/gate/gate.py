@@ -84,15 +84,16 @@ class Gate(Actor):
     Args:
         driver: The driver of the robot.
         transport: Address of the transport, which writes to the robot.
-        watchdog: Address of the watchdog.
-        guardian: Address of the guardian, in the root process.
-        start: First state of the failsafe machine. A restarted wire process continues with its last epoch.
+        watchdog: Address of the watchdog, which sends ticks and heartbeats.
+        guardian: Address of the guardian in the root process, which restarts the wire process.
+        start: First state of the failsafe machine. The gate of a restarted wire process continues with the last
+            epoch (a counter of stops and holds).
         cause: Why the robot is in that state, for people.
         locked_since: When the robot was locked by an e-stop, ISO 8601; empty if it is not locked.
         no_standby: Why nothing may be energised yet. It is empty once the root has reported that its stop channel
             and the standby process are ready.
         audited: True to report every decision to the root, which writes the audit.
-        secret: Key for the numbers of leases, so that they cannot be guessed.
+        secret: Key for the numbers of leases (rights to command), so that they cannot be guessed.
         stopped_ns: When the root was last ordered to stop the robot.
     """
 
@@ -278,7 +279,8 @@ class Gate(Actor):
         return Accepted(self._state.epoch, admitted.values, self._read_beside(), observation)
 
     def _read_beside(self) -> dict[str, tuple[float, ...]]:
-        """Return the sensor values that the driver adds to the reply to an accepted command."""
+        """Return the sensor values that the reply to an accepted command contains (``ANSWERS_WITH`` of the
+        driver)."""
         names, observation = self._driver.ANSWERS_WITH, self._observation
         if not names or observation is None:
             return {}
@@ -331,8 +333,8 @@ class Gate(Actor):
     # -- leases: give, release and end them
 
     def _acquire(self, message: Acquire) -> Lease | Refused | Deferred:
-        """Give a lease. During a hold, the reply is sent only when the hold is done. The next command then starts
-        from the held position, so axes that it does not name do not move."""
+        """Give a lease, the right to command the robot. During a hold, the reply is sent only when the hold is
+        done. The next command then starts from the held position, so axes that it does not name do not move."""
         answer = self._leases.acquire(message, self.context.received_ns, self._state.mode is Mode.HOLDING)
         if isinstance(answer, Refused):
             answer = answer.about(ACQUIRE)
@@ -355,7 +357,8 @@ class Gate(Actor):
 
     @property
     def _is_reported(self) -> bool:
-        """Return True if the wire has reported the newest order of a safe state."""
+        """Return True if the transport, which writes to the robot, has reported the result of the newest order of
+        a safe state."""
         return self._last_stop is not None and self._last_stop.epoch >= self._state.epoch
 
     def _release(self, message: Release) -> Released | Deferred:
@@ -379,8 +382,8 @@ class Gate(Actor):
         return False
 
     def _writer_stopped(self, pid: int) -> None:
-        """Make the robot hold when the system has stopped a writer's process (SIGSTOP). Such a process can send
-        neither heartbeats nor setpoints."""
+        """Make the robot hold when the operating system has suspended a writer's process (SIGSTOP). Such a process
+        can send neither heartbeats nor setpoints."""
         lease = self._leases.held
         if lease is None or self._live is None:
             return
@@ -392,8 +395,8 @@ class Gate(Actor):
     # -- checks when time passes
 
     def _look(self, now_ns: int, admitted: bool = False) -> None:
-        """Check everything that may end the setpoint in force. ``admitted`` is True if the conditions of the robot
-        were just checked."""
+        """Check everything that may end the setpoint in force. ``admitted`` is True if the robot's conditions
+        (checks of its state) have just passed."""
         live = self._live
         if live is not None and live.over(now_ns):
             self._trip(Reason.EXPIRED, "the setpoint expired", lapse=Lapse.EXPIRED)
@@ -405,8 +408,8 @@ class Gate(Actor):
             self._check_conditions(now_ns, live=True)
 
     def _check_conditions(self, now_ns: int, live: bool) -> None:
-        """Stop the robot if a condition is broken. While no setpoint is in force (``live`` is False), check only
-        the conditions that must always hold."""
+        """Stop the robot if one of its conditions fails (checks of its state, declared by the driver). While no
+        setpoint is in force (``live`` is False), check only those that must always pass."""
         if self._observation is None:
             return
         broken = self._admission.broken_condition(self._observation, now_ns, only_always=not live)
@@ -670,8 +673,8 @@ class Gate(Actor):
         return None
 
     def _resume_armed(self) -> Resumed | Refused | Deferred:
-        """Reply to a resume of an armed robot. If a condition is broken that arming again repairs, stop the robot
-        and arm it again."""
+        """Reply to a resume of an armed robot. If a condition (a check of the robot's state) fails that passes
+        again after arming, stop the robot and arm it again."""
         observation = self._newest_observation()
         if isinstance(observation, Refused):
             return observation
@@ -720,7 +723,8 @@ class Gate(Actor):
         self._resumes.clear()
 
     def _aim_at_measured(self, observation: Observation) -> None:
-        """Use the measured position as the first target, so that the robot does not jump."""
+        """Use the measured position as the target from which the next command starts, so that the robot does not
+        jump."""
         self._observation = observation
         self._target = self._driver.first_target(observation)
         self._target_ns = self.context.received_ns
@@ -802,6 +806,6 @@ class Gate(Actor):
         return GateMemory(**{name: getattr(self, f"_{name}") for name in GateMemory.__struct_fields__})
 
     def recall(self, memory: GateMemory) -> None:
-        """Restore the state of the gate from a recording."""
+        """Restore the state of the gate from a recording, for a replay."""
         for name in GateMemory.__struct_fields__:
             setattr(self, f"_{name}", getattr(memory, name))

@@ -27,7 +27,7 @@ _MAX_LIFETIME_NS = round(MAX_LIFETIME_S * NS)
 
 
 class HeldLease(msgspec.Struct):
-    """One lease that a writer holds."""
+    """One lease (right to command the robot) that a writer holds now."""
 
     id: int
     holder: str
@@ -159,8 +159,8 @@ class Leases(msgspec.Struct):
         return f"{held.holder} stopped answering" if over else ""
 
     def rollout(self, now_ns: int) -> Writing | None:
-        """Return the policy rollout that writes now. Return None if there is none, or if the script that started it
-        sends no heartbeats."""
+        """Return the policy run (rollout) that writes setpoints now. Return None if no policy writes, or if the
+        script that started it sends no heartbeats."""
         held = self.held
         if held is None or held.under is None or held.owner.expires_ns <= now_ns:
             return None

@@ -17,7 +17,7 @@ from .lease import Leases
 
 
 class Waiting(NamedTuple):
-    """A request that is answered when a stop is done."""
+    """A request to the gate that is answered when a stop of the robot is done."""
 
     epoch: int
     reply: Deferred

@@ -34,7 +34,7 @@ MOVE, OBSERVE, ACQUIRE, RESUME = "move", "observe", "acquire", "resume"
 
 
 class Acquire(Message, frozen=True):
-    """Request a lease.
+    """Request a lease, the right to write setpoints.
 
     Attributes:
         holder: Name of the writer, for people. It proves nothing.
@@ -80,7 +80,7 @@ class Beat(Message, frozen=True):
 
 
 class Stopped(Message, frozen=True):
-    """The system has stopped the process of a writer (SIGSTOP, Ctrl-Z, a debugger)."""
+    """The operating system has suspended the process of a writer (SIGSTOP, Ctrl-Z, a debugger)."""
 
     lane = "urgent"
 
@@ -88,7 +88,7 @@ class Stopped(Message, frozen=True):
 
 
 class Release(Message, frozen=True):
-    """Release the lease.
+    """Release a lease, the right to write setpoints.
 
     If a policy releases its lease, the robot is made to hold before the reply is sent. With ``keeps``, it does not
     hold: the last setpoint of the policy, which has no end, stays in force under the script's lease.
@@ -110,7 +110,7 @@ class Setpoint(Message, frozen=True):
 
     Attributes:
         lease: The sender's lease.
-        epoch: The epoch in which the setpoint was made.
+        epoch: The value of the epoch (a counter of stops and holds) when the setpoint was made.
         deadline_ns: The setpoint is written before this time or never. The motion also ends at this time, unless
             ``latched``.
         action: Values by key. The driver checks them.
@@ -154,7 +154,7 @@ class Stop(Message, frozen=True):
     channel: str = ""
 
     def as_ordered(self) -> Stop:
-        """Return this order with a reason that another program may use. Any other reason is replaced, since it
+        """Return this order of a stop. If another program may not use its reason, the reason is replaced, since it
         would end the robot's processes, or only make a locked robot hold."""
         if self.reason in ORDERED:
             return self
@@ -234,7 +234,7 @@ class GetStatus(Message, frozen=True):
 
 
 class Writing(Message, frozen=True):
-    """The rollout of a policy that writes now. ``steps`` is the number of its accepted setpoints."""
+    """The policy run (rollout) that writes setpoints now. ``steps`` is the number of its accepted setpoints."""
 
     instruction: str
     steps: int
@@ -335,8 +335,8 @@ class LinkLost(Message, frozen=True):
 
 
 class LockKept(Message, frozen=True):
-    """The root has written the lock of an e-stop to the disk, or could not (``problem``). ``epoch`` is that of the
-    e-stop."""
+    """The root has written the lock of an e-stop to the disk, or could not (``problem``). ``epoch`` is the value
+    of the epoch (a counter of stops and holds) at the e-stop."""
 
     lane = "urgent"
 

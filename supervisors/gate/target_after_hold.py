@@ -31,5 +31,5 @@ def target_after_hold(
 
 
 def _rests(driver: Driver, index: int) -> bool:
-    """Return True for a velocity axis. Its target after a hold is zero."""
+    """Return True if the target of this axis after a hold is zero, because it is a velocity."""
     return bool(driver.table) and driver.table[index].mode is AxisMode.VELOCITY

@@ -48,7 +48,7 @@ class Answers:
         return name
 
     def forget(self, turn: str) -> None:
-        """Remove a query that gets no further answer."""
+        """Discard the reply function of a query that gets no further answer."""
         self._private.pop(turn, None)
 
     def success(self, sender: str, turn: str, result: dict[str, Any], final: bool = True) -> None:

@@ -145,7 +145,7 @@ class Turns:
 
 
 class Shared:
-    """State that the actors on the mesh share. It is kept when one of them is restarted."""
+    """State that the actors on the mesh share. It is kept when one of these actors is restarted."""
 
     def __init__(self) -> None:
         self.clocks = Clocks()
@@ -158,8 +158,8 @@ class Shared:
 
 
 def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | tuple[Sender | None, Refused]:
-    """Decode an envelope. If it is invalid, return a refusal and its sender, or None if that cannot be read
-    either."""
+    """Decode an envelope, the outer part of a command's message. If it is invalid, return a refusal and the
+    sender's name, or None in place of a name that cannot be read either."""
     try:
         envelope = _decode_envelope(payload)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

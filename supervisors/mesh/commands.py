@@ -77,7 +77,7 @@ class Commands(Actor):
         robot: Name of the robot.
         driver: Driver of the robot.
         pubsub: The session on the mesh.
-        answers: Sends the answers.
+        answers: Sends the answers to the senders of commands.
         shared: State that the actors on the mesh share.
         task: Returns the status of the robot's policy process.
     """
@@ -222,7 +222,7 @@ class Commands(Actor):
         await self._tell(sender, turn, command)
 
     async def _tell(self, sender: str, turn: str, command: Command) -> None:
-        """Carry out a command and send the result."""
+        """Carry out a command and send the result to its sender."""
         try:
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
@@ -262,7 +262,7 @@ class Commands(Actor):
         return await self._status()
 
     async def _newest(self) -> messages.Status | None:
-        """Return the gate's status; None if the gate refuses or sends another reply."""
+        """Ask the gate for its status and return it; None if the gate refuses or sends another reply."""
         answer = await self._gate.ask(messages.GetStatus(), ASK_S)
         return answer if isinstance(answer, messages.Status) else None
 

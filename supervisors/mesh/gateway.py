@@ -96,7 +96,8 @@ class FromOutside:
             pubsub.declare_token(f"{address}/alive")
 
     def take(self) -> int:
-        """Pass the frames that wait to the actors of this process, and return their number."""
+        """Pass the received frames that wait in the ring buffer to the actors of this process. Return their
+        number."""
         with self._node.dispatch:
             for count in range(BATCH_SIZE):
                 received = self._ring.take()
@@ -117,11 +118,12 @@ class FromOutside:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Do nothing: other hosts learn no addresses, since they use two fixed keys."""
+        """Tell other hosts nothing about the actor at ``address``. They need no addresses, since they use two
+        fixed keys."""
 
 
 class _Question:
-    """The channel of one query. Only the sender of the query gets the answer."""
+    """The channel of one query from another host. Only the sender of the query gets the answer."""
 
     def __init__(self, channel: Channel, reply: Reply) -> None:
         self.channel: Channel | None = channel
@@ -134,7 +136,8 @@ class _Question:
         return False
 
     def announce(self, address: str, hosted: bool) -> None:
-        """Do nothing, since this channel is used for one query only."""
+        """Tell the other host nothing about the actor at ``address``, since this channel is used for one query
+        only."""
 
 
 class Gateway(Actor):

@@ -18,8 +18,8 @@ def refuse_by_mode(status: Status, resumed_epoch: int) -> Refused | None:
 
     Args:
         status: The robot's status.
-        resumed_epoch: The epoch in which the robot was last resumed over the mesh, or held at the planned end of a
-            motion from the mesh.
+        resumed_epoch: The value of the epoch (a counter of stops and holds) when the robot was last resumed over
+            the mesh, or held at the planned end of a motion from the mesh.
     """
     if status.locked_by:
         return Refused(Code.LOCKED_OUT, f"e-stopped by {status.locked_by}", "resume the robot to unlock it")

@@ -121,7 +121,7 @@ class Motion:
             answer(result, True)
 
     def kept_for(self, sender: str) -> int:
-        """Return the lease that this process keeps for a motion of this sender; 0 without one."""
+        """Return the number of the lease that this process keeps for a motion of this sender; 0 without one."""
         return self._kept.id if self._kept is not None and self._keeper == sender else 0
 
     def forget(self, sender: str) -> None:

@@ -72,7 +72,7 @@ class MeshService:
         self._pubsub: PubSub | None = None
 
     def tell_state(self, state: StateIs) -> None:
-        """Publish a change of the robot's state as an event on the mesh."""
+        """Let the safety actor publish a change of the robot's failsafe state as an event on the mesh."""
         if self._actors.safety in self._node.cells:
             self._node.ref(self._actors.safety, Safety).tell(state)
 

@@ -172,8 +172,8 @@ def _how(code: int) -> str:
 
 
 def _tell(ring: FrameRing, reason: str) -> None:
-    """Write the state of a camera without a process into its ring. The text also has the last problem that the
-    process reported itself."""
+    """Write the state of a camera without a running process into its ring buffer of pictures. The text also has
+    the last problem that the process itself reported."""
     try:
         last = msgspec.msgpack.decode(ring.description)
         before = "" if last["state"] == DOWN else last["why"]

@@ -67,7 +67,8 @@ class ChannelKeeper:
         self._transport = transport
 
     def take(self, message: Handover) -> Deferred | Refused:
-        """Open both channels with the descriptors from the wire process. The reply is sent when both are ready."""
+        """Open the stop channels of root and standby with the descriptors from the wire process. The reply is sent
+        when both are ready."""
         if message.again:
             self._again.cancel()
             self._again = trio.CancelScope()
@@ -100,8 +101,7 @@ class ChannelKeeper:
         return deferred
 
     def look(self) -> None:
-        """Inform the gate when the root's channel begins to lack a resource, such as memory, or has it
-        again."""
+        """Inform the gate when the root's stop channel is no longer ready for a stop, or is ready again."""
         lacks = "" if self.own is None else self.own.lacks
         if lacks != self._lacks:
             self._lacks = lacks
@@ -116,7 +116,8 @@ class ChannelKeeper:
         self._gate.tell(StandbyIs(self._standby_problem or self._lacks))
 
     async def release_channel(self) -> None:
-        """Close both channels, since the next wire process could not open the port otherwise."""
+        """Close both stop channels (of the root and of the standby), since the next wire process could not open
+        the port otherwise."""
         self._drop()
         if self.standby is not None:
             await self.standby.release_channel()
@@ -124,7 +125,7 @@ class ChannelKeeper:
     async def _keep(
         self, path: StopChannel, scope: trio.CancelScope, deferred: Deferred, spare: tuple[int, ...]
     ) -> None:
-        """Run the root's channel, and give the standby the descriptors ``spare`` for its own channel."""
+        """Run the root's stop channel, and give the standby the descriptors ``spare`` for its own stop channel."""
         ready = False
         guarded = trio.Event()
         refusal: Refused | None = None
@@ -153,8 +154,8 @@ class ChannelKeeper:
     async def _answer_guarded(
         self, scope: trio.CancelScope, deferred: Deferred, descriptors: tuple[int, ...]
     ) -> None:
-        """Give a new standby a channel and reply. If that fails, ask the wire process again after a pause, since it
-        does not hand over again by itself."""
+        """Give a new standby a stop channel, and reply to the wire process. If that fails, ask the wire process
+        again after a pause, since it does not hand over again by itself."""
         answer: HandedOver | Refused | None = None
         with scope:
             answer = await self._guard(descriptors) or HandedOver()
@@ -166,7 +167,8 @@ class ChannelKeeper:
             deferred.send(Refused(Code.NO_STOP_CHANNEL, "the wire process has closed the link to the robot"))
 
     async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
-        """Give the standby its channel and inform the gate. The descriptors are closed in this process."""
+        """Give the standby its stop channel, and inform the gate whether it is ready. The descriptors are closed
+        in this process."""
         try:
             if self.standby is None:
                 return None

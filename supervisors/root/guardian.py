@@ -201,7 +201,7 @@ class Guardian(Actor):
         return None
 
     def _listen(self, look: Callable[[], ProcessorUse | None] = lambda: None) -> FailureDetector:
-        """Return a detector for missing heartbeats of a new wire process."""
+        """Return a detector that notices when a new wire process sends no heartbeats."""
         self._heartbeat.forget()
         timing = self._driver.timing
         return FailureDetector(timing.heartbeat_ttl_s, timing.tick_s, look)
@@ -240,8 +240,8 @@ class Guardian(Actor):
                 self._on_dying(pid)
 
     def _check_start(self) -> None:
-        """Notice that the wire process was stopped (SIGSTOP) before its first heartbeat. A missing heartbeat would
-        not show this, because a new process may need long to start."""
+        """Notice that the operating system has suspended the wire process (SIGSTOP) before its first heartbeat. A
+        missing heartbeat would not show this, because a new process may need long to start."""
         if self._guarded is None or self._failure_detector.last_received_ns:
             return
         use = self._guarded.processor_use()
@@ -326,7 +326,8 @@ class Guardian(Actor):
         return SafeState(self._driver.fallbacks[Reason.WIRE])
 
     def _covering(self, message: Fence, ordered: SafeState) -> StopReport | None:
-        """Return an earlier report that already fulfils this order; None if the robot must be stopped again."""
+        """Return an earlier report of a stop that already fulfils this order; None if the robot must be stopped
+        again."""
         report = self.last_report
         if report is None or not self._confirmed or not SafeState(report.safe_state).at_least(ordered):
             return None

@@ -48,7 +48,7 @@ class LockKeeper:
 
     @property
     def since(self) -> str:
-        """Return the time of the lock on the disk; empty without a lock."""
+        """Return when the lock on the disk was set; empty without a lock."""
         return self._kept.since
 
     def request(self, by: str) -> None:

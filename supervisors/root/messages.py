@@ -245,7 +245,7 @@ class TreeReport(Message, frozen=True):
 
 
 class Happened(Message, frozen=True):
-    """An event that no message between actors shows: a process was started or has ended."""
+    """An event in a recording that no message between actors shows: a process was started or has ended."""
 
     event: str
     detail: str = ""

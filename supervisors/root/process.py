@@ -112,7 +112,8 @@ class Root(Actor):
 
 
 class Unconfirmed:
-    """Write the unconfirmed motors into the root's note in the run directory."""
+    """Write the names of the motors that have not confirmed a stop into ``note``, the root's file in the run
+    directory."""
 
     def __init__(self, note: str) -> None:
         self._note = Path(note)
@@ -120,7 +121,8 @@ class Unconfirmed:
         self._writing = threading.Lock()
 
     def tell(self, report: StopReport) -> None:
-        """Write the unconfirmed motors of a report in a thread, so that a slow disk delays no stop."""
+        """Write the motors that a report of a stop names as unconfirmed. A thread does this, so that a slow disk
+        delays no stop."""
         motors = report.unconfirmed
         if motors == self._written_motors:
             return
@@ -149,8 +151,8 @@ class Unconfirmed:
 
 
 class Ahead(NamedTuple):
-    """The processes that were forked before this process started a thread, and the shared page of memory that two
-    of them use."""
+    """The processes that the root has forked before it started a thread: the spawner, the first wire process and
+    the standby. ``page`` is the shared memory that the last two use."""
 
     spawner: Spawner
     # The first wire process. A later one cannot be forked from this process, since it has threads then.
@@ -389,8 +391,8 @@ class Tree:
     # -- the end of the robot's processes
 
     def _see_dying(self, pid: int) -> None:
-        """React to a writer's process that was killed, before the system reports its end. On a busy machine a
-        killed process may wait tens of milliseconds for a processor before it exits."""
+        """React to a writer's process that was killed, before the operating system reports its end. On a busy
+        machine a killed process may wait tens of milliseconds for a processor before it exits."""
         if pid == self.args["caller_pid"]:
             self.shut_down(Reason.CALLER, "the caller was killed")
         elif self.tasks.status.running:

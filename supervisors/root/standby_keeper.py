@@ -171,8 +171,8 @@ class StandbyKeeper:
 
     @contextlib.contextmanager
     def _watch_message(self) -> Iterator[WatchOver]:
-        """Return the message with the processes to watch, with open descriptors that are closed at the end of the
-        block."""
+        """Yield the message that names the processes to watch. The descriptors in it are closed at the end of the
+        ``with`` block."""
         wire = self._wire if self._wire is not None and self._wire.alive else None
         # The system may soon use the id of an ended process for another one.
         self._safety_page.wire_pid = 0 if wire is None else wire.pid

@@ -46,7 +46,7 @@ async def attempt(path: StopChannel, driver: Driver, safe_state: SafeState) -> t
     """Stop the robot by a stop channel. Never raises.
 
     Args:
-        path: The stop channel.
+        path: The stop channel, the way to the hardware without the wire process.
         driver: The driver of the robot.
         safe_state: The safe state to write.
 

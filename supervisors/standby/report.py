@@ -2,7 +2,7 @@
 
 The report describes how the standby stopped the robot. The next start of a robot with the same name reads it. The
 standby holds the lock while it runs, and the next start waits for this lock. So a standby never writes to a robot
-that is already used by a new start. If the standby's process was stopped (SIGSTOP), the next start kills it.
+that is already used by a new start. If the standby's process was suspended (SIGSTOP), the next start kills it.
 """
 
 from __future__ import annotations

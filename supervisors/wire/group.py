@@ -152,7 +152,7 @@ def instrument_keeper(node: Node, driver: Driver, description: dict[str, Any], r
 
 
 class WireProcess:
-    """The wire group in a child process, as the root uses it."""
+    """The wire group (gate, watchdog and transport) in a child process, as the root uses it."""
 
     def __init__(self, node: Node, nursery: trio.Nursery, args: dict[str, Any], ahead: ForkedAhead) -> None:
         entry = "strands_actors.supervisors.wire.group:main"
@@ -201,7 +201,7 @@ class WireProcess:
 
 
 class InlineWire:
-    """The wire group in this process, for tests. The clock may be virtual."""
+    """The wire group (gate, watchdog and transport) in this process, for tests. The clock may be virtual."""
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ stop. So the transport notes each request on the shared page (``SafetyPage``). R
 the wire process has died.
 
     state of the request                        entry on the page
-    the check of its permit has passed          running
+    its last check (permit) has passed          running
     answered, so it has taken effect            nothing
     cut off, refused or failed                  may take effect for ``late_s`` more
     in a call of an SDK that hangs              running, until this process ends
@@ -32,8 +32,8 @@ class Request:
         self.answered = False
 
     def begin(self) -> None:
-        """Note that the request is being sent. The permit, the last check before sending, calls this when it
-        passes."""
+        """Note that the request is being sent. The permit (the last check before sending) calls this when the
+        request may be sent."""
         self._late_requests.begin(self)
 
 

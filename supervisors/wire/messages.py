@@ -12,8 +12,8 @@ from strands_actors.kernel.messages import Message
 
 
 class Write(Message, frozen=True):
-    """A setpoint that the gate has accepted. The transport checks its epoch and deadline once more, immediately
-    before the bytes are sent."""
+    """A setpoint that the gate has accepted. The transport checks its epoch (a counter of stops and holds) and
+    deadline once more, immediately before the bytes are sent."""
 
     lane = "latest"
 

@@ -8,8 +8,8 @@ from strands_actors.contract.wire import ProcessSpent, Wire, WireDown
 
 
 class Serving:
-    """One run of ``Wire.serve``. ``ready`` is set when the tasks run or have failed. ``failure`` is the exception
-    if they have failed."""
+    """One run of ``Wire.serve``, the background tasks of a connection to the robot. ``ready`` is set when the
+    tasks run or have failed. ``failure`` is the exception if they have failed."""
 
     def __init__(self) -> None:
         self.scope = trio.CancelScope()

@@ -63,8 +63,8 @@ _PROMPT = (Write, Cycle)
 
 
 class _Permit:
-    """The last check before a setpoint is sent. It fails if the epoch has changed, the deadline has passed, a stop
-    waits, or the last hold has failed."""
+    """The last check before a setpoint is sent. It fails if the epoch (a counter of stops and holds) has changed,
+    the deadline has passed, a stop waits, or the last hold has failed."""
 
     __slots__ = ("_ask", "_deadline_ns", "_epoch", "_transport")
 
@@ -98,7 +98,8 @@ class Transport(Actor):
         gate: Address of the gate.
         watchdog: Address of the watchdog.
         guardian: Address of the guardian, in the root process.
-        epoch: The first epoch.
+        epoch: First value of the epoch, a counter of stops and holds. A setpoint that was made in another epoch is
+            not written.
         energised: True if an earlier wire process may have left something energised.
         safety_page: The shared page on which root and standby read if anything may be energised.
     """
@@ -183,7 +184,7 @@ class Transport(Actor):
                     self._guardian.tell(Handover(tuple(self._wire.handover()), again=True))
 
     async def _write(self, write: Write, deadline_ns: int) -> bool:
-        """Write a setpoint if its permit allows it. Return True if it was written."""
+        """Write a setpoint if its last check before sending (its permit) passes. Return True if it was written."""
         if self._wire is None:
             return False
         wire, permit = self._wire, _Permit(self, write.epoch, deadline_ns)
@@ -226,7 +227,8 @@ class Transport(Actor):
         over. A stream has its next setpoint soon, so its last setpoint is sent again only after ``keepalive_s``.
 
         Args:
-            epoch: The epoch in which the watchdog allows this; 0 forbids it.
+            epoch: The watchdog allows this while the epoch (a counter of stops and holds) has this value; 0
+                forbids it.
         """
         last = self._last
         if last is None or epoch != last.epoch:
@@ -528,7 +530,8 @@ class Transport(Actor):
         return self.context.until_urgent() if may_be else contextlib.nullcontext()
 
     async def _hand_over(self, wire: Wire) -> None:
-        """Give the root its own way to the hardware. Without it the robot cannot be armed."""
+        """Hand over file descriptors to the root, for stop channels that reach the robot without this process.
+        Without them the robot cannot be armed."""
         handover, handover_s = Handover(tuple(wire.handover())), self._driver.timing.handover_s
         until_s = trio.current_time() + handover_s
         while True:

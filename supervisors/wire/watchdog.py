@@ -234,7 +234,7 @@ class Watchdog(Actor):
         )
 
     def recall(self, memory: WatchdogMemory) -> None:
-        """Restore the state of the watchdog from a recording."""
+        """Restore the state of the watchdog from a recording, for a replay."""
         self._probe, self._cycle, self._cycle_at_ns = memory.probe, memory.cycle, memory.cycle_at_ns
         self._ticked_ns = memory.ticked_ns
         self._gate_answered, self._transport_answered = memory.gate_answered, memory.transport_answered

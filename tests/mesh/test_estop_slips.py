@@ -75,8 +75,8 @@ def unusable(directory: Path) -> list[tuple[Any, str, str]]:
         (MeshConfig(connect="tls/arm.example:7447"), others, "needs certificates"),
         (MeshConfig(connect="tls/127.0.0.1:1", tls="keys"), others, "tls is 'keys'. Give TLS("),  # type: ignore[arg-type]
         (5, others, "mesh is 5. Give MeshConfig(...), or the path of a TOML file"),
-        (True, others, "it is True. Give"),
-        ({}, others, "it is {}. Give"),
+        (True, others, "mesh is True. Give"),
+        ({}, others, "mesh is {}. Give"),
         (MeshConfig(connect=odd, insecure=True), odd, f"mesh: {odd}: "),  # zenoh cannot read it
     ]
 

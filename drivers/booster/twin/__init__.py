@@ -2,9 +2,9 @@
 MuJoCo.
 
 Besides the control lines of every simulated robot it takes ``fall``, ``get-up``, ``mode NAME``,
-``battery PERCENT`` and ``answer API STATUS``. ``answer GET_MODE 500`` makes a function fail: it is
-answered with this status and not carried out. With ``nothing`` as the status the function is
-carried out and not answered. The status ``-`` restores the normal behaviour.
+``battery PERCENT`` and ``answer API STATUS``. ``answer GET_MODE 500`` makes a function of the
+robot's service fail: it is answered with this status and not carried out. With ``nothing`` as the
+status the function is carried out and not answered. The status ``-`` restores the normal behaviour.
 """
 
 from __future__ import annotations

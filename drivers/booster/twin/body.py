@@ -8,8 +8,8 @@ from strands_actors.drivers.common.physics.model_rows import with_limits
 
 
 def body_of(model: Model) -> LeggedBody:
-    """Return the body. Joint limits and torques come from the motors in the table, all else from
-    ``links``."""
+    """Return the simulated body of a robot type. Joint limits, torques and speeds come from
+    ``model.motors``, all else from its table in ``robots.toml``."""
     table = TABLES.table(model.name)
     motors = {motor.key: motor for motor in model.motors}
 

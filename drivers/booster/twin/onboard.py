@@ -78,7 +78,7 @@ class Onboard:
             self._command = command
 
     def set_arm_targets(self, arms: Sequence[float]) -> None:
-        """Set the goal of the arms, in the place of a client."""
+        """Set the goal of the arms for a local simulation, which acts in the place of a client."""
         self._goal[FIRST_ARM : LAST_ARM + 1] = arms
 
     def set_mode(self, mode: Mode) -> None:
@@ -148,7 +148,8 @@ class Onboard:
         self.body.drive(*self._drives())
 
     def _drives(self) -> tuple[Row, Row, Row, Row, Row]:
-        """Return the commands of all motors, one row each for q, dq, tau, kp and kd."""
+        """Return the commands that act on the motors now, the host's or else the onboard controller's, as one row
+        each of q, dq, tau, kp and kd."""
         rows = [self._own(slot) for slot in range(len(self.model.motors))]
         command = self._command
         if command is not None:

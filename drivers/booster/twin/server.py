@@ -151,7 +151,7 @@ class BoosterServer(DdsServer):
         return None if status is None else response
 
     def _kind_of(self, request: Request) -> tuple[str, str]:
-        """Return the kind of a request for the log, and the safe state of the whole robot that it
+        """Return the kind of a request for the log of messages, and the safe state of the whole robot that it
         causes."""
         try:
             body = rpc.parsed(request.body)

@@ -359,7 +359,7 @@ class ServerEnd(_End):
         return stream in self._decoders and not self._waiting.get(stream)
 
     def send(self, stream: int, message: bytes) -> None:
-        """Send one message of a call's answer. Does nothing if the call has ended.
+        """Send one message to the client of a call. Does nothing if the call has ended.
 
         Raises:
             MalformedFrame: Too much data already waits for this client to read.

@@ -54,7 +54,8 @@ def fields(data: bytes) -> Iterator[tuple[int, int, Value]]:
 
 
 def message(data: bytes) -> dict[int, list[Value]]:
-    """Return the values of each field, in order, in a dict by field number. Raises ``MalformedFrame``."""
+    """Return the values of all fields of the message ``data``, in a dict by field number. A field that occurs
+    several times has several values, in their order. Raises ``MalformedFrame``."""
     values: dict[int, list[Value]] = {}
     for number, _, value in fields(data):
         values.setdefault(number, []).append(value)

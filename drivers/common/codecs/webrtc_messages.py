@@ -33,7 +33,8 @@ class Description(msgspec.Struct, frozen=True):
 
 
 class Candidate(msgspec.Struct, frozen=True, rename="camel"):
-    """A network address of the other end, for one of its streams. An empty ``candidate`` ends the list."""
+    """A network address at which the sender of this message can be reached (ICE candidate), for one of the
+    session's streams. An empty ``candidate`` ends the list of addresses."""
 
     candidate: str
     sdp_m_line_index: int | None = None

@@ -237,7 +237,7 @@ class ClientEnd(_End):
         self._stops = FrameProtocol(client=True, extensions=[])
 
     def stop(self, messages: Sequence[str]) -> bytes:
-        """Return the frames that carry a stop command.
+        """Return the WebSocket frames of ``messages``, which are a stop command for the robot.
 
         They depend on no received data, so they can be sent before the upgrade is answered, and after malformed
         bytes.

@@ -128,7 +128,7 @@ def edited(text: str, edits: Iterable[Edit]) -> str:
 
 
 def escaped(value: str) -> str:
-    """Escape a value, so that it can be written between double quotes."""
+    """Escape the value of an XML attribute, so that it can be written between double quotes."""
     return value.replace("&", "&amp;").replace("<", "&lt;").replace('"', "&quot;")
 
 

@@ -1,7 +1,7 @@
 """Simulate the indirect addresses of a Dynamixel servo.
 
-A host can read and write registers from all over the table through one contiguous block. A second block holds the
-addresses of these registers.
+A host can read and write registers from all over the control table through one contiguous block of bytes. A second
+block holds, for each of these bytes, the address of the register that it refers to.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Run(NamedTuple):
     last_target: int = 0
 
     def refuses(self, data: bytes) -> int:
-        """Return the error number of a write with an address outside the register table; 0 if the write is
-        allowed."""
+        """Return the error number of a write of ``data`` to this run, if it would store an indirect address to
+        which no byte may refer, or half of an address. Return 0 if the write is allowed."""
         if self.region is not Region.POINTERS:
             return 0
         if self.offset % 2 or self.size % 2:
@@ -44,8 +44,8 @@ class Run(NamedTuple):
 
 
 class Indirect:
-    """The indirect addresses of one servo. After a power-on no byte of the block refers to a register:
-    each one is plain memory."""
+    """The indirect addresses of one servo (a block of bytes, each of which can refer to any register). After a
+    power-on no byte of the block refers to a register; each one is plain memory."""
 
     def __init__(self, blocks: Sequence[t.IndirectBlock]) -> None:
         self._addresses = [block.addresses + offset for block in blocks for offset in range(2 * block.size)]
@@ -54,7 +54,8 @@ class Indirect:
         self._own = bytearray(len(self._data))
 
     def runs(self, address: int, size: int) -> list[Run] | None:
-        """Return where ``size`` bytes from ``address`` are stored; None if one of them does not exist."""
+        """Return the parts of the servo's memory that hold the ``size`` bytes from ``address`` on; None if one of
+        these bytes does not exist."""
         runs: list[Run] = []
         for byte in range(address, address + size):
             location = self._find(byte)

@@ -285,7 +285,8 @@ def _packet(whole: bytes) -> Packet:
 
 
 def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
-    """Return the first address that a sync write changes, and the bytes for each servo, by id."""
+    """Return the first register address that a sync write (one write request to several servos) changes, and the
+    bytes for each servo, by id."""
     address, size = (int.from_bytes(packet.params[offset : offset + 2], "little") for offset in (0, 2))
     rows = packet.params[4:]
     return address, {rows[i]: rows[i + 1 : i + 1 + size] for i in range(0, len(rows) - size, size + 1)}
@@ -316,8 +317,8 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
 
 
 def safe_state(packet: Packet, ids: Collection[int]) -> str:
-    """Return the safe state to which this request alone brings all servos in ``ids``: ``limp``, ``hold``, or empty
-    if it does not."""
+    """Return the safe state to which this request alone brings all servos in ``ids``: ``limp`` (no torque),
+    ``hold`` (torque at the present position), or empty if it does not."""
     if packet.code not in (WRITE, SYNC_WRITE) or classify(packet) != "safe":
         return ""
     if packet.code == WRITE:

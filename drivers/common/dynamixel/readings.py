@@ -34,7 +34,8 @@ class DynamixelReadings(Readings[protocol.Packet]):
         return UNNAMED in self._alerts.values()
 
     def watchdogs_are(self, counts: int) -> None:
-        """Note the value that was written to the bus watchdog registers of all servos, and was read back."""
+        """Note the value that was written to the bus watchdog registers of all servos, and was read back. A bus
+        watchdog stops its servo when the bus is silent."""
         self._watchdog.clear()
         self._watchdog_counts = counts
 

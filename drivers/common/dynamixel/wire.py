@@ -67,10 +67,11 @@ class DynamixelWire(ServoWire[protocol.Packet]):
     # -- arming
 
     async def before_arming(self, permit: Permit) -> None:
-        """Refuse to arm a servo with a hardware alert, and switch every bus watchdog off.
+        """Refuse to energise a servo that has stored a hardware error, and switch off every bus watchdog (which
+        stops a servo when its bus is silent).
 
         If the watchdog has stopped a servo, the servo's torque is switched off first, because its old goal might
-        become active again. Raise ``WireDown`` if arming is refused or a servo does not answer.
+        become active again. Raise ``WireDown`` if a servo is refused or does not answer.
         """
         bus = self.session.bus
         replies = await self.ask_all(*_STATE, "its state")
@@ -92,8 +93,8 @@ class DynamixelWire(ServoWire[protocol.Packet]):
         self._feed_until_ns = None
 
     async def _set_watchdogs(self, counts: int) -> None:
-        """Write the bus watchdog of every servo, and read it back. Raise ``WireDown`` if a servo has another
-        value."""
+        """Write ``counts`` to the bus watchdog register of every servo (0 switches the watchdog off), and read it
+        back. Raise ``WireDown`` if a servo has another value."""
         register = table.BUS_WATCHDOG
         self.session.bus.send(protocol.sync_write(register, dict.fromkeys(self.config.ids, counts)))
         replies = await self.ask_all(register.address, register.size, "its bus watchdog")

@@ -135,7 +135,7 @@ class Parser:
         return Candidate(tuple(target), tuple(named))
 
     def named(self, action: Mapping[str, object]) -> list[int]:
-        """Return the indices of the joints in an accepted action, in ascending order."""
+        """Return the indices of the joints that an accepted action names, in ascending order."""
         return sorted(self._index[key] for key in action)
 
     def _take(self, target: list[float], index: int, value: object) -> Refused | None:

@@ -29,7 +29,8 @@ LOOK_S = 0.01
 
 
 class Report(NamedTuple):
-    """A base's report of its motion."""
+    """One report that a mobile base has sent about its motion, with a time stamp, whether the base stands still,
+    and its speed in words."""
 
     stamp_ns: int  # time of the report, by the base's clock
     stands: bool
@@ -37,8 +38,8 @@ class Report(NamedTuple):
 
 
 class ReportingBase(Protocol):
-    """The methods of a mobile base that a stop needs. Every call raises ``WireDown`` if the base cannot be
-    reached."""
+    """The methods of the connection to one mobile base that are needed to stop it. Every call raises ``WireDown``
+    if the base cannot be reached."""
 
     @property
     def is_open(self) -> bool:

@@ -20,7 +20,8 @@ from collections.abc import Iterable
 
 
 class Rest(enum.Enum):
-    """Whether a robot stands still, as its reports show. The value is the text for messages; empty if it does."""
+    """Whether a robot stands still, as its reports show. The value of a member is the reason why the robot does
+    not count as still, for messages; it is empty if the robot stands still."""
 
     NOTHING_SINCE = "it has reported nothing since"
     MOVES = "it moves"

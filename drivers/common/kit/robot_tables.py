@@ -9,7 +9,8 @@ from typing import Any
 
 
 class RobotTables:
-    """The tables of all robots of one driver, or of all its leader arms."""
+    """The tables of all robots of one driver (``robots.toml``), or of all its leader arms (``leaders.toml``),
+    which a person moves by hand."""
 
     def __init__(self, package: str, wire: str, followers: RobotTables | None = None) -> None:
         """Read the file.

@@ -10,8 +10,8 @@ SessionT = TypeVar("SessionT")
 
 
 class SessionWire(Wire, Generic[SessionT]):
-    """A ``Wire`` (the class that talks to a robot) with a session. A subclass sets ``session_or_none`` in ``open``
-    and clears it in ``close``."""
+    """A ``Wire`` (the class that talks to a robot) that keeps the state of its open connection in one object, the
+    session. A subclass sets ``session_or_none`` in ``open`` and clears it in ``close``."""
 
     session_or_none: SessionT | None = None
     """The session; None if the wire is not open."""

@@ -45,7 +45,8 @@ class StopSteps(Protocol):
 
 
 def always() -> bool:
-    """Default of ``goes_on``: after a failed step another step follows. Return True."""
+    """Default of the argument ``goes_on`` of ``repeat_until_safe``. Always return True (a failed step is followed
+    by another)."""
     return True
 
 

@@ -39,7 +39,7 @@ OK = 200
 def parse_twist(
     action: Mapping[str, object], robot: str, axes: Sequence[Axis], index: Mapping[str, int], state: GateState
 ) -> Candidate | Refused:
-    """Return a target for all axes of the base.
+    """Convert an action, a dict by axis name, into a target for all axes of the base, or return a refusal.
 
     A speed that the action does not name becomes the axis's rest value. If the action names no speed at all (for
     example only a lamp), the last speeds continue, but not longer than their lifetime.
@@ -61,14 +61,15 @@ def parse_twist(
 
 
 class MotionReport(NamedTuple):
-    """A base's report of its motion."""
+    """One report that a mobile base has sent about its motion, with a time stamp and its speed."""
 
     stamp_s: float  # time of the report, by the base's clock
     speed: float
 
 
 class StopRequests(Protocol):
-    """The HTTP requests with which one service stops its base, and reads whether the base moves."""
+    """The HTTP requests that stop a mobile base and read whether it moves. They are sent to the service (the
+    program) through which the base is reached."""
 
     @property
     def target(self) -> str:
@@ -92,7 +93,7 @@ class StopRequests(Protocol):
         ...
 
     def read_motion(self, body: bytes) -> MotionReport:
-        """Decode the base's report in a response.
+        """Decode the report of the base's motion in ``body``, the body of a response.
 
         Raises:
             MalformedFrame: The response cannot be decoded.
@@ -101,7 +102,8 @@ class StopRequests(Protocol):
 
 
 def nothing_pending() -> bool:
-    """Default of ``pending`` in ``stop_base``: the caller knows of no earlier commands. Return False."""
+    """Default of the argument ``pending`` of ``stop_base``. Always return False (no earlier command is
+    unanswered)."""
     return False
 
 
@@ -126,7 +128,7 @@ async def stop_base(
 
 
 class _ServiceStop:
-    """One stop of a base behind a service (``StopSteps``)."""
+    """The steps of one stop of a mobile base that is reached through a service. Implements ``StopSteps``."""
 
     def __init__(self, port: HttpPort, requests: StopRequests, pending: Callable[[], bool]) -> None:
         self._port = port
@@ -136,7 +138,8 @@ class _ServiceStop:
         self.written = self.acknowledged = False
 
     def send_if_malformed(self) -> None:
-        """Send a stop on a connection that counts as closed because malformed data was received on it."""
+        """Send the stop command on a connection that counts as closed because malformed data was received on
+        it."""
         if not self._port.is_open:
             with contextlib.suppress(WireDown):
                 self._port.send_stop("POST", self._requests.target, self._requests.body)

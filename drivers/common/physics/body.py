@@ -1,8 +1,8 @@
 """The body of a simulated robot: the interface that a simulation uses to move it and to read it.
 
 A joint can be moved by commands in the robot's real protocol (the "wire"), or by the simulation. The commands have
-priority: a servo with torque, or an arm with a running program, follows them. The simulation may move the other
-joints.
+priority: a servo with torque, or an arm with a running program, follows them. The simulation can move only the
+other joints.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class Commander(enum.IntEnum):
 
 
 class Felt(NamedTuple):
-    """One reading of a simulated body, with a value per axis, in radians or metres. ``effort`` is in Nm or N."""
+    """Position, velocity and effort of each axis of a simulated body at one time, in radians or metres. ``effort``
+    is in Nm or N."""
 
     time_s: float
     position: Sequence[float]

@@ -1,5 +1,5 @@
-"""The body of a simulated arm that has a controller. The simulation may move the arm while no command in the
-robot's protocol does."""
+"""The body of a simulated arm that has a controller. While a command in the robot's protocol moves the arm, the
+simulation cannot move it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .physics import Plant
 class ControlledBody(JointedBody, ABC):
     """An arm that never goes limp: its controller keeps it energised, or its brakes hold it.
 
-    A subclass decides which side moves the arm: commands in the robot's protocol, or the simulation. It sends the
+    A subclass decides whether commands in the robot's protocol or the simulation move the arm. It sends the
     simulation's targets to the controller.
     """
 
@@ -71,7 +71,7 @@ class SharedController(Protocol):
 
 
 class SharedBody(ControlledBody):
-    """The body of an arm that the simulation may move while no client moves it in the robot's protocol."""
+    """The body of an arm that the simulation can move, but not while a client moves it in the robot's protocol."""
 
     def __init__(self, controller: SharedController, is_driven: Callable[[], bool]) -> None:
         """Wrap a controller.

@@ -62,8 +62,8 @@ class IsaacSolver(Paced):
         self._last_state = np.full(model.nq + model.nv, np.nan)
 
     def _to_theirs(self, model: Any) -> None:
-        """Find each joint of the model in Isaac Sim, which has another order. Raise ``ValueError`` if the names
-        differ."""
+        """Find each joint of the MuJoCo model in Isaac Sim, which orders the joints differently. Raise
+        ``ValueError`` if the names differ."""
         names = list(self._robot.dof_names)
         ours = [model.joint(joint).name for joint in range(model.njnt)]
         if sorted(names) != sorted(ours):
@@ -137,7 +137,7 @@ class IsaacSolver(Paced):
         )
 
     def _theirs(self, values: Any) -> Any:
-        """Reorder values from our joint order to Isaac Sim's."""
+        """Return values that are given in MuJoCo's joint order in the joint order of Isaac Sim."""
         ordered = np.empty(len(values))
         ordered[self._dof] = values
         return ordered

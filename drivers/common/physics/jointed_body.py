@@ -13,7 +13,7 @@ class JointedBody:
     """The body of a simulated robot that drives its joints one by one.
 
     Args:
-        plant: The physics.
+        plant: The simulated physics of the robot's joints.
         pass_time: Called after each step, so that the simulated firmware notices the new time.
     """
 

@@ -99,6 +99,7 @@ class NewtonSolver(Paced):
 
 
 def _assign(array: Any, values: Any) -> None:
-    """Copy values into a Warp array. Warp's arrays have one row per world; there is a single world."""
+    """Copy values into a Warp array. Warp's arrays have one row per world (a copy of the simulation); there is a
+    single world."""
     if array.size:
         array.assign(np.ascontiguousarray(values)[np.newaxis])

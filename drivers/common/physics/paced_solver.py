@@ -26,7 +26,8 @@ class Paced:
 
     @property
     def max_steps(self) -> int:
-        """Number of steps that can be computed within ``BUDGET_S``."""
+        """Number of time steps that can be computed within ``BUDGET_S``, at the speed of the last measured
+        call."""
         return max(1, int(self._steps_per_s * BUDGET_S))
 
     def _took(self, steps: int, began_s: float) -> None:

@@ -53,7 +53,8 @@ class Camera(NamedTuple):
 
 
 class Scenery:
-    """The scenery around one simulated body. ``changed`` is called after each change of the model."""
+    """The scenery around one simulated body (objects, cameras, saved states, place of the robot). ``changed`` is
+    called after each change of the model."""
 
     def __init__(self, jointed: Jointed) -> None:
         self._jointed = jointed
@@ -141,7 +142,8 @@ class Scenery:
         self._compile([camera])
 
     def place(self, position: Sequence[float], orientation: Sequence[float]) -> None:
-        """Move the robot's base to this position, together with everything that is fixed to the world."""
+        """Move the robot's base to this position and orientation, together with everything that is fixed to the
+        world. The simulation then starts again in its initial state."""
         jointed = self._jointed
         turn = np.asarray(orientation) / np.linalg.norm(orientation)
         outermost = [_outermost(body) for body in jointed.spec.worldbody.bodies]

@@ -70,15 +70,16 @@ def parse_web_address(text: str, default_port: int, service: str) -> tuple[str, 
 
 
 def check_peer(text: str) -> None:
-    """Accept ``host`` or ``host:port`` of a DDS participant. The host must be an IP address, because the sender of
-    each received message is compared with it."""
+    """Raise ``ValueError`` unless ``text`` is the address of a DDS participant, ``host`` or ``host:port``. The
+    host must be an IP address, because the sender of each received message is compared with it."""
     host, separator, port = text.partition(":")
     if not is_ip(host, 4) or (separator and not is_port_number(port)):
         raise ValueError(f"port is {text!r}. Give the robot's IPv4 address: 192.0.2.10")
 
 
 def check_device(text: str) -> None:
-    """Accept the path of a serial device. It need not exist yet, because the device can be plugged in later."""
+    """Raise ``ValueError`` unless ``text`` can be the path of a serial device. The device need not exist yet,
+    because it can be plugged in later."""
     host, _, port = text.partition(":")
     if "://" in text or is_ip(text) or (is_host(host) and is_port_number(port)):
         raise ValueError(f"port is {text!r}, an address. Give the path of a serial device: /dev/ttyACM0")

@@ -114,7 +114,7 @@ class Connection:
         return not self._close_reason
 
     def call(self, path: str) -> Call:
-        """Begin a call, and send its header now. Raises ``WireDown``."""
+        """Begin a call, and send the header fields of its request now. Raises ``WireDown``."""
         self._check()
         try:
             call = Call(self, path, self._end.call(path))

@@ -134,7 +134,7 @@ class HttpPort:
 
         Raises:
             WireDown: The request could not be sent.
-            PermitDenied: The command may no longer be sent. Nothing was sent.
+            PermitDenied: ``permit`` no longer allows this command, for example after a stop. Nothing was sent.
         """
         if not self.is_open:
             raise WireDown(f"{self.name}: not connected. Reconnect")
@@ -144,8 +144,8 @@ class HttpPort:
         return self._count()
 
     def send_stop(self, method: str, target: str, body: bytes = b"") -> int:
-        """Send a stop request now. It can also be sent on a connection on which malformed data was received, since
-        it needs no response.
+        """Send a request now that stops the robot. It can also be sent on a connection on which malformed data was
+        received, since it needs no response.
 
         Raises:
             WireDown: No connection is open.
@@ -192,7 +192,7 @@ class HttpPort:
 
         Raises:
             WireDown: There is no response within ``within_s``.
-            PermitDenied: The command may no longer be sent. Nothing was sent.
+            PermitDenied: ``permit`` no longer allows this command, for example after a stop. Nothing was sent.
         """
         with trio.move_on_after(within_s) as scope:
             await self.ready()

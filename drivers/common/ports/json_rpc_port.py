@@ -65,7 +65,7 @@ class JsonRpcPort:
 
     @property
     def takes_stops(self) -> bool:
-        """True if a stop can be written to the connection, even if received data could not be decoded."""
+        """True if a stop command can be written to the connection, even if received data could not be decoded."""
         return self._stream.is_connected
 
     async def open(self) -> None:
@@ -79,12 +79,12 @@ class JsonRpcPort:
         self._stream.write(encode_notification(method, params))
 
     def notify_stop(self, method: str, params: Mapping[str, Any]) -> None:
-        """Send a stop as a notification. Malformed received data does not prevent this, since a stop needs no
-        answer."""
+        """Send the robot's stop command as a notification. Malformed received data does not prevent this, since
+        the command needs no answer."""
         self._stream.write_stop(encode_notification(method, params))
 
     def send_stop(self, method: str, params: Mapping[str, Any]) -> None:
-        """Send a stop as a request, for a service that requires one. Its answer is dropped."""
+        """Send the robot's stop command as a request, for a service that requires one. Its answer is dropped."""
         self._number += 1
         self._stream.write_stop(encode_request(self._number, method, params))
 

@@ -49,7 +49,8 @@ class NotUnderstood(WireDown):
 
 
 class Decoder:
-    """Find PDUs in a stream of bytes. Each PDU has its ``dev_id`` and ``transaction_id``."""
+    """Find PDUs (Modbus messages without the header of their frame) in a stream of bytes. Each PDU has its
+    ``dev_id`` and ``transaction_id``."""
 
     def __init__(self, *, requests: bool) -> None:
         """Make a decoder: with ``requests`` for the requests of a client, otherwise for the replies of a server."""

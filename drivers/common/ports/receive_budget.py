@@ -22,7 +22,8 @@ held up, is read."""
 
 
 class ReceiveBudget:
-    """The most data that one connection may read per turn. It also counts the turns that left data unread."""
+    """The most data that one connection may read per turn (one pass of the loop that receives). It also counts the
+    turns that left data unread."""
 
     def __init__(self, name: str, pieces: int = PIECES, size: int = SIZE, busy_turns: int = BUSY_TURNS) -> None:
         """Set the limits of one connection.
@@ -40,7 +41,7 @@ class ReceiveBudget:
         self._busy = 0
 
     def turn(self, read_waiting: Callable[[], bytes | None]) -> Iterator[bytes]:
-        """Yield the data that has arrived, up to the limits of one turn.
+        """Yield the data that has arrived, up to the limits of one turn (one pass of the loop that receives).
 
         Args:
             read_waiting: Return the next piece of data, or None if there is no data. Never waits.
@@ -61,11 +62,12 @@ class ReceiveBudget:
         self.fell_behind()
 
     def caught_up(self) -> None:
-        """Note that this turn left no data unread."""
+        """Note that this turn of the receiving loop left no data unread."""
         self._busy = 0
 
     def fell_behind(self) -> None:
-        """Note that this turn left data unread. Raise ``WireDown`` after too many such turns in a row."""
+        """Note that this turn of the receiving loop left data unread. Raise ``WireDown`` after too many such turns
+        in a row."""
         self._busy += 1
         if self._busy > self._busy_turns:
             raise WireDown(

@@ -52,7 +52,8 @@ class SharedStream:
         self.write_stop(data)
 
     def write_stop(self, data: bytes) -> None:
-        """Send a stop now. Unlike ``write``, it does not fail if received data could not be decoded."""
+        """Send the bytes of a stop command now. Unlike ``write``, it does not fail if received data could not be
+        decoded."""
         if self._stream is None:
             raise WireDown("not connected. Reconnect")
         try:
@@ -100,8 +101,8 @@ class SharedStream:
         """Reset the connection. A second call does nothing.
 
         Args:
-            in_order: Close in order instead, so that written data (a stop) still arrives. A deaf connection is
-                always closed in order.
+            in_order: Close in order instead, so that written data (a stop command) still arrives. A connection
+                with received data that could not be decoded is always closed in order.
         """
         reader, self._reader = self._reader, None
         if reader is not None:

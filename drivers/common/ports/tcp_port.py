@@ -49,7 +49,7 @@ class ByteStream(Protocol):
 
 
 class OrderlyStream(ByteStream, Protocol):
-    """A ``ByteStream`` that can be closed after a stop, so that the stop still arrives."""
+    """A ``ByteStream`` that can be closed in such a way that a stop command, written before, still arrives."""
 
     def close_in_order(self) -> None:
         """Close the connection, but let the written data still arrive."""

@@ -211,7 +211,8 @@ class WebSocket:
                     raise self._deafen("it answers something else")
 
     def _keep_up(self, has_more: bool) -> None:
-        """Raise ``WireDown`` if more data was left unread in too many turns in a row."""
+        """Note whether this turn of the receiving loop left data unread (``has_more``). Raise ``WireDown`` after
+        too many such turns in a row."""
         try:
             if has_more:
                 self._budget.fell_behind()

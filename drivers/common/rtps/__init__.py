@@ -19,7 +19,8 @@ last ones. So a single datagram from another address cannot end a connection. A 
 is accepted, because the protocol cannot detect this. So connect robots with legs to a separate network.
 
 Protocol 2.2, IPv4. No type information is sent, because participants of other DDS versions fail on it. Not
-supported: security, keys, content filters, deadlines, liveliness beyond the participant's lease, IPv6.
+supported: security, keys, content filters, deadlines, liveliness beyond the participant's lease (the announced
+time within which it must send again), IPv6.
 """
 
 from .engine import Counters

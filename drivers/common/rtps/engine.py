@@ -1,8 +1,8 @@
 """The logic of an RTPS participant, without sockets and without a clock.
 
-Its inputs are datagrams and the time, its outputs are datagrams and samples. It receives only requested topics, and
-only from compatible writers. Every table is bounded. Input that is malformed, unknown or in excess is counted and
-otherwise ignored. A peer is removed when its lease ends.
+Its inputs are datagrams and the time, its outputs are datagrams and samples. It receives only requested topics,
+and only from compatible writers. Every table is bounded. Input that is malformed, unknown or in excess is counted
+and otherwise ignored. A peer is removed when its lease (the announced time within which it must send again) ends.
 """
 
 from __future__ import annotations
@@ -61,7 +61,8 @@ the time of arrival (ns)."""
 
 @dataclass(slots=True)
 class Counters:
-    """Numbers of received and dropped messages, and of failed sends."""
+    """Counts of received datagrams, of input that was dropped for each reason, and of datagrams that could not be
+    sent."""
 
     datagrams: int = 0
     malformed: int = 0  # datagrams and discovery samples that could not be decoded
@@ -341,8 +342,8 @@ class Engine:
         join.join_writer(self._subscriptions_reader, _builtin(prefix, SUBSCRIPTIONS_WRITER), address)
 
     def _move(self, prefix: bytes, data: ParticipantData) -> None:
-        """Use the new addresses or the new lease of a peer. Its endpoints stay matched, because a stop must not
-        wait until the peer has announced them again."""
+        """Use the new addresses or the new lease (time within which it must send again) of a peer. Its endpoints
+        stay matched, because a stop command must not wait until the peer has announced them again."""
         previous = self._peers[prefix]
         peer = self._peers[prefix] = _Peer(data, previous.host, self._host, self._only)
         peer.last_received_ns = previous.last_received_ns
@@ -396,7 +397,8 @@ class Engine:
     # -- time
 
     def tick(self, now_ns: int) -> None:
-        """Send announcements and heartbeats that are due, and remove peers whose lease has ended.
+        """Send announcements and heartbeats that are due, and remove peers that have sent nothing for their lease
+        (the time that they have announced).
 
         Call it often (20 times a second), after ``receive`` has processed the waiting datagrams.
         """

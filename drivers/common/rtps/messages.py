@@ -161,7 +161,8 @@ def _sequence(high: int, low: int, least: int = 1) -> int:
 
 
 def _numbers(body: memoryview, offset: int, order: Order, base: int, bits: int) -> tuple[int, ...]:
-    """Return the sequence numbers in a set. Its bitmap begins at the offset ``offset``."""
+    """Return the sequence numbers in an encoded set. Its bitmap begins at ``offset`` and has one bit for each of
+    the ``bits`` numbers from ``base`` on."""
     if bits > MAX_BITS:
         raise MalformedFrame(f"a set of {bits} numbers")
     words = (bits + 31) // 32
@@ -361,8 +362,8 @@ def gap(reader: bytes, writer: bytes, start: int, end: int) -> bytes:
 
 
 class Frame:
-    """The bytes around the payload of a sample: header, start of DATA and, for a reliable writer, a final
-    HEARTBEAT.
+    """The bytes around the payload of a sample. Before it come the RTPS header and the start of the DATA
+    submessage, after it, for a reliable writer, a final HEARTBEAT.
 
     They are made once and reused for each sample.
     """

@@ -155,7 +155,8 @@ class Participant:
         return self._engine.reader(topic, type_name, reliable, transient_local, on_sample, max_bytes)
 
     async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
-        """Wait until each of these writers and readers has ``n`` matches. The caller must set a timeout."""
+        """Wait until each of these writers and readers is matched with ``n`` remote endpoints. The caller must set
+        a timeout."""
         while any(endpoint.matched < n for endpoint in endpoints):
             await self._changed.park()
 
@@ -188,8 +189,8 @@ class Participant:
             self._engine.tick(self._clock.now_ns())
 
     def close(self) -> None:
-        """Inform the peers of our end, so that they need not wait until our lease ends, and close the sockets. It
-        may be called again."""
+        """Inform the peers of our end, so that they need not wait until our lease (the time for which we may be
+        silent) ends, and close the sockets. It may be called again."""
         if not self._sockets:
             return
         self._engine.say_goodbye()

@@ -17,10 +17,11 @@ class PeerAddress(NamedTuple):
         return sender[0] == self.host and self.port in (0, sender[1])
 
     def has(self, data: ParticipantData, sender: Address) -> bool:
-        """Return True if a participant has this address.
+        """Return True if the participant that has announced ``data`` in a datagram from ``sender`` has this
+        address.
 
-        Its datagram must come from this address, because its announcement alone proves nothing. If this address has
-        a port, the participant must also have announced this port, because several participants can run on one
+        The datagram must come from this address, because the announcement alone proves nothing. If this address
+        has a port, the participant must also have announced this port, because several participants can run on one
         host.
         """
         return self.holds(sender) and (not self.port or tuple(self) in data.discovery)

@@ -64,7 +64,8 @@ class Writer:
 
     @property
     def has_parted(self) -> bool:
-        """Return True if all readers have left. A stop is still sent to their last addresses."""
+        """Return True if readers were matched and all of them have left. A stop command is still sent to their
+        last addresses."""
         return bool(self._parted)
 
     @property
@@ -98,8 +99,8 @@ class Writer:
         return self._write(payload, self._addresses)
 
     def write_stop(self, payload: Buffer) -> int:
-        """Send a stop to every matched reader. If no reader is left, send it to the last known addresses, because a
-        reader may still exist although its end was announced (SAF-022)."""
+        """Send a sample that contains a stop command to every matched reader. If no reader is left, send it to the
+        last known addresses, because a reader may still exist although its end was announced (SAF-022)."""
         return self._write(payload, self._addresses or self._parted)
 
     def _write(self, payload: Buffer, addresses: Sequence[Address]) -> int:

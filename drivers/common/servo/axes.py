@@ -26,7 +26,8 @@ COUNTS_PER_RADIAN = COUNTS / math.tau
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """One joint and its servo. Values and encoder counts are related by ``count = zero + scale * value``."""
+    """One joint and its servo. A value (degrees or percent) and its encoder count are related by
+    ``count = zero + scale * value``."""
 
     key: str
     id: int

@@ -28,8 +28,8 @@ def all_gates(
 ) -> tuple[GateCheck, ...]:
     """Return the checks of a command, in their order. If several checks refuse, the first refusal is reported.
 
-    A single command has a target but no speed. The servo's top speed limits its speed, ``max_jump_deg`` its
-    distance.
+    A single command (not part of a stream) has a target but no speed. The servo's top speed limits its speed,
+    ``max_jump_deg`` its distance.
 
     Args:
         axes: The axes.

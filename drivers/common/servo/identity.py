@@ -9,7 +9,8 @@ from .axes import Axis
 
 
 class Identity(Protocol):
-    """The values of one servo. Each servo family has a class with more values."""
+    """The model, firmware and limits of one servo, as it reports them when the connection is opened. Each servo
+    family has a class with more values."""
 
     @property
     def model_name(self) -> str: ...

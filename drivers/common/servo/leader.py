@@ -13,7 +13,8 @@ from .driver import ServoDriver
 
 
 class Leader(ServoDriver):
-    """A leader arm. Name this class before the follower's driver: ``class FeetechLeader(Leader, Feetech)``."""
+    """A leader arm, which a person moves by hand. Name this class before the follower's driver:
+    ``class FeetechLeader(Leader, Feetech)``."""
 
     CALIBRATIONS: ClassVar[str] = calibration.LEADERS
     firmware_watchdog = "none is needed: a leader is never energised"

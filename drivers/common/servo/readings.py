@@ -140,7 +140,7 @@ class Readings(ABC, Generic[PacketT]):
         }
 
     def energised(self) -> None:
-        """Note that all servos have torque, after this was read back."""
+        """Note that the torque of all servos was read back, and is on."""
         self.limp.clear()
 
     def observation(self, now_ns: int, silent: Sequence[int], armed: bool) -> Observation:

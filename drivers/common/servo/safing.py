@@ -1,5 +1,5 @@
-"""Make every servo safe, and confirm it by reading back. The process that commands the robot and the process that
-supervises it share this code."""
+"""Bring every servo to a safe state (limp or holding its position), and confirm it by reading back. The process
+that commands the robot and the process that supervises it share this code."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def unreachable(axes: Sequence[Axis], reason: str, written: bool = False) -> tup
 
 
 class Safing(Generic[PacketT]):
-    """Make the servos of one bus safe. A subclass sets the class variables for its protocol.
+    """Bring the servos of one bus to a safe state: no torque (limp), or torque at the present position (hold). A
+    subclass sets the class variables for its protocol.
 
     Args:
         bus: The bus.
@@ -123,7 +124,8 @@ class Safing(Generic[PacketT]):
 
     @property
     def port_took_a_frame(self) -> bool:
-        """True if the port has accepted any frame, even a read request. Then the port works."""
+        """True if the serial port has accepted any frame from this object, even a read request. Then the port
+        works."""
         return self._bus.sent > 0
 
     def goals(self, counts: Mapping[int, int]) -> dict[int, int]:

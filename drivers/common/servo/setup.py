@@ -153,7 +153,7 @@ class Setup(ABC, Generic[PacketT]):
 
 
 def _named(axis: Axis, servo: int) -> Axis:
-    """Return a copy of the joint with the present id of its servo."""
+    """Return a copy of the joint ``axis`` in which ``servo`` is the id of its servo."""
     return Axis(**{**{name: getattr(axis, name) for name in Axis.__struct_fields__}, "id": servo})
 
 

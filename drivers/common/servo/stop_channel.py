@@ -1,5 +1,5 @@
-"""The path by which the supervising process stops position servos: the port that the ended process had open, or the
-port opened again."""
+"""The path by which the supervising process stops position servos. It uses the port that the process which
+commanded the robot had open, or opens the port again."""
 
 from __future__ import annotations
 

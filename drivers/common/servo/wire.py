@@ -121,11 +121,12 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         """Identify, check and set up the servos. All ids have answered before. Raise ``WireDown``."""
 
     async def before_arming(self, permit: Permit) -> None:
-        """Raise ``WireDown`` if the robot must not be energised."""
+        """Raise ``WireDown`` if the robot must not be energised. ``arm`` calls this before it energises a
+        servo."""
 
     async def after_arming(self, permit: Permit) -> None:
-        """Energise motor after motor, each with its present position as goal. A Feetech servo is energised by a
-        goal alone."""
+        """Switch on the firmware's watchdogs, if there are any. ``arm`` calls this after every servo was
+        energised. Raise ``WireDown``."""
 
     # -- the contract
 
@@ -155,7 +156,8 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         }
 
     async def arm(self, permit: Permit) -> Observation:
-        """Switch on the firmware's watchdogs, after every servo was energised. Raise ``WireDown``."""
+        """Energise motor after motor, each with its present position as goal. Raise ``WireDown`` if it fails. A
+        Feetech servo is energised by a goal alone."""
         self._refuse_passive("arm")
         session = self.session
         await self.before_arming(permit)
@@ -213,8 +215,8 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Make the servos safe after the connection was lost.
 
-        The torque is first switched off over the old port, which may still send. Then the port is opened again, in
-        case the adapter was unplugged and plugged in again.
+        For any safe state but ``hold``, the torque is first switched off over the old port, which may still send.
+        Then the port is opened again, in case the adapter was unplugged and plugged in again.
         """
         old, config = self._port, self.config
         written = False

@@ -43,7 +43,8 @@ class SimulationClient:
         self._replies: deque[p.Reply] = deque()
 
     def tell(self, request: p.Request) -> None:
-        """Send a request without waiting. Raise ``WireDown`` if the socket does not accept all of it."""
+        """Send a request without waiting for a reply. Raise ``WireDown`` if the socket does not accept all of
+        it."""
         data = p.encode(request)
         try:
             sent = self._socket.send(data)

@@ -43,7 +43,8 @@ class Take(Frame, frozen=True):
 
 
 class Aim(Frame, frozen=True):
-    """Set new targets. Only the client that sent the last ``Take`` may do this. No reply."""
+    """Set new targets of the joints that the simulation controls. Only the client that sent the last ``Take``
+    (request for this control) may do this. No reply."""
 
     values: tuple[float, ...]
 
@@ -119,8 +120,8 @@ class Save(Frame, frozen=True):
 
 
 class Load(Frame, frozen=True):
-    """Return to a saved state. Reply: ``Sample``, or ``No`` if there is no such state, or if a command in the
-    robot's real protocol has energised a joint."""
+    """Return the simulation to a state that ``Save`` has saved. Reply: ``Sample``, or ``No`` if there is no such
+    state, or if a command in the robot's real protocol has energised a joint."""
 
     name: str
 
@@ -160,14 +161,15 @@ class Model(Frame, frozen=True):
 
 
 class Pose(Frame, frozen=True):
-    """The state ``qpos`` of the ``Model`` that has the same ``scene`` number."""
+    """Reply to ``GetPose``: the state ``qpos`` (positions of all joints and free objects) of the ``Model`` that
+    has the same ``scene`` number."""
 
     qpos: tuple[float, ...]
     scene: int = 0
 
 
 class Done(Frame, frozen=True):
-    """The request was carried out."""
+    """Reply to a request that was carried out and returns no data."""
 
 
 class No(Frame, frozen=True):

@@ -33,7 +33,7 @@ class CannotRender(Exception):
 
 
 class Renderer:
-    """Draw pictures of its own copy of the model, one after the other, in a worker thread."""
+    """Draw pictures of a separate copy of the simulated robot's model, one after the other, in a worker thread."""
 
     def __init__(self, spec: Any) -> None:
         self._spec = spec
@@ -54,7 +54,8 @@ class Renderer:
         return await trio.to_thread.run_sync(self._render, pose, width, height, camera, limiter=self._limiter)
 
     async def model(self, pose: Sequence[float]) -> tuple[int, bytes]:
-        """Return the number of the scene, and the scene as a binary file of MuJoCo.
+        """Return the number of the scene (it increases with each change of the model), and the scene as a binary
+        file of MuJoCo.
 
         The file is kept for the next call, because making it delays the rest of this process by a tenth of a
         second.

@@ -41,9 +41,9 @@ class SimulationControl:
     """Serve one simulated body on a unix socket. A worker thread draws the pictures, so that neither the robot's
     protocol nor another client waits for them.
 
-    Only the client that sent the last ``Take`` may send targets, and only until another client makes the body safe.
-    Otherwise a target of a client that has ended, which still waits in its socket, could move the body after the
-    stop.
+    Only the client that sent the last ``Take`` (request for control) may send targets, and only until another
+    client makes the body safe. Otherwise a target of a client that has ended, which still waits in its socket,
+    could move the body after the stop.
     """
 
     def __init__(self, path: str, body: Body, log: Log) -> None:
@@ -84,7 +84,8 @@ class SimulationControl:
             self._renderer.close()
 
     async def get_ready(self) -> None:
-        """Prepare the model for clients that draw the scene, before the robot can be connected."""
+        """Make the file of the scene for clients that draw it. Call this before the robot can be connected,
+        because it delays this process."""
         await self._renderer.model(self._body.pose())
 
     def close(self) -> None:

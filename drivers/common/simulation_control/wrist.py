@@ -19,7 +19,8 @@ _HANDS = re.compile(r"hand|gripper|wrist|palm|tool|flange|_ee")
 
 
 def add_wrist(spec: Any) -> bool:
-    """Add the camera unless the model has one. Return False for a robot without an arm, which gets no camera."""
+    """Add a camera at the robot's hand to the model ``spec``, unless the model has one. Return False for a robot
+    without an arm, which gets no camera."""
     if any(camera.name == WRIST for camera in spec.cameras):
         return True
     model = spec.copy().compile()

@@ -42,8 +42,8 @@ class Motors(Protocol):
 
 
 class DdsServer(ABC):
-    """Serve one simulated robot. The public methods cause events while it runs: faults, a pulled cable, a
-    freeze."""
+    """Serve one simulated robot in a DDS network. The public methods cause events while it runs: faults, a pulled
+    cable, a freeze."""
 
     def __init__(self, log: WireLog, options: DdsOptions, motors: Motors, slots: Sequence[int]) -> None:
         """Prepare the server. No network is opened yet.
@@ -145,7 +145,7 @@ class DdsServer(ABC):
 
     @property
     def lies(self) -> bool:
-        """True if the robot reports wrong values."""
+        """True if the robot reports wrong values, because the fault ``wrong`` is set."""
         return self.faults.of(None) is Fault.WRONG
 
     def send_state(self, writer: Writer, state: bytes, now_ns: int) -> None:
@@ -181,10 +181,10 @@ class DdsServer(ABC):
             )
 
     def set_delay(self, lateness: Lateness) -> None:
-        """Delay the messages of one client process."""
+        """Delay the messages of one client process. ``lateness`` has the process and the delay."""
         self._lateness = lateness
         self._late_of.clear()
 
     def freeze(self, seconds: float) -> None:
-        """Stop reading and sending for this time. Then the robot handles the messages that have waited."""
+        """Stop reading and sending for ``seconds``. Then the robot handles the messages that have waited."""
         self._frost.freeze(seconds)

@@ -17,7 +17,8 @@ MAX_REQUEST = 4 << 20
 
 
 class Answer(NamedTuple):
-    """A response of the simulated service. ``kind`` and ``safe_state`` describe the request in the log."""
+    """A response of the simulated service. For the log, ``kind`` is the kind of the request, and ``safe_state``
+    the safe state to which the request alone brings the robot; None if that is unknown."""
 
     status: int
     body: bytes

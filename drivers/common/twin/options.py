@@ -17,7 +17,8 @@ class TwinOptions(DriverOptions, frozen=True):
 
 
 class HostOption(TwinOptions, frozen=True):
-    """The option ``host`` of a simulated robot in a network. With fixed port numbers, it has no option ``port``."""
+    """The option ``host`` of a simulated robot in a network. A robot with fixed port numbers has no option
+    ``port``."""
 
     host: Annotated[str | None, option("address to serve at; None: one of its own in 127.0.0.0/8")] = None
 
@@ -26,7 +27,7 @@ Port = Annotated[int, option("port to serve at; 0: any free one", ge=0, le=65535
 
 
 class NetworkOptions(HostOption, frozen=True):
-    """Options of a simulated robot in a network."""
+    """The options ``host`` and ``port`` of a simulated robot in a network."""
 
     port: Port = 0
 

@@ -30,7 +30,8 @@ _STDIN = 0
 
 
 class SimulatedRobot(Protocol):
-    """A simulated robot that can be served. ``address`` is the content of the port file: a path, or host:port."""
+    """A simulated robot that can be served. ``address`` is a path or host:port, which is written to the port file
+    for clients."""
 
     @property
     def address(self) -> str: ...
@@ -45,10 +46,10 @@ class SimulatedRobot(Protocol):
 
 @runtime_checkable
 class HasControlLines(Protocol):
-    """A simulated robot that accepts additional control lines."""
+    """A simulated robot that accepts additional control lines (commands on the standard input of its process)."""
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line. Return False if this robot does not know the line."""
+        """Carry out a control line, split into words. Return False if this robot does not know the line."""
         ...
 
 
@@ -219,7 +220,8 @@ async def _obey(server: SimulatedRobot) -> None:
 
 
 def command(server: SimulatedRobot, line: str) -> None:
-    """Carry out one control line. For an unknown line raise ``ValueError``, which lists the known ones."""
+    """Carry out one control line (a command on the standard input, such as ``unplug``). For an unknown line raise
+    ``ValueError``, which lists the known ones."""
     match line.split():
         case []:
             pass

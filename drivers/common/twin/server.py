@@ -40,8 +40,8 @@ class TwinSession(Protocol):
     """The robot's side of a connection with one client. Pure, except that the simulated body reads the time."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
-        """Carry out received frames, and yield one exchange per frame. The caller logs each exchange before it
-        requests the next one.
+        """Carry out received frames, and yield one ``Exchange`` (the frame and its replies) per frame. The caller
+        logs each exchange before it requests the next one.
 
         Args:
             data: Received bytes, in pieces of any size.
@@ -141,7 +141,7 @@ class Conversation:
             self._alarm.close()
 
     def handle_received(self, exchange: Exchange, t_ns: int) -> None:
-        """Log a received frame. Its replies are sent when they are due."""
+        """Log the received frame of an exchange, and send its replies when they are due."""
         self._log.write(t_ns, "host", [(exchange.kind, exchange.request)], exchange.safe_state)
         self._schedule(exchange, t_ns, self._channel.bits_per_s())
 
@@ -228,7 +228,7 @@ class Server:
         self._line.plug()
 
     def freeze(self, seconds: float) -> None:
-        """Stop reading and answering for this time. Then the robot handles the bytes that have waited."""
+        """Stop reading and answering for ``seconds``. Then the robot handles the bytes that have waited."""
         self._frost.freeze(seconds)
 
     async def serve(self) -> None:

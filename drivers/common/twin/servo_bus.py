@@ -184,7 +184,8 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
 
     @abstractmethod
     def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
-        """Return a request with its replies. The result also has the meaning of the request, for the log."""
+        """Return a request with its replies as an ``Exchange``, which also has the kind of the request, for the
+        log."""
 
     @abstractmethod
     def answer(self, packet: PacketT, hearing: Mapping[int, Sequence[ServoT]]) -> Iterable[Reply | None]:

@@ -166,8 +166,8 @@ def answering(new_session: Callable[[], TwinSession]) -> Handler:
 
 
 class StreamServer(ABC):
-    """Serve one simulated robot on several ports, each with its handler. The public methods cause events while the
-    robot runs."""
+    """Serve one simulated robot on several ports, each with its handler (the function that serves one connection).
+    The public methods cause events while the robot runs."""
 
     def __init__(self, robot: Controls, handlers: Sequence[Handler], log: WireLog) -> None:
         self._robot = robot
@@ -189,7 +189,8 @@ class StreamServer(ABC):
         """Open a listener for each handler. Raise ``OSError``."""
 
     def forget(self) -> None:  # noqa: B027  # TCP leaves nothing to remove
-        """Remove what is left of the address, such as a path, after the cable was pulled."""
+        """Remove what is left of the server's address after the cable was pulled, such as the path of a unix
+        socket."""
 
     @property
     def body(self) -> Body:
@@ -223,7 +224,7 @@ class StreamServer(ABC):
             connection.abort()
 
     def freeze(self, seconds: float) -> None:
-        """Stop reading and answering for this time. Then the robot handles the bytes that have waited."""
+        """Stop reading and answering for ``seconds``. Then the robot handles the bytes that have waited."""
         self._frost.freeze(seconds)
 
     def set_delay(self, lateness: Lateness) -> None:

@@ -12,8 +12,8 @@ Source = Literal["host", "robot", "control"]
 
 
 class WireLog:
-    """Write the log. Each line is in the file before ``write`` returns, so that a reader sees every frame even
-    after a crash."""
+    """Write the log of a simulated robot's protocol. Each line is in the file before ``write`` returns, so that a
+    reader sees every frame even after a crash."""
 
     def __init__(self, path: str | None) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC

@@ -109,7 +109,7 @@ class FlyingBody:
     # -- time
 
     def step(self) -> None:
-        """Advance by one time step."""
+        """Advance the simulated body by one time step."""
         data = self.data
         vx, vy, vz = self.velocity_m_s
         force = [-self._drag * vx, -self._drag * vy, -self._drag * vz]

@@ -140,7 +140,7 @@ class Firmware:
             self.step()
 
     def step(self) -> None:
-        """Advance by one time step."""
+        """Advance the simulated firmware and its body by one time step."""
         blocked = not (self.may_fly or self.simulated)
         if self._plan is not None and (blocked or (self._plan.lands and self.time_s >= self._plan.ends_s)):
             self._plan = None

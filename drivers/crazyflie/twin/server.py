@@ -1,7 +1,7 @@
 """Run the simulated drone as a process: its firmware behind one link, which may lose and delay packets.
 
 Besides the control lines of every simulated robot it takes ``battery VOLTS``, ``tip-over`` (onto its back) and
-``link LOSS DELAY_S``.
+``link LOSS DELAY_S`` (the share of packets that are lost, and their delay in seconds).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class CrazyflieServer:
         return self._end.address
 
     async def serve(self) -> None:
-        """Serve until cancelled."""
+        """Run the simulated drone and process the clients' packets until cancelled."""
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._listen)
             nursery.start_soon(self._tick)
@@ -100,7 +100,7 @@ class CrazyflieServer:
                 self._pass_on(packet, to_robot=True, late_s=self._late_s())
 
     def _late_s(self) -> float:
-        """Return the delay of the newest packet. A fault can delay the packets of one sender."""
+        """Return the delay of the newest packet, in seconds. A fault can delay the packets of one sender."""
         peer = self._end.peer if isinstance(self._end, UdpEnd) else None
         if peer is None:
             return 0.0
@@ -162,8 +162,8 @@ class CrazyflieServer:
     # -- faults
 
     def set_fault(self, text: str) -> None:
-        """Inject a fault. The text is the fault's word alone, because the drone has no parts that fail separately.
-        Raise ``ValueError``."""
+        """Inject a fault. ``text`` is only the name of the fault, because the drone has no parts that fail
+        separately. Raise ``ValueError`` for another text."""
         fault, unit = parse_fault(text)
         if unit is not None:
             raise ValueError(f"fault {text!r}: a Crazyflie has no units. Use {fault} alone")

@@ -78,7 +78,8 @@ class Controller:
     # -- requests of a client
 
     def start(self, request_id: int, controller: int, generator: int) -> str:
-        """Begin a motion. Return the status of the reply."""
+        """Begin the motion that a ``move`` request asks for, if it is possible. Return the status for the reply to
+        the client."""
         reported = generator + 1
         torque = controller == p.Controller.EXTERNAL
         if not (reported in JOINT_GENERATORS or (torque and reported == p.Generator.NONE)):
@@ -150,7 +151,7 @@ class Controller:
             self.plant.set_target(joint, self._goal[joint])
 
     def set_targets(self, goal: Sequence[float]) -> None:
-        """Move the joints to a target that a simulation has set."""
+        """Move the joints to a target (rad) that the simulation, another program on this computer, has set."""
         self._goal = tuple(goal)
         for joint in SEVEN:
             self.plant.set_target(joint, self._goal[joint])

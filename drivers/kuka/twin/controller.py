@@ -177,7 +177,8 @@ class Controller:
         self.set_targets(answer.position)
 
     def _off(self, position: Sequence[float], goal: Sequence[float]) -> float:
-        """Return the largest difference between two joint positions (rad). Infinite if ``position`` is empty."""
+        """Return the largest difference of one joint between ``position`` and ``goal``, in rad. Infinite if
+        ``position`` is empty."""
         if not position:
             return float("inf")
         return max(abs(rad - goal_rad) for rad, goal_rad in zip(position, goal, strict=True))

@@ -78,8 +78,9 @@ class LeRobotDriver(PlainDriver):
             self._own.preload()
 
     def stop_channel(self, descriptors: Sequence[int], clock: Clock) -> StopChannel:
-        """Return a stop channel of this package's own driver, if it knows the robot's bus. It uses the open serial
-        port that the wire process has handed over."""
+        """Return a stop channel, the way to stop the robot without its wire process. If this package's own driver
+        knows the robot's bus, the channel is that of this driver. It then uses the serial port that the wire
+        process has opened and handed over."""
         if self._own is None:
             return super().stop_channel(descriptors, clock)
         return self._own.stop_channel(descriptors, clock)

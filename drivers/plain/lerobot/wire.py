@@ -37,8 +37,8 @@ class LeRobotWire(PlainWire):
         )
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
-        """Drop a setpoint if a motor that it would move has lost its torque after the gate's check. Otherwise write
-        it."""
+        """Write a setpoint. Raise ``PermitDenied`` if a motor that it would move has lost its torque after the
+        gate had accepted the setpoint."""
         made, count = self._instance.made, len(self._config.axes)
         named = [key for index, key in enumerate(self._config.declared.keys) if values[count + index]]
         if made is not None and made.limp_of(named):

@@ -1,7 +1,7 @@
 """Simulate the robot without its network: power supplies, servos, control manager and commands.
 
-Time passes only in ticks, by the given clock. Behaviour that was never seen on a real robot is
-marked [assumed].
+Simulated time passes only in calls of ``tick``, by the given clock. Behaviour that was never seen on a real robot
+is marked [assumed].
 """
 
 from __future__ import annotations
@@ -263,7 +263,7 @@ class Controller:
     # -- the joints
 
     def set_targets(self, goal: Sequence[float]) -> None:
-        """Set the joints' target for a local simulation, in the place of a client."""
+        """Set the joints' target for a local simulation, which acts in the place of a client."""
         self._target = list(goal)
 
     def hold(self) -> None:

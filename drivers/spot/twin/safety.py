@@ -35,7 +35,8 @@ class Leases:
         return {"status": p.OK, "lease": lease, "lease_owner": {"client_name": client}}
 
     def give_back(self, lease: Message) -> int:
-        """Return the status of the reply. The status 3 means that another lease is in force."""
+        """Take back the lease that a client returns. Return the status of the reply. The status 3
+        means that this lease is not in force."""
         if not self.owner or lease.get("sequence", [])[:1] != [self._number]:
             return 3
         self.owner = ""

@@ -133,7 +133,7 @@ class SpotTwin:
             call.answer(encode(method.reply, {"header": self._header(request), **reply}))
 
     def over(self, call: ServerCall) -> None:
-        """Do nothing, because no state is kept for a call."""
+        """Do nothing when a call has ended, because no state is kept for it."""
 
     def answer(self, name: str, request: Message) -> tuple[Message, Logged]:
         """Carry out a request. Return the reply, and the kind of the request for the log of

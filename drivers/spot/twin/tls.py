@@ -14,7 +14,8 @@ from strands_actors.drivers.common.twin import ClientGone, Connection
 
 
 def certificate(name: str) -> str:
-    """Return the path of the file ``ca.pem`` or ``twin.pem``."""
+    """Return the path of a file in this package: ``ca.pem`` (certificate of the authority), or
+    ``twin.pem`` (certificate and key of the simulated Spot)."""
     return str(resources.files(__package__).joinpath(name))
 
 

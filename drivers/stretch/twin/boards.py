@@ -262,7 +262,7 @@ class ChainDecoder:
         return Exchange(kind, dxl.frame(*packet), replies, safe_state)
 
     def _note(self, kind: str, packet: dxl.Packet) -> None:
-        """Store which servos got a goal, and which were stopped."""
+        """Store which servos got a goal by a packet of the host, and which were stopped by it."""
         ids = frozenset({packet.id})
         if packet.id == dxl.BROADCAST:
             ids = frozenset(dxl.rows_of(packet)[1]) if packet.code == dxl.SYNC_WRITE else self._driven

@@ -126,11 +126,11 @@ class StretchServer:
         self._frost.freeze(seconds)
 
     def order(self, words: Sequence[str]) -> bool:
-        """Carry out a control line.
+        """Carry out a control line. Return False if it is unknown. JOINT is the name of a joint.
 
-        ``runstop on|off``; ``low-battery on|off``, also ``tilted``, ``cliff``, ``high-current``; ``homed JOINT
-        on|off``; ``contact JOINT on|off``; ``unplug-board NAME`` and ``plug-board NAME``, with the name of the
-        device.
+        ``runstop on|off``; ``low-battery on|off``, and in the same way ``tilted``, ``cliff`` and ``high-current``;
+        ``homed JOINT on|off``; ``contact JOINT on|off``; ``unplug-board NAME`` and ``plug-board NAME``, with the
+        name of the board's device.
         """
         match words:
             case ["runstop", "on" | "off" as how]:
@@ -196,7 +196,7 @@ def commands_first(waiting: Mapping[str, deque[ReceivedFrame]]) -> Iterator[tupl
 
 
 class _Deaf:
-    """Ignores the bytes of a port, because the pass over all ports reads them."""
+    """Ignores the bytes of a port, because ``_sweep`` reads and decodes the bytes of all ports together."""
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         return iter(())

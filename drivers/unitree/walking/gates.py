@@ -1,4 +1,4 @@
-"""The conditions under which a robot may walk, and checks of its commands, as pure functions."""
+"""The conditions for walking (checks of the robot's state) and the checks of its commands, as pure functions."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ WALKS_ELSEWHERE = "make it with level='sport' to walk"
 
 
 def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
-    """Return the conditions in the order in which they are checked. The first refusal is reported.
+    """Return the conditions, in the order in which they are checked. A condition is a check of the robot's state
+    that must pass while the robot is commanded. The first one that fails is reported.
 
     The robot stays armed after a refusal that one of its services can resolve, such as ``stand_up()``.
     """
@@ -55,7 +56,8 @@ def released(observation: Observation, now_ns: int) -> Refused | None:
 
 
 class Walks:
-    """Conditions that depend on the mode that the robot reports."""
+    """Conditions for walking (checks that return a refusal, or None to pass) that depend on the mode that the
+    robot reports."""
 
     def __init__(self, dialect: Dialect) -> None:
         self._dialect = dialect

@@ -66,7 +66,7 @@ class WalkingSession(RobotSession):
             self.ask_mode()
 
     def sent(self, order: Order) -> None:
-        """Remember a velocity that was sent, and forget refusals of earlier velocities."""
+        """Store a velocity request that was sent, and discard the robot's answers to earlier velocity requests."""
         if self.moves != [order]:
             for earlier in self.moves:
                 self.link.refused.pop(earlier, None)

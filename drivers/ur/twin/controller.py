@@ -285,8 +285,8 @@ class Controller:
             self.program.react_to_inputs()
 
     def _write_panel(self, values: Mapping[str, p.Value]) -> None:
-        """Set the speed slider and the digital and analog outputs, as far as the masks in ``values`` select
-        them."""
+        """Set the speed slider and the digital and analog outputs that a client has written. The masks in
+        ``values`` select which of them change."""
         if values.get("speed_slider_mask"):
             self.speed_slider = max(0.0, min(1.0, _scalar(values.get("speed_slider_fraction", 1.0))))
         for bank, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):

@@ -90,7 +90,7 @@ class Controller:
 
     @property
     def runs(self) -> bool:
-        """Return True while a client of the real protocol can move the arm, and not the simulation."""
+        """Return True while a client of the real protocol can move the arm."""
         return bool(self.enabled) and self.state in (*_RUNNING, State.PAUSED)
 
     @property
@@ -237,14 +237,15 @@ class Controller:
         self._target = [rad + rad_s * BRAKING_S for rad, rad_s in columns]
 
     def set_targets(self, goal: Sequence[float]) -> None:
-        """Set the target that the simulation commands."""
+        """Set the target that the simulation, another program on this computer, commands."""
         self._target = list(goal)
 
     def hold(self) -> None:
         self._halt()
 
     def let_simulation_move(self, on: bool) -> None:
-        """Let the simulation move the arm (``on``), or give the arm back to clients of the real protocol."""
+        """Let the simulation, another program on this computer, move the arm (``on``), or let the clients of the
+        real protocol move it again."""
         self.simulation_moves = on
         self._halt()
         self._set_brakes()

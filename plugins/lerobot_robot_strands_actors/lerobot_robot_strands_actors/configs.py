@@ -35,8 +35,8 @@ class StrandsConfig(RobotConfig):
 
 @dataclass(kw_only=True)
 class LocalConfig(StrandsConfig):
-    """Options of a robot on this host. A subclass is generated for each type of robot, and its ``ROBOT`` is
-    the type."""
+    """Options of a robot on this host. A subclass is generated for each type of robot, and its attribute
+    ``ROBOT`` has the name of the type."""
 
     ROBOT: ClassVar[str] = ""
 

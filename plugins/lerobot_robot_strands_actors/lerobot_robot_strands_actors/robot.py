@@ -234,7 +234,7 @@ class StrandsRobot(Robot):
 
 
 def _last_word(stopped: Any, ended: Any) -> Any:
-    """Return the result of ``stop`` or ``cleanup`` that reports the motors.
+    """Return the result that reports the state of each motor, which is that of ``cleanup`` or of ``stop``.
 
     For a robot on this host, ``cleanup`` stops the robot again and reports its motors. For a robot on another
     host, ``cleanup`` only disconnects, so the result of ``stop`` is returned.

@@ -201,7 +201,7 @@ class AsyncRobot:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Awaitable[Answer]]:
-            """Return a service or a verb of the driver as a method."""
+            """Return a service or a verb (command) that the driver declares, as a method."""
             plan = self.__dict__.get("_plan")
             if find_verb(self.__dict__.get("driver"), name) and not verbs.is_service(plan, name):
                 return functools.partial(self.command, name)
@@ -349,7 +349,7 @@ async def open_robot(
 
 @contextlib.asynccontextmanager
 async def open_tree(robot_plan: Plan, arm: bool = True) -> AsyncIterator[RobotTree]:
-    """Open a robot as ``open_robot`` does, and yield its ``RobotTree``.
+    """Open a robot as ``open_robot`` does, and yield its ``RobotTree`` (the interface to its processes).
 
     The methods of ``RobotTree`` return typed messages, not the dicts of ``AsyncRobot``.
     """

@@ -221,7 +221,7 @@ class RealRobot(RobotTool):
     # -- lifecycle
 
     def connect_eagerly(self) -> str | None:
-        """Start the robot's processes, connect, and arm at the measured position.
+        """Start the robot's processes, connect, and energise (arm) the robot at its measured position.
 
         With ``Robot(..., arm=False)`` it connects only, and energises nothing.
 
@@ -242,7 +242,7 @@ class RealRobot(RobotTool):
         return _with_verb(CLEANED_UP if self._closed else self._connect_first())
 
     def _connect_now(self) -> str | None:
-        """Connect. Return None, or why it failed, without the name of the verb."""
+        """Connect. Return None, or why it failed, as text without the name of the verb."""
         if self._closed:
             return CLEANED_UP
         try:
@@ -551,10 +551,10 @@ class RealRobot(RobotTool):
         path. In a forked child the command line stops the robot, which takes half a second.
 
         Returns:
-            A success only if every motor confirmed its safe state. Keys: ``stopped``, ``reason``,
-            ``safe_state``, ``path`` (``wire`` or ``stop_channel``), ``took_ms``, ``unconfirmed`` (joints),
-            ``note``, and ``motors``: by joint ``id``, ``written``, ``acknowledged``, ``safe``, ``detail``. An
-            error has the same keys if a report came.
+            A success only if every motor confirmed its safe state. Keys: ``stopped``, ``reason``, ``safe_state``,
+            ``path`` (``wire`` for the usual connection, ``stop_channel`` for the separate path), ``took_ms``,
+            ``unconfirmed`` (joints), ``note``, and ``motors``: by joint ``id``, ``written``, ``acknowledged``,
+            ``safe``, ``detail``. An error has the same keys if a report came.
         """
         return self._now_or_soon(lambda: self._stop_now("stop"), verbs.stop, "stop")
 
@@ -566,8 +566,9 @@ class RealRobot(RobotTool):
         Returns:
             A success, also if the robot does not answer. Keys, among others: ``connected``, ``connect_error``,
             ``state`` (such as ``armed``, or ``unreachable``), ``cause`` (why the robot is in this state),
-            ``locked_by``, ``lease`` (its holder), ``observation_age_s``, ``last_refusal``, ``faults`` by joint,
-            ``sensors``, ``fallbacks`` (safe state by reason), ``unit``.
+            ``locked_by`` (the sender of an e-stop), ``lease`` (the holder of the right to command),
+            ``observation_age_s``, ``last_refusal``, ``faults`` by joint, ``sensors``, ``fallbacks`` (safe state by
+            reason), ``unit``.
         """
         return self._now_or_soon(self._get_status, verbs.get_status, "status")
 
@@ -577,7 +578,8 @@ class RealRobot(RobotTool):
         The robot is energised at its measured position. No motion starts.
 
         Returns:
-            Keys: ``armed``, ``epoch``, ``position`` by joint, as measured.
+            Keys: ``armed``, ``epoch`` (a counter that each stop, hold and arming raises, so that older setpoints
+            are refused), ``position`` by joint, as measured.
         """
         return self._verb(verbs.resume, "resume")
 
@@ -845,8 +847,9 @@ class RealRobot(RobotTool):
         """Return the robot's processes and actors, as ``strands-actors tree --json`` prints them.
 
         Returns:
-            Keys: ``robot``, ``state`` (``unreachable`` if the processes do not answer), ``epoch``,
-            ``locked_by``, ``processes``, ``actors``. None if this program has not connected.
+            Keys: ``robot``, ``state`` (``unreachable`` if the processes do not answer), ``epoch`` (a counter that
+            each stop, hold and arming raises), ``locked_by`` (the sender of an e-stop), ``processes``, ``actors``.
+            None if this program has not connected.
         """
         tree = self._tree
         if self._forked is not None:

@@ -55,7 +55,9 @@ def complete(report: TreeReport, table: Mapping[int, Entry] | None = None) -> Tr
 
 
 def _listed_ancestor(pid: int, table: Mapping[int, Entry], roles: Mapping[int, str]) -> str:
-    """Return the role of the nearest ancestor in ``roles``; empty if there is no such ancestor."""
+    """Return the role (by process id in ``roles``) of a process or of its nearest ancestor with a role; empty if
+    no role is found.
+    """
     ancestor: int | None = pid
     while ancestor is not None and ancestor not in roles:
         ancestor = table[ancestor].parent if ancestor in table else None

@@ -1,4 +1,6 @@
-"""Open a zenoh node of this process, for programs that start, watch or command robots."""
+"""Open a node (the actors of this process, connected to others by zenoh), for programs that start, watch or
+command robots.
+"""
 
 from __future__ import annotations
 
@@ -35,8 +37,8 @@ async def open_node(
     secret: str = "",
     private: Sequence[str] = (),
 ) -> AsyncIterator[tuple[Node, trio.Nursery]]:
-    """Open a zenoh node for a block. Yield the node, and a nursery that ends with the block. Threads may use
-    the node, too.
+    """Open a node (the actors of this process, connected to others by zenoh) for a block. Yield the node, and a
+    nursery that ends with the block. Threads may use the node, too.
 
     Args:
         name: Name of the node.

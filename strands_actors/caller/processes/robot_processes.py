@@ -175,13 +175,13 @@ class Processes(ABC):
             self.node.mesh.forget(self.gate.address, "this robot was cleaned up")
 
     async def wait_linked(self, patience_s: float = 0.0) -> Status:
-        """Wait until the link to the robot is up, and return the status.
+        """Wait until the wire process is connected to the robot, and return the gate's status.
 
         Args:
-            patience_s: Seconds to wait for a lost link to come back.
+            patience_s: Seconds to wait for a lost connection to come back.
 
         Raises:
-            NotConnected: The root process has ended, the link is lost, or the timeout has passed.
+            NotConnected: The root process has ended, the connection is lost, or the timeout has passed.
         """
         began = trio.current_time()
         within_s = max(CONNECT_S, self.driver.timing.silent_s)

@@ -154,8 +154,8 @@ class LockFile:
             return False
 
     def close(self) -> None:
-        """Close the file. A root that has inherited it keeps the lock as long as it runs. A second call
-        changes nothing."""
+        """Close the file. A root process (the supervisor) that has inherited it keeps the lock as long as it runs.
+        A second call changes nothing."""
         with _forking:
             fd, self.fd = self.fd, -1
             _lock_files.discard(self)
@@ -205,11 +205,13 @@ class Name:
 
     @property
     def lock_fd(self) -> int:
-        """Return the descriptor that a root inherits."""
+        """Return the descriptor of the locked file, which the robot's root process (the supervisor) inherits."""
         return self._lock.fd
 
     def socket(self, role: str) -> str:
-        """Return the path of the socket of a process. Raise ``ValueError`` if it is too long."""
+        """Return the path of the socket of one of the robot's processes, given by its role. Raise ``ValueError``
+        if it is too long.
+        """
         path = socket_path(run_dir(), self.name, role)
         if len(path.encode()) > MAX_SOCKET_PATH:
             raise ValueError(
@@ -233,7 +235,7 @@ class Name:
         draft.replace(target)
 
     def release(self) -> None:
-        """Close the file. The root keeps the lock as long as it runs."""
+        """Close the locked file. The robot's root process (the supervisor) keeps the lock as long as it runs."""
         self._lock.close()
 
 

@@ -36,7 +36,8 @@ def label_of(robot: str) -> str:
 
 
 def strays() -> list[Stray]:
-    """Return the root processes of this run directory that have no note and are not just starting.
+    """Return the root processes of this run directory that have no note (a file on how to reach the robot) and are
+    not just starting.
 
     The list is empty on systems that do not show the arguments of processes.
     """

@@ -54,7 +54,7 @@ class TreeProcesses(Processes):
     ``guardian`` (stops the robot if the gate does not), ``root`` and ``tasks``.
 
     Args:
-        node: The caller's node.
+        node: The caller's node (the actors of its process).
         nursery: The nursery for the tasks of this object.
         entrance: The address at which ``node`` listens.
         plan: The processes to start.
@@ -220,8 +220,8 @@ class TreeProcesses(Processes):
         return self.cameras.begin(self.robot, plan.robot, label_of(self.robot), port, control, plan.options)
 
     def _drill(self, port: str) -> dict[str, Any]:
-        """Return the option by which the gate refuses motion without a recent stop drill; {} if it needs no
-        drill.
+        """Return the option by which the gate refuses motion without a recent stop drill (a test that faults stop
+        the robot); {} if it needs no drill.
         """
         plan = self.plan
         if plan.drill_age_s is None:

@@ -217,7 +217,7 @@ def _between(start: float, end: float, share: float) -> float:
 
 
 def is_place(driver: Driver, index: int) -> bool:
-    """Return True if an axis is commanded by position. A driver without a table has only such axes."""
+    """Return True if an axis is commanded by position. A driver without a table of axes has only such axes."""
     return not driver.table or driver.table[index].mode is AxisMode.POSITION
 
 

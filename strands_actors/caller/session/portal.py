@@ -1,4 +1,5 @@
-"""The background thread of a program: a trio loop with a node and a mesh (connections to the robots).
+"""The background thread of a program: a trio loop with a node (the actors of this process) and a mesh (the
+connections to the robots).
 
 All robots of the program share it. It is a daemon thread. When the script ends for any reason, the thread keeps
 neither the process alive nor its right to command. The robots' processes notice the end of the script and make
@@ -124,8 +125,8 @@ class Portal:
 
 @contextlib.asynccontextmanager
 async def open_caller() -> AsyncIterator[tuple[Node, trio.Nursery, Entrance]]:
-    """Open a node with a mesh, for a process that starts robots. Raise ``OSError`` if the system allows too
-    few open files."""
+    """Open a node (the actors of this process) that other processes can connect to, for a process that starts
+    robots. Raise ``OSError`` if the system allows too few open files."""
     require(FOR_LOOP + FOR_ROBOT)
     # A program may have several nodes, in one loop or in several, so number them.
     number = next(_callers)

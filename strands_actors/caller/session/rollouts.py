@@ -45,7 +45,7 @@ START_S = 2.0
 
 
 class TaskEnd(NamedTuple):
-    """A rollout that has ended.
+    """A rollout (a policy or motion) that has ended.
 
     Attributes:
         status: The last status of the rollout.
@@ -59,7 +59,7 @@ class TaskEnd(NamedTuple):
 class Rollouts:
     """The rollouts (policies and motions) of one robot.
 
-    Only the trio loop of the tree may call it, except ``running``.
+    Only the trio loop of the ``RobotTree`` may call it, except ``running``.
     """
 
     def __init__(self, processes: Processes, writer: Writer, driver: Driver) -> None:
@@ -168,9 +168,9 @@ class Rollouts:
     async def _never_started(self, tasks: ActorRef, failure: AskTimeout | Unreachable) -> Refused:
         """Undo the start of a policy that was not answered in time, and return the refusal.
 
-        The policy must not start late, so the robot is stopped. After the stop, the gate gives the policy no
-        lease that is based on the caller's present lease. So a policy that has started, or still starts, cannot
-        command the robot.
+        The policy must not start late, so the robot is stopped. After the stop, the gate gives the policy no lease
+        (right to command) that is based on the caller's present lease. So a policy that has started, or still
+        starts, cannot command the robot.
         """
         tasks.tell(StopTask())
         reason = busy.explained(str(failure))
@@ -280,11 +280,13 @@ class Rollouts:
 
     @property
     def running(self) -> bool:
-        """Return True if a rollout runs, by its last status. Any thread may call it, since it asks no process."""
+        """Return True if a rollout (policy or motion) runs, by its last status. Any thread may call it, since it
+        asks no process.
+        """
         return self._task.running
 
     async def refuse(self, verb: str, reason: str = "a task is running") -> Refused | None:
-        """Return the refusal of a command while a rollout runs; None if no rollout runs."""
+        """Return the refusal of a command while a rollout (policy or motion) runs; None if no rollout runs."""
         if (await self.task()).running:
             return Refused(Code.RUNNING, reason, "call stop_task() first", verb=verb)
         return None
@@ -315,7 +317,7 @@ class Rollouts:
         return TaskEnd(self._task, result)
 
     async def _safety(self) -> StopResult:
-        """Ask the gate for the result of the last stop or hold."""
+        """Ask the gate, which checks each command, for the result of the last stop or hold."""
         processes = self._processes
         try:
             answer = await processes.gate.ask(GetSafety(), processes.patience.stop_s)
@@ -326,7 +328,8 @@ class Rollouts:
     async def _hold(self) -> StopResult:
         """Let the robot hold its position, to end the target of a policy.
 
-        The gate does it. If the gate does not answer or refuses, the root process stops the robot.
+        The gate, which checks each command, does it. If the gate does not answer or refuses, the root process
+        stops the robot.
         """
         processes = self._processes
         try:
@@ -338,7 +341,8 @@ class Rollouts:
         return await processes.make_safe(Reason.POLICY, processes.holder, False)
 
     async def end_without_lease(self) -> None:
-        """End a rollout that lost its lease when the caller acquired a new one.
+        """End a rollout (policy or motion) that lost its lease (right to command) when the caller acquired a new
+        one.
 
         The rollout may not have noticed the loss yet.
         """
@@ -353,7 +357,7 @@ class Rollouts:
             self.end("stop")
 
     def end(self, reason: str) -> None:
-        """End the rollout after the robot was stopped.
+        """End the rollout (policy or motion) after the robot was stopped.
 
         A policy of this process is cancelled. A policy of another process gets a message, since it may not notice
         the stop before the robot is resumed. In both cases the status then shows an ended rollout.

@@ -63,7 +63,7 @@ class RobotTree:
     except for the methods ``..._here``.
 
     Args:
-        node: The caller's node.
+        node: The caller's node (the actors of its process).
         nursery: Tasks of the tree run in it.
         entrance: The address at which ``node`` listens.
         plan: The processes to start.
@@ -103,7 +103,7 @@ class RobotTree:
 
     @property
     def clock(self) -> Clock:
-        """Return the clock of the node."""
+        """Return the clock of the caller's node (the actors of its process)."""
         return self._processes.node.clock
 
     @property
@@ -239,7 +239,7 @@ class RobotTree:
     async def perform(
         self, service: str, arguments: Mapping[str, Any], action: Mapping[str, Any] | None = None
     ) -> Performed | Refused:
-        """Run a service of the driver (``Driver.SERVICES``), under this caller's lease.
+        """Run a service of the driver (``Driver.SERVICES``), under this caller's lease (right to command).
 
         Args:
             service: Name of the service.
@@ -297,7 +297,8 @@ class RobotTree:
         return Stop(reason, self._processes.holder, lock)
 
     async def _stopped(self, stop: Stop, answer: Message | None) -> StopResult:
-        """Return the result of a stop. If the gate has not stopped the robot, the root process stops it.
+        """Return the result of a stop. If the gate (it checks each command) has not stopped the robot, the root
+        process stops it.
 
         The gate refuses a stop only if it has ended, has crashed, or its queue is full. The robot is then not
         stopped. For a robot of another host a refusal is the result, since this host cannot kill the wire
@@ -371,8 +372,8 @@ class RobotTree:
         Args:
             stops: ``self._stops`` at the time of the request. A greater number now means that this caller
                 has stopped the robot since.
-            requested_ns: Time of the request. The gate refuses if anyone has stopped the robot since. lift: True
-                lifts the lock of an e-stop, too.
+            requested_ns: Time of the request. The gate refuses if anyone has stopped the robot since.
+            lift: True lifts the lock of an e-stop, too.
         """
         self._processes.require_open()
         if self._stops != stops:

@@ -23,8 +23,8 @@ STALE = (Code.STALE_EPOCH, Code.NO_LEASE, Code.LEASE)
 
 
 class Writer:
-    """Acquire, keep and release the lease (the right to command) of one program. Only the trio loop of the tree
-    may call it.
+    """Acquire, keep and release the lease (the right to command) of one program. Only the trio loop of the
+    ``RobotTree`` may call it.
 
     Args:
         processes: The robot's processes.
@@ -42,7 +42,7 @@ class Writer:
         self._liveness = liveness
 
     async def acquire(self) -> Refused | None:
-        """Acquire the lease, or acquire it again. Return None, or the refusal."""
+        """Acquire the lease (the right to command), or acquire it again. Return None, or the refusal."""
         processes = self._processes
         request = Acquire(processes.holder, pid=os.getpid(), again=self.lease.id if self.lease else 0)
         # A gate that brings the robot into a hold answers only when the robot holds.
@@ -54,7 +54,9 @@ class Writer:
         return answer if isinstance(answer, Refused) else Refused(Code.LEASE, "no lease")
 
     async def release(self) -> StopResult:
-        """Release the lease, if it is held. Return the result of the hold that follows."""
+        """Release the lease (the right to command), if it is held. Return the result of the hold that follows,
+        otherwise that of the last stop.
+        """
         lease, self.lease = self.lease, None
         processes = self._processes
         request = GetSafety() if lease is None else Release(lease.id)
@@ -65,7 +67,9 @@ class Writer:
         return stop_result.of_answer("release", answer, processes.driver.axes)
 
     async def beat(self) -> None:
-        """Send heartbeats for ever, while the caller's program is alive. Without them the lease ends."""
+        """Send heartbeats for ever, while the caller's program is alive. Without them the lease (the right to
+        command) ends.
+        """
         while True:
             await trio.sleep(BEAT_S)
             alive, answered_ago_s = self._liveness()

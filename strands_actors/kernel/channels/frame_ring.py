@@ -60,7 +60,7 @@ class Shot(NamedTuple):
 
 
 class _Slots:
-    """A few slots in a row.
+    """A few slots in a row, with one picture each.
 
     Args:
         memory: The mapped file.
@@ -103,7 +103,9 @@ class _Slots:
         self._words[self._newest] = number
 
     def captured_ns(self) -> int:
-        """Return when the newest picture was captured, or 0 if there is no picture or it is being replaced."""
+        """Return the time at which the newest picture was captured (ns of the monotonic clock); 0 if there is no
+        picture or it is being replaced.
+        """
         number = self.newest
         start = self.place(number)
         head = self._memory[start : start + HEAD].cast("q")
@@ -261,7 +263,9 @@ class FrameRing:
 
     @property
     def captured_ns(self) -> int:
-        """Return when the newest picture was captured, or 0 if there is no picture or it is being replaced."""
+        """Return the time at which the newest picture was captured (ns of the monotonic clock); 0 if there is no
+        picture or it is being replaced.
+        """
         return self._pictures.captured_ns()
 
     def read(self) -> Shot | None:
@@ -276,7 +280,9 @@ class FrameRing:
 
     @property
     def beaten_ns(self) -> int:
-        """Return when the source last reported that it is alive; 0 for never."""
+        """Return the time at which the source last reported that it is alive (ns of the monotonic clock); 0 for
+        never.
+        """
         beaten_ns: int = self._words[_BEAT]
         return beaten_ns
 
@@ -288,7 +294,7 @@ class FrameRing:
 
     @property
     def description(self) -> bytes:
-        """Return the last description of the picture source."""
+        """Return the last description that the source of the pictures has written of itself, as bytes."""
         for _ in range(TRIES):
             version = self._words[_DESCRIPTION]
             _in_order()

@@ -39,7 +39,7 @@ def packet_of(data: bytes, descriptors: int = 0) -> bytes:
 
 
 class Link:
-    """One end of a link.
+    """One end of a link (the inherited socket between a parent process and its child).
 
     Args:
         node: The node of this process. It receives the frames.

@@ -19,7 +19,7 @@ MessageTypes = frozenset[type[Message]] | None
 
 
 class Channel(NamedTuple):
-    """The permissions of one channel.
+    """The permissions of one channel (a connection between two processes).
 
     Attributes:
         name: Written into the field ``channel`` of messages that have it. Empty for a channel with the rights

@@ -61,7 +61,7 @@ class Received(msgspec.Struct, frozen=True):
 
     @property
     def asker(self) -> str:
-        """Return the name of the sender of a question: the last part of its key."""
+        """Return the name of the sender of a question: the last part of the question's key."""
         return self.key.rpartition("/")[2]
 
 
@@ -255,7 +255,7 @@ class PubSub:
             self._ready[key] = self._session.declare_publisher(key, encoding=_encoding(schema), **_URGENT)
 
     def declare_token(self, key: str) -> None:
-        """Declare a liveliness token, which stays as long as this session."""
+        """Declare a liveliness token, a key that other sessions see as long as this session is open."""
         if key not in self._tokens:
             self._tokens[key] = self._session.liveliness().declare_token(key)
 
@@ -283,7 +283,9 @@ class PubSub:
         self._listen(key, handler, keep, lambda into: self._session.declare_subscriber(key, into), at_once)
 
     def watch_tokens(self, key: str, handler: Callable[[Received], None], keep: int = 1024) -> None:
-        """Call ``handler`` for each liveliness token that exists, appears or disappears."""
+        """Call ``handler`` for each liveliness token (a key that shows that a session is open) that exists,
+        appears or disappears.
+        """
         liveliness = self._session.liveliness()
         self._listen(key, handler, keep, lambda into: liveliness.declare_subscriber(key, into, history=True))
 

@@ -42,7 +42,7 @@ class Session(Protocol):
 
 
 class _Calls:
-    """Counts the calls of zenoh's that are under way: ``with calls: publisher.put(data)``."""
+    """Counts the calls into zenoh that have not returned yet: ``with calls: publisher.put(data)``."""
 
     def __init__(self) -> None:
         self.under_way: deque[None] = deque()
@@ -117,7 +117,9 @@ def leave() -> None:
 
 
 def _forget_in_child() -> None:
-    """Clear the counts in a forked child. Only the forking thread exists there, so no call is under way."""
+    """Clear the counts in a forked child. Only the forking thread exists there, and it is not in a call into
+    zenoh.
+    """
     calls.under_way.clear()
     _callbacks.clear()
 

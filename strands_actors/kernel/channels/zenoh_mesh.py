@@ -139,7 +139,7 @@ class ZenohMesh:
         self.announce(address, True)
 
     def attach(self, node: Node, tokens: str = EVERYBODY) -> None:
-        """Make this the mesh of a node, and announce its actors.
+        """Make this the mesh of a node (the actors of this process), and announce its actors.
 
         Args:
             node: The node of this process.
@@ -251,9 +251,9 @@ class ZenohMesh:
     def _declare(self, to: str, urgent: bool) -> zenoh.Publisher:
         """Declare a publisher.
 
-        Messages of one sender and lane keep their order. No message is dropped when a queue is full, since a
-        stop may be among them. Urgent messages are sent at once (express). The others are sent in batches, so
-        that three times as many can be sent per second.
+        Messages of one sender and lane (urgent, command or latest) keep their order. No message is dropped when a
+        queue is full, since a stop may be among them. Urgent messages are sent at once (express). The others are
+        sent in batches, so that three times as many can be sent per second.
         """
         return self._session.declare_publisher(
             to,
@@ -354,7 +354,9 @@ async def _open(
 
 
 def _show(shown: zenoh.Publisher, data: bytes) -> None:
-    """Publish a frame without its content, for the public trace. The content may hold a lease."""
+    """Publish a frame without its content, for the public trace. The content may have a lease (the right to
+    command), which must stay secret.
+    """
     # zenoh's type stubs wrongly declare this as bool.
     status: Any = shown.matching_status
     if status.matching and (content := outline(data)) is not None:

@@ -22,7 +22,7 @@ _BYTES = PLACES * _ROOM * 8
 
 
 class Word:
-    """One number on a page, of 64 bits with a sign. It begins as 0."""
+    """One number on a page (memory with the heartbeats of processes), of 64 bits with a sign. It begins as 0."""
 
     __slots__ = ("_index", "_words")
 
@@ -47,7 +47,7 @@ class Heartbeat:
     __slots__ = ("_own", "_peer", "_words")
 
     def __init__(self, words: memoryview, own: int, peer: int) -> None:
-        """Use two places on a page: one for the own heartbeat, and one for that of the other end."""
+        """Use two places on a page of heartbeats: one for the own heartbeat, and one for that of the other end."""
         self._words = words
         self._own = own * _ROOM
         self._peer = peer * _ROOM
@@ -67,7 +67,7 @@ class Heartbeat:
 
 
 def new_page() -> int:
-    """Make a page and return its descriptor, which is passed to child processes."""
+    """Make a page of shared memory for heartbeats. Return its descriptor, which is passed to child processes."""
     if sys.platform == "linux":
         fd = os.memfd_create("heartbeat")
     else:
@@ -78,12 +78,12 @@ def new_page() -> int:
 
 
 def words_of(fd: int) -> memoryview:
-    """Map the page of a descriptor, which may be closed afterwards."""
+    """Map the page of heartbeats behind a descriptor, which may be closed afterwards."""
     return memoryview(mmap.mmap(fd, _BYTES)).cast("q")
 
 
 def private_page() -> memoryview:
-    """Return a page of this process alone."""
+    """Return a page for heartbeats that only this process can read and write."""
     return memoryview(bytearray(_BYTES)).cast("q")
 
 

@@ -42,7 +42,7 @@ class ProcessorUse(msgspec.Struct, frozen=True, gc=False):
 
 
 class Life(NamedTuple):
-    """The state of a process, by its main thread.
+    """Whether a process is suspended (``stopped``) or ending (``dying``), by its main thread.
 
     Both fields are False if the system does not report the state, or if the process is gone.
     """
@@ -54,7 +54,7 @@ class Life(NamedTuple):
 
 
 def life_of(pid: int) -> Life:
-    """Return the state of a process.
+    """Return whether a process is suspended or ending.
 
     Source: proc(5), /proc/pid/stat: the state, the flags and the pending signals.
     """
@@ -95,7 +95,7 @@ def _life(stat: bytes) -> Life:
 
 
 def is_stopped(pid: int) -> bool:
-    """Return True if the system has stopped a process."""
+    """Return True if a process is suspended by a signal (SIGSTOP) or a debugger."""
     return life_of(pid).stopped
 
 

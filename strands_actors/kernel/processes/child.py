@@ -131,7 +131,9 @@ def report_failure(subject: str, error: BaseException) -> None:
 
 
 def _specification(sock: socket.socket) -> ChildSpecification:
-    """Receive the specification. Raise ``EOFError`` if the parent ended before it had sent all of it."""
+    """Receive the specification (the function to run, and its arguments). Raise ``EOFError`` if the parent ended
+    before it had sent all of it.
+    """
     begun, descriptors, _, _ = socket.recv_fds(sock, SIZE_BYTES, MAX_DESCRIPTORS)
     size = int.from_bytes(_receive(sock, SIZE_BYTES, begun), "little")
     specification = msgspec.msgpack.decode(_receive(sock, size), type=ChildSpecification)

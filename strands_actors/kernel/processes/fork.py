@@ -77,7 +77,8 @@ class Forked:
 
 
 class ForkedAhead:
-    """One child that is forked in advance, and waits for its specification while a robot connects.
+    """One child that is forked in advance, and waits for its specification (the function to run) while a robot
+    connects.
 
     Args:
         name: Process name of the waiting child, as arguments of ``take_name``. Without a name it keeps its
@@ -92,8 +93,8 @@ class ForkedAhead:
             self._child: Forked | None = Forked(fork_child(theirs.fileno(), keep, session, name))
 
     def start(self, entry: str, args: Mapping[str, Any], descriptors: Sequence[int] = ()) -> ChildProcess | None:
-        """Send the child its specification, as ``process.start`` does. Return None if it was started before or
-        has ended."""
+        """Send the child its specification (the function to run), as ``process.start`` does. Return None if it was
+        started before or has ended."""
         forked, self._child = self._child, None
         if forked is None or forked.poll() is not None:
             return None

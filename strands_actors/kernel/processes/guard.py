@@ -42,11 +42,11 @@ def unapproved(
 
 
 def not_approved(names: Iterable[str], cause: str, can_ask: bool = True) -> Refused:
-    """Return the refusal for names without approval.
+    """Return the refusal of a command, because an operator has not approved some names in it.
 
     Args:
-        names: The refused names.
-        cause: The reason, for people.
+        names: The names without approval (verbs, or keys of an action).
+        cause: Why there is no approval, for people.
         can_ask: True if the program could pass ``approve=``. On the mesh that is not possible.
     """
     shown = ", ".join(names)

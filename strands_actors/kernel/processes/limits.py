@@ -51,7 +51,9 @@ class PolicyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
             )
 
     def apply(self) -> None:
-        """Apply the limits to this process for good. Raise ``OSError`` or ``ValueError``."""
+        """Apply the limits to this process for good. Raise ``OSError`` or ``ValueError`` if the system refuses
+        one.
+        """
         if self.processors is not None:
             # Take the last processors, since the first ones are the busiest.
             processors = sorted(os.sched_getaffinity(0))[-self.processors :]

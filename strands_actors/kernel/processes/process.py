@@ -111,8 +111,8 @@ class ChildProcess(ABC):
         """Stop managing the child. It is still reaped when it ends."""
 
     def link(self, node: Router, channel: Channel | None = None) -> Link:
-        """Return the parent's end of the link. The caller must run its ``run``. ``channel`` has the permissions
-        of the child."""
+        """Return the parent's end of the link (the socket to the child). The caller must call its method ``run``.
+        ``channel`` has the permissions of the child."""
         self._linked = True
         return Link(node, self.socket, channel=channel)
 

@@ -44,7 +44,9 @@ _RAISED = (
 
 
 def raise_limits() -> None:
-    """Raise the soft limits of this process, and of its children, to the hard ones."""
+    """Raise the soft limits of this process and its children (open files, address space and so on) to the hard
+    ones.
+    """
     for limit in _RAISED:
         soft, hard = resource.getrlimit(limit)
         new_soft = hard
@@ -58,7 +60,9 @@ def raise_limits() -> None:
 
 
 class Reserve:
-    """The resources that one process holds in reserve. Nothing is reserved before ``begin``."""
+    """The open files and the address space that one process holds in reserve for a stop. Nothing is reserved
+    before ``begin``.
+    """
 
     def __init__(self) -> None:
         self._files: list[int] = []
@@ -68,11 +72,11 @@ class Reserve:
         self._has_successor: Callable[[], bool] = lambda: False
 
     def begin(self, has_successor: Callable[[], bool]) -> None:
-        """Reserve the resources.
+        """Reserve open files and address space for a stop.
 
         Args:
-            has_successor: Returns True if another process stops the robot when this one ends. Otherwise this
-                process stays and tries again.
+            has_successor: Returns True if another process stops the robot when this one ends. If it returns False,
+                a lack of resources does not end this process, and a stop that has failed is tried again.
         """
         self._begun, self._has_successor = True, has_successor
         # Not every system has this library.
@@ -83,7 +87,7 @@ class Reserve:
         self.check()
 
     def check(self) -> str:
-        """Reserve the resources that are missing in the reserve.
+        """Reserve the open files and the address space that are missing in the reserve.
 
         Returns:
             The resource that this process lacks, for people. Empty if the reserve is complete and a little more
@@ -112,7 +116,9 @@ class Reserve:
 
     @contextlib.contextmanager
     def freed(self) -> Iterator[None]:
-        """Free the reserved resources for a stop, and reserve them again afterwards."""
+        """Free the reserved files and address space within the block, for a stop, and reserve them again
+        afterwards.
+        """
         # Count the stop first, since another thread may check whether a stop uses the freed resources.
         self._stops += 1
         try:

@@ -107,7 +107,9 @@ class _Server:
         return self._answer
 
     async def hear(self) -> None:
-        """Handle the reports of the spawner. Return when the spawner has ended."""
+        """Handle the spawner's messages (of new children, and of children that have ended). Return when the
+        spawner has ended.
+        """
         try:
             await self._hear()
         finally:

@@ -81,12 +81,13 @@ Approve = Callable[[Request], bool]
 def approval_of(
     driver_class: type[Driver], guarded: Collection[str], approve: Approve | None, within_s: float
 ) -> Approval:
-    """Return the operator gate of a robot, with the names that its driver guards.
+    """Return the operator gate of a robot, which asks an operator before a guarded name (verb or key of an
+    action) is used. It also guards the names in the driver's ``GUARDED``.
 
     Args:
         driver_class: The driver.
         guarded: Further names to guard.
-        approve: Asks the operator.
+        approve: Function that asks the operator; None if there is no such function.
         within_s: Seconds for the operator's answer.
 
     Raises:
@@ -125,12 +126,13 @@ def _guardable(driver: Driver) -> tuple[str, ...]:
 
 
 class Approval:
-    """The operator gate of one robot.
+    """The operator gate of one robot, which asks an operator before a guarded name is used.
 
     Args:
         guarded: Names that need an approval: verbs, and keys of an action.
         approve: Function that asks the operator about a request. It runs in a separate thread, and only
-            ``True`` approves. If it is None, guarded requests are refused unless the environment allows them.
+            ``True`` approves. If it is None, a guarded request is refused unless an environment variable such
+            as ``STRANDS_ACTORS_ALLOW`` lists its names.
         within_s: Seconds for the operator's answer.
         topics: The ROS topic of each guarded name that has one.
 
@@ -190,8 +192,8 @@ class Approval:
 
         Args:
             request: The request.
-            keys: Keys of the action that the request leads to.
-            needs_approval: The verb is guarded, even if ``guarded`` does not name it.
+            keys: Keys of the action (command to the robot's axes) that the request would send.
+            needs_approval: True guards the verb, even if ``guarded`` does not name it.
         """
         guarded = self.guarded | {request.verb} if needs_approval else self.guarded
         names = unapproved(guarded, (request.verb, *keys), self._topics)

@@ -72,7 +72,8 @@ class Call:
 
     @property
     def action(self) -> dict[str, Any]:
-        """Return the command for the axes if the verb is an ``action``, or the targets if it is a ``move_to``."""
+        """Return the command for the robot's axes, as values by axis. For a ``move_to`` these are its
+        targets."""
         if self.verb.does == "move_to":
             return dict(self.inputs["targets"])
         return self.verb.command(self.inputs) if self.targets is None else dict(self.targets)

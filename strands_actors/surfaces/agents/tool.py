@@ -30,8 +30,8 @@ class RobotTool:
 
     @property  # type: ignore[misc]  # read-only, as far as anybody has a reason to write
     def __class__(self) -> type[RobotTool]:
-        """Register with ``AgentTool`` and return the type. ``isinstance`` asks for ``__class__`` when the
-        real type does not match."""
+        """Register the object's class with ``AgentTool``, and return this class. ``isinstance`` asks for
+        ``__class__`` when the real type does not match."""
         agent_tool = getattr(sys.modules.get(AGENT_TOOL), "AgentTool", None)
         if agent_tool is not None:
             agent_tool.register(type(self))

@@ -73,7 +73,7 @@ def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
 
 
 def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
-    """Return the command to which a call leads; None if it leads to no command."""
+    """Return the command for the robot's axes that a call of a verb sends; None if it sends no such command."""
     if call.verb.does in ("action", "move_to"):
         return call.action
     service = driver.SERVICES.get(call.verb.name) if call.verb.does == "service" else None

@@ -32,7 +32,8 @@ class Compressor:
         self.problem = ""
 
     def wants(self, now_ns: int) -> bool:
-        """Return True if a picture that arrives now should be compressed."""
+        """Return True if a picture that arrives now should be compressed, because JPEG pictures are requested
+        and the compressor is idle."""
         return not self._busy and not self._cannot and now_ns < self._ring.requested_until_ns
 
     async def compress(self, image: NDArray[numpy.uint8], captured_ns: int, number: int) -> None:

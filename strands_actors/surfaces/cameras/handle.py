@@ -50,8 +50,8 @@ class Cameras:
     def begin(
         self, robot: str, robot_type: str, label: str, port: str, control: str, options: Mapping[str, Any]
     ) -> list[dict[str, Any]]:
-        """Make a file of pictures for each camera, and return the descriptions by which the root process
-        starts the camera processes.
+        """Make a file of pictures for each camera, and return the descriptions by which the root process (which
+        starts the robot's other processes) starts the camera processes.
 
         Args:
             robot: The name of the robot.

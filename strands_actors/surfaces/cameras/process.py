@@ -116,7 +116,8 @@ class Camera(Actor):
             failures += 1
 
     async def _until_lost(self) -> tuple[str, str]:
-        """Open the source and read it until it fails. Return the new state and the reason."""
+        """Open the source and read it until it fails. Return the camera's new state (``refused`` or
+        ``unavailable``) and the reason."""
         source: PictureSource | None = None
         try:
             with _within(OPEN_S, "to open"):

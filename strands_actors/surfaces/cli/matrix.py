@@ -100,7 +100,8 @@ def _roles_of(robots: Iterable[str]) -> dict[str, tuple[str, ...]]:
 
 
 def _kept(out: Path) -> Columns:
-    """Return the columns of the existing page. New measurements replace those of the same robots.
+    """Return the columns (one per robot) of the page that an earlier run has written. New measurements replace
+    those of the same robots.
 
     Raises:
         Problem: The page cannot be written. This is checked before hours of measuring.

@@ -88,7 +88,8 @@ def locked_until(robot: str, problem: str) -> str:
 
 
 def _lock_the_next(robot: str, port: str = "") -> str:
-    """Lock a robot whose processes do not answer. The lock then applies when the robot is started again.
+    """Lock a robot after its processes have not answered. When the robot is started again, the lock prevents
+    its motion until a resume.
 
     Args:
         robot: The robot's name.

@@ -126,7 +126,7 @@ async def _resume(client: MeshClient, robots: list[str] | None) -> list[RobotRes
 
 
 def _lift(robot: str) -> RobotResult:
-    """Lift the lock of a robot that is not running."""
+    """Lift the lock that an e-stop has left on a robot that is not running. Return the result."""
     done, line = operate.lift(robot)
     return RobotResult(robot, done, line, {"lifted": done, "detail": line})
 
@@ -137,7 +137,7 @@ async def _each(
     verb: Callable[[str], Awaitable[RobotResult]],
     others: Iterable[str] = (),
 ) -> list[RobotResult]:
-    """Carry out a verb on several robots at the same time.
+    """Carry out a verb (stop or resume) on several robots at the same time, and return the result of each.
 
     Args:
         client: A client of the mesh, which knows the robots on the mesh.
@@ -158,8 +158,8 @@ async def _each(
 
 
 async def _insist(outcome: Outcome, verb: operate.Verb) -> RobotResult:
-    """If a robot of this user did not answer on the mesh, send the verb directly to the robot's processes. If
-    they cannot be reached, end them."""
+    """If a robot of this user did not answer on the mesh, send the verb (stop or e-stop) directly to the
+    robot's processes. If they cannot be reached, end these processes."""
     if outcome.outcome != "unreachable":
         return _tell(outcome)
     lost = [stray for stray in strays() if stray.robot == outcome.robot]

@@ -98,14 +98,14 @@ def serve_twin(
 
     Args:
         robot: The type of the robot or leader.
-        port_file: The file to which the twin writes its port or address.
-        log: The file for the frames on the wire, one JSON line each.
-        fault: A fault that the simulated robot has from the beginning: ``WORD``, or ``WORD:servo`` for one
-            servo.
+        port_file: The file to which the simulated robot writes its port or address.
+        log: The file for all messages between the driver and the simulated robot, one JSON line each.
+        fault: Name of a fault that the simulated robot has from the beginning, or ``name:servo`` with the
+            number of the only servo that has the fault.
         parent_fd: A file descriptor of a pipe or socket. The simulated robot ends shortly after the other end
             of it was closed.
         control: The path of a socket that moves the simulated joints, as if by hand.
-        options: ``KEY=VALUE`` options of the twin.
+        options: Options of the simulated robot, each as a text ``name=value``.
     """
     leader = leader_name(robot)
     driver_class = get_native_driver_class(robot) if leader is None else list_leaders()[leader]

@@ -50,7 +50,8 @@ async def _send(
 
 
 async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resume: bool, as_json: bool) -> str:
-    """Send the targets, and keep the lease for ``seconds``. Return why this failed, or an empty text.
+    """Send the targets, and keep the lease (the right to command) for ``seconds``. Return why this failed, or
+    an empty text.
 
     If targets of this robot expire quickly, they are sent again and again for ``seconds``.
     """

@@ -63,7 +63,8 @@ class Dataset:
     """A dataset that is open for writing. Only one process at a time can open it."""
 
     def __init__(self, root: Path, storage: Storage | None = None, accept_damage: bool = False) -> None:
-        """Open the dataset, move stray files away, and commit the finished episodes in staging.
+        """Open the dataset, move stray files (of no committed episode) away, and commit the finished episodes,
+        which are still in the staging folder.
 
         Args:
             root: The dataset's folder. It is created if it does not exist.
@@ -228,8 +229,8 @@ class Dataset:
     # -- stray files
 
     def _recover(self) -> None:
-        """Commit the finished episodes in staging. An episode that cannot be committed stays there, and
-        ``repair`` reports the reason."""
+        """Commit the finished episodes in the staging folder (make them part of the dataset). An episode that
+        cannot be committed stays in this folder, and ``repair`` reports the reason."""
         for folder in staged_folders(self.staging):
             if (folder / FINISHED).exists():
                 with contextlib.suppress(DatasetError):
@@ -287,7 +288,8 @@ class Dataset:
     # -- the commit
 
     def commit(self, folder: Path) -> Episode:
-        """Make a staged episode the next committed one. See the module's docstring for the steps.
+        """Move an episode from its staging folder into the dataset, as the next committed episode. See the
+        module's docstring for the steps.
 
         Args:
             folder: The episode's staging folder. It is removed at the end.

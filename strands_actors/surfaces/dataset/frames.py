@@ -125,7 +125,7 @@ class _History(deque[tuple[int, Value]]):
 
 
 class Assembler:
-    """Builds the frames of one recording, one per ``period_s``."""
+    """Builds the frames (rows and pictures) of one recording for a dataset, one every ``period_s`` seconds."""
 
     def __init__(self, axes: Axes, period_s: float) -> None:
         self._axes = axes
@@ -152,7 +152,8 @@ class Assembler:
     # -- the journal
 
     def add_entries(self, rows: Iterable[JournalRow]) -> None:
-        """Process new entries of the journal of the wire process, which writes to the robot."""
+        """Process new entries of the journal (list of messages and readings) of the wire process, which writes
+        to the robot."""
         for _, at_ns, row in rows:
             match row:
                 case Seen():
@@ -226,7 +227,7 @@ class Assembler:
         self._due.append(Due(at_ns, dict(pictures), dict(age_ms)))
 
     def count_missing(self, count: int = 1) -> None:
-        """Count frames that cannot be built as missing."""
+        """Add ``count`` frames that cannot be built to the number of missing frames."""
         self._gap += count
 
     def take_gap(self) -> int:

@@ -43,7 +43,7 @@ Line = TypeVar("Line")
 
 
 class Index:
-    """The episodes that a dataset has, by the number of episodes in ``info.json``.
+    """The committed episodes of a dataset. ``info.json`` states how many there are.
 
     Attributes:
         info: The decoded ``info.json``, or None if there is no such file.

@@ -21,13 +21,13 @@ from .run import Command, Onlooker
 async def serve_keys(
     robot: str, host: str, port: int, shown: Onlooker, command: Command, tell: Callable[[str], None]
 ) -> None:
-    """Serve the page, until cancelled.
+    """Serve the web page with the recorder's keys, until cancelled.
 
     Args:
         robot: The robot's name.
         host: The address to listen at.
         port: The TCP port.
-        shown: The source of the state that the page shows.
+        shown: The object that keeps the newest state of the recording, which the page shows.
         command: Called with the word of each pressed key and the time of the press.
         tell: Called with the URL of the page.
 

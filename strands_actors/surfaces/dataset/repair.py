@@ -17,7 +17,7 @@ from .storage import Storage
 
 
 class Repaired(msgspec.Struct, frozen=True):
-    """The result of a repair for one episode in staging.
+    """The result of a repair for one episode in the staging folder, which is not part of the dataset yet.
 
     Attributes:
         folder: The name of the episode's staging folder. If the recorder had finished the episode, so that it
@@ -144,7 +144,8 @@ class Unfinished(msgspec.Struct, frozen=True):
 
 
 def unfinished_in(root: Path) -> list[Unfinished]:
-    """Return the episodes in staging. No file is changed, since a recorder may be writing an episode."""
+    """Return the episodes in the staging folder, which are not part of the dataset yet. No file is changed,
+    since a recorder may be writing an episode."""
     episodes = []
     for folder in staged_folders(root / STAGING):
         since = round(time.time() - _written(folder), 1)

@@ -144,7 +144,7 @@ class Progress(msgspec.Struct, frozen=True):
 
 
 class DatasetSession:
-    """One recording of episodes. A ``Recorder`` delivers the robot's journal to it."""
+    """One recording of episodes. A ``Recorder`` delivers the robot's journal (its internal messages) to it."""
 
     def __init__(
         self,

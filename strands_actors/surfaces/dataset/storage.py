@@ -64,7 +64,7 @@ class Storage:
 
 
 class Lock:
-    """A lock on a folder, for one writing process at a time. The system releases it when the process
+    """A lock on a folder, for one writing process at a time. The operating system releases it when the process
     ends."""
 
     def __init__(self, folder: Path) -> None:

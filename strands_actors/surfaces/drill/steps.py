@@ -148,7 +148,8 @@ class Drill:
         )
 
     async def link_loss(self) -> StepResult:
-        """Let the cable be pulled and put back.
+        """Ask the operator to pull the robot's cable and to put it back. The link of a simulated robot is cut
+        without an operator.
 
         A stop can be confirmed only after the cable is back. The measured time begins at the last moment at
         which the link was seen, so the bound is the time without a cable plus ``RETURN_S``.
@@ -207,8 +208,8 @@ class Drill:
         yield
 
     async def _resume(self) -> Resumed | Refused:
-        """Resume the robot. Try for up to ``PATIENCE_S``, since a wire process that was just restarted needs
-        time."""
+        """Resume the robot. Try for up to ``PATIENCE_S``, since a wire process (which communicates with the
+        robot) that was just restarted needs time."""
         answer: Resumed | Refused = Refused(Code.NO_ANSWER, f"the robot was not resumed within {PATIENCE_S:g} s")
         with trio.move_on_after(PATIENCE_S):
             while True:
@@ -255,8 +256,8 @@ class Drill:
         report: StopReport | Refused | None,
         proves: tuple[str, ...],
     ) -> StepResult:
-        """Decide if a step was passed: by the report of the motors, by the mode (no motion before a resume),
-        and for a simulated robot by its log of frames."""
+        """Decide if a step was passed: by the motors' states in the report of the stop, by the mode (no motion
+        before a resume), and for a simulated robot by its log of frames."""
         if report is None:
             return self._failed(step, reason, bound_s, f"no process reported a safe state within {PATIENCE_S:g} s")
         if isinstance(report, Refused):
@@ -336,7 +337,7 @@ class Drill:
         return began_ns
 
     async def _report_of(self, since_ns: int, *reasons: Reason) -> StopReport | None:
-        """Wait up to ``PATIENCE_S`` for the report of a stop for one of these reasons. Return a confirmed
+        """Wait up to ``PATIENCE_S`` until the robot reports a stop for one of these reasons. Return a confirmed
         report if there is one, else an unconfirmed report, else None. While the cable is out, no stop can be
         confirmed."""
         best = None
@@ -375,7 +376,8 @@ class Drill:
 
 
 def _report_in(result: StopResult) -> StopReport | Refused:
-    """Return the report of a stop. If the stop has no report, return a refusal with the reason."""
+    """Return the report (with the state of each motor) in the result of a stop. If the result has no report,
+    return a refusal with the reason."""
     match result:
         case Confirmed(NothingRan(reason)):
             return Refused(Code.NOTHING_RAN, reason, verb="stop")
@@ -390,8 +392,8 @@ def _report_in(result: StopResult) -> StopReport | Refused:
 
 
 def exit_code(pid: int) -> int | None:
-    """Return the exit code of an ended process whose parent has not collected it yet. It is the last field of
-    /proc/PID/stat. None if it cannot be read."""
+    """Return the exit code of a process that has ended, and that its parent has not collected yet. It is the
+    last field of /proc/PID/stat. None if it cannot be read."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

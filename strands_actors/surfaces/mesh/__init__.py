@@ -2,7 +2,7 @@
 
 MeshConfig    how other programs reach a robot; by default only programs of its user on this host do
 open_mesh     join the mesh as a client: subscribe, send commands, stop (on trio)
-control       hold the lease of a robot on the mesh (on trio)
+control       hold the lease (the right to command) of a robot (on trio)
 
 For programs without trio:
 

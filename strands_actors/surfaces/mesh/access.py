@@ -28,8 +28,8 @@ TOPICS = (*(key("*", topic) for topic in (*TELEMETRY, camera_topic("*"))), EVENT
 
 
 def questions(name: str) -> tuple[str, ...]:
-    """Return the keys on which a peer of this name may send queries: commands in JSON, and messages to the
-    robot's gateway."""
+    """Return the keys on which a peer of this name may send queries: commands in JSON, and messages to
+    ``gateway``, the robot's actor that checks commands."""
     return command_key("*", name), key("*", f"actor/gateway/from/{name}")
 
 

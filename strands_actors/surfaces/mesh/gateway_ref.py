@@ -28,8 +28,9 @@ _NOT_KNOWN = Refused(
 
 
 class GatewayRef:
-    """A reference to the robot's gate. A robot that has restarted does not know the old session, and refuses
-    its commands. Then the clock is read again, and the command is sent once more."""
+    """A reference to the gate of a robot (the actor that checks commands). A robot that has restarted does not
+    know the session from before, and refuses its commands. Then the clock is read again, and the command is
+    sent once more."""
 
     def __init__(self, node: Node, robot: str, sender: str) -> None:
         actors = addresses.of(robot)

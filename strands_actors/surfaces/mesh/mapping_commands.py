@@ -81,8 +81,8 @@ def stops(command: Command) -> bool:
 
 
 async def peers(mesh: MeshClient, within_s: float = PRESENCE_S) -> list[dict[str, Any]]:
-    """Return the robots on the mesh. Each row has ``peer_id``, ``type``, ``age`` (seconds), ``reachable``,
-    and the robot's own presence message."""
+    """Return the robots on the mesh. Each row has ``peer_id``, ``type``, ``age`` (seconds since its presence
+    message has come), ``reachable`` (whether one has come), and the fields of this message."""
     presences: dict[str, tuple[float, dict[str, Any]]] = {}
 
     def hear(received: Received) -> None:

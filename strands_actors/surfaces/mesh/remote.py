@@ -36,7 +36,7 @@ RELEASE_S = 2.0
 
 
 class RemoteRobot:
-    """A robot whose lease this program holds. ``control`` makes it.
+    """A robot for which this program holds the lease (the right to command). ``control`` makes it.
 
     Attributes:
         robot: The name of the robot.
@@ -54,7 +54,7 @@ class RemoteRobot:
         self.oneshot_ttl_s: float | None = None
 
     async def acquire(self) -> Refused | None:
-        """Acquire the lease. Return None, or the refusal."""
+        """Acquire the lease (the right to command). Return None, or the refusal."""
         answer = await self._dated(
             lambda clock, deadline_ns: mesh_json.Acquire(clock=clock, deadline_ns=deadline_ns), COMMAND_S
         )
@@ -102,14 +102,14 @@ class RemoteRobot:
         return await self._mesh.stop(self.robot, by)
 
     async def resume(self, by: str = "") -> Refused | None:
-        """Energise the robot at the measured position and acquire the lease. This starts no motion. Return
-        None, or the refusal."""
+        """Energise the robot at the measured position and acquire the lease (the right to command). This starts
+        no motion. Return None, or the refusal."""
         answer = await self._mesh.resume(self.robot, by)
         return answer if isinstance(answer, Refused) else await self.acquire()
 
     async def release(self) -> Outcome:
-        """Release the lease, and return the result. If the robot is moving to a target, it holds its
-        position."""
+        """Release the lease (the right to command), and return the result. If the robot is moving to a target,
+        it holds its position."""
         lease, self._lease = self._lease, 0
         answer = await self._mesh.request(self.robot, mesh_json.Release(lease), RELEASE_S)
         if isinstance(answer, Refused):
@@ -117,7 +117,7 @@ class RemoteRobot:
         return outcome_of(self.robot, answer)
 
     async def beat(self) -> None:
-        """Send heartbeats that keep the lease, until cancelled."""
+        """Send heartbeats that keep the lease (the right to command), until cancelled."""
         while True:
             await trio.sleep(BEAT_S)
             if self._lease:
@@ -136,7 +136,7 @@ class RemoteRobot:
 
 @contextlib.asynccontextmanager
 async def control(mesh: MeshClient, robot: str, resume: bool = False) -> AsyncIterator[RemoteRobot]:
-    """Hold the lease of a robot while the block runs.
+    """Hold the lease of a robot (the right to command it) while the block runs.
 
     Args:
         mesh: The mesh.

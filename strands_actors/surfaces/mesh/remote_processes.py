@@ -134,8 +134,8 @@ class RemoteProcesses(Processes):
             self._scope = None
 
     async def end(self, lease: Lease | None) -> StopResult:
-        """If this caller holds the lease, stop the robot and release the lease. Then disconnect. Without the
-        lease the robot is not stopped, because another program may be commanding it."""
+        """If this caller holds the lease (the right to command), stop the robot and release the lease. Then
+        disconnect. Without the lease the robot is not stopped, because another program may be commanding it."""
         result: StopResult = stop_result.Confirmed(stop_result.NothingRan("nothing was commanded from here"))
         if self.started and lease is not None:
             try:
@@ -153,8 +153,8 @@ class RemoteProcesses(Processes):
         return self._unreachable("stop", None)
 
     async def cancel_late_request(self, verb: str, timeout: AskTimeout) -> Refused:
-        """Return the refusal of a command that was not answered in time. The robot may have carried out the
-        command before its deadline, but will not carry it out later."""
+        """Return a refusal for a command that the robot has not answered in time. The robot may have carried
+        out the command before its deadline, but will not carry it out later."""
         reason = f"{timeout}. The command may have been carried out, and will not be carried out later"
         return Refused(Code.TIMEOUT, reason, "check with get_status()", verb=verb)
 

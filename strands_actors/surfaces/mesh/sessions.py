@@ -72,7 +72,8 @@ class Sessions:
 
     @property
     def robots(self) -> list[str]:
-        """Return the robots on the mesh, and this user's running robots that have not appeared yet."""
+        """Return the names of the robots on the mesh, and of this user's running robots that have not appeared
+        on it yet."""
         return sorted({*self.via, *self._expected})
 
     async def settle(self, within_s: float = LOOK_S) -> None:

@@ -125,8 +125,8 @@ def estop_button(*, mesh: Mesh = None, by: str = "") -> Iterator[Callable[[], li
 
 
 def get_peers(*, mesh: Mesh = None) -> list[dict[str, Any]]:
-    """Return the robots on the mesh, within 1.5 s. Each row has ``peer_id``, ``type``, ``age`` (seconds),
-    ``reachable``, and the robot's own presence message."""
+    """Return the robots on the mesh, within 1.5 s. Each row has ``peer_id``, ``type``, ``age`` (seconds since
+    its presence message has come), ``reachable`` (whether one has come), and the fields of this message."""
 
     async def run() -> list[dict[str, Any]]:
         async with open_mesh(mesh) as client:

@@ -52,7 +52,7 @@ class Info(msgspec.Struct, frozen=True):
     """The description of a recording in its file.
 
     Attributes:
-        format: The format of the journal.
+        format: The format of the journal (the robot's internal messages).
         version: The version of this package.
         robot: The name of the robot.
         code: The fingerprint of the code that made the decisions (``code.fingerprint``).
@@ -73,7 +73,8 @@ class Info(msgspec.Struct, frozen=True):
 
 
 class Recording(msgspec.Struct):
-    """A recording as a replay needs it: the journal of the wire process and its gaps, in their order."""
+    """A recording as a replay needs it: the journal (internal messages) of the wire process, which communicates
+    with the robot, and the gaps in the journal, in their order."""
 
     info: Info
     parts: list[Journal | Gap]
@@ -116,7 +117,7 @@ class RecordingFile:
         self._rows(self._views[source].rows(decode_entries(data)))
 
     def lost(self, source: str, reason: str) -> None:
-        """Record that a process has stopped sending its journal."""
+        """Record that a process has stopped sending its journal (its internal messages)."""
         self._rows(self._views[source].lost(time.monotonic_ns(), reason))
 
     def flush(self) -> None:

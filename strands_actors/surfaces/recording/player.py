@@ -41,7 +41,7 @@ _EFFECTS = frozenset({Kind.ANSWERED, Kind.DEFERRED, Kind.SETTLED, Kind.SENT, Kin
 
 
 class Difference(msgspec.Struct):
-    """The first step of a replay with other effects than in the recording."""
+    """The first step (message to an actor) that had other effects in the replay than in the recording."""
 
     step: int
     at_s: float  # Time of the step, in seconds from the beginning of the recording.
@@ -57,7 +57,7 @@ class Outcome(msgspec.Struct):
     Attributes:
         equal: True if all steps had the recorded effects.
         steps: Number of messages that were replayed.
-        effects: Number of effects that were compared.
+        effects: Number of effects (answers and sent messages) that were compared.
         skipped: Number of messages that could not be replayed, because the actor's state was not known.
         gaps: Number of gaps.
         seconds: Length of the replayed part.
@@ -240,7 +240,7 @@ class _RecordedHeartbeat(Heartbeat):
         self._world = world
 
     def beat(self, now_ns: int) -> None:
-        """Do nothing. The replay context records the effects."""
+        """Do nothing, since a replay sends no heartbeats."""
 
     @property
     def last_received_ns(self) -> int:

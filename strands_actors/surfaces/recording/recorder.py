@@ -56,7 +56,7 @@ FLUSH_S = 1.0
 
 
 class Sink(Protocol):
-    """The receiver of the recorded batches, in order.
+    """The receiver of the recorded batches of journal entries, in order.
 
     If a method raises ``OSError`` or ``RecordingError``, the recording ends for this reason. The robot is not
     affected.
@@ -65,7 +65,7 @@ class Sink(Protocol):
     def add(self, source: str, batch: Batch) -> None: ...
 
     def lost(self, source: str, reason: str) -> None:
-        """Record that a process has stopped sending its journal."""
+        """Record that a process has stopped sending its journal (its internal messages)."""
         ...
 
     def flush(self) -> None:
@@ -86,7 +86,8 @@ class Ending(msgspec.Struct, frozen=True):
 
 
 class Source(Actor):
-    """Receive the journal of one process of the robot. Connect again whenever the connection is lost.
+    """Receive the journal (internal messages) of one process of the robot. Connect again whenever the
+    connection is lost.
 
     Args:
         name: The process: ``wire`` or ``root``.
@@ -194,12 +195,12 @@ class Source(Actor):
 
 
 class Recorder(Generic[SomeSink]):
-    """Pass the journals of one robot to a sink.
+    """Pass the journals (internal messages) of a robot's processes to a sink, such as a file.
 
     Args:
         robot: The name of the robot.
-        open_sink: Makes the sink. It is called with the wire process's answer, once both processes have
-            answered.
+        open_sink: Makes the sink. It is called with the wire process's answer, once the wire process and the
+            root process have answered.
         on_progress: Called once a second, with the length of the recording in seconds and the sink.
     """
 

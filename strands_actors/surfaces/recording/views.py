@@ -1,4 +1,4 @@
-"""Turn the journal of a process into rows for people, without I/O."""
+"""Turn the journal (internal messages) of a robot's process into rows for people, without I/O."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def keys_pressed(entries: Iterable[Entry]) -> Iterator[EpisodeKey]:
 
 
 class View:
-    """Builds rows from the journal of one process.
+    """Builds the rows of a recording from the journal (internal messages) of one process.
 
     Args:
         source: The process: ``wire`` or ``root``.

@@ -92,8 +92,8 @@ class Lateness:
         """Return the delay of a message in nanoseconds.
 
         Args:
-            sent_ms: Time of sending, by the sender's clock.
-            received_ns: Time of receipt, by our clock.
+            sent_ms: Time of sending in milliseconds, by the sender's clock.
+            received_ns: Time of receipt in nanoseconds, by this computer's clock.
         """
         passed_ns = received_ns - round(sent_ms * 1e6)
         self._least_ns = passed_ns if self._least_ns is None else min(self._least_ns, passed_ns)

@@ -51,7 +51,7 @@ class PageMessage(msgspec.Struct):
     Attributes:
         held: True if the dead-man is held.
         at_ms: Time at which the page sent the message, by the browser's clock (ms).
-        rates: Speed by axis, as a share of its jog speed (-1 to 1).
+        rates: Speed by axis, as a share (-1 to 1) of the highest speed at which an operator can move the axis.
         episode: The button of the recorder that was pressed; empty for no button.
         stop: True if the stop button was pressed.
     """
@@ -64,7 +64,8 @@ class PageMessage(msgspec.Struct):
 
 
 class _Operator:
-    """The state of one connected page."""
+    """The input from one connected web page: the delay of its messages, and the part of a message that has
+    come."""
 
     def __init__(self) -> None:
         self.lateness = Lateness()
@@ -75,10 +76,10 @@ class _Operator:
 
 
 class Page:
-    """The server of the page.
+    """The server of the operator's web page.
 
     Args:
-        clock: The clock.
+        clock: This computer's clock, which gives the times of receipt.
         operate: Function that is called with the operator's input.
         press: Function that is called when a button of the recorder is pressed, with the time and the name of the
             button.
@@ -113,7 +114,7 @@ class Page:
         self._operated = False
 
     async def serve(self, host: str, port: int, publish_address: Callable[[str], None]) -> None:
-        """Serve the page until cancelled. Raise ``OSError`` if the port cannot be opened.
+        """Serve the operator's web page until cancelled. Raise ``OSError`` if the port cannot be opened.
 
         Args:
             host: Address to listen at.

@@ -24,7 +24,7 @@ ARMLESS = (0.0, 0.0, 0.0, *(NAN,) * 7)
 @pytest.mark.parametrize(
     ("action", "code", "says"),
     [
-        ({"vx": 1.7}, "past_travel", "stay within -1.6000..1.6000"),
+        ({"vx": 1.7}, "past_travel", "Stay within -1.6000..1.6000"),
         ({"wz": -1.6}, "past_travel", "-1.5000..1.5000"),
         ({"arm_sh0": 3.2}, "past_travel", "-2.6179..3.1415"),
         ({"arm_el0": -0.1}, "past_travel", "0.0000..3.1415"),

@@ -57,7 +57,8 @@ FAULTS = (
 
 
 class Outcome(msgspec.Struct):
-    """The effect of one fault, as the log of frames to the arm shows it."""
+    """The effect of one fault (a killed or frozen process) on the arm, as the log of the protocol messages to
+    the arm shows it."""
 
     victim: str
     signal: str
@@ -157,9 +158,9 @@ class Scenario:
         )
 
     def _insist(self, verb: Callable[[], dict[str, Any]], deadline: float) -> dict[str, Any]:
-        """Call a verb again and again until the robot accepts it. The robot may refuse it for a short time:
-        after its wire process was restarted, until the old policy has ended, or while the computer is
-        busy."""
+        """Call a method of the robot again and again until the robot accepts it. The robot may refuse it for a
+        short time: after its wire process (which writes to the robot) was restarted, until the old policy has
+        ended, or while the computer is busy."""
         while (answer := verb())["status"] != "success":
             if time.monotonic() > deadline:
                 raise Failed(answer["content"][0]["text"])
@@ -221,8 +222,8 @@ class Scenario:
         return outcome
 
     def _first_safe(self, outcome: Outcome) -> int | None:
-        """Find the first frame after the fault that brings the arm to the safe state. Return its index in the
-        log, or None."""
+        """Find the first frame (protocol message) after the fault that brings the arm to the safe state. Return
+        its index in the log of frames, or None if there is no such frame."""
         self._watch.wire.poll()
         return self._watch.wire.first_safe(outcome.safe_state, outcome.struck_ns)
 
@@ -264,8 +265,8 @@ class Scenario:
         outcome.restarted = wait_for(lambda: self._watch.pid(outcome.victim) not in (None, outcome.pid), 5.0)
 
     def _read(self, key: str) -> Any:
-        """Return a value of the robot's status, by its key. The value is missing while the wire process does not
-        answer, so wait for it."""
+        """Return a value of the robot's status, by its key. The value is missing while the wire process (which
+        reads the robot) does not answer, so wait for the value."""
         deadline = time.monotonic() + RESTART_S
         while key not in (status := status_of(self._robot)):
             if time.monotonic() > deadline:

@@ -30,7 +30,7 @@ ASK_S = 0.25
 
 
 class Sample(NamedTuple):
-    """One value of every axis at one time."""
+    """The measured position or the target of every axis at one time."""
 
     t_ns: int
     values: tuple[float, ...]
@@ -103,8 +103,8 @@ class Watch:
 
     @property
     def moving(self) -> bool:
-        """True if the newest frame that acts on the robot is a setpoint. Otherwise it has stopped the robot
-        ("safe") or energised it ("enable")."""
+        """True if the newest frame (protocol message) that acts on the robot is a setpoint. Otherwise it has
+        stopped the robot ("safe") or energised it ("enable")."""
         last = self.wire.last("setpoint", "safe", "enable")
         return last is not None and last.kind == "setpoint"
 
@@ -119,8 +119,8 @@ class Watch:
             await trio.sleep(TREE_S)
 
     def _counted(self, report: TreeReport) -> TreeReport:
-        """Return the root process's report, with the number of restarts that this object has counted for each
-        process. A new root process does not know about earlier restarts."""
+        """Return the root process's list of the robot's processes, with the number of restarts that this object
+        has counted for each process. A new root process does not know about earlier restarts."""
         processes = []
         for process in report.processes:
             pids = self._pids.setdefault(process.role, [])
@@ -150,7 +150,8 @@ def state_of(pid: int) -> str:
 
 
 def wait_for(condition: Callable[[], bool], at_most_s: float) -> bool:
-    """Wait until a condition is true. Return False if it is not true within ``at_most_s`` seconds."""
+    """Wait until the function ``condition`` returns True. Return False if it does not within ``at_most_s``
+    seconds."""
     deadline = time.monotonic() + at_most_s
     while not condition():
         if time.monotonic() > deadline:

@@ -29,8 +29,8 @@ class Frame(NamedTuple):
 
 
 class Wire:
-    """The frames that were logged so far. Any thread may call ``poll``. Frames are only appended, never
-    changed."""
+    """The frames (messages between driver and robot) that were logged so far. Any thread may call ``poll``.
+    Frames are only appended, never changed."""
 
     def __init__(self, log: Path) -> None:
         self.frames: list[Frame] = []
@@ -41,7 +41,7 @@ class Wire:
         self._lock = threading.Lock()
 
     def poll(self) -> None:
-        """Read the lines that were written since the last call."""
+        """Read the lines that were added to the log of frames since the last call."""
         with self._lock:
             if not self._log.exists():
                 return

@@ -60,7 +60,8 @@ class Feed:
         self._thread.join()
 
     def ask(self, verb: str, robot: str) -> None:
-        """Start a verb of ``operate.VERBS`` for a robot. ``show_result`` is called with the result."""
+        """Start a verb of ``operate.VERBS`` (stop, e-stop or resume) for a robot. ``show_result`` is called
+        with the result."""
         self._token.run_sync_soon(self._start, verb, robot)
 
     # -- in the thread's event loop

@@ -59,7 +59,7 @@ def columns_for(width: int) -> Columns:
 
 
 class Rates:
-    """Writes and reads per second of one robot, computed from the counters in its status."""
+    """Writes to one robot and readings of it, per second, computed from the counters in the robot's status."""
 
     def __init__(self) -> None:
         self._counts: deque[tuple[float, int, int]] = deque()
@@ -77,7 +77,7 @@ class Rates:
 
     @property
     def per_s(self) -> tuple[float, float] | None:
-        """Writes and reads per second. None until the robot was sampled twice."""
+        """Writes to the robot and readings of it, per second. None until the robot was sampled twice."""
         if len(self._counts) < 2:
             return None
         (began_s, *before), (ended_s, *after) = self._counts[0], self._counts[-1]
@@ -105,8 +105,9 @@ def row(snapshot: RobotSnapshot, rates: Rates, columns: Columns) -> list[Text]:
 
 
 def state(snapshot: RobotSnapshot) -> Text:
-    """Return the robot's mode. If the wire process answers, use the mode in its status, which is newer than the
-    mode in the report of the root process."""
+    """Return the text for the robot's mode, such as e-stopped. If the wire process (which communicates with the
+    robot) answers, the mode in its status is used, which is newer than the mode in the report of the root
+    process."""
     if snapshot.status is None:
         return styled(snapshot.tree.state)
     if snapshot.status.locked_by and snapshot.status.mode == Mode.DISARMED:
@@ -115,7 +116,8 @@ def state(snapshot: RobotSnapshot) -> Text:
 
 
 def holder(name: str) -> str:
-    """Shorten the name of a lease's holder: ``arm in process 12`` becomes ``arm (12)``."""
+    """Shorten the name of the program that holds the lease (the right to command): ``arm in process 12``
+    becomes ``arm (12)``."""
     return f"{name.replace(' in process ', ' (')})" if " in process " in name else name
 
 
