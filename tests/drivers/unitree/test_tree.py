@@ -187,7 +187,9 @@ def test_start_task_is_refused_by_name(tmp_path: Path) -> None:
     with legs(tmp_path) as g1:
         answer = g1.robot.start_task("walk")
         assert answer["status"] == "error"
-        assert answer["content"][0]["text"].startswith("start_task: unitree_g1: a policy for legs is not started by name")
+        assert answer["content"][0]["text"].startswith(
+            "start_task: unitree_g1: a policy for legs is not started by name"
+        )
         assert not g1.log.host("setpoint")
 
 
