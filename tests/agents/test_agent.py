@@ -169,7 +169,7 @@ def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin)
     assert "e-stopped by so101" in why(refusal)
     assert "Ask a person to lift the e-stop" in why(refusal)
     refused = why(call(arm, moves(gripper=40.0)[1]))
-    assert "e-stopped" in refused and "ask a person to lift the e-stop" in refused
+    assert "e-stopped" in refused and "Ask a person to lift the e-stop" in refused
     assert not twin.log.host("enable", locked_ns)
     json_of(arm.resume())
     json_of(call(arm, moves(gripper=40.0)[1]))

@@ -110,7 +110,7 @@ def test_how_long_an_operator_may_think_is_a_number_of_seconds(seconds: Any) -> 
         ("send_action", "(do you mean move_to?)"),
         ("move", "(do you mean move_to?)"),
         ("resume", "(do you mean set_torque?)"),
-        ("status", "there are move_to, set_torque"),
+        ("status", "There are move_to, set_torque"),
         ("Gripper", "(do you mean gripper?)"),
     ],
 )
@@ -223,4 +223,4 @@ def test_without_a_terminal_the_answer_is_no(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_tool_without_a_resume_verb_names_the_person_who_must_resume() -> None:
     refused = answers.refused(Refused("disarmed", "the robot is disarmed", "call resume() first", verb="move"))
     gripper = Robotiq("robotiq_2f85", "", Robotiq.resolve("robotiq_2f85", {}))
-    assert why(_in_its_verbs(refused, gripper)).endswith("ask a person to call resume(), which this tool cannot do")
+    assert why(_in_its_verbs(refused, gripper)).endswith("Ask a person to call resume(), which this tool cannot do")

@@ -136,6 +136,6 @@ def test_a_robot_that_cannot_be_served_is_refused_in_one_line(run_dir: Path) -> 
         assert "/dev/nowhere" in output
         code, output = await command(run_dir, "--transport", "pigeon")
         assert (code, output.count("\n")) == (2, 1), output
-        assert "it offers twin" in output
+        assert "It offers twin" in output
 
     run(main)

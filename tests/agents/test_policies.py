@@ -75,7 +75,7 @@ def forward(request: dict[str, Any]) -> dict[str, Any]:
 def test_the_default_policy_needs_lerobot(arm: RealRobot) -> None:
     refusal = why(arm.start_task("wave"))
     assert "policy_provider 'lerobot_local' needs lerobot: pip install 'strands-actors[lerobot]'" in refusal
-    assert "there are mock, remote, sine" in refusal
+    assert "Policies that need no package are mock, remote, sine" in refusal
 
 
 @pytest.mark.parametrize("port", [0, -1, 65536, True, "8000", 1.5])
@@ -284,8 +284,12 @@ OBSERVATION = {"a": 0.0, "b": math.nan}
     ("answer", "error", "text"),
     [
         (lambda request: {"error": "no such task"}, ConnectionError, "reports an error: no such task"),
-        (lambda request: {"actions": [{"a": "left"}]}, ConnectionError, "no chunk: Expected `float`, got `str`"),
-        (lambda request: b"\xc1", ConnectionError, "no chunk"),
+        (
+            lambda request: {"actions": [{"a": "left"}]},
+            ConnectionError,
+            "not a chunk of actions: Expected `float`, got `str`",
+        ),
+        (lambda request: b"\xc1", ConnectionError, "not a chunk of actions"),
         (lambda request: b"\x00" * (1 << 21), ConnectionError, "too big"),
         (lambda request: None, TimeoutError, "did not answer within 0.2 s"),
     ],

@@ -84,7 +84,7 @@ def test_a_class_of_the_script_itself_goes_to_run_policy(arm: RealRobot) -> None
         (lambda: create_policy(""), ValueError, "Give a name, or ws://host:port"),
         (lambda: create_policy("mock", amplitud=1), ValueError, r"\('amplitud' -> 'amplitude'\?\)"),
         (lambda: create_policy("mock", amplitude=-1), ValueError, "amplitude is -1"),
-        (lambda: create_policy("sine"), ValueError, r"use start_task\(policy_provider='sine', ...\)"),
+        (lambda: create_policy("sine"), ValueError, r"Use start_task\(policy_provider='sine', ...\)"),
         (lambda: create_policy("ws://:x"), ValueError, "Give ws://host:port"),
         (lambda: Policy(), TypeError, "abstract"),  # type: ignore[abstract]
     ],
@@ -96,7 +96,7 @@ def test_invalid_options_are_refused(given: Any, error: type[Exception], text: s
 
 def test_a_loader_that_returns_no_class_is_refused() -> None:
     register_policy("mine", lambda: Creep())  # type: ignore[arg-type,return-value]
-    with pytest.raises(ValueError, match="it has to return the class"):
+    with pytest.raises(ValueError, match="It has to return the class"):
         create_policy("mine")
 
 

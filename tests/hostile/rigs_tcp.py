@@ -51,7 +51,7 @@ def _kinova(peer: HostilePeer) -> Bench:
         lambda clock: KinovaWire(config, clock, connect),
         lambda clock: KinovaStopChannel(config, (), clock, connect),
     )
-    return Bench(driver, lambda: [(t_s, _KORTEX.get(Call(one.call), "other")) for t_s, one in made.told])
+    return Bench(driver, lambda: [(t_s, _KORTEX.get(Call(one.call), "other")) for t_s, one in made.received])
 
 
 def _robotiq(peer: HostilePeer) -> Bench:

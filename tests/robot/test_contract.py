@@ -59,7 +59,7 @@ def test_invalid_factory_arguments_are_refused_for_each_robot(name: str) -> None
     assert "'auto', 'lerobot', 'strands'" in refusal(ValueError, name, driver="ros")
     assert "'sim', 'real', 'auto'" in refusal(ValueError, name, mode="dream")
     assert "transport 'smoke'. It offers " in refusal(ValueError, name, mode="real", transport="smoke")
-    assert "add transport='twin'" in refusal(ValueError, name, mode="real", port="x", sim=object())
+    assert "Add it, or leave out sim=" in refusal(ValueError, name, mode="real", port="x", sim=object())
     assert "1 to 64 of A-Z a-z 0-9 _ -" in refusal(ValueError, name, tool_name="my robot")
     assert "is a teleoperator" in refusal(ValueError, f"{name}_leader", mode="real", port="x")
 
@@ -77,7 +77,7 @@ def test_the_refusal_of_a_missing_serial_port_names_the_connected_devices(
     monkeypatch.setattr(list_ports, "comports", list)
     nothing = refusal(ValueError, name, mode="real")
     assert f"{name} needs 'port': Robot('{name}', mode='real', port='/dev/ttyACM0')" in nothing
-    assert "serial devices here: none" in nothing and "a path is not an identity" in nothing
+    assert "Serial devices here: none" in nothing and "a path is not an identity" in nothing
     modem = SimpleNamespace(device="/dev/ttyS0", vid=None, pid=None)
     monkeypatch.setattr(list_ports, "comports", lambda: [modem])
     assert "/dev/ttyS0, none looks like a servo bus" in refusal(ValueError, name, mode="real")
@@ -96,7 +96,7 @@ def test_a_keyword_that_a_simulation_would_ignore_is_refused(name: str) -> None:
     for keyword, value in keywords.items():
         text = refusal(TypeError, name, **{keyword: value})
         assert f"a simulation of {name} would ignore {keyword}=" in text
-        assert "add mode='real'" in text
+        assert "Add mode='real'" in text
 
 
 @pytest.mark.parametrize("name", NATIVE)

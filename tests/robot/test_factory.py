@@ -19,7 +19,7 @@ PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
 KEYWORDS = (
-    "it takes baud, baud_rate, calibration, cameras, data_config, max_jump, max_relative_target, mesh, motor_ids, "
+    "It takes baud, baud_rate, calibration, cameras, data_config, max_jump, max_relative_target, mesh, motor_ids, "
     "port, require_drill, sim, timeout, tool_name, transport"
 )
 SERVOS = "Give 6 different ids, 0 to 252, in the order shoulder_pan, shoulder_lift, elbow_flex, wrist_flex"
@@ -48,10 +48,10 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so101", {"prot": "x"}, ("no 'prot'", "'prot' -> 'port'", "Feetech", KEYWORDS)),
     ("so101", {**PORT, "wheels": 4}, ("no 'wheels'", KEYWORDS)),
     ("so101", {**PORT, "cameras": {"top": 0}}, ("camera 'top' is 0", "Give its settings")),
-    ("so101", {"mode": "real", "transport": "smoke"}, ("no transport 'smoke'", "it offers twin")),
-    ("so101", {**PORT, "sim": 1}, ("sim=", "add transport='twin'", "FeetechDriver offers twin")),
+    ("so101", {"mode": "real", "transport": "smoke"}, ("no transport 'smoke'", "It offers twin")),
+    ("so101", {**PORT, "sim": 1}, ("sim=", "Add it, or leave out sim=", "FeetechDriver offers twin")),
     ("so101", {**TWIN, "sim": "so101"}, ("sim is 'so101'", "Robot('so101')")),
-    ("so101", {**TWIN, "port": "/dev/ttyACM0"}, ("port='/dev/ttyACM0'", "transport='twin'", "choose one")),
+    ("so101", {**TWIN, "port": "/dev/ttyACM0"}, ("port='/dev/ttyACM0'", "transport='twin'", "Give one of them")),
     ("so101", {**PORT, "tool_name": "my arm"}, ("tool_name is 'my arm'", "1 to 64 of A-Z a-z 0-9 _ -")),
     ("so101", {**PORT, "tool_name": "a" * 65}, ("tool_name is",)),
     ("so101", {**PORT, "tool_name": ""}, ("tool_name is ''",)),
@@ -176,7 +176,7 @@ def test_what_a_simulation_would_ignore_is_refused(keywords: dict[str, Any]) -> 
         Robot("so101", **keywords)
     ignored = next(key for key in keywords if key != "mode")
     assert str(refusal.value) == (
-        f"Robot: a simulation of so101 would ignore {ignored}=. add mode='real', or leave it out"
+        f"Robot: a simulation of so101 would ignore {ignored}=. Add mode='real', or leave it out"
     )
 
 
@@ -239,10 +239,10 @@ def test_close_names_are_offered() -> None:
     [
         (
             [bus_adapter("/dev/ttyUSB1"), bus_adapter("/dev/ttyACM0")],
-            "serial devices here: /dev/ttyACM0, /dev/ttyUSB1 (",
+            "Serial devices here: /dev/ttyACM0, /dev/ttyUSB1 (",
         ),
-        ([SimpleNamespace(device="/dev/ttyS0")], "serial devices here: /dev/ttyS0, none looks like a servo bus"),
-        ([], "serial devices here: none"),
+        ([SimpleNamespace(device="/dev/ttyS0")], "Serial devices here: /dev/ttyS0, none looks like a servo bus"),
+        ([], "Serial devices here: none"),
     ],
 )
 def test_the_refusal_of_a_missing_port_names_the_serial_devices(

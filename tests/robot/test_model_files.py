@@ -111,7 +111,7 @@ def test_a_model_that_mujoco_loads_has_the_same_joints_masses_and_motion(folder:
     ("case", "named"),
     [
         ("collada", r"two\.urdf: left out .* arm\.dae of link arm \(MuJoCo reads no \.dae"),
-        ("missing", r"meshes/gone\.stl of link arm \(it is not there\. it was looked for as .*/meshes/gone\.stl"),
+        ("missing", r"meshes/gone\.stl of link arm \(it is not there\. It was looked for as .*/meshes/gone\.stl"),
         ("ascii", r"meshes/ascii\.stl of link arm \(MuJoCo cannot read it"),
         ("pointer", r"meshes/pointer\.stl of link arm \(.*pointer\.stl is a git-lfs pointer.*git lfs pull"),
     ],
@@ -127,7 +127,7 @@ def test_an_omitted_visual_is_named(folder: Path, case: str, named: str, caplog:
 
 REFUSED: list[tuple[str, str, str]] = [
     ("two.urdf", urdf(arm=shape("collision", "meshes/gone.stl")), r"arm is 'meshes/gone\.stl': it is not there"),
-    ("two.urdf", urdf(arm=shape("collision", "arm.dae")), r"'arm\.dae': MuJoCo reads no \.dae\. convert it"),
+    ("two.urdf", urdf(arm=shape("collision", "arm.dae")), r"'arm\.dae': MuJoCo reads no \.dae\. Convert it"),
     ("two.urdf", urdf(arm=shape("collision", "meshes/pointer.stl")), "is a git-lfs pointer, not the file itself"),
     ("two.urdf", urdf(arm=shape("collision", "meshes/ascii.stl")), r"two\.urdf: .*/meshes/ascii\.stl"),
     ("two.urdf", POINTER, r"two\.urdf is a git-lfs pointer"),

@@ -179,7 +179,7 @@ def test_a_camera_of_the_model_is_used_by_its_name(tmp_path: Path) -> None:
     view = View((0.0, 0.0, 0.0), 1.0)
     renderer = SceneRenderer(decorate(spec, view).compile(), view, 32, 32)
     front, lens, side = (renderer.shoot([0.0, 0.0], 32, 32, name) for name in ("front", "lens", "side"))
-    with pytest.raises(CannotRender, match="there are front, side, top, lens, and None"):
+    with pytest.raises(CannotRender, match="There are front, side, top, lens, and None"):
         renderer.shoot([0.0, 0.0], 32, 32, "back")
     renderer.close()
     assert front == lens != side

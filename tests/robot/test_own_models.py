@@ -119,7 +119,7 @@ WRONG: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"position": "here"}, ValueError, "position is 'here'"),
     ({"orientation": [0, 0, 0, 0]}, ValueError, "that is not zero"),
     ({"orientation": [1, 0, 0, float("nan")]}, ValueError, "Give finite numbers"),
-    ({"keyframe": "folded"}, ValueError, "so101 has 'home'"),
+    ({"keyframe": "folded"}, ValueError, "so101 has only 'home'"),
     ({"backend": "bullet"}, ValueError, "Use one of 'mujoco', 'newton', 'isaac'"),
     ({"backend": "isaac"}, ImportError, r"pip install 'isaacsim\[all,extscache\]>=5,<6'"),
     ({"mode": "real", "port": "x", "position": [0, 0, 1]}, TypeError, "only a simulation takes position="),
@@ -155,7 +155,7 @@ def test_a_registered_model_is_checked(new: New, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"there is no file 'no-such\.xml'"):
         register_robot("crane", model_xml="no-such.xml")
     register_robot("crane", model_xml=write_mjcf(tmp_path))
-    with pytest.raises(ValueError, match=r"keyframe is 'up'\. crane has folded"):
+    with pytest.raises(ValueError, match=r"keyframe is 'up'\. The model of crane has folded"):
         Robot("crane", keyframe="up")
     with pytest.raises(ValueError, match="crane has no native driver"):
         Robot("crane", mode="real", port="/dev/ttyACM0")

@@ -129,7 +129,7 @@ def test_robots_are_listed_by_mode() -> None:
 @pytest.mark.parametrize("name", ["left arm", "left_arm\n", "a/b", "", 3, "x" * 65])
 def test_a_tool_name_must_be_valid_for_model_providers(name: Any) -> None:
     for keywords in ({}, ARM, {"port": "/dev/ttyACM0"}):  # the name is checked before the other keywords
-        with pytest.raises(ValueError, match="Use 1 to 64 characters of A-Z"):
+        with pytest.raises(ValueError, match="Use 1 to 64 of A-Z a-z 0-9 _ -"):
             Robot("so101", tool_name=name, **keywords)
 
 
@@ -144,10 +144,10 @@ def test_a_robot_has_its_tool_name() -> None:
 @pytest.mark.parametrize(
     ("robot", "keywords", "says"),
     [
-        ("so101", {"port": "/dev/ttyACM0"}, r"port=. add mode='real'"),
-        ("so101", {"driver": "strands", "port": "/dev/ttyACM0"}, r"port=. add mode='real'"),
-        ("g1", {"network_interface": "eth0"}, r"network_interface=. add mode='real'"),
-        ("unitree_go2", {"network_interface": "eth0"}, r"network_interface=. add mode='real'"),
+        ("so101", {"port": "/dev/ttyACM0"}, r"port=. Add mode='real'"),
+        ("so101", {"driver": "strands", "port": "/dev/ttyACM0"}, r"port=. Add mode='real'"),
+        ("g1", {"network_interface": "eth0"}, r"network_interface=. Add mode='real'"),
+        ("unitree_go2", {"network_interface": "eth0"}, r"network_interface=. Add mode='real'"),
         ("so101", {"robot_ip": "192.0.2.2"}, "takes no 'robot_ip'"),
         ("so101", {"mock": True}, "takes no 'mock'"),
         ("reachy_mini", {"ip_address": "reachy.local"}, "takes no 'ip_address'"),
@@ -155,7 +155,7 @@ def test_a_robot_has_its_tool_name() -> None:
         ("so101", {"position": [NAN, 0.0, 0.0]}, "Give finite numbers"),
         ("so101", {"orientation": [1.0, 0.0, 0.0]}, "Give 4 numbers"),
         ("so101", {"orientation": [0.0, float("inf"), 0.0, 0.0]}, "Give finite numbers"),
-        ("so101", {"keyframe": "nope"}, "so101 has 'home'"),
+        ("so101", {"keyframe": "nope"}, "so101 has only 'home'"),
         ("so101", {"backend": "nope"}, "Use one of 'mujoco', 'newton', 'isaac'"),
         ("so101", {**ARM, "position": [0.0, 0.0, 0.0]}, "only a simulation takes position="),
         ("so101", {**ARM, "keyframe": 0}, "only a simulation takes keyframe="),

@@ -186,7 +186,7 @@ def test_a_refused_action_ends_the_rollout_with_the_reason(arm: RealRobot, twin:
     json_of(arm.run_policy(lambda observation: {"shoulder_pan": 105.0}, n_steps=5))
     ended = task_ended(arm)
     assert (ended["exit_reason"], ended["refusal"], ended["steps"]) == ("gate", "too_fast", 0), ended
-    assert "steps 105.0 deg" in ended["exit_detail"] or "step at most" in ended["exit_detail"]
+    assert "steps 105.0 deg" in ended["exit_detail"] or "Step at most" in ended["exit_detail"]
     assert not twin.log.host("setpoint", began_ns)
 
 

@@ -48,7 +48,7 @@ def test_a_service_connects_by_itself_and_a_stop_does_not() -> None:
     drone = Robot("crazyflie", mode="real", transport="twin")
     try:
         assert "not connected" in why(drone.emergency_stop())
-        assert "it takes height, duration" in why(drone.takeoff(0.5, 2.0, 1.0))
+        assert "It takes height, duration" in why(drone.takeoff(0.5, 2.0, 1.0))
         assert drone.tree() is None, "a refused service does not connect"
         json_of(drone.takeoff(0.5))
         assert state(drone) == "armed"

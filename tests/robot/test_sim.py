@@ -350,7 +350,7 @@ def test_a_picture_shows_the_whole_robot_and_its_motion(new_sim: NewSim, monkeyp
     moved = np.argwhere(accent(again)).mean(axis=0) - np.argwhere(accent(before)).mean(axis=0)
     assert np.linalg.norm(moved) > 30  # pixels
     assert state(sim) == "armed"  # rendering does not block the tree
-    with pytest.raises(SimulationError, match=r"render: no camera 'nose'\. there are front, side, top"):
+    with pytest.raises(SimulationError, match=r"render: no camera 'nose'\. There are front, side, top"):
         sim.render(camera="nose")
 
 
@@ -375,7 +375,7 @@ def test_without_opengl_the_error_names_the_package_and_the_robot_moves(
 
 @pytest.mark.parametrize("size", [(0, 480), (640, 0.5), (640, -1), (100_000, 480)])
 def test_a_picture_of_an_invalid_size_is_refused(new_sim: NewSim, size: tuple[Any, Any]) -> None:
-    with pytest.raises(SimulationError, match="render: the picture's size is"):
+    with pytest.raises(SimulationError, match="render: (the picture's size is|a picture of 100000)"):
         new_sim().render(*size)
 
 

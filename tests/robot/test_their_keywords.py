@@ -119,7 +119,7 @@ def test_a_recording_that_is_not_possible_is_an_error_envelope(sim: SimRobot, tm
     assert "is not removed" in why(sim.start_recording(root=tmp_path, overwrite=True))
     assert (tmp_path / "thesis.txt").exists()
     assert "nothing is uploaded" in why(sim.start_recording(root=tmp_path, push_to_hub=True))
-    assert "fps 0" in why(sim.start_recording(root=tmp_path / "a", fps=0))
+    assert "fps is 0" in why(sim.start_recording(root=tmp_path / "a", fps=0))
     assert "no codec" in why(sim.start_recording(root=tmp_path / "a", vcodec="vp9"))
     assert not (tmp_path / "a").exists()
     assert not json_of(sim.get_recording_status())["recording"]

@@ -126,7 +126,7 @@ def test_the_servos_can_be_read_through_bus_as_in_lerobot(arm: RealRobot) -> Non
     assert all(isinstance(counts, int) for counts in arm.bus.sync_read("Present_Temperature").values())
     with pytest.raises(ValueError, match=r"'Goal_Position' is not available\. Use one of Present_Position"):
         arm.bus.sync_read("Goal_Position")
-    with pytest.raises(ValueError, match="'elbow' is no joint"):
+    with pytest.raises(ValueError, match="the robot has no joint 'elbow'"):
         arm.bus.sync_read("Present_Position", "elbow")
     arm.cleanup()
     with pytest.raises(ConnectionError, match="cleaned up"):

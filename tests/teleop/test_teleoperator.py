@@ -23,9 +23,9 @@ from tests.answers import json_of, task, until, why
 
 REFUSALS: list[tuple[str, dict[str, Any], str]] = [
     ("so102_leader", {"port": "x"}, "is not known. Did you mean: so101_leader"),
-    ("so101_leader", {}, "Give so101_leader one of port= and transport='twin'"),
+    ("so101_leader", {}, "give so101_leader one of port= and transport='twin'"),
     ("so101_leader", {"port": "x", "transport": "twin"}, "one of port= and transport='twin'"),
-    ("so101_leader", {"transport": "smoke"}, "it offers twin"),
+    ("so101_leader", {"transport": "smoke"}, "It offers twin"),
     ("so101_leader", {"port": "x", "wheels": 4}, "takes no wheels. It takes calibration, baud"),
     ("so101_leader", {"port": "x", "baud": 9600}, "baud is 9600"),
     ("so101_leader", {"port": ""}, "port is ''. Give it as text: '/dev/ttyACM1'"),
@@ -120,9 +120,9 @@ def test_a_hand_moves_twins_alone() -> None:
 @pytest.mark.parametrize(
     ("positions", "message"),
     [
-        (5, "it is 5. Give positions by joint: {'shoulder_pan': 10.0}"),
-        (None, "it is None. Give positions by joint"),
-        (["shoulder_pan"], "it is ['shoulder_pan']. Give positions by joint"),
+        (5, "positions is 5. Give joints: {'shoulder_pan': 10.0}"),
+        (None, "positions is None. Give joints"),
+        (["shoulder_pan"], "positions is ['shoulder_pan']. Give joints"),
         ({5: 1.0}, "has no 5. It has shoulder_pan"),
         ({"shoulder_pan": "x"}, "shoulder_pan is 'x'. Give a finite number, in degrees"),
         ({"shoulder_pan": None}, "shoulder_pan is None. Give a finite number"),

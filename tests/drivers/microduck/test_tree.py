@@ -331,7 +331,7 @@ def test_services(duck: RealRobot, twin: Twin) -> None:
     assert json_of(duck.skills())["skills"] == ["ground_pick", "kick_left", "kick_right", "sit_toggle", "roulade"]
     json_of(duck.do(skill="kick_left"))
     assert "kick_left is playing" in why(duck.do(skill="kick_right"))
-    assert "it has ground_pick" in why(duck.do(skill="fly"))
+    assert "It has ground_pick" in why(duck.do(skill="fly"))
     until(lambda: json_of(duck.monitor())["policy"] == "kick_left", "it kicks")
     until(lambda: json_of(duck.monitor())["policy"] == "stand", "the kick is over")
     assert json_of(duck.stand()) == {"sitting": False, "already": True}

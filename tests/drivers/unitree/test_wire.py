@@ -245,7 +245,7 @@ def test_saf_005_a_stop_is_confirmed_by_a_new_state_without_torque(
         legs.says(tick=7)
         legs.says(tick=9)
         legs.clock.passes(0.002)
-        monkeypatch.setattr(Link, "heard", True)
+        monkeypatch.setattr(Link, "matched", True)
         monkeypatch.setattr(legs.link, "poll", lambda: legs.says(nm, tick))
         motors = trio.run(bring_down, legs.link, "zero_torque")
         assert {(motor.safe, motor.detail) for motor in motors} == {(not said, said)}

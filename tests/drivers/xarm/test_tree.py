@@ -126,7 +126,7 @@ def test_a_policy_runs_at_100_hz_and_ends_in_a_hold(arm: RealRobot, twin: Twin) 
 def test_a_selected_control_frequency(twin: Twin, run_dir: Path) -> None:
     with robot_on(twin.port, "xarm7", control_frequency=50) as arm:
         here = arm.get_observation()["joint1"]
-        assert "limit 0.0628 at 50 Hz" in why(arm.send_action({"joint1": here + 0.1}))
+        assert "the limit is 0.0628 at 50 Hz" in why(arm.send_action({"joint1": here + 0.1}))
         json_of(arm.send_action({"joint1": here + 0.06}))
 
 

@@ -244,7 +244,7 @@ def test_the_type_decides_how_far_joints_2_and_4_go(text: str, high_rad: tuple[f
 
 
 def test_an_unknown_type_is_refused() -> None:
-    with pytest.raises(ValueError, match="Use 3, 7, 13"):
+    with pytest.raises(ValueError, match="Use one of 3, 7, 13"):
         controller_of("xarm7", arm_type=5)
 
 

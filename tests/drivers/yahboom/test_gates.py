@@ -216,7 +216,7 @@ def test_transports_are_the_drivers_own_and_the_twin() -> None:
     assert (on_robot.options["transport"], on_robot.twin_process) == ("ros2", None)
     assert plan("yahboom_m3pro", "real", transport="twin").options["transport"] == "rosbridge"
     assert plan("yahboom_m3pro", "real").port == "", "without a port the robot's rosbridge is used"
-    with pytest.raises(ValueError, match=r"it offers rosbridge, ros2, twin"):
+    with pytest.raises(ValueError, match=r"It offers rosbridge, ros2, twin"):
         plan("yahboom_m3pro", "real", transport="serial")
     with pytest.raises(ValueError, match=r"are both given"):
         plan("yahboom_m3pro", "real", transport="twin", port="192.0.2.1")
