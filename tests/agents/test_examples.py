@@ -17,7 +17,7 @@ SAID = {
         "in this process: ",
         "in its own: ",
         "too fast: ",
-        "step at most",
+        "Step at most",
         "stopped:         limp, 6 motors confirmed",
     ),
     "agent": (

@@ -258,7 +258,7 @@ def test_the_drivers_unit_is_accepted(save: Save) -> None:
 
 def test_no_calibration_no_normalized_units(save: Save) -> None:
     with pytest.raises(
-        ValueError, match=r"calibrated range, which is unknown for shoulder_pan, .*give the robot cal"
+        ValueError, match=r"calibrated range, which is unknown for shoulder_pan, .*Give the robot cal"
     ):
         load(save(), units="normalized", travel={})
 
@@ -289,7 +289,7 @@ def test_a_calibrated_arm_passes_its_travel_only_to_a_policy_that_accepts_it() -
 
 
 def test_a_missing_checkpoint_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"no checkpoint\. Give pretrained_name_or_path, a folder"):
+    with pytest.raises(ValueError, match=r"no checkpoint is given\. Set pretrained_name_or_path"):
         load("")
     with pytest.raises(
         ValueError, match=r"there is no folder .*nowhere. Give one that lerobot saved; .*hf download"
@@ -466,7 +466,7 @@ def test_a_task_without_units_moves_nothing(save: Save, arm: RealRobot, twin: Tw
     json_of(arm.start_task("wave", policy_provider="lerobot_local", pretrained_name_or_path=str(save())))
     ended = task_ended(arm)
     assert ended["exit_reason"] == "policy", ended
-    assert "give 'degrees' or 'normalized'" in ended["exit_detail"]
+    assert "Give 'degrees' or 'normalized'" in ended["exit_detail"]
     assert not twin.log.host("setpoint")
     assert "takes no policy_port" in why(arm.start_task("wave", 8000, policy_provider="lerobot_local"))
 

@@ -271,7 +271,7 @@ def test_a_folder_with_files_of_other_programs_is_refused_and_not_changed(
     if staging:
         (root / ".staging").mkdir()
     before = files(root)
-    with pytest.raises(DatasetError, match=f"has no meta/info.json, but files .*: {name} .1 files.. give a new"):
+    with pytest.raises(DatasetError, match=f"has no meta/info.json, but files .*: {name} .1 files.. Give a new"):
         Dataset(root)
     assert files(root) == before == {name, "meta/notes.staged"}
 

@@ -136,7 +136,7 @@ def test_every_form_of_policy_runs_its_steps(bench: RealRobot) -> None:
 @pytest.mark.parametrize(
     ("policy", "reason", "says"),
     [
-        (lambda seen: {ELBOW: seen[ELBOW] - 1.0}, "gate", "step at most"),
+        (lambda seen: {ELBOW: seen[ELBOW] - 1.0}, "gate", "Step at most"),
         (lambda seen: None, "policy", "not an action"),
         (lambda seen: 1 / 0, "policy", "division by zero"),
     ],

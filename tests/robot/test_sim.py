@@ -375,7 +375,7 @@ def test_without_opengl_the_error_names_the_package_and_the_robot_moves(
 
 @pytest.mark.parametrize("size", [(0, 480), (640, 0.5), (640, -1), (100_000, 480)])
 def test_a_picture_of_an_invalid_size_is_refused(new_sim: NewSim, size: tuple[Any, Any]) -> None:
-    with pytest.raises(SimulationError, match="render: (the picture's size is|a picture of 100000)"):
+    with pytest.raises(SimulationError, match=r"render: (the picture's size is|a picture of 100000)"):
         new_sim().render(*size)
 
 

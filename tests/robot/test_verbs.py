@@ -158,7 +158,7 @@ def test_before_connecting_every_verb_is_refused_with_the_reason(
     new_arm: NewArm, caplog: pytest.LogCaptureFixture
 ) -> None:
     arm = new_arm(port="/dev/nowhere")
-    not_connected = "not connected; call connect_eagerly() first"
+    not_connected = "not connected. Call connect_eagerly() first"
     verbs = (
         arm.stop,
         arm.resume,

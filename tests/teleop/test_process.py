@@ -160,7 +160,7 @@ def test_a_stop_ends_an_idle_teleoperation(pair: Pair) -> None:
 
 def test_an_invalid_leader_is_refused_before_anything_starts(pair: Pair) -> None:
     arm, leader = pair.arm, pair.teleoperator
-    assert "Give so101_leader one of port=" in why(arm.attach_teleop("so101_leader"))
+    assert "give so101_leader one of port=" in why(arm.attach_teleop("so101_leader"))
     assert "hz is 0" in why(arm.attach_teleop(leader, hz=0))
     assert "deadman is 'foot'" in why(arm.attach_teleop(leader, deadman="foot"))
     assert "no other process can import" in why(arm.attach_teleop(leader, map_fn=lambda action: action))

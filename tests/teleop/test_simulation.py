@@ -98,9 +98,9 @@ SLIPS: list[tuple[dict[str, Any], str]] = [
     ),
     ({"held": True, "shoulder_pan": float("nan")}, "shoulder_pan is nan. Give a rate in -1..1"),
     ({"held": True, "shoulder_pan": 50.0}, "shoulder_pan is 50.0. Give a rate in -1..1"),
-    ({"held": True, "shoulder_pan": "fast"}, "shoulder_pan is 'fast'. Give how fast"),
-    ({"held": True, "shoulder_pan": True}, "shoulder_pan is True. Give how fast"),
-    ({"held": True, "shoulder_pan": [1]}, "shoulder_pan is [1]. Give how fast"),
+    ({"held": True, "shoulder_pan": "fast"}, "shoulder_pan is 'fast'. Give a rate in -1..1"),
+    ({"held": True, "shoulder_pan": True}, "shoulder_pan is True. Give a rate in -1..1"),
+    ({"held": True, "shoulder_pan": [1]}, "shoulder_pan is [1]. Give a rate in -1..1"),
     ({"held": False, "sholder_pan": 0.5}, "'sholder_pan' is no axis"),
 ]
 

@@ -909,7 +909,7 @@ class RealRobot(RobotTool):
 _NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
 """The method that corresponds to an agent's verb, by what that verb does."""
 
-_NOT_CONNECTED = "not connected; call connect_eagerly() first"
+_NOT_CONNECTED = "not connected. Call connect_eagerly() first"
 
 
 def _with_verb(problem: str | None) -> str | None:

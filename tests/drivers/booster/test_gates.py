@@ -197,7 +197,7 @@ def test_a_state_that_is_old_or_unknown() -> None:
 
 def test_a_robot_with_too_few_motors() -> None:
     answer = refused({"left_elbow_pitch": 0.0}, state(seen=observation(motors=(9.0,))))
-    assert answer.code == "too_few_motors" and "reports 9 motors, slot 9 is beyond" in answer.reason
+    assert answer.code == "too_few_motors" and "reports 9 motors, fewer than a T1 has" in answer.reason
     assert isinstance(verdict(t1(), {"left_elbow_pitch": 0.0}, state(seen=observation(motors=(10.0,)))), Candidate)
 
 

@@ -53,7 +53,7 @@ def test_a_file_is_loaded(tmp_path: Path) -> None:
     [
         ("id", 254, "id is 254, must be 0..253"),
         ("id", -1, "id is -1, must be 0..253"),
-        ("id", 7, "elbow_flex has id 7, this robot has 3 there"),
+        ("id", 7, "has id 7 for elbow_flex, this robot has id 3"),
         ("id", True, "id is True, must be an integer"),
         ("drive_mode", 2, "drive_mode is 2, must be 0..1"),
         ("homing_offset", 2048, "homing_offset is 2048, must be -2047..2047"),

@@ -337,13 +337,13 @@ def test_a_picture_that_cannot_be_is_refused(tmp_path: Path, request_: p.Request
 @pytest.mark.parametrize(
     ("word", "text"),
     [
-        ("", r"no OpenGL .*install libegl1 \(egl\) or libosmesa6 \(osmesa\): apt install libegl1"),
-        ("glfw", r"no OpenGL .*install libegl1 \(egl\) or libosmesa6 \(osmesa\)"),
-        ("EGL", r"no OpenGL .*install libegl1 \(egl\): apt install libegl1"),
-        ("osmesa", r"no OpenGL .*install libosmesa6 \(osmesa\): apt install libosmesa6"),
+        ("", r"no OpenGL .*Install libegl1 \(egl\) or libosmesa6 \(osmesa\): apt install libegl1"),
+        ("glfw", r"no OpenGL .*Install libegl1 \(egl\) or libosmesa6 \(osmesa\)"),
+        ("EGL", r"no OpenGL .*Install libegl1 \(egl\): apt install libegl1"),
+        ("osmesa", r"no OpenGL .*Install libosmesa6 \(osmesa\): apt install libosmesa6"),
         (
             "mesa",
-            r"MUJOCO_GL is 'mesa'\. unset it, or use MUJOCO_GL=egl \(Debian package libegl1\) or MUJOCO_GL=osmesa",
+            r"MUJOCO_GL is 'mesa'\. Unset it, or use MUJOCO_GL=egl \(Debian package libegl1\) or MUJOCO_GL=osmesa",
         ),
     ],
 )

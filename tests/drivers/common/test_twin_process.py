@@ -151,7 +151,7 @@ def test_a_signal_ends_the_process_and_leaves_no_files(tmp_path: Path, number: s
 
 
 def test_a_port_never_takes_the_place_of_a_file(tmp_path: Path) -> None:
-    with pytest.raises(FileExistsError, match="Choose another name"):
+    with pytest.raises(FileExistsError, match="choose another name"):
         PtyLine(str(tmp_path))
 
 

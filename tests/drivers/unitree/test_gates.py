@@ -311,7 +311,7 @@ def told(battery: tuple[float, float] | None) -> dict[str, tuple[float, ...] | N
 @pytest.mark.parametrize(("battery", "code", "words"), [
     ((15.0, NOW_S), None, ""),
     ((14.9, NOW_S), "battery_low", "battery 14.9 % is below the minimum of 15.0 %"),
-    ((12.0, NOW_S), "battery_low", "battery 12.0 % is under"),
+    ((12.0, NOW_S), "battery_low", "battery 12.0 % is below the minimum"),
     (None, "battery_unknown", "the battery's charge is not known"),
     ((80.0, NOW_S - 11.0), "battery_unknown", "the battery's charge is 11 s old"),
 ])  # fmt: skip

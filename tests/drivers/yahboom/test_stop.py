@@ -95,7 +95,7 @@ def test_saf_005_a_bridge_without_services_confirms_nothing_and_is_not_flooded()
             world.denies = True
             reports = await wire.make_safe("zero")
             assert {(one.written, one.acknowledged, one.safe) for one in reports} == {(True, False, False)}
-            assert "/rosapi/get_time says no" in reports[0].detail
+            assert "/rosapi/get_time failed" in reports[0].detail
             assert len(world.taken) < 3 * STOP_S / 0.05
 
     virtual(test)
