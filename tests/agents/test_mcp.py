@@ -81,7 +81,7 @@ def test_without_allow_motion_nothing_is_energised_and_stop_works(twin: Twin, ru
             assert json_of(await use(client, action="stop"))["unconfirmed"] == []
             unknown = await client.call_tool("so100", {"action": "stop"})
             assert unknown.is_error
-            assert "the tool is so101" in str(unknown.content)
+            assert "The tool is so101" in str(unknown.content)
 
     run(main)
     assert not twin.log.host("enable")

@@ -156,7 +156,7 @@ def test_the_fault_of_a_camera_is_reported_by_name(new_arm: NewArm) -> None:
     assert "it gives 80 x 40, and 48 x 32 is asked for" in told(arm, "wide")["why"]
     until(lambda: told(arm, "broken")["why"] == "ZeroDivisionError: of a user's own code", "and told")
     until(lambda: "has no attribute 'nobody'" in (told(arm, "nowhere")["why"] or ""), "there is no such source")
-    until(lambda: "use Python's time.monotonic_ns" in (told(arm, "ahead")["why"] or ""), "another clock's")
+    until(lambda: "Use Python's time.monotonic_ns" in (told(arm, "ahead")["why"] or ""), "another clock's")
     with pytest.raises(StaleFrame, match="there is no picture yet"):
         arm.read_camera("ahead", 60_000)
     assert status(arm)["state"] == "armed"

@@ -88,7 +88,7 @@ def test_saf_018_a_lock_outlives_the_script_and_is_lifted_without_one(cli: Comma
     done = cli.run("resume", "so101")
     assert done.returncode == 0, done.stderr
     assert "e-stop by the command line" in done.stdout
-    assert "the robot is not running, so nothing was energised" in done.stdout
+    assert "The robot is not running, so nothing was energised" in done.stdout
     done = cli.run("resume", "so101")
     assert done.returncode == 2, done.stdout
     with RobotProcess(cli) as robot:
@@ -145,7 +145,7 @@ def test_saf_018_an_unanswered_estop_locks_the_port_too(run_dir: Path) -> None:
     note = Note("so101", "so101", 1, [], port="192.0.2.10")
     done, line = trio.run(operate.estop, cast("Directory", Silent()), note)
     assert not done
-    assert "not confirmed by shoulder_pan, gripper" in line
+    assert "Not confirmed by shoulder_pan, gripper" in line
     assert "BUT" not in line
     locks = run_dir / "data" / "locks"
     for robot, port, locked in (("so101-2", "192.0.2.10", True), ("so101", "", True), ("so101-2", "", False)):

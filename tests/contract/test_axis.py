@@ -74,7 +74,7 @@ def test_saf_014_bad_actions_are_refused_by_name(action: dict[str, object], code
 def test_saf_014_a_refusal_shows_the_value_that_is_not_a_number(value: object, message: str) -> None:
     refused = parse({"joint1": value})
     assert isinstance(refused, Refused) and refused.code == "not_finite"
-    assert refused.text == f"{message} send a finite number"
+    assert refused.text == f"{message} Send a finite number"
 
 
 def test_two_axes_of_one_name_are_refused() -> None:

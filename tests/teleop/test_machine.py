@@ -84,7 +84,7 @@ def test_a_dead_man_that_was_held_from_the_beginning_counts_as_not_held() -> Non
     for _ in range(50):
         bench.frame()
     assert bench.sent == []
-    assert "let go and press anew" in bench.machine.reason
+    assert "Let go and press anew" in bench.machine.reason
     bench.press()
     bench.frame()
     assert bench.sent

@@ -120,7 +120,9 @@ def test_a_page_is_found_by_its_name_in_any_case(host: str) -> None:
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:8000", "0.0.0.0", "0:8000", "0.0:8000"])
 def test_a_page_that_no_browser_could_name_is_refused(listen: str) -> None:
-    with pytest.raises(ValueError, match=r"every address of this host\. Give the one .* as 192\.0\.2\.5"):
+    with pytest.raises(
+        ValueError, match=r"all addresses of this computer\. Give the address .* such as 192\.0\.2\.5"
+    ):
         Teleoperator("phone", listen=listen)
 
 

@@ -107,7 +107,7 @@ def test_saf_023_resume_of_an_armed_robot_with_a_broken_condition_is_refused() -
             await next_reading()
             answer = await resume(tree)
             assert isinstance(answer, Refused) and answer.code == "error"
-            assert answer.text == "resume: protective stop. mend it"
+            assert answer.text == "resume: protective stop. Mend it"
             words.clear()
             await next_reading()
             assert isinstance(await resume(tree), Resumed), "after the remedy no stop is needed"

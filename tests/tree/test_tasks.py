@@ -172,7 +172,7 @@ def test_saf_003_stopping_a_task_while_the_wire_is_dead_ends_no_actor() -> None:
             tree.wire._scope.cancel()
             status = await tasks.ask(StopTask(), 2.0)
             assert isinstance(status, TaskStatus) and not status.running, status
-            assert "the wire is gone" in status.exit_detail
+            assert "the wire process has ended" in status.exit_detail
             assert tree.node.cells[tasks.address].incarnations == 1, "the actor was not restarted"
             await tree.until("disarmed")
             assert tree.hardware.energised == [False, False]
@@ -194,7 +194,7 @@ def test_saf_010_stopping_a_task_without_an_answer_of_the_wire_fences_it() -> No
             slow(transport._wire)  # type: ignore[attr-defined]
             status = await tasks.ask(StopTask(), 2.0)
             assert isinstance(status, TaskStatus) and not status.running, status
-            assert "fenced" in status.exit_detail
+            assert "is now killed" in status.exit_detail
             await tree.until("disarmed")
             assert tree.hardware.of("safe", requested_ns)[-1].path == "stop_channel"
             assert tree.hardware.energised == [False, False]
@@ -215,7 +215,7 @@ def test_stopping_a_task_does_not_fence_a_robot_that_declares_a_long_stop() -> N
             tree.hardware.confirm_s = 1.0
             status = await tasks.ask(StopTask(), 6.0)
             assert isinstance(status, TaskStatus) and not status.running, status
-            assert "fenced" not in status.exit_detail
+            assert "is now killed" not in status.exit_detail
             assert {sent.path for sent in tree.hardware.of("safe", requested_ns)} == {"wire"}
             assert tree.hardware.energised == [True, True], "the robot holds"
 
