@@ -305,7 +305,7 @@ def test_a_codec_other_than_the_datasets_is_refused_before_recording(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("record", "so101"), "Give -o FILE, or --dataset DIR"),
+        (("record", "so101"), "give -o FILE, or --dataset DIR"),
         (("record", "so101", "--dataset", "set"), "task is missing"),
         (("record", "so101", "--dataset", "set", "--task", "x", "--codec", "h264"), "Use av1 or mpeg4"),
         (("record", "nobody", "--dataset", "set", "--task", "x"), "no robot 'nobody'"),

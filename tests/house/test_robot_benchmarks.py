@@ -56,7 +56,7 @@ def test_percentiles_are_values_that_were_measured() -> None:
 
 def test_a_missing_peer_is_reported_with_a_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(peers, "PLACE", tmp_path)
-    with pytest.raises(peers.Missing, match=r"Run python -m benchmarks\.peers strands"):
+    with pytest.raises(peers.Missing, match=r"run python -m benchmarks\.peers strands"):
         peers.python("strands")
     with pytest.raises(peers.Missing, match=r"no Python 2\.1 "):
         peers.find("2.1")
