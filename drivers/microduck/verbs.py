@@ -9,7 +9,7 @@ from typing import Any
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
-from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.messages import Refused, sentence_case
 from strands_actors.kernel.refusals import Code
 
 from .config import LATE_S
@@ -103,8 +103,7 @@ def tool_verbs() -> tuple[ToolVerb, ...]:
     """Return the commands that an AI agent may call."""
 
     def service_verb(name: str, inputs: Mapping[str, Any], required: Sequence[str] = ()) -> ToolVerb:
-        about = SERVICES[name].about
-        return ToolVerb(name, "service", f"{about[:1].upper()}{about[1:]}.", inputs, tuple(required))
+        return ToolVerb(name, "service", f"{sentence_case(SERVICES[name].about)}.", inputs, tuple(required))
 
     head = dict.fromkeys(("neck_pitch", "head_pitch", "head_yaw", "head_roll"), _RAD)
     ids = {"type": "string", "description": "20, 21; empty: all"}

@@ -21,7 +21,7 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.ports.half_duplex import Quiet
 from strands_actors.drivers.common.ports.serial_port import open_serial
 from strands_actors.kernel.clock import NS, Clock
-from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.messages import Refused, sentence_case
 
 from . import protocol as p
 from .board import ANSWER_S, Board, OpenPort
@@ -196,7 +196,7 @@ class StretchWire(Wire):
             raise WireDown("arm: the power board does not report whether the runstop is pressed. Check its cable")
         if observation.sensors["runstop"] != (0.0,):
             reason, remedy = runstop_reason(observation.sensors)
-            raise WireDown(f"arm: {reason}. {remedy.capitalize()}")
+            raise WireDown(f"arm: {reason}. {sentence_case(remedy)}")
         permit.check()
         self._armed = True
         self._goals = {}

@@ -17,6 +17,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from strands_actors.kernel.messages import sentence_case
+
 from .driver import Driver, Service
 from .tool_verbs import Schema, ToolVerb
 
@@ -37,7 +39,7 @@ def undeclared(driver: Driver) -> tuple[str, ...]:
 
 
 def _verb(name: str, service: Service) -> ToolVerb:
-    description = f"{service.about[0].upper()}{service.about[1:].removesuffix('.')}."
+    description = f"{sentence_case(service.about).removesuffix('.')}."
     inputs = {
         argument: _schema(name, argument, default, service.counts)
         for argument, default in service.arguments.items()

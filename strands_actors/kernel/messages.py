@@ -28,7 +28,7 @@ class Message(msgspec.Struct, frozen=True, array_like=True, tag=True, gc=False):
 def sentence_case(text: str) -> str:
     """Return the text with an upper-case first letter, unless it begins with a name in code (``resume()``)."""
     first_word = text.split(maxsplit=1)[0] if text.strip() else ""
-    return text[:1].upper() + text[1:] if first_word.rstrip(",:;").isalpha() else text
+    return text[:1].upper() + text[1:] if first_word.rstrip(",:;").replace("-", "").isalpha() else text
 
 
 class Refused(Message, frozen=True):

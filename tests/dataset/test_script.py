@@ -98,7 +98,10 @@ def test_the_exception_of_a_block_survives_the_death_of_its_recorder(arm: Any, t
 def test_a_killed_recorder_is_reported_with_a_remedy(arm: Any, tmp_path: Path) -> None:
     root = tmp_path / "set"
     with (
-        pytest.raises(DatasetError, match=f"ended with code -9.*dataset repair {root}"),
+        pytest.raises(
+            DatasetError,
+            match=f"ended with code -9. Save the recorded frames with `strands-actors dataset repair {root}`",
+        ),
         record_dataset(arm, root, task="wave") as recording,
         recording.episode(),
     ):

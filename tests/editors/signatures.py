@@ -30,6 +30,7 @@ from strands_actors.contract.surface import driver_name
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.drivers import WIRES
 from strands_actors.drivers.plain.lerobot.types import TYPES
+from strands_actors.kernel.messages import sentence_case
 from strands_actors.supervisors.loading import build_driver
 
 FILE = Path(factory.__file__).with_name("robot.pyi")
@@ -226,7 +227,7 @@ def service(name: str, declared: Service, is_async: bool) -> str:
         parameters += ["*", "action: Mapping[str, Any] | None = None"]
     if is_async:
         return packed(f"    async def {name}(", parameters, ") -> Answer: ...")
-    about = f"{declared.about[0].upper()}{declared.about[1:].removesuffix('.')}."
+    about = f"{sentence_case(declared.about).removesuffix('.')}."
     text = textwrap.fill(f'        """{about}"""', WIDTH, subsequent_indent=" " * 8)
     return packed(f"    def {name}(", parameters, ") -> Answer:") + f"\n{text}"
 

@@ -373,9 +373,17 @@ def test_without_opengl_the_error_names_the_package_and_the_robot_moves(
     at(sim, "shoulder_pan", 5.0)
 
 
-@pytest.mark.parametrize("size", [(0, 480), (640, 0.5), (640, -1), (100_000, 480)])
-def test_a_picture_of_an_invalid_size_is_refused(new_sim: NewSim, size: tuple[Any, Any]) -> None:
-    with pytest.raises(SimulationError, match=r"render: (the picture's size is|a picture of 100000)"):
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((0, 480), "render: the picture's size is"),
+        ((640, 0.5), "render: the picture's size is"),
+        ((640, -1), "render: the picture's size is"),
+        ((100_000, 480), "render: a picture of 100000 x 480 pixels"),
+    ],
+)
+def test_a_picture_of_an_invalid_size_is_refused(new_sim: NewSim, size: tuple[Any, Any], message: str) -> None:
+    with pytest.raises(SimulationError, match=message):
         new_sim().render(*size)
 
 

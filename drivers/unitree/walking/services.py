@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from strands_actors.contract.driver import Service
 from strands_actors.contract.tool_verbs import DURATION, SENSORS, STATE, STATUS, STOP, ToolVerb, held_move
+from strands_actors.kernel.messages import sentence_case
 
 from .dialect import MOVE_S, Dialect
 from .robots import BASE
@@ -37,7 +38,7 @@ def verbs_of(dialect: Dialect) -> tuple[ToolVerb, ...]:
     walks = f"Walk for {DURATION}, or for {MOVE_S:g} s, then stand. A zero stops at once."
     move = held_move(walks, _SPEEDS, dict.fromkeys(BASE, 0.0))
     postures = (
-        ToolVerb(name, "service", f"{posture.about[0].upper()}{posture.about[1:]}. Keep clear of the robot.")
+        ToolVerb(name, "service", f"{sentence_case(posture.about)}. Keep clear of the robot.")
         for name, posture in dialect.postures.items()
     )
     return SENSORS, STATE, STATUS, move, *postures, STOP
