@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .shown import shown
 
 SHOWN = 40
@@ -134,7 +134,7 @@ def parse_action(
     """
     keys = ", ".join(index)
     if not action:
-        return Refused(Code.EMPTY, "the action names no joint", f"use {keys}", "{}", keys)
+        return refusals.empty_action(keys)
     values = list(target)
     for i, axis in enumerate(axes):
         if axis.mode is AxisMode.VELOCITY:
@@ -144,15 +144,13 @@ def parse_action(
         axis_index = index.get(key.removesuffix(".pos")) if isinstance(key, str) else None
         if axis_index is None:
             text = str(key)[:SHOWN] or "''"
-            return Refused(Code.UNKNOWN_JOINT, f"{text} is not a joint of {robot}", f"use {keys}", text, keys)
+            return refusals.unknown_joint(text, robot, keys)
         name = axes[axis_index].key
         if axis_index in named:
-            both = f"{name} and {name}.pos"
-            return Refused(Code.BOTH_SPELLINGS, f"{both} are both given", "send one of them", both, name)
+            return refusals.both_spellings(name)
         number = finite(value)
         if number is None:
-            problem = f"{name} is {_not_a_number(value)}"
-            return Refused(Code.NOT_FINITE, problem, "send a finite number", shown(value, SHOWN), "a finite number")
+            return refusals.not_finite(name, shown(value, SHOWN), _not_a_number(value))
         values[axis_index] = number
         named.append(axis_index)
     return tuple(values), tuple(named)

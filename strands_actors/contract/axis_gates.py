@@ -13,8 +13,8 @@ from typing import NamedTuple, Protocol
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .axis import AxisMode
 from .driver import Candidate, GateCheck, GateState
 
@@ -94,19 +94,19 @@ def stale(axes: Axes, ttl_s: float) -> GateCheck:
     """Return a gate that refuses to move an axis if its last measured position is older than ``ttl_s``."""
     ttl_ns = round(ttl_s * NS)
     limit = f"{ttl_s * 1e3:.0f} ms"
-    remedy = "check its cable and power. When it answers again, send the command again"
 
     def stale(candidate: Candidate, state: GateState) -> Refused | None:
         for index in candidate.named:
             stamp = state.observation.stamp_ns[index]
             age_ns = state.now_ns - stamp
-            if stamp == 0 or age_ns > ttl_ns:
-                age = "yet" if stamp == 0 else f"for {age_ns / 1e6:.0f} ms"
-                return Refused(Code.STALE, f"no position from {axes[index].label} {age}", remedy, age, limit)
+            if stamp == 0:
+                return refusals.no_position(axes[index].label, limit)
+            if age_ns > ttl_ns:
+                return refusals.stale_position(axes[index].label, age_ns / 1e6, limit)
         for index, value in enumerate(candidate.values[: len(axes)]):
             # The axis was never read, so it has no target that it could keep.
             if not math.isfinite(value):
-                return Refused(Code.STALE, f"no position from {axes[index].label} yet", remedy, "yet", limit)
+                return refusals.no_position(axes[index].label, limit)
         return None
 
     return stale
@@ -198,13 +198,7 @@ def _past_range(axis: Limited, value: float) -> Refused:
     bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
     end = bottom if value < low else top
     offered = _show_past(value, low if value < low else high, axis.unit)
-    return Refused(
-        Code.PAST_TRAVEL,
-        f"{axis.key} {offered}{unit_of(axis)} is past {end}",
-        f"stay within {bottom}..{top}",
-        offered=offered,
-        limit=f"{bottom}..{top}",
-    )
+    return refusals.past_travel(axis.key, offered, unit_of(axis), end, f"{bottom}..{top}")
 
 
 def _show_past(value: float, end: float, unit: str) -> str:
@@ -261,14 +255,7 @@ def too_fast(
             if not step <= allowed + _ROUNDING:
                 axis = axes[index]
                 most = show(allowed, axis.unit, inwards=math.floor)
-                unit = unit_of(axis)
-                return Refused(
-                    Code.TOO_FAST,
-                    f"{axis.key} steps {show(step, axis.unit)}{unit} in {period_s * 1e3:.3g} ms",
-                    f"step at most {most}{unit}",
-                    offered=show(step, axis.unit),
-                    limit=most,
-                )
+                return refusals.too_fast(axis.key, show(step, axis.unit), unit_of(axis), period_s * 1e3, most)
         return None
 
     return too_fast

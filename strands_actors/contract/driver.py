@@ -24,8 +24,8 @@ import msgspec
 
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .loading import load
 from .positions import SUFFIX
@@ -429,18 +429,15 @@ class Driver(ABC):
         declared = self.SERVICES.get(service)
         if declared is None:
             names = ", ".join(self.SERVICES) or "none"
-            return Refused(
-                Code.UNKNOWN_SERVICE, f"{self.robot} has no service {service}", f"it has {names}", service, names
-            )
+            return refusals.unknown_service(self.robot, service, names)
         for name in arguments:
             if name not in declared.arguments:
                 names = ", ".join(declared.arguments) or "none"
-                return Refused(Code.UNKNOWN_ARGUMENT, f"unknown argument {name}", f"it takes {names}", name, names)
+                return refusals.unknown_argument(name, names)
         for name, most in declared.counts.items():
             value = arguments.get(name, declared.arguments[name])
             if not _is_count(value, most):
-                problem, limit = f"{name} is {value!r}", f"1..{most}"
-                return Refused(Code.BAD_ARGUMENT, problem, f"give a whole number, 1 to {most}", f"{value}", limit)
+                return refusals.bad_count(name, value, most)
         return None
 
     def action_of(self, verb: ToolVerb, inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
