@@ -80,8 +80,11 @@ class Question:
         if OURS not in self.sides:
             raise ValueError(f"{self.name} has no side {OURS!r}. Add it to {', '.join(self.sides)}")
         unknown = {self.ground, *(goal.beside for goal in self.goals)} - {"", *self.sides}
+        names = ", ".join(self.sides)
         if unknown:
-            raise ValueError(f"{self.name}: goals name {', '.join(unknown)}, which are not sides of this question")
+            raise ValueError(
+                f"{self.name}: its goals name {', '.join(unknown)}. Name only some of its sides: {names}"
+            )
 
     def among(self, *sides: str) -> Question:
         """Return a copy of the question with only the given sides (programs) and the side of this package, and

@@ -30,11 +30,11 @@ QUESTION = Question(
         Goal("threads_per_robot", "", at_most=0.0),
     ),
     limit="""The processor is the limit. Each of our robots has two processes that check deadlines and send
-heartbeats 100 times per second, also at rest, and take 6 to 9 % of a core and 35 to 49 MB. Two fifths of this
-processor time are wake-ups (epoll in the flame graph). Each robot of strands-robots is 15 threads of the caller,
-which are idle between their ten states per second and take 2 to 3 % of a core. No process monitors the threads of
-strands-robots. The 48 to 64 robots of strands-robots, the most that this benchmark starts, still send their states
-in time.
+heartbeats 100 times per second, also at rest. Both processes together take 6 to 9 % of a core and 35 to 49 MB. Two
+fifths of this processor time are wake-ups (epoll in the flame graph). Each robot of strands-robots is 15 threads of
+the caller, which are idle between their ten states per second and take 2 to 3 % of a core. No process monitors the
+threads of strands-robots. The 48 to 64 robots of strands-robots, the most that this benchmark starts, still send
+their states in time.
 
 The goal, five times as many robots per core as strands-robots, would leave 0.6 to 0.8 % of a core for each of our
 robots. `two empty ticks each` is the cost of two processes that only wake up 100 times per second, scaled to a

@@ -23,7 +23,8 @@ from strands_actors.kernel.actor import Actor, Deferred, describe
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.frames import TELL
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.kernel.refusals import Code
+
+from . import refusals
 
 FORMAT = 1
 """Number of the journal's format. A recorder that reads another format is refused."""
@@ -317,11 +318,7 @@ class InstrumentKeeper(Actor):
 
     def _attach(self, message: Attach) -> Attached | Taken | Refused:
         if message.format != FORMAT:
-            return Refused(
-                Code.FORMAT,
-                f"the recorder has format {message.format}, this robot has {FORMAT}",
-                "use the robot's version",
-            )
+            return refusals.other_format(message.format, FORMAT)
         if self._session is not None and self._session.to != message.to:
             return Taken(self._session.by, self._session.pid)
         now_ns = self.context.received_ns
@@ -349,8 +346,7 @@ class InstrumentKeeper(Actor):
         """
         if session != self._abandoned:
             return Detached()
-        reason = "the robot ended this recording early, and the last entries were not sent"
-        return Refused(Code.GIVEN_UP, reason, "run the recorder on a less busy computer")
+        return refusals.recording_given_up()
 
     def _unplug(self, session: _RecorderSession) -> None:
         if self.context.node.instrument is session.journal:

@@ -10,10 +10,10 @@ import time
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.processes.reserve import RESERVE
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.root.messages import ActorInfo, Describe, Introspection
 
-_HOW = "use exception, exit, spin or leak"
+from . import refusals
+
 ALLOW_FAULTS = "STRANDS_ACTORS_ALLOW_FAULTS"
 
 
@@ -71,15 +71,8 @@ class Introspector(Actor):
 
     def _break(self, how: str) -> Refused | None:
         if os.environ.get(ALLOW_FAULTS) != "1":
-            return Refused(
-                Code.NOT_ALLOWED,
-                "faults are not allowed",
-                f"set the environment variable {ALLOW_FAULTS}=1",
-                verb="break",
-            )
+            return refusals.faults_not_allowed(ALLOW_FAULTS)
         if how == "exception":
             raise Broken("this fault was requested")
         fall(how)
-        return (
-            None if how == "leak" else Refused(Code.UNKNOWN_FAULT, f"{how} is no known fault", _HOW, verb="break")
-        )
+        return None if how == "leak" else refusals.unknown_fault(how)

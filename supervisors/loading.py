@@ -9,7 +9,8 @@ from strands_actors.contract.driver import Candidate, Driver, GateCheck, GateSta
 from strands_actors.contract.fallbacks import check_conditions, check_fallbacks
 from strands_actors.contract.loading import load, place_of
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
+
+from . import refusals
 
 OURS = "strands_actors."
 
@@ -61,6 +62,6 @@ def requires_drill(until_ns: int, reason: str, remedy: str) -> GateCheck:
     of a stop drill."""
 
     def requires_drill(candidate: Candidate, state: GateState) -> Refused | None:
-        return None if state.now_ns < until_ns else Refused(Code.NO_DRILL, reason, remedy)
+        return None if state.now_ns < until_ns else refusals.no_drill(reason, remedy)
 
     return requires_drill

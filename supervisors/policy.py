@@ -45,7 +45,7 @@ from strands_actors.supervisors.gate.messages import (
 )
 from strands_actors.supervisors.root.messages import GetTask, Rollout, StopTask, TaskStatus
 
-from . import addresses
+from . import addresses, refusals
 from .gate.actions import plain
 from .gate.gate import Gate
 
@@ -389,7 +389,7 @@ class Policy(Actor):
             try:
                 lease = await self._gate.ask(request, self._ask_s + GRANT_S)
             except (AskTimeout, Unreachable) as failure:
-                lease = Refused(Code.PUBLISH, busy.explained(f"the gate does not answer: {failure}"))
+                lease = busy.with_load(refusals.silent_gate(str(failure)))
             if isinstance(lease, Lease):
                 self._lease = lease
                 return True

@@ -23,6 +23,9 @@ from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import Released, StopReport
 
+from . import refusals
+from .refusals import REMEDY
+
 
 class NothingRan(msgspec.Struct, frozen=True):
     """This program has started no robot and sent no command, so it has energised nothing."""
@@ -59,8 +62,6 @@ class Unreachable(msgspec.Struct, frozen=True):
 
 StopResult = Confirmed | Unconfirmed | Unreachable
 
-REMEDY = "look at the robot, and cut its power if it still moves"
-
 
 def of_report(report: StopReport) -> Confirmed | Unconfirmed:
     return Confirmed(report) if report.confirmed else Unconfirmed(report)
@@ -81,14 +82,14 @@ def of_answer(verb: str, answer: Message | None, motors: Sequence[str]) -> StopR
             return of_report(answer.report)
         case Refused():
             return Unreachable(answer, tuple(motors))
-    return Unreachable(Refused(Code.NO_ANSWER, "no answer", REMEDY, verb=verb), tuple(motors))
+    return Unreachable(refusals.no_stop_answer(verb), tuple(motors))
 
 
 def silent(
     verb: str, reason: object, driver: Driver, remedy: str = REMEDY, code: str = Code.UNREACHABLE
 ) -> Unreachable:
     """Return the result of a stop that was not answered. ``reason`` is the reason for people."""
-    return Unreachable(Refused(code, str(reason), remedy, verb=verb), driver.axes)
+    return Unreachable(refusals.unreachable(verb, str(reason), remedy, code), driver.axes)
 
 
 def timed_out(request: str, result: StopResult, confirmed: str, remedy: str) -> Refused:
@@ -102,11 +103,11 @@ def timed_out(request: str, result: StopResult, confirmed: str, remedy: str) -> 
     """
     match result:
         case Confirmed():
-            return Refused(Code.TIMEOUT, f"{request}; {confirmed}", remedy)
+            return refusals.late_stopped(request, confirmed, remedy)
         case Unconfirmed(report):
             named = ", ".join(report.unconfirmed) or "the robot"
-            return Refused(Code.TIMEOUT, f"{request}; {named} did not confirm the stop that followed", REMEDY)
+            return refusals.late_unconfirmed(request, named)
         case Unreachable():
-            return Refused(Code.TIMEOUT, f"{request}; {result.text}")
+            return refusals.late_unreachable(request, result.text)
         case never:
             assert_never(never)

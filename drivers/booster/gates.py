@@ -9,16 +9,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strands_actors.contract.axis import SHOWN, finite
+from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, Reason
+from strands_actors.contract.refusals import bad_argument
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.booster.refusals import BoosterCode
 from strands_actors.drivers.common.kit.motor_targets import target_gates
+from strands_actors.drivers.common.kit.refusals import stale_low_state
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import CONTROL_S
 from .protocol import Fall
 from .robots import BASE, HEAD, LAST_ARM, Model
@@ -67,24 +69,14 @@ def ready(observation: Observation, now_ns: int) -> Refused | None:
 def not_ready(observation: Observation, now_ns: int, ttl_s: float) -> Refused | None:
     reported = observation.sensors.get("fall_state")
     if reported is None:
-        return Refused(
-            BoosterCode.FALL_UNKNOWN,
-            "the robot has not reported its fall state",
-            "check the robot's fall_down topic",
-        )
+        return refusals.unknown_fall_state()
     number, read_s = reported
     age_s = now_ns / NS - read_s
     if age_s > ttl_s:
-        age, limit = f"{age_s:.1f} s", f"{ttl_s:.1f} s"
-        reason = f"the last report of the fall state is {age} old (limit {limit})"
-        return Refused(BoosterCode.FALL_STALE, reason, "check the robot and the network", age, limit)
+        return refusals.stale_fall_state(age_s, ttl_s)
     if number == Fall.IS_READY:
         return None
-    name = Fall(int(number)).name
-    reason = f"the robot reports {name}"
-    return Refused(
-        BoosterCode.FALLEN, reason, "wait until the robot has got up (IS_READY)", name, Fall.IS_READY.name
-    )
+    return refusals.fallen(Fall(int(number)).name)
 
 
 def mode_reported(observation: Observation, now_ns: int) -> Refused | None:
@@ -92,29 +84,18 @@ def mode_reported(observation: Observation, now_ns: int) -> Refused | None:
     answered with an error."""
     reported = observation.sensors.get("mode")
     if reported is None:
-        return Refused(
-            Code.MODE_UNKNOWN, "the robot does not report the mode", "check that the robot's service runs"
-        )
+        return refusals.unreported_mode()
     _, read_s = reported
     age_s = now_ns / NS - read_s
     if age_s <= MODE_TTL_S:
         return None
-    age, limit = f"{age_s:.1f} s", f"{MODE_TTL_S:.1f} s"
-    reason = f"the last report of the mode is {age} old (limit {limit})"
-    return Refused(Code.MODE_STALE, reason, "check the robot and the network", age, limit)
+    return refusals.stale_mode(age_s, MODE_TTL_S)
 
 
 def not_custom(observation: Observation, now_ns: int) -> Refused | None:
     if mode_in(observation) is not Mode.CUSTOM:
         return None
-    reason = "in custom mode this program commands every motor, and the legs would lose their torque"
-    return Refused(
-        BoosterCode.CUSTOM_MODE,
-        reason,
-        "switch it to walking mode with its remote control",
-        "custom",
-        ", ".join(MODES),
-    )
+    return refusals.custom_mode(", ".join(MODES))
 
 
 def mode_in(observation: Observation) -> Mode | None:
@@ -133,14 +114,11 @@ def gates(model: Model) -> tuple[GateCheck, ...]:
 def _state_fresh(candidate: Candidate, state: GateState) -> Refused | None:
     stamp_ns = state.observation.t_ns
     if stamp_ns == 0:
-        reason = "no state has arrived yet (topic LowState)"
-        return Refused(Code.NO_STATE, reason, "wait for the first state, or check the network")
+        return refusals.no_state()
     age_ns = state.now_ns - stamp_ns
     if age_ns <= STATE_TTL_S * NS:
         return None
-    age, limit = f"{age_ns / 1e6:.0f} ms", f"{STATE_TTL_S * 1e3:.0f} ms"
-    reason = f"last LowState is {age} old (limit {limit})"
-    return Refused(Code.STALE, reason, "check the robot and the network", age, limit)
+    return stale_low_state(age_ns / 1e6, STATE_TTL_S * 1e3)
 
 
 def _ready_lately(candidate: Candidate, state: GateState) -> Refused | None:
@@ -151,17 +129,14 @@ def _enough_motors(candidate: Candidate, state: GateState) -> Refused | None:
     (count,) = state.observation.sensors.get("motors", (0.0,))
     if count > LAST_ARM:
         return None
-    reason = f"the robot reports {count:.0f} motors, fewer than a T1 has"
-    limit = f"more than {LAST_ARM}"
-    return Refused(BoosterCode.TOO_FEW_MOTORS, reason, "check that it is a T1", f"{count:.0f}", limit)
+    return refusals.too_few_motors(count, LAST_ARM)
 
 
 def _handed_over(candidate: Candidate, state: GateState) -> Refused | None:
     (host_has_arms,) = state.observation.sensors.get("upper_body", (0.0,))
     if host_has_arms:
         return None
-    reason = "the onboard controller still has the upper body"
-    return Refused(BoosterCode.UPPER_BODY, reason, "call enable_upper_body() first")
+    return refusals.upper_body_not_handed_over()
 
 
 def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
@@ -172,17 +147,9 @@ def refuse_others(model: Model, action: Mapping[Any, object]) -> Refused | None:
         name = str(key).removesuffix(".pos")
         motor = next((motor for motor in model.motors if motor.key == name and motor not in model.joints), None)
         if motor is not None:
-            reason = f"{name} (slot {motor.slot}) is moved only by the onboard controller"
-            remedy = "call rotate_head(pitch, yaw)" if name in HEAD.values() else f"commandable: {keys}"
-            return Refused(BoosterCode.NOT_OURS, reason, remedy, name, keys)
+            return refusals.onboard_joint(name, motor.slot, keys, is_head=name in HEAD.values())
         if name in BASE:
-            return Refused(
-                BoosterCode.NOT_A_JOINT,
-                f"{name} is a speed of the base, not a joint",
-                "call move(vx, vy, vyaw)",
-                name,
-                keys,
-            )
+            return refusals.base_speed(name, keys)
     return None
 
 
@@ -202,18 +169,13 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
             return _refuse_mode(arguments)
         case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
             # Refuse any type but ``bool``: the text "no" would count as true.
-            shown = str(on)[:SHOWN]
-            reason = f"on is {shown!r}"
-            return Refused(Code.BAD_ARGUMENT, reason, "give True or False", shown, "True or False")
+            return bad_argument("on", str(on)[:SHOWN], "True or False")
     for name, (low, high, unit) in limits.items():
         value, shown = finite(arguments.get(name, 0.0)), str(arguments.get(name))[:SHOWN]
         if value is None:
-            reason = f"{name} is {shown}"
-            return Refused(Code.NOT_FINITE, reason, "give a finite number", shown, "a finite number")
+            return refusals.argument_not_finite(name, shown)
         if not low <= value <= high:
-            limit = f"{low:g}..{high:g} {unit}"
-            reason = f"{name}={value:.4g} is outside {limit}"
-            return Refused(Code.PAST_LIMIT, reason, "give a value within this range", f"{value:.4g}", limit)
+            return refusals.argument_past_limit(name, value, f"{low:g}..{high:g} {unit}")
     return None
 
 
@@ -221,25 +183,24 @@ def _refuse_mode(arguments: Mapping[str, Any]) -> Refused | None:
     mode = arguments.get("mode")
     if mode in MODES:
         return None
-    names, shown = ", ".join(MODES), str(mode)[:SHOWN]
-    return Refused(BoosterCode.UNKNOWN_MODE, f"mode is {shown!r}", f"use one of {names}", shown, names)
+    return refusals.unknown_mode(str(mode)[:SHOWN], ", ".join(MODES))
 
 
 def move_refusal(mode: Mode | None) -> Refused | None:
     if mode in WALKS:
         return None
-    name = "unknown" if mode is None else mode.name.lower()
-    remedy = "call change_mode('walking') first"
-    return Refused(Code.MODE, f"the robot does not walk in {name} mode", remedy, name, _names(WALKS))
+    return refusals.mode_without_walking(_name(mode), _names(WALKS))
 
 
 def handover_refusal(mode: Mode | None, modes: Sequence[Mode]) -> Refused | None:
     if mode in modes:
         return None
-    name = "unknown" if mode is None else mode.name.lower()
-    reason = f"in {name} mode no controller balances the robot"
-    return Refused(Code.MODE, reason, "call change_mode('walking') first", name, _names(modes))
+    return refusals.mode_without_balance(_name(mode), _names(modes))
+
+
+def _name(mode: Mode | None) -> str:
+    return "unknown" if mode is None else mode.name.lower()
 
 
 def _names(modes: Sequence[Mode]) -> str:
-    return ", ".join(mode.name.lower() for mode in modes)
+    return ", ".join(map(_name, modes))

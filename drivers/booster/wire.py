@@ -16,16 +16,15 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.refusals import robot_stopped
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.booster.refusals import BoosterCode
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.session_wire import PromptSessionWire
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
-from . import gates, rpc
+from . import gates, refusals, rpc
 from . import protocol as p
 from .config import CONTROL_S, TWIST_S, BoosterConfig
 from .link import FIND_S, Link, Order
@@ -270,7 +269,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
         refusal = self._unfit(observation) or gates.mode_reported(observation, now_ns)
         refusal = refusal or gates.not_custom(observation, now_ns)
         if refusal is not None:
-            raise WireDown(f"arm: {refusal.text}")
+            raise WireDown(f"arming: {refusal.text}")
         await trio.lowlevel.checkpoint()
         permit.check()
         session.armed = True
@@ -329,7 +328,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
         if not session.armed:
-            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
+            return robot_stopped()
         match service:
             case "move":
                 return await self._walk(session, arguments, permit)
@@ -463,12 +462,7 @@ class BoosterWire(PromptSessionWire[BoosterSession]):
 def _refused(service: str, answer: Response | None) -> Refused | None:
     """Turn the robot's answer into a refusal; None if the service was carried out."""
     if answer is None:
-        reason = "the robot has not answered the request and may still carry it out"
-        return Refused(
-            BoosterCode.NOT_CONFIRMED, reason, "check what the robot does", "no answer", f"within {ANSWER_S:g} s"
-        )
+        return refusals.unconfirmed_request(ANSWER_S)
     if answer.error:
-        return Refused(
-            BoosterCode.STATUS, f"the robot answered: {answer.error}", "check the robot", str(answer.status), "0"
-        )
+        return refusals.failed_request(answer.error, answer.status)
     return None

@@ -27,8 +27,8 @@ from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb,
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.ports.addresses import check_device
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import LAND_S, LATE_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig, parse_port
 from .gates import conditions_of, gates_of
 from .robots import AXES, TABLES, VZ, Z, part_of
@@ -156,7 +156,7 @@ class Crazyflie(Driver):
             return parsed
         values, named = parsed
         if Z in named and VZ in named:
-            return Refused(Code.BOTH, "vz and z are both given", "send one of them", "vz and z", "vz or z")
+            return refusals.both_vz_and_z()
         return Candidate((*values, float(Z in named)), named)
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
@@ -170,9 +170,7 @@ class Crazyflie(Driver):
             low, high, unit = SERVICE_RANGES[name]
             value = finite(arguments.get(name, default))
             if value is None or not low <= value <= high:
-                offered, limit = str(arguments.get(name))[:40], f"{low:g}..{high:g} {unit}"
-                reason = f"{name} is {offered}"
-                return Refused(Code.BAD_ARGUMENT, reason, f"give {limit}", offered, limit)
+                return refusals.argument_out_of_range(name, str(arguments.get(name))[:40], low, high, unit)
         return None
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:

@@ -18,10 +18,9 @@ from strands_actors.contract.driver import (
 )
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.crazyflie.refusals import CrazyflieCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .protocol import Battery, Bit, Flight, Position
 from .robots import VZ, Z
 
@@ -78,9 +77,7 @@ def _locked(observation: Observation, now_ns: int) -> Refused | None:
     bits = bits_in(observation.sensors)
     if bits is None or Bit.LOCKED not in bits:
         return None
-    return Refused(
-        CrazyflieCode.LOCKED, "the drone is locked after an emergency stop", "switch it off and on", "locked"
-    )
+    return refusals.locked("locked")
 
 
 def _upset(observation: Observation, now_ns: int) -> Refused | None:
@@ -88,8 +85,8 @@ def _upset(observation: Observation, now_ns: int) -> Refused | None:
     if bits is None or not bits & (Bit.TUMBLED | Bit.CRASHED):
         return None
     if Bit.TUMBLED in bits:
-        return Refused(CrazyflieCode.TUMBLED, "the drone has tumbled", "put it on its feet", "tumbled")
-    return Refused(CrazyflieCode.CRASHED, "the drone has crashed", "switch it off and on", "crashed")
+        return refusals.tumbled()
+    return refusals.crashed()
 
 
 def _battery(floor_v: float) -> ConditionCheck:
@@ -106,32 +103,20 @@ def _battery(floor_v: float) -> ConditionCheck:
 def _refuse_battery(sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     (age_s,) = sensors.get("position_age_s", (0.0,))
     if age_s > BATTERY_AGE_S:
-        reason, limit = f"the drone has not reported its battery for {age_s:.1f} s", f"{BATTERY_AGE_S:g} s"
-        return Refused(Code.BATTERY, reason, "check radio and power", f"{age_s:.1f}", limit)
+        return refusals.stale_battery(age_s, BATTERY_AGE_S)
     (volts,) = sensors.get("battery_v", (math.nan,))
     (state,) = sensors.get("battery_state", (float(Battery.BATTERY),))
     if volts >= floor_v and state not in (Battery.LOW_POWER, Battery.SHUTDOWN):
         return None
-    limit = f"{floor_v:.1f} V"
     if volts >= floor_v:
-        reason, remedy = f"the firmware reports a low battery, at {volts:.2f} V", "charge it"
-    else:
-        reason, remedy = f"the battery has only {volts:.2f} V", f"charge it above {limit}"
-    return Refused(Code.BATTERY, reason, remedy, f"{volts:.2f}", limit)
+        return refusals.low_battery_by_firmware(volts, floor_v)
+    return refusals.low_battery(volts, floor_v)
 
 
 def _hovering(longest_s: float) -> ConditionCheck:
     def hovering(observation: Observation, now_ns: int) -> Refused | None:
         (hover_s,) = observation.sensors.get("hover_s", (0.0,))
-        if hover_s <= longest_s:
-            return None
-        limit = f"{longest_s:g} s"
-        return Refused(
-            CrazyflieCode.HOVERING,
-            f"the drone hovered without a command for {limit}",
-            "take off again",
-            limit=limit,
-        )
+        return None if hover_s <= longest_s else refusals.hovered_too_long(longest_s)
 
     return hovering
 
@@ -139,14 +124,8 @@ def _hovering(longest_s: float) -> ConditionCheck:
 def _flying(observation: Observation, now_ns: int) -> Refused | None:
     bits = bits_in(observation.sensors)
     if bits is None:
-        return Refused(
-            Code.NO_OBSERVATION, "the drone's supervisor has not reported yet", "wait for its first report"
-        )
-    if bits.airborne:
-        return None
-    return Refused(
-        CrazyflieCode.NOT_FLYING, "the drone stands on the floor with its motors off", "call takeoff() first"
-    )
+        return refusals.no_supervisor_report()
+    return None if bits.airborne else refusals.not_flying()
 
 
 # -- gates: each checks one command
@@ -164,12 +143,10 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
     def within_heights(candidate: Candidate, state: GateState) -> Refused | None:
         climb, height_m = candidate.values[VZ], state.observation.position[Z]
         if climb > 0 and height_m >= high:
-            reason, remedy = f"at {height_m:.2f} m, past {high:g}", "sink, or give z"
-        elif climb < 0 and height_m <= low:
-            reason, remedy = f"at {height_m:.2f} m, below {low:g}", "call land()"
-        else:
-            return None
-        return Refused(Code.PAST_TRAVEL, f"vz {climb:g} m/s {reason}", remedy, f"{climb:g}", f"{low:g}..{high:g}")
+            return refusals.too_high_to_climb(climb, height_m, low, high)
+        if climb < 0 and height_m <= low:
+            return refusals.too_low_to_sink(climb, height_m, low, high)
+        return None
 
     return within_heights
 
@@ -180,25 +157,17 @@ def _within_heights(heights_m: tuple[float, float]) -> GateCheck:
 def takeoff_refusal(bits: Bit | None, sensors: Mapping[str, Row], floor_v: float) -> Refused | None:
     """Return why the drone may not take off now; None if it may."""
     if bits is None:
-        return Refused(Code.NO_OBSERVATION, "the drone's supervisor does not answer", "check radio and power")
+        return refusals.silent_supervisor()
     if Bit.LOCKED in bits:
-        return Refused(CrazyflieCode.LOCKED, "the drone is locked after an emergency stop", "switch it off and on")
+        return refusals.locked()
     if bits & (Bit.TUMBLED | Bit.CRASHED):
-        return Refused(
-            CrazyflieCode.TUMBLED, "the drone has tumbled or crashed", "put it on its feet, switch it off and on"
-        )
+        return refusals.tumbled_or_crashed()
     refusal = _refuse_battery(sensors, floor_v)
     if refusal is not None or bits.airborne:
         return refusal
     if not bits & (Bit.ARMED | Bit.CAN_BE_ARMED):
-        return Refused(CrazyflieCode.CANNOT_ARM, "the drone's supervisor does not allow arming", "check the drone")
+        return refusals.cannot_arm()
     tilt_deg = max(abs(math.degrees(angle)) for angle in sensors["rpy_rad"][:2])
     if tilt_deg > SETTLED_DEG:
-        limit = f"{SETTLED_DEG:g} degrees"
-        return Refused(
-            CrazyflieCode.TILTED,
-            f"the drone is tilted by {tilt_deg:.0f} degrees",
-            "put it on a level floor",
-            limit=limit,
-        )
+        return refusals.tilted(tilt_deg, SETTLED_DEG)
     return None

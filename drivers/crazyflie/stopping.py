@@ -195,8 +195,11 @@ class _Descent:
 
     async def _disarm(self) -> str:
         """Disarm the drone, which switches its motors off. Return why they are not known to be off; empty if they
-        are. The answer to this order is read first, because a drone that arms by itself reports for a while that
-        it flies."""
+        are off.
+
+        If the answer says that the drone is disarmed, its state is not read: a drone that arms itself again still
+        reports for a while that it flies.
+        """
         answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)
         try:
             if answer is not None and not p.is_armed(answer):

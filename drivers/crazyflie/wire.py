@@ -13,17 +13,17 @@ from typing import Any, ClassVar
 
 import trio
 
+from strands_actors.contract.refusals import robot_stopped
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
 from strands_actors.drivers.common.kit.session_wire import SessionWire
-from strands_actors.drivers.crazyflie.refusals import CrazyflieCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
+from . import refusals
 from .config import LAND_S, LANDING_M_S, TAKEOFF_M, TAKEOFF_S, CrazyflieConfig
 from .gates import sensors_of, takeoff_refusal
 from .hovering import Hover
@@ -110,11 +110,11 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         bits = await session.supervisor(ARM_S)
         permit.check()
         if bits is None:
-            raise WireDown("arm: the drone's supervisor does not answer. Check radio and power")
+            raise WireDown("arming: the drone's supervisor does not answer. Check radio and power")
         if Bit.LOCKED in bits:
-            raise WireDown("arm: the drone is locked after an emergency stop. Switch it off and on")
+            raise WireDown("arming: the drone is locked after an emergency stop. Switch it off and on")
         if bits.airborne:
-            raise WireDown("arm: the drone is in the air. Wait until it stands on the floor")
+            raise WireDown("arming: the drone is in the air. Wait until it stands on the floor")
         self._is_armed = True
         return await self.read()
 
@@ -199,15 +199,13 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not self._is_armed:
-            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
+            return robot_stopped()
         if service == "takeoff":
             height_m = float(arguments.get("height", TAKEOFF_M))
             return await self._take_off(height_m, float(arguments.get("duration", TAKEOFF_S)), permit)
         if service == "land":
             return await self._land(float(arguments.get("duration", LAND_S)), permit)
-        return Refused(
-            CrazyflieCode.STOP, "this is an order to stop, not a service", "call stop() or emergency_stop()"
-        )
+        return refusals.stop_as_service()
 
     async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
@@ -218,16 +216,13 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             return refusal
         flight = self._fresh_flight(session)
         if flight is None:
-            reason, limit = "the drone's height is not known", f"{self._config.fresh_s:g} s"
-            return Refused(Code.STALE, reason, "check radio and power", f"{session.age_s():.1f}", limit)
+            return refusals.unknown_height(session.age_s(), self._config.fresh_s)
         permit.check()
         if bits is None or not bits.airborne:
             answer = await session.ask(p.ARM_QUESTION, ARM_S, permit)
             if answer is None or not _says_armed(answer):
                 await session.send(p.STOP, p.DISARM)
-                return Refused(
-                    Code.NOT_ARMED, "the drone did not confirm arming, so its motors stay off", "check the drone"
-                )
+                return refusals.arming_not_confirmed()
             permit.check()
         # Rise no faster than a command may request.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
@@ -244,10 +239,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             return {"height": round(self._height_m(session), 3), "duration": round(duration_s, 2)}
         does_not_fly, self._hover = self._hover is None, None
         outcome = await bring_down(session, SafeState.LAND)
-        landed = "the drone does not fly" if does_not_fly else "the drone was landed"
-        if outcome.detail:
-            landed = f"not landed: {outcome.detail}"
-        return Refused(CrazyflieCode.TAKEOFF, f"takeoff did not reach {height_m:g} m; {landed}", "check the drone")
+        return refusals.incomplete_takeoff(height_m, does_not_fly, outcome.detail)
 
     async def _land(self, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
@@ -263,7 +255,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             outcome = await bring_down(session, SafeState.LAND, max(STOP_S, land_s + LANDED_S), land_s)
             took = {"duration": round(land_s, 2)}
         if outcome.detail:
-            return Refused(CrazyflieCode.LAND, f"{outcome.detail}", "call stop(), or emergency_stop()")
+            return refusals.not_landed(outcome.detail)
         return {"landed": True, **took}
 
     def _is_up(self, session: CrazyflieSession, height_m: float) -> bool:

@@ -23,8 +23,8 @@ from strands_actors.contract.tool_verbs import DURATION, STATUS, STOP, ToolVerb,
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import REPORT_OLD_S, EarthRoverConfig
 from .protocol import PICTURES, SPEAK_S
 from .robots import TABLES
@@ -154,8 +154,7 @@ class EarthRover(Driver):
         text = arguments.get("text", "")
         if isinstance(text, str) and 0 < len(text) <= SPOKEN:
             return None
-        limit = f"1..{SPOKEN} characters"
-        return Refused(Code.BAD_ARGUMENT, f"text is {str(text)[:40]!r}", f"give {limit}", str(text)[:40], limit)
+        return refusals.unfit_text(str(text)[:40], SPOKEN)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {"driver": "strands", "robot": self.robot, **super().commanded(action, values)}

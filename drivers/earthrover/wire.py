@@ -22,11 +22,11 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import Outcome, names_of
 from strands_actors.drivers.common.kit.velocity_base import stop_base
 from strands_actors.drivers.common.ports.http_port import HttpPort
-from strands_actors.drivers.earthrover.refusals import EarthRoverCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
+from . import refusals
 from .config import REPORT_OLD_S, EarthRoverConfig
 from .stop import STOP_S, RoverZero
 
@@ -127,7 +127,7 @@ class EarthRoverWire(Wire):
         answer = await port.answer(port.send("POST", p.CONTROL, p.encode_stop(self._commanded[2])), ARM_S)
         if answer.status != p.OK:
             raise WireDown(
-                f"arm: the SDK process answered the zero command with HTTP status {answer.status}. Check it"
+                f"arming: the SDK process answered the zero command with HTTP status {answer.status}. Check it"
             )
         return await self.read()
 
@@ -207,7 +207,7 @@ class EarthRoverWire(Wire):
         finally:
             client.close()
         if answer.status != p.OK:
-            return Refused(EarthRoverCode.SERVICE, f"the SDK process answered with HTTP status {answer.status}")
+            return refusals.service_failed(answer.status)
         return {"spoken": arguments["text"]}
 
     def close(self) -> None:

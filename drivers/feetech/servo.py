@@ -47,7 +47,7 @@ def factory_table(servo_id: int, model: int, voltage_v: float) -> bytearray:
         p.MIN_POSITION: 0,
         p.MAX_POSITION: p.COUNTS - 1,
         p.MAX_TEMPERATURE: 70,
-        # A 12 V servo has a higher limit [assumed].
+        # The voltage limit of a 12 V servo is assumed.
         p.MAX_VOLTAGE: 80 if decivolts <= 80 else decivolts + 20,
         p.MIN_VOLTAGE: 40,
         p.MAX_TORQUE: 1000,

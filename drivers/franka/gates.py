@@ -10,25 +10,16 @@ from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.franka.refusals import FrankaCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
-from .protocol import RobotMode, mode_name
+from . import refusals
+from .protocol import RobotMode
 
 MOVABLE = (RobotMode.IDLE, RobotMode.MOVE)
 
 POOR, TOO_POOR = 0.8, 0.5
 """Shares of the last 100 commands that reached the controller in time. Below ``POOR`` the status has a warning.
 Below ``TOO_POOR`` a new target is refused [assumed]."""
-
-_REMEDIES = {
-    RobotMode.REFLEX: "recover() first",
-    RobotMode.USER_STOPPED: "release the stop button",
-    RobotMode.GUIDING: "let go of the guiding button",
-    RobotMode.RECOVERY: "wait until it has recovered",
-}
-_DEFAULT_REMEDY = "unlock the joints and activate FCI in Desk"
 
 REASONS = "reasons"
 """Key of ``Observation.faults`` for the controller's errors."""
@@ -43,13 +34,7 @@ def all_gates(axes: tuple[Axis, ...], state_ttl_s: float) -> tuple[GateCheck, ..
 
 def refuse_mode(mode: int, reasons: str) -> Refused | None:
     """Refuse if the controller is in a mode in which it accepts no motion. Arming makes the same check."""
-    if mode in MOVABLE:
-        return None
-    name = mode_name(mode)
-    suffix = f" ({reasons})" if reasons else ""
-    has_name = mode in tuple(RobotMode)
-    remedy = _REMEDIES.get(RobotMode(mode), _DEFAULT_REMEDY) if has_name else _DEFAULT_REMEDY
-    return Refused(Code.ROBOT_MODE, f"arm is in {name}{suffix}", remedy, name, "idle or move")
+    return None if mode in MOVABLE else refusals.wrong_mode(mode, reasons)
 
 
 # -- conditions under which a motion may begin and continue
@@ -63,9 +48,7 @@ def not_lost(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse a setpoint after the controller has ended our motion, until the caller resumes. Motion never restarts
     by itself."""
     reason = observation.faults.get(LOST)
-    if reason is None:
-        return None
-    return Refused(FrankaCode.MOTION_ENDED, f"the controller ended the motion ({reason})", "call resume()", reason)
+    return None if reason is None else refusals.motion_ended(reason)
 
 
 CONDITIONS = (Condition(movable), Condition(not_lost, on_resume=OnResume.ARM_ANEW))
@@ -83,8 +66,7 @@ def all_joints(axes: tuple[Axis, ...]) -> GateCheck:
         if not missing:
             return None
         named = ", ".join(axes[index].key for index in candidate.named)
-        reason = f"the arm is moved by all its joints; {missing} missing"
-        return Refused(FrankaCode.NOT_ALL_JOINTS, reason, f"send {keys}", named, f"{len(axes)} joints")
+        return refusals.not_all_joints(missing, named, keys, len(axes))
 
     return all_joints
 
@@ -98,10 +80,4 @@ def reaches_it(candidate: Candidate, state: GateState) -> Refused | None:
     rate = state.observation.sensors.get("success_rate", (1.0,))[0]
     if number_of(state.observation.sensors, "robot_mode", 0) != RobotMode.MOVE or rate >= TOO_POOR:
         return None
-    return Refused(
-        FrankaCode.SUCCESS_RATE,
-        f"{rate:.0%} of the commands reach the controller in time",
-        "wait for the end of the motion, then reduce the load on this computer and its network",
-        f"{rate:.2f}",
-        f"at least {TOO_POOR:g}",
-    )
+    return refusals.low_success_rate(rate, TOO_POOR)

@@ -1,8 +1,13 @@
-"""Reasons to refuse a command that only the Franka driver has."""
+"""Refusals of the Franka driver: its own codes, and one function for each text."""
 
 from __future__ import annotations
 
-from strands_actors.kernel.refusals import RefusalCode
+from collections.abc import Mapping
+
+from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code, RefusalCode
+
+from .protocol import RobotMode, mode_name
 
 
 class FrankaCode(RefusalCode):
@@ -19,4 +24,55 @@ class FrankaCode(RefusalCode):
         "not_recovered",
         "the controller refuses to recover",
         "release the stop button, or clear the error in Desk",
+    )
+
+
+_MODE_REMEDIES: Mapping[int, str] = {
+    RobotMode.REFLEX: "recover() first",
+    RobotMode.USER_STOPPED: "release the stop button",
+    RobotMode.GUIDING: "let go of the guiding button",
+    RobotMode.RECOVERY: "wait until it has recovered",
+}
+
+
+# -- states of the controller
+
+
+def wrong_mode(mode: int, errors: str) -> Refused:
+    name = mode_name(mode)
+    suffix = f" ({errors})" if errors else ""
+    remedy = _MODE_REMEDIES.get(mode, "unlock the joints and activate FCI in Desk")
+    return Refused(Code.ROBOT_MODE, f"arm is in {name}{suffix}", remedy, name, "idle or move")
+
+
+def motion_ended(reason: str) -> Refused:
+    return Refused(FrankaCode.MOTION_ENDED, f"the controller ended the motion ({reason})", "call resume()", reason)
+
+
+# -- new targets
+
+
+def not_all_joints(missing: str, named: str, keys: str, joints: int) -> Refused:
+    reason = f"the arm is moved by all its joints; {missing} missing"
+    return Refused(FrankaCode.NOT_ALL_JOINTS, reason, f"send {keys}", named, f"{joints} joints")
+
+
+def low_success_rate(rate: float, least: float) -> Refused:
+    return Refused(
+        FrankaCode.SUCCESS_RATE,
+        f"{rate:.0%} of the commands reach the controller in time",
+        "wait for the end of the motion, then reduce the load on this computer and its network",
+        f"{rate:.2f}",
+        f"at least {least:g}",
+    )
+
+
+# -- services
+
+
+def not_recovered(status: int) -> Refused:
+    return Refused(
+        FrankaCode.NOT_RECOVERED,
+        f"the controller refuses to recover (status {status})",
+        "release the arm's stop button, or clear the error in Desk",
     )

@@ -20,13 +20,13 @@ from strands_actors.contract.wire import MotorReport, Observation, Permit, Permi
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
-from strands_actors.drivers.franka.refusals import FrankaCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.health.heartbeat import Heartbeat, new_page, words_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import ChildProcess, start
 
 from . import protocol as p
+from . import refusals
 from .client import LOOK_S, STATES_SIZE, Fci, connect
 from .config import FrankaConfig
 from .cycle import CYCLE_END, ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
@@ -315,11 +315,7 @@ class FrankaWire(SessionWire[FrankaSession]):
             session.look()
         status = session.answers.pop(number)
         if status:
-            return Refused(
-                FrankaCode.NOT_RECOVERED,
-                f"the controller refuses to recover (status {status})",
-                "release the arm's stop button, or clear the error in Desk",
-            )
+            return refusals.not_recovered(status)
         return {"recovered": True}
 
     def close(self) -> None:

@@ -13,12 +13,10 @@ from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.kinova.refusals import KinovaCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
-from . import speeds
+from . import refusals, speeds
 from .protocol import ArmState, arm_state_name
 
 BASE = "base"
@@ -52,13 +50,7 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
             axis, speed = axes[index], abs(candidate.values[len(axes) + index])
             if not speed <= axis.speed + _ROUNDING:
                 most = math.floor(axis.speed * period_s * 1e5) / 1e5
-                return Refused(
-                    Code.TOO_FAST,
-                    f"{axis.key} needs {speed:.4g} rad/s to reach the target within {period_s * 1e3:.3g} ms",
-                    f"send a target at most {most:.5f} rad from the measured position",
-                    f"{speed:.4g}",
-                    f"{axis.speed:.4g}",
-                )
+                return refusals.too_fast(axis.key, speed, period_s * 1e3, most, axis.speed)
         return None
 
     return too_fast
@@ -71,15 +63,8 @@ def refuse_state(state: int, fault_bank: int) -> Refused | None:
         return None
     name, required = arm_state_name(state), arm_state_name(ArmState.SERVOING_READY)
     if state == ArmState.IN_FAULT:
-        reason = f"base in fault (bank 0x{fault_bank:x})"
-        return Refused(KinovaCode.BASE_IN_FAULT, reason, "clear the fault, then reconnect", name, required)
-    return Refused(
-        KinovaCode.ARM_STATE,
-        f"the arm is in state {name}",
-        "make it ready on the base's web page",
-        name,
-        required,
-    )
+        return refusals.base_in_fault(fault_bank, name, required)
+    return refusals.arm_not_ready(name, required)
 
 
 def base_ready(observation: Observation, now_ns: int) -> Refused | None:
@@ -93,7 +78,7 @@ def commanded(observation: Observation, now_ns: int) -> Refused | None:
     The arm moves again only after the caller has called ``resume()``.
     """
     reason = observation.faults.get(BASE)
-    return None if reason is None else Refused(KinovaCode.STOPPED, reason, "call resume()", reason)
+    return None if reason is None else refusals.stopped(reason)
 
 
 CONDITIONS = (

@@ -143,7 +143,7 @@ class KinovaWire(SessionWire[KinovaSession]):
         for axis, joint in zip(self._config.axes, feedback.actuators, strict=True):
             if abs(joint.velocity_deg_s) >= STANDING_DEG_S:
                 raise WireDown(
-                    f"arm: {axis} turns, and not by a command of this program. Check which other program "
+                    f"arming: {axis} turns, and not by a command of this program. Check which other program "
                     "commands the arm, then try again"
                 )
         client = session.client

@@ -8,7 +8,7 @@ setpoint was accepted since then.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range
@@ -16,11 +16,10 @@ from strands_actors.contract.driver import Candidate, Condition, ConditionCheck,
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.step_gates import refuse_step
-from strands_actors.drivers.kuka.refusals import KukaCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .protocol import JOINTS, ClientMode, ControlMode, Drive, Overlay, Quality, State, name_of
 
 LONGEST_STEP_S = 0.1
@@ -56,75 +55,60 @@ def conditions(axes: Sequence[Axis], state_ttl_s: float) -> tuple[Condition, ...
 
 def stale(ttl_s: float) -> ConditionCheck:
     ttl_ns = round(ttl_s * NS)
-    limit = f"{ttl_s * 1e3:.0f} ms"
 
     def stale(observation: Observation, now_ns: int) -> Refused | None:
         age_ns = now_ns - min(observation.stamp_ns, default=0)
         if age_ns <= ttl_ns and all(map(math.isfinite, observation.position)):
             return None
-        age = f"{age_ns / 1e6:.0f} ms"
-        reason = f"no FRI message for {age}"
-        return Refused(Code.STALE, reason, "check the controller, its FRI session and the network", age, limit)
+        return refusals.no_message(age_ns / 1e6, ttl_s * 1e3)
 
     return stale
 
 
 def safety(observation: Observation, now_ns: int) -> Refused | None:
     level = number_of(observation.sensors, "safety_state")
-    if level == 0:
-        return None
-    return Refused(KukaCode.SAFETY, f"safety stop, level {level}", "clear it on the pendant", f"{level}", "0")
+    return None if level == 0 else refusals.safety_stop(level)
 
 
 def drives(axes: Sequence[Axis]) -> ConditionCheck:
     def drives(observation: Observation, now_ns: int) -> Refused | None:
         row = observation.sensors.get("drive_state", ())
         if not row:
-            remedy = "check the FRI version of the controller, and look at its drives on the pendant"
-            return Refused(KukaCode.DRIVES, "the controller does not report its drives", remedy, "", "ACTIVE")
+            return refusals.drives_not_reported()
         # A controller may report only one state for the drives of all joints.
         for axis, number in zip(axes, row, strict=False):
             if number != Drive.ACTIVE:
-                name = name_of(Drive, round(number))
-                remedy = "switch the drives on at the pendant"
-                return Refused(KukaCode.DRIVES, f"drive of {axis.key} is {name}", remedy, name, "ACTIVE")
+                return refusals.drive_not_active(axis.key, name_of(Drive, round(number)))
         return None
 
     return drives
 
 
 def session(observation: Observation, now_ns: int) -> Refused | None:
-    return _refuse_unless(
-        observation, KukaCode.FRI_STATE, State.COMMANDING_ACTIVE, "FRI session", "start the motion on the pendant"
-    )
+    return _refuse_unless(observation, "fri_state", State.COMMANDING_ACTIVE, refusals.wrong_session_state)
 
 
 def client_mode(observation: Observation, now_ns: int) -> Refused | None:
-    remedy = "let the robot program command positions: ClientCommandMode.POSITION"
-    return _refuse_unless(observation, KukaCode.CLIENT_MODE, ClientMode.POSITION, "FRI client command mode", remedy)
+    return _refuse_unless(observation, "client_mode", ClientMode.POSITION, refusals.wrong_client_mode)
 
 
 def control_mode(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse every mode except position control. In other modes it is unknown how the arm reacts to the end of
     the FRI session."""
-    remedy = "use PositionControlMode in the robot program"
-    return _refuse_unless(observation, KukaCode.CONTROL_MODE, ControlMode.POSITION, "control mode", remedy)
+    return _refuse_unless(observation, "control_mode", ControlMode.POSITION, refusals.wrong_control_mode)
 
 
 def overlay(observation: Observation, now_ns: int) -> Refused | None:
     if number_of(observation.sensors, "overlay") != Overlay.NO_OVERLAY:
         return None
-    remedy = "start the robot program's motion again, with the FRI overlay"
-    return Refused(KukaCode.OVERLAY, "the controller has ended the FRI overlay", remedy, "NO_OVERLAY", "JOINT")
+    return refusals.overlay_ended()
 
 
 def quality(observation: Observation, now_ns: int) -> Refused | None:
     number = number_of(observation.sensors, "fri_quality")
     if number >= Quality.GOOD:
         return None
-    name = name_of(Quality, number)
-    remedy = "check the network and the load of this computer, and wait until the quality is GOOD"
-    return Refused(KukaCode.QUALITY, f"FRI connection quality is {name}", remedy, name, "GOOD")
+    return refusals.poor_quality(name_of(Quality, number))
 
 
 # -- gates that check a setpoint
@@ -149,10 +133,12 @@ def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
 
 
 def _refuse_unless(
-    observation: Observation, sensor: KukaCode, required: State | ClientMode | ControlMode, label: str, remedy: str
+    observation: Observation,
+    sensor: str,
+    required: State | ClientMode | ControlMode,
+    refuse: Callable[[str, str], Refused],
 ) -> Refused | None:
     number = number_of(observation.sensors, sensor)
     if number == required:
         return None
-    name = name_of(type(required), number)
-    return Refused(sensor, f"{label} is {name}", remedy, name, required.name)
+    return refuse(name_of(type(required), number), required.name)

@@ -27,8 +27,9 @@ from strands_actors.kernel.messages import Refused
 
 from . import verbs
 from .config import USER, MicroduckConfig, endpoint_of_environment, parse_port
-from .gates import CONDITIONS, DURATION, INTENTS, MOVES, USUAL_S, all_gates, parse
+from .gates import CONDITIONS, DURATION, MOVES, USUAL_S, all_gates, parse
 from .protocol import API_VERSION
+from .refusals import INTENTS
 from .robots import HEAD, HEAD_AT, MOUTH, OPEN, POSE, POSE_AT, TABLES, TWIST, axes_of, modes_of
 
 

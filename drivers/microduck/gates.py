@@ -8,16 +8,17 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from strands_actors.contract.axis import SHOWN, Axis, finite
+from strands_actors.contract.axis import Axis, finite
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
+from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.velocity_base import parse_twist
-from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
+from .refusals import MicroduckCode
 from .robots import ACTIVE, AXES, HEAD, MOUTH, POSE, TWIST, ModeLimits
 
 DURATION = "duration"
@@ -28,8 +29,6 @@ SHORTEST_S, LONGEST_S, USUAL_S = 0.1, 10.0, 1.0
 MOVES, HEADS, POSES, MOUTHS, UNTIL = (len(AXES) + offset for offset in range(5))
 """Indices of the values behind a target's axes: four flags for the intents that the action names (1 or 0),
 and the end of its twist, by the clock in seconds."""
-
-INTENTS = "move (vx, vy, vyaw), head (neck_pitch ...), pose (z, roll, pitch, active), mouth (open) or do(skill=...)"
 
 _ROUNDING = 1e-9
 
@@ -59,8 +58,7 @@ def parse(
             return duration_s
         until_ns = state.now_ns + round(duration_s * NS)
     elif duration is not None:
-        reason, remedy = f"{DURATION} applies to a twist, and none is given", f"name one of {', '.join(TWIST)}"
-        return Refused(Code.DURATION, reason, remedy, str(duration)[:SHOWN], ", ".join(TWIST))
+        return refusals.duration_without_twist(DURATION, str(duration)[:SHOWN], ", ".join(TWIST))
     values = list(candidate.values)
     if named & set(POSE) and "active" not in named:
         values[ACTIVE] = 1.0
@@ -73,18 +71,9 @@ def _no_axis(targets: Mapping[str, object], index: Mapping[str, int], robot: str
     for key in targets:
         plain = key.removesuffix(".pos")
         if plain == "skill":
-            shown = str(targets[key])[:SHOWN]
-            return Refused(
-                MicroduckCode.SKILL,
-                "a skill is a service, not a target",
-                f"call do(skill={shown!r})",
-                shown,
-                "do(skill=...)",
-            )
+            return refusals.skill_as_target(str(targets[key])[:SHOWN])
         if plain not in index:
-            shown = key[:SHOWN] or "''"
-            reason = f"{shown} is not a command of {robot}: robotd accepts no joint targets"
-            return Refused(Code.UNKNOWN_JOINT, reason, f"use {INTENTS}", shown, ", ".join(AXES))
+            return refusals.unknown_command(key[:SHOWN] or "''", robot, ", ".join(AXES))
     return None
 
 
@@ -96,22 +85,19 @@ def _active(targets: dict[str, object]) -> Refused | None:
             targets[key] = 1.0 if targets[key] else 0.0
         value = targets.get(key)
         if key in targets and value not in (0, 1):
-            shown = str(value)[:SHOWN]
-            return Refused(Code.NOT_FINITE, f"active is {shown}", "give true or false", shown, "true, false")
+            return refusals.active_not_boolean(str(value)[:SHOWN])
         if value == 0 and (also := [name for name in POSE[:3] if {name, f"{name}.pos"} & targets.keys()]):
-            reason = f"active=False ends the pose, and {also[0]} is given"
-            return Refused(Code.BOTH, reason, "send only one of the two", also[0], "active=False alone")
+            return refusals.pose_ended_and_given(also[0])
     return None
 
 
 def _duration(value: object) -> float | Refused:
     if value is None:
         return USUAL_S
-    duration_s, limit = finite(value), f"{SHORTEST_S:g}..{LONGEST_S:g} s"
+    duration_s = finite(value)
     if duration_s is not None and SHORTEST_S <= duration_s <= LONGEST_S:
         return duration_s
-    shown = str(value)[:SHOWN]
-    return Refused(Code.DURATION, f"{DURATION} is {shown}", f"give {limit}", shown, limit)
+    return refusals.bad_duration(DURATION, str(value)[:SHOWN], SHORTEST_S, LONGEST_S)
 
 
 def all_gates(axes: Sequence[Axis], modes: Mapping[str, ModeLimits], state_ttl_s: float) -> tuple[GateCheck, ...]:
@@ -128,14 +114,7 @@ def silent(ttl_s: float) -> GateCheck:
         age_ns = state.now_ns - state.observation.t_ns
         if age_ns <= ttl_s * NS:
             return None
-        age = f"{age_ns / 1e6:.0f} ms"
-        return Refused(
-            Code.STALE,
-            f"no state for {age}",
-            "check robotd. Commands are accepted after its next state",
-            age,
-            limit,
-        )
+        return refusals.no_state(age_ns / 1e6, limit)
 
     return silent
 
@@ -146,7 +125,7 @@ def seated(candidate: Candidate, state: GateState) -> Refused | None:
         return None
     if not any(state.observation.sensors.get("sitting", ())):
         return None
-    return Refused(MicroduckCode.SEATED, "the duck sits", "call stand() first", "sitting", "standing")
+    return refusals.seated()
 
 
 def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
@@ -163,11 +142,7 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
         reported = state.observation.sensors.get("mode", (-1.0,))
         number = round(reported[0])
         if not 0 <= number < len(names):
-            mode_names = ", ".join(names)
-            reason = "the drive mode is unknown or not supported"
-            return Refused(
-                Code.MODE, reason, f"call set_mode(mode=...) with one of {mode_names}", "unknown", mode_names
-            )
+            return refusals.unknown_mode(", ".join(names))
         mode = names[number]
         limit = modes[mode]
         ahead = limit.forward if vx >= 0 else limit.backward
@@ -177,21 +152,13 @@ def within_mode(modes: Mapping[str, ModeLimits]) -> GateCheck:
             ("vyaw", vyaw, limit.turn, "rad/s"),
         ):
             if not abs(value) <= most + _ROUNDING:
-                return _over(
-                    f"{key}={value:g} {unit} is over {most:g} for {mode}", f"{value:g}", f"{most:g} {unit}"
-                )
+                return refusals.past_speed_limit(key, value, unit, most, mode)
         speed, most = math.hypot(vx, vy), max(ahead, limit.side)
         if speed > most + _ROUNDING:
-            return _over(
-                f"vx and vy are {speed:.3f} m/s, over {most:g} for {mode}", f"{speed:.3f}", f"{most:g} m/s"
-            )
+            return refusals.past_combined_speed_limit(speed, most, mode)
         return None
 
     return within_mode
-
-
-def _over(reason: str, offered: str, limit: str) -> Refused:
-    return Refused(Code.PAST_TRAVEL, reason, f"stay within {limit}", offered, limit)
 
 
 # -- conditions that must be true of the robot, for any command
@@ -206,7 +173,7 @@ def on_its_feet(observation: Observation, now_ns: int) -> Refused | None:
     )
     for code, word in codes:
         if any(observation.sensors.get(code, ())):
-            return Refused(code, f"the duck {word}", "put it on its feet", word, "on its feet")
+            return refusals.not_on_its_feet(code, word)
     return None
 
 
@@ -215,13 +182,7 @@ def driven(observation: Observation, now_ns: int) -> Refused | None:
     reported = observation.sensors.get("driven")
     if reported is not None and reported[0]:
         return None
-    return Refused(
-        MicroduckCode.NOT_DRIVEN,
-        "the duck holds still or is relaxed: no policy drives it",
-        "call enable() first",
-        "held",
-        "driven",
-    )
+    return refusals.not_driven()
 
 
 CONDITIONS = (Condition(on_its_feet), Condition(driven, on_resume=OnResume.STAY_ARMED))

@@ -12,11 +12,10 @@ from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.codecs.json_rpc import METHOD_NOT_FOUND, Call
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.ports.json_rpc_port import JsonRpcPort, RequestFailed
-from strands_actors.drivers.microduck.refusals import MicroduckCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
+from . import refusals
 from .config import MicroduckConfig
 from .link import Connector, DuckLink
 from .verbs import motor_ids
@@ -78,15 +77,8 @@ class Services:
             return await self._perform(service, arguments, permit)
         except RequestFailed as no:
             if no.code == METHOD_NOT_FOUND:
-                reason = f"robotd (API {self._hello.api_version}) does not have this function"
-                return Refused(
-                    MicroduckCode.UNSUPPORTED,
-                    reason,
-                    "update the robot",
-                    str(self._hello.api_version),
-                    str(p.API_VERSION),
-                )
-            return Refused(Code.ROBOT, f"robotd answered with an error: {no} ({no.code})", "check the robot")
+                return refusals.unsupported_function(self._hello.api_version, p.API_VERSION)
+            return refusals.robotd_error(str(no), no.code)
         except MalformedFrame as malformed:
             raise WireDown(f"robotd sent an invalid answer: {malformed}. Check robotd") from None
 
@@ -154,25 +146,14 @@ class Services:
     async def _do(self, service: str, skill: str, permit: Permit) -> dict[str, Any] | Refused:
         """Run a skill. Its name is checked here, because only the robot knows its skills."""
         if skill not in self.skills:
-            skill_names = ", ".join(self.skills) or "none"
-            return Refused(
-                MicroduckCode.NO_SKILL,
-                f"the robot has no skill {skill}",
-                f"it has {skill_names}",
-                skill,
-                skill_names,
-            )
+            return refusals.no_such_skill(skill, ", ".join(self.skills) or "none")
         return await self._intent(service, p.DO, {"skill": skill}, permit)
 
     async def _sit(self, service: str, down: bool, permit: Permit) -> dict[str, Any] | Refused:
         """Sit down or stand up. One skill toggles between both, so robotd is asked first whether the duck sits."""
         policies = p.read_policies(await self._ask(p.POLICIES, {}, permit))
         if policies.sitting is None:
-            reason = f"robotd (API {self._hello.api_version}) does not report whether the duck sits"
-            remedy = f"update the robot, or look at the duck, then call do(skill={p.SIT_TOGGLE!r})"
-            return Refused(
-                MicroduckCode.UNSUPPORTED, reason, remedy, str(self._hello.api_version), str(p.HOMED_SINCE)
-            )
+            return refusals.sitting_not_reported(self._hello.api_version, p.HOMED_SINCE, p.SIT_TOGGLE)
         if policies.sitting is down:
             return {"sitting": down, "already": True}
         done = await self._do(service, p.SIT_TOGGLE, permit)
@@ -207,9 +188,7 @@ class Services:
         """Send a request that robotd accepts or refuses. A refusal by robotd is returned as ours."""
         accepted, reason = p.read_intent(await self._request(method, params, permit))
         if not accepted:
-            return Refused(
-                Code.ROBOT, f"robotd refused the request: {reason or 'no reason given'}", "check the robot"
-            )
+            return refusals.refused_by_robotd(reason)
         return {"accepted": True, **({"reason": reason} if reason else {})}
 
     async def _request(self, method: str, params: Mapping[str, Any], permit: Permit) -> Any:

@@ -8,10 +8,12 @@ from typing import Any
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
+from strands_actors.contract.refusals import bad_argument
+from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused, sentence_case
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import LATE_S
 from .protocol import SOUNDS
 
@@ -167,42 +169,34 @@ def check_arguments(
     """Return a refusal for invalid arguments of a service; None if they are valid."""
     values = {**SERVICES[service].arguments, **arguments}
     if service in CONFIRMED and values[CONFIRM] is not True:
-        reason = CONFIRMED[service]
-        return Refused(
-            Code.UNCONFIRMED, reason, f"call {service}({CONFIRM}=True)", str(values[CONFIRM])[:40], "true"
-        )
+        return refusals.not_confirmed(service, CONFIRMED[service], CONFIRM, str(values[CONFIRM])[:SHOWN])
     match service:
         case "do":
             if not isinstance(values["skill"], str) or not NAME.fullmatch(values["skill"]):
-                return _bad(service, "skill", values["skill"], "the name of a skill: skills() has them")
+                return bad_argument("skill", values["skill"], "the name of a skill: skills() has them")
         case "look_at":
             for name in ("x", "y", "z"):
                 value = finite(values[name])
                 if value is None or abs(value) > FAR_M:
-                    return _bad(service, name, values[name], f"metres, -{FAR_M:g}..{FAR_M:g}")
+                    return bad_argument(name, values[name], f"metres, -{FAR_M:g}..{FAR_M:g}")
             neck = finite(values["neck_pitch"])
             if neck is None or not -1.571 <= neck <= 1.047:
-                return _bad(service, "neck_pitch", values["neck_pitch"], "-1.571..1.047 rad")
+                return bad_argument("neck_pitch", values["neck_pitch"], "-1.571..1.047 rad")
         case "reboot_motors":
             requested = motor_ids(values["ids"])
             if requested is None or not set(requested) <= set(ids):
-                return _bad(service, "ids", values["ids"], f"some of {', '.join(map(str, ids))}; empty: all")
+                return bad_argument("ids", values["ids"], f"some of {', '.join(map(str, ids))}; empty: all")
         case "play_sound" if values["tag"] not in SOUNDS:
-            return _bad(
-                service, "tag", values["tag"], f"one of {', '.join(SOUNDS)}; wheee has to be held and is not played"
+            return bad_argument(
+                "tag", values["tag"], f"one of {', '.join(SOUNDS)}; wheee has to be held and is not played"
             )
         case "theremin" if not isinstance(values["active"], bool):
-            return _bad(service, "active", values["active"], "true or false")
+            return bad_argument("active", values["active"], "true or false")
         case "set_mode" if values["mode"] not in modes:
-            return _bad(service, "mode", values["mode"], f"one of {', '.join(modes)}")
+            return bad_argument("mode", values["mode"], f"one of {', '.join(modes)}")
         case "load_policy":
             if values["slot"] not in slots:
-                return _bad(service, "slot", values["slot"], f"one of {', '.join(slots)}")
+                return bad_argument("slot", values["slot"], f"one of {', '.join(slots)}")
             if not isinstance(values["path"], str) or (values["path"] and not values["path"].startswith("/")):
-                return _bad(service, "path", values["path"], "an absolute path on the robot; empty: its own")
+                return bad_argument("path", values["path"], "an absolute path on the robot; empty: its own")
     return None
-
-
-def _bad(service: str, argument: str, value: object, limit: str) -> Refused:
-    shown = str(value)[:40]
-    return Refused(Code.BAD_ARGUMENT, f"{argument} is {shown!r}", f"give {limit}", shown, limit)

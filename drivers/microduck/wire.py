@@ -16,6 +16,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import trio
 
+from strands_actors.contract.refusals import robot_stopped
 from strands_actors.contract.rotations import roll_pitch_yaw
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
@@ -23,9 +24,9 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
+from . import refusals
 from .config import MicroduckConfig
 from .gates import HEADS, MOUTHS, MOVES, POSES, UNTIL
 from .link import Connector, DuckLink
@@ -239,9 +240,9 @@ class MicroduckWire(Wire):
             raise WireDown("not connected")
         begins = service in MOVING_POWER or (service == "theremin" and arguments.get("active", True))
         if begins and not self._is_armed:
-            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
+            return robot_stopped()
         if service in MOVING_POWER and self._walk is not None:
-            return Refused(Code.LIVE, "the robot walks", "wait until the walk ends, or call stop()")
+            return refusals.walking()
         done = await services.perform(service, arguments, permit)
         if isinstance(done, Refused) or service not in ("enable", "look_at"):
             return done

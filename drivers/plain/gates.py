@@ -13,10 +13,10 @@ from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume, Reason
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.plain.refusals import PlainCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
+
+from . import refusals
 
 REFUSED = "send_action: "
 """Prefix of a fault text that the class returned for an action."""
@@ -30,8 +30,6 @@ def refuse_stale_axes(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
     """Refuse to move an axis whose last reading is older than ``ttl_s``. For an axis that the class has never
     measured, the age of the newest observation counts."""
     ttl_ns = round(ttl_s * NS)
-    limit = f"{ttl_s * 1e3:.0f} ms"
-    remedy = "check the robot's cable and power. The axis can be moved again as soon as the robot answers"
 
     def refuse_stale_axes(candidate: Candidate, state: GateState) -> Refused | None:
         observation = state.observation
@@ -39,8 +37,7 @@ def refuse_stale_axes(axes: Sequence[Axis], ttl_s: float) -> GateCheck:
             read_ns = observation.stamp_ns[index] or observation.t_ns
             age_ms = (state.now_ns - read_ns) / 1e6
             if state.now_ns - read_ns > ttl_ns:
-                age = f"for {age_ms:.0f} ms"
-                return Refused(Code.STALE, f"{axes[index].key} has not been read {age}", remedy, age, limit)
+                return refusals.stale_axis(axes[index].key, age_ms, ttl_s * 1e3)
         return None
 
     return refuse_stale_axes
@@ -60,10 +57,7 @@ def _too_fast(axes: Sequence[Axis], longest_s: float) -> GateCheck:
 def _refused_by_the_class(observation: Observation, now_ns: int) -> Refused | None:
     for axis, fault in observation.faults.items():
         if fault.startswith(REFUSED):
-            reason = fault.removeprefix(REFUSED)
-            return Refused(
-                PlainCode.REFUSED_BY_DRIVER, f"{axis}: {reason}", "remove the cause, then call resume()", reason
-            )
+            return refusals.rejected_by_class(axis, fault.removeprefix(REFUSED))
     return None
 
 

@@ -13,10 +13,9 @@ from strands_actors.contract.driver import Candidate, Condition, GateCheck, Gate
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.step_gates import refuse_lead, refuse_step
-from strands_actors.drivers.rby1.refusals import RBY1Code
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .protocol import Manager, name_of
 
 CONTROLLER = "controller"
@@ -27,7 +26,6 @@ LEAD_S = 0.2
 joint lags further behind]."""
 
 _FAULTS = (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
-_RESUME = "check the cause, then call resume()"
 
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tuple[GateCheck, ...]:
@@ -40,18 +38,13 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float) -> tupl
 
 
 def refuse_pressed(pressed: bool) -> Refused | None:
-    if not pressed:
-        return None
-    reason = "the emergency stop button is pressed"
-    return Refused(RBY1Code.EMERGENCY_STOP, reason, "release the button, then call resume()", "pressed", "released")
+    return refusals.emergency_stop() if pressed else None
 
 
 def refuse_fault(manager: int) -> Refused | None:
     if manager not in _FAULTS:
         return None
-    name = name_of(Manager, manager)
-    remedy = "fix its cause, then reset_fault_control_manager() and resume()"
-    return Refused(Code.FAULT, f"the robot's control manager reports {name}", remedy, name, "no fault")
+    return refusals.manager_fault(name_of(Manager, manager))
 
 
 def released(observation: Observation, now_ns: int) -> Refused | None:
@@ -64,10 +57,9 @@ def faultless(observation: Observation, now_ns: int) -> Refused | None:
 
 def powered(observation: Observation, now_ns: int) -> Refused | None:
     power, ready = number_of(observation.sensors, "power"), number_of(observation.sensors, "joints_ready")
-    if power == 1 and ready == 1:
-        return None
-    reason = "the motors have no power" if power != 1 else "servos are off"
-    return Refused(RBY1Code.POWER, reason, _RESUME, "off", "on")
+    if power != 1:
+        return refusals.no_power()
+    return None if ready == 1 else refusals.servos_off()
 
 
 def enabled(observation: Observation, now_ns: int) -> Refused | None:
@@ -76,15 +68,14 @@ def enabled(observation: Observation, now_ns: int) -> Refused | None:
     manager = number_of(observation.sensors, "control_manager")
     if manager == Manager.ENABLED:
         return None
-    name, required = name_of(Manager, manager), name_of(Manager, Manager.ENABLED)
-    return Refused(RBY1Code.NOT_ENABLED, f"the control manager is {name}", _RESUME, name, required)
+    return refusals.not_enabled(name_of(Manager, manager), name_of(Manager, Manager.ENABLED))
 
 
 def obeying(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse to move after the robot has dropped our command. It would not continue the motion by
     itself."""
     reason = observation.faults.get(CONTROLLER)
-    return None if reason is None else Refused(RBY1Code.DROPPED, reason, _RESUME, reason, "RUNNING")
+    return None if reason is None else refusals.command_dropped(reason)
 
 
 CONDITIONS = (
@@ -123,8 +114,7 @@ def past_own_range(axes: Sequence[Axis]) -> GateCheck:
     def past_own_range(candidate: Candidate, state: GateState) -> Refused | None:
         own = own_axes(axes, state.observation)
         if own is None:
-            reason = "the robot's own limits are not known"
-            return Refused(RBY1Code.NO_LIMITS, reason, "connect again", "none", f"{len(axes)} joints")
+            return refusals.unknown_limits(len(axes))
         return past_range(own)(candidate, state)
 
     return past_own_range

@@ -19,11 +19,11 @@ from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.grpc import OpenStream
 from strands_actors.drivers.common.ports.tcp_port import open_tcp
-from strands_actors.drivers.rby1.refusals import RBY1Code
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
+from . import refusals
 from .config import RBY1Config
 from .gates import CONTROLLER, refuse_fault, refuse_pressed
 from .protocol import Control, JointOrder, Manager, ManagerOrder, Method, PowerOrder
@@ -65,7 +65,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         await session.next_state(self._clock, FRESH_S)
         self._refuse(session)
         if session.state.manager.control == Control.EXECUTING:
-            raise WireDown("arm: another program moves the robot. End that program, then try again")
+            raise WireDown("arming: another program moves the robot. End that program, then try again")
         if not session.state.powered:
             permit.check()
             await self._order(session, Method.POWER, p.encode_order(p.ALL, PowerOrder.ON))
@@ -147,10 +147,10 @@ class RBY1Wire(SessionWire[RBY1Session]):
         answer = await self._manager(session, ManagerOrder.RESET_FAULT)
         state = _decoded(p.decode_manager_answer, answer)
         reason = _decoded(p.error_of, answer)
-        if not reason and state.state not in (Manager.IDLE, Manager.ENABLED):
-            reason = f"the control manager is {state.text}"
         if reason:
-            return Refused(RBY1Code.NOT_RESET, reason, "fix the cause of the fault, then try again", state.text)
+            return refusals.fault_not_reset(reason, state.text)
+        if state.state not in (Manager.IDLE, Manager.ENABLED):
+            return refusals.fault_remains(state.text)
         return {"control_manager": state.text}
 
     def close(self) -> None:
@@ -174,7 +174,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         if done != p.Done.SUCCESS:
             name = method.rpartition("/")[2]
             raise WireDown(
-                f"arm: the robot refuses {name}: {reason or p.name_of(p.Done, done)}. "
+                f"arming: the robot refuses {name}: {reason or p.name_of(p.Done, done)}. "
                 "Check the robot, then try again"
             )
 
@@ -192,7 +192,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
                 permit.check()
                 self._refuse(session)
         if not ready():
-            raise WireDown(f"arm: {problem} after {within_s:g} s. Check the robot, then try again")
+            raise WireDown(f"arming: {problem} after {within_s:g} s. Check the robot, then try again")
 
     # -- parts
 

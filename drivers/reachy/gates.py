@@ -8,14 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from strands_actors.contract.axis import SHOWN, Axis, finite, parse_action
+from strands_actors.contract.axis import Axis, finite, parse_action
 from strands_actors.contract.axis_gates import past_range, show, stale
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
+from strands_actors.contract.refusals import not_finite
+from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .protocol import BODY, MODES, YAW
 
 DURATION = "duration"
@@ -60,11 +62,9 @@ def parse(
     duration_s = finite(duration)
     if duration_s is None:
         shown = str(duration)[:SHOWN]
-        return Refused(Code.NOT_FINITE, f"{DURATION} is {shown}", "send a finite number", shown, "a finite number")
+        return not_finite(DURATION, shown, shown)
     if not SHORTEST_S <= duration_s <= LONGEST_S:
-        limit = f"{SHORTEST_S:g}..{LONGEST_S:g} s"
-        reason = f"{DURATION} {duration_s:g} s is outside {limit}"
-        return Refused(Code.DURATION, reason, f"give {limit}", f"{duration_s:g}", limit)
+        return refusals.duration_outside_limits(DURATION, duration_s, SHORTEST_S, LONGEST_S)
     return Candidate((*values, duration_s), named)
 
 
@@ -84,15 +84,8 @@ def asleep(axes: Sequence[Axis]) -> GateCheck:
             return None
         for value, axis in zip(candidate.values[:BODY], axes, strict=False):
             if not axis.low - _ROUNDING <= value <= axis.high + _ROUNDING:
-                limit = f"{show(axis.low, axis.unit)}..{show(axis.high, axis.unit)} {axis.unit}"
-                reason = f"{axis.key} would stay at {show(value, axis.unit)}, past {limit}: the head is asleep"
-                return Refused(
-                    ReachyCode.ASLEEP,
-                    reason,
-                    f"call wake(), or give {axis.key}, too",
-                    show(value, axis.unit),
-                    limit,
-                )
+                low, high = show(axis.low, axis.unit), show(axis.high, axis.unit)
+                return refusals.asleep(axis.key, show(value, axis.unit), low, high, axis.unit)
         return None
 
     return asleep
@@ -102,17 +95,11 @@ def twisted(yaw_deg: float) -> GateCheck:
     """Refuse a yaw of the head that differs too much from the yaw of the body."""
 
     def twisted(candidate: Candidate, state: GateState) -> Refused | None:
-        apart = candidate.values[YAW] - candidate.values[BODY]
+        head_yaw, body_yaw = candidate.values[YAW], candidate.values[BODY]
+        apart = head_yaw - body_yaw
         if abs(apart) <= yaw_deg + _ROUNDING or not {YAW, BODY} & set(candidate.named):
             return None
-        return Refused(
-            ReachyCode.TWISTED,
-            f"head_yaw {show(candidate.values[YAW], 'deg')} and body_yaw "
-            f"{show(candidate.values[BODY], 'deg')} are {show(abs(apart), 'deg')} deg apart",
-            f"keep them within {yaw_deg:g} deg of each other",
-            show(apart, "deg"),
-            f"-{yaw_deg:g}..{yaw_deg:g}",
-        )
+        return refusals.twisted(show(head_yaw, "deg"), show(body_yaw, "deg"), show(apart, "deg"), yaw_deg)
 
     return twisted
 
@@ -132,13 +119,7 @@ def too_fast(axes: Sequence[Axis]) -> GateCheck:
         least = math.ceil(needed[slowest] * 100) / 100
         axis = axes[slowest]
         step = abs(candidate.values[slowest] - state.observation.position[slowest])
-        return Refused(
-            Code.TOO_FAST,
-            f"{axis.key} goes {show(step, axis.unit)} {axis.unit} in {duration_s:g} s",
-            f"give a duration of at least {least:g} s",
-            f"{duration_s:g}",
-            f"{least:g} s",
-        )
+        return refusals.too_fast(axis.key, show(step, axis.unit), axis.unit, duration_s, least)
 
     return too_fast
 
@@ -147,29 +128,18 @@ def motors_on(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse commands while the motors have no torque. The daemon would accept them and report success."""
     reading = observation.sensors.get("motor_mode")
     mode = "in an unknown mode" if reading is None else MODES[round(reading[0])]
-    if mode == "enabled":
-        return None
-    return Refused(Code.MOTORS_OFF, f"the motors are {mode}", 'call motors(mode="enabled") first', mode, "enabled")
-
-
-IGNORED = Refused(
-    ReachyCode.IGNORED,
-    "the daemon ignores commands while a move of another client runs",
-    "wait until that move ends, or call stop(), which ends it",
-    "a move",
-    "none",
-)
+    return None if mode == "enabled" else refusals.motors_off(mode)
 
 
 def heeded(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse commands after the daemon has ignored a command of ours."""
-    return IGNORED if any(observation.sensors.get("ignored", ())) else None
+    return refusals.ignored() if any(observation.sensors.get("ignored", ())) else None
 
 
 def would_be_heeded(candidate: Candidate, state: GateState) -> Refused | None:
     """Refuse commands while another client's move runs. The daemon ignores targets and moves until that move
     ends."""
-    return IGNORED if any(state.observation.sensors.get("others_move", ())) else None
+    return refusals.ignored() if any(state.observation.sensors.get("others_move", ())) else None
 
 
 CONDITIONS = (Condition(motors_on, on_resume=OnResume.STAY_ARMED), Condition(heeded))
@@ -186,17 +156,13 @@ def _look(requested: dict[str, object]) -> Refused | None:
     keys = ", ".join(LOOK)
     point = [finite(requested.pop(name, None)) for name in LOOK]
     if both := [name for name in ("head_pitch", "head_yaw") if {name, f"{name}.pos"} & requested.keys()]:
-        reason = f"{keys} and {both[0]} are both given"
-        return Refused(Code.BOTH_SPELLINGS, reason, "send one of them", both[0], keys)
+        return refusals.point_and_angle(keys, both[0])
     x, y, z = point
     if x is None or y is None or z is None:
-        reason, remedy = f"{keys} are not three finite numbers", "give all three, in metres"
-        return Refused(Code.NOT_FINITE, reason, remedy, str(point)[:SHOWN], "three finite numbers")
-    if math.hypot(x, y, z) < NEAREST_M:
-        reason = f"the point to look at is {math.hypot(x, y, z):.3f} m away"
-        return Refused(
-            ReachyCode.TOO_NEAR, reason, f"give one at least {NEAREST_M:g} m away", str(point), f"{NEAREST_M:g} m"
-        )
+        return refusals.point_not_finite(keys, str(point)[:SHOWN])
+    distance_m = math.hypot(x, y, z)
+    if distance_m < NEAREST_M:
+        return refusals.point_too_near(str(point), distance_m, NEAREST_M)
     requested["head_pitch"], requested["head_yaw"] = direction(x, y, z)
     return None
 
@@ -214,5 +180,4 @@ def _full_speed_s(values: Sequence[float], axes: Sequence[Axis], observation: Ob
 def _with_all_keys(refusal: Refused) -> Refused:
     if refusal.code not in (Code.UNKNOWN_JOINT, Code.EMPTY):
         return refusal
-    keys = f"{refusal.limit}; {DURATION} or {', '.join(LOOK)} beside them"
-    return Refused(refusal.code, refusal.reason, f"use {keys}", refusal.offered, keys)
+    return refusals.with_further_keys(refusal, DURATION, ", ".join(LOOK))

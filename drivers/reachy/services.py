@@ -13,12 +13,12 @@ from strands_actors.contract.wire import Observation, Permit, WireDown
 from strands_actors.drivers.common.codecs.http_messages import Response
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.ports.http_port import HttpPort
-from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
+from . import refusals
 from .config import ReachyConfig, parse_speech_url
-from .gates import EASE, IGNORED, SHORTEST_S
+from .gates import EASE, SHORTEST_S
 from .verbs import ALSO
 
 ASK_S = 4.0
@@ -191,24 +191,22 @@ class Services:
         new move while another client's move runs, so it is refused then."""
         running = await client.ask("GET", p.RUNNING, within_s=BEGIN_S)
         if running.status != p.OK:
-            return _daemon_refusal(running.status, running.body)
+            return refusals.daemon_error(running.status, running.body)
         if self._moves.has_foreign(p.decode_running(running.body)):
-            return IGNORED
+            return refusals.ignored()
         if self._moves.running:
             stop = p.encode_uuid(self._moves.running)
             await client.ask("POST", p.STOP, stop, within_s=ASK_S, permit=permit)
         answer = await self._energise(client, target, body, permit, BEGIN_S)
         if answer.status != p.OK:
-            return _daemon_refusal(answer.status, answer.body)
+            return refusals.daemon_error(answer.status, answer.body)
         uuid = p.decode_move(answer.body)
         self._moves.begin(uuid)
         if await self._moves.ignored(uuid):
-            return IGNORED
+            return refusals.ignored()
         end = await self._moves.ended(uuid)
         if end.event_type != p.COMPLETED:
-            return Refused(
-                ReachyCode.MOVE, f"{end.event_type.replace('_', ' ')} {end.details}".rstrip(), "check the robot"
-            )
+            return refusals.move_ended_early(end.event_type, end.details)
         return {"move": uuid}
 
     async def _energise(
@@ -236,7 +234,7 @@ class Services:
     async def _switch(self, client: HttpPort, mode: str, permit: Permit) -> dict[str, Any] | Refused:
         answer = await self._energise(client, f"{p.SET_MODE}{mode}", b"", permit, SWITCH_S)
         if answer.status != p.OK:
-            return _daemon_refusal(answer.status, answer.body)
+            return refusals.daemon_error(answer.status, answer.body)
         return {"mode": mode}
 
     async def _express(self, client: HttpPort, move: str, dataset: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -246,16 +244,13 @@ class Services:
         if isinstance(names, Refused):
             return names
         if move not in names:
-            offered = ", ".join(names)[:200]
-            return Refused(
-                ReachyCode.NO_MOVE, f"{dataset} has no move {move}", f"use one of {offered}", move, offered
-            )
+            return refusals.no_such_move(dataset, move, ", ".join(names)[:200])
         return await self._move(client, f"{p.PLAY}{dataset}/{move}", b"", permit)
 
     async def _names(self, client: HttpPort, dataset: str) -> list[str] | Refused:
         answer = await client.ask("GET", f"{p.LIST_MOVES}{dataset}", within_s=FETCH_S)
         if answer.status != p.OK:
-            return _daemon_refusal(answer.status, answer.body)
+            return refusals.daemon_error(answer.status, answer.body)
         return p.decode_names(answer.body)
 
     async def _turn_to_sound(
@@ -271,10 +266,7 @@ class Services:
         apart = row[p.YAW] - row[p.BODY]
         limit = self._config.yaw_deg
         if abs(apart) > limit or abs(row[p.YAW]) > 180.0:
-            reason = f"the head would be {apart:.1f} deg from the body"
-            return Refused(
-                ReachyCode.TWISTED, reason, "turn the body first", f"{apart:.1f}", f"-{limit:g}..{limit:g}"
-            )
+            return refusals.sound_out_of_reach(apart, limit)
         duration_s = max(SHORTEST_S, abs(left_deg) / TURN_DEG_S / EASE)
         moved = await self._move(client, p.GOTO, p.encode_goto(row, duration_s), permit)
         return moved if isinstance(moved, Refused) else {**sound, "head_yaw": row[p.YAW]}
@@ -285,11 +277,7 @@ class Services:
             return body
         sound = p.decode_direction(body)
         if sound is None:
-            return Refused(
-                ReachyCode.NO_SOUND,
-                "the daemon reports no direction of sound",
-                "check that the robot has microphones",
-            )
+            return refusals.no_direction_of_sound()
         return {"left_deg": sound[0], "speech": sound[1]}
 
     async def _track(
@@ -300,9 +288,9 @@ class Services:
         body = msgspec.json.encode({"weight": float(arguments.get("weight", 1.0))})
         answer = await self._energise(client, p.TRACKING_ON, body, permit, BEGIN_S)
         if answer.status != p.OK:
-            return _daemon_refusal(answer.status, answer.body)
+            return refusals.daemon_error(answer.status, answer.body)
         if p.decode_object(answer.body).get("enabled") is not True:
-            return Refused(ReachyCode.NO_CAMERA, "the daemon has no camera to track with", "connect a camera")
+            return refusals.no_camera()
         return {"tracking": True}
 
     async def _say(self, client: HttpPort, text: str, permit: Permit) -> dict[str, Any] | Refused:
@@ -313,10 +301,7 @@ class Services:
         finally:
             speech.close()
         if made.status != p.OK or not made.body.startswith(b"RIFF"):
-            reason = f"tts_url answers status {made.status}, no WAV file"
-            return Refused(
-                ReachyCode.NO_SPEECH, reason, 'use a service that answers POST {"text": ...} with a WAV file'
-            )
+            return refusals.no_speech(made.status)
         form = (
             f'--{BOUNDARY}\r\nContent-Disposition: form-data; name="file"; filename="{SPEECH}"\r\n'
             "Content-Type: audio/wav\r\n\r\n"
@@ -327,7 +312,7 @@ class Services:
             "POST", p.UPLOAD_SOUND, body, within_s=ASK_S, permit=permit, content_type=content_type
         )
         if upload.status != p.OK:
-            return _daemon_refusal(upload.status, upload.body)
+            return refusals.daemon_error(upload.status, upload.body)
         play = msgspec.json.encode({"file": SPEECH})
         return await self._post(client, p.PLAY_SOUND, play, permit, {"said": text})
 
@@ -335,17 +320,10 @@ class Services:
         answer = await client.ask("GET", target, within_s=ASK_S)
         if answer.status == p.OK:
             return answer.body
-        return _daemon_refusal(answer.status, answer.body)
+        return refusals.daemon_error(answer.status, answer.body)
 
     async def _post(
         self, client: HttpPort, target: str, body: bytes, permit: Permit, done: dict[str, Any]
     ) -> dict[str, Any] | Refused:
         answer = await client.ask("POST", target, body, within_s=ASK_S, permit=permit)
-        return done if answer.status == p.OK else _daemon_refusal(answer.status, answer.body)
-
-
-def _daemon_refusal(status: int, body: bytes) -> Refused:
-    text = body[:120].decode("utf-8", "replace")
-    return Refused(
-        ReachyCode.DAEMON, f"the daemon answers status {status}: {text}", "check the daemon's log", str(status)
-    )
+        return done if answer.status == p.OK else refusals.daemon_error(answer.status, answer.body)

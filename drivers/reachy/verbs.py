@@ -9,11 +9,11 @@ from msgspec.structs import replace
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
+from strands_actors.contract.refusals import bad_argument
 from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, ToolVerb
-from strands_actors.drivers.reachy.refusals import ReachyCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import LATE_S
 from .gates import LONGEST_S, SHORTEST_S
 from .protocol import DATASET, MODES, NAME
@@ -186,16 +186,15 @@ def plain_goto(inputs: Mapping[str, Any]) -> dict[str, Any] | Refused:
     command = dict(inputs)
     pose, antennas = command.pop("head", {}), command.pop("antennas", ())
     if antennas and len(antennas) != 2:
-        reason = f"antennas has {len(antennas)} numbers"
-        return Refused(Code.BAD_INPUT, reason, "give right and left, in degrees", str(len(antennas)), "2")
+        return refusals.wrong_antenna_count(len(antennas))
     spread = {f"head_{axis}": value for axis, value in pose.items()}
     if unknown := sorted(spread.keys() - _HEAD.keys()):
         axis = unknown[0].removeprefix("head_")
         axes = ", ".join(name.removeprefix("head_") for name in _HEAD)
-        return Refused(Code.BAD_INPUT, f"head has no {axis!r}", f"give some of {axes}", axis, axes)
+        return refusals.unknown_head_axis(axis, axes)
     spread |= zip(("antenna_right", "antenna_left"), antennas, strict=False)
     if twice := sorted(spread.keys() & command.keys()):
-        return Refused(Code.BAD_INPUT, f"{twice[0]} is given twice", "give it once", twice[0], "once")
+        return refusals.given_twice(twice[0])
     return command | spread
 
 
@@ -204,46 +203,39 @@ def check_arguments(service: str, arguments: Mapping[str, Any], tts_url: str) ->
     values = {**SERVICES[service].arguments, **arguments}
     match ALSO.get(service, service):
         case "express":
-            return _name(service, "move", values["move"]) or _dataset(service, values["dataset"])
+            return _name("move", values["move"]) or _dataset(values["dataset"])
         case "list_moves":
-            return _dataset(service, values["dataset"])
+            return _dataset(values["dataset"])
         case "motors" if values["mode"] not in MODES:
-            return _bad(service, "mode", values["mode"], ", ".join(MODES))
+            return bad_argument("mode", values["mode"], ", ".join(MODES))
         case "say" if not tts_url:
-            remedy = "give tts_url=, the http address of a service that makes a WAV file of a text"
-            return Refused(ReachyCode.NO_TTS, "no text-to-speech service is configured", remedy, "", "tts_url=")
+            return refusals.no_speech_service()
         case "say":
             text = values["text"]
             if not isinstance(text, str) or not 0 < len(text) <= SPOKEN:
-                return _bad(service, "text", text, f"1..{SPOKEN} characters")
+                return bad_argument("text", text, f"1..{SPOKEN} characters")
         case "record_audio":
-            remedy = "read the stream at the address that camera() returns"
-            return Refused(ReachyCode.NO_RECORDING, "the daemon sends sound only over WebRTC", remedy)
+            return refusals.no_recording()
         case "play_sound":
-            return _name(service, "file", values["file"])
+            return _name("file", values["file"])
         case "track_face":
             weight = finite(values["weight"])
             if not isinstance(values["enabled"], bool):
-                return _bad(service, "enabled", values["enabled"], "true or false")
+                return bad_argument("enabled", values["enabled"], "true or false")
             if weight is None or not 0.0 <= weight <= 1.0:
-                return _bad(service, "weight", values["weight"], "0..1")
+                return bad_argument("weight", values["weight"], "0..1")
     return None
 
 
-def _dataset(service: str, dataset: object) -> Refused | None:
+def _dataset(dataset: object) -> Refused | None:
     """Refuse a dataset name that is not ``name`` or ``owner/name``. It becomes part of a URL path."""
     names = dataset.split("/") if isinstance(dataset, str) else [""]
     if len(names) > 2:
-        return _bad(service, "dataset", dataset, "owner/name")
-    return next((refusal for name in names if (refusal := _name(service, "dataset", name))), None)
+        return bad_argument("dataset", dataset, "owner/name")
+    return next((refusal for name in names if (refusal := _name("dataset", name))), None)
 
 
-def _name(service: str, argument: str, name: object) -> Refused | None:
+def _name(argument: str, name: object) -> Refused | None:
     if isinstance(name, str) and NAME.fullmatch(name):
         return None
-    return _bad(service, argument, name, "1..128 letters, digits and . _ -, the first a letter or digit")
-
-
-def _bad(service: str, argument: str, value: object, limit: str) -> Refused:
-    shown = str(value)[:40]
-    return Refused(Code.BAD_ARGUMENT, f"{argument} is {shown!r}", f"give {limit}", shown, limit)
+    return bad_argument(argument, name, "1..128 letters, digits and . _ -, the first a letter or digit")

@@ -28,8 +28,8 @@ from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, STATUS, STOP, T
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.ports.addresses import check_device
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import AXIS, BAUD, BAUD_RATES, LATE_S, RobotiqConfig
 from .gates import FORCE, POSITION, SPEED, Keys, all_gates
 from .protocol import ACTIVATION_S, counts_of
@@ -152,17 +152,15 @@ class Robotiq(Driver):
         The fingers have a lowest speed. If that is faster than required, the motion ends earlier.
         """
         if "speed" in targets:
-            remedy = "leave speed out, because seconds determines it"
-            return Refused(Code.BOTH, "speed and seconds are both given", remedy, "speed", "seconds")
+            return refusals.speed_and_seconds()
         parsed = self.keys.parse(targets)
         if isinstance(parsed, Refused):
             return parsed
         slowest, fastest = TABLES.table(self.robot)["speed_mm_s"]
         distance_mm = abs(parsed.values[POSITION] - observation.position[0]) * self.config.stroke_mm
         if not distance_mm / seconds <= fastest:
-            least = f"{math.ceil(100 * distance_mm / fastest) / 100:g}"
-            reason = f"the fingers cannot move {distance_mm:.1f} mm within {seconds:g} s"
-            return Refused(Code.TOO_FAST, reason, f"give seconds={least} or more", f"{seconds:g}", least)
+            least_s = math.ceil(100 * distance_mm / fastest) / 100
+            return refusals.too_fast(distance_mm, seconds, least_s)
         share = (distance_mm / seconds - slowest) / (fastest - slowest)
         return {**targets, "speed": min(1.0, max(0.0, share))}
 

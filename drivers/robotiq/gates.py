@@ -9,12 +9,11 @@ from strands_actors.contract.axis import Axis, parse_action
 from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.robotiq.refusals import RobotiqCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import AXIS
-from .protocol import MAJOR, NO_FAULT, OVER_TEMPERATURE, RELEASING, SILENCE, Activation, fault_words
+from .protocol import NO_FAULT, SILENCE, Activation
 
 POSITION, SPEED, FORCE = range(3)
 """Indices of the values in a target. Each value is a fraction: position 0 is open and 1 closed, speed 0 is slowest
@@ -61,18 +60,13 @@ class Keys:
         """Return the target of an action: position, speed and force. Exactly one key must give the position."""
         for name in action:
             if not isinstance(name, str) or name not in self._names:
-                shown, names = str(name)[:40] or "''", ", ".join(self._names)
-                reason = f"{shown} is not a key of {self._robot}"
-                return Refused(Code.UNKNOWN_JOINT, reason, f"use {names}", shown, names)
+                shown = str(name)[:40] or "''"
+                return refusals.unknown_key(shown, self._robot, ", ".join(self._names))
         named, places = self.places_in(action), ", ".join(self._places)
         if len(named) > 1:
-            both = " and ".join(named)
-            return Refused(
-                Code.BOTH_SPELLINGS, f"{both} are both given", "send only one of these keys", both, places
-            )
+            return refusals.several_positions(named, places)
         if not named:
-            keys = ", ".join(action) or "{}"
-            return Refused(Code.EMPTY, "the action has no position", f"use one of {places}", keys, places)
+            return refusals.no_position(", ".join(action) or "{}", places)
         parsed = parse_action(action, self._robot, self._axes, self._index, self._unnamed)
         if isinstance(parsed, Refused):
             return parsed
@@ -100,27 +94,9 @@ def activated(candidate: Candidate, state: GateState) -> Refused | None:
     activation = round(state.observation.sensors["activation"][0])
     if activation == Activation.ACTIVE:
         return None
-    return Refused(
-        RobotiqCode.NOT_ACTIVATED,
-        f"the gripper is not activated (gSTA {activation})",
-        "call stop(), then resume(), which moves the fingers through their whole stroke to activate the gripper",
-        str(activation),
-        str(int(Activation.ACTIVE)),
-    )
+    return refusals.not_activated(activation)
 
 
 def fault_free(candidate: Candidate, state: GateState) -> Refused | None:
     fault = round(state.observation.sensors["fault"][0])
-    if fault in (NO_FAULT, SILENCE):
-        return None
-    if fault == RELEASING:
-        remedy = "wait until the release has ended, then call stop() and resume()"
-    elif fault == OVER_TEMPERATURE:
-        remedy = "let the gripper cool"
-    elif fault >= MAJOR:
-        remedy = (
-            "remove the cause, then call stop() and resume(), which moves the fingers through their whole stroke"
-        )
-    else:
-        remedy = "call stop(), then resume()"
-    return Refused(Code.FAULT, f"the gripper reports {fault_words(fault)}", remedy, str(fault), "0")
+    return None if fault in (NO_FAULT, SILENCE) else refusals.fault(fault)

@@ -98,7 +98,8 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         status = await self._ask(permit)
         if status.fault == protocol.RELEASING:
             raise WireDown(
-                f"arm: the gripper reports {protocol.fault_words(status.fault)}. Wait until the release has ended"
+                f"arming: the gripper reports {protocol.fault_words(status.fault)}. "
+                "Wait until the release has ended"
             )
         if status.needs_activation:
             status = await self._activate(permit)
@@ -113,7 +114,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             await trio.sleep(POLL_S)
         else:
             raise WireDown(
-                f"arm: the gripper does not confirm the hold (sent {command.position}, it repeats "
+                f"arming: the gripper does not confirm the hold (sent {command.position}, it repeats "
                 f"{status.request}). Check whether another program writes to it, then try again"
             )
         session.sent_position = None
@@ -219,7 +220,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         session = self.session
         if not self._config.activate:
             raise WireDown(
-                f"arm: the gripper is not activated (gSTA {session.status.activation}, gFLT "
+                f"arming: the gripper is not activated (gSTA {session.status.activation}, gFLT "
                 f"{session.status.fault}), and activate= is False. Activating moves its fingers through their "
                 "whole stroke"
             )
@@ -228,7 +229,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         session.gripper.write(protocol.RESET)
         if await self._poll(permit, RESET_S, Activation.RESET) is None:
             raise WireDown(
-                "arm: the gripper does not carry out the reset. Check whether another program writes to it"
+                "arming: the gripper does not carry out the reset. Check whether another program writes to it"
             )
         await session.gripper.wait_until_ready()
         permit.check()
@@ -236,13 +237,13 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         status = await self._poll(permit, protocol.ACTIVATION_S, Activation.ACTIVE)
         if status is None:
             raise WireDown(
-                f"arm: the gripper did not finish its activation within {protocol.ACTIVATION_S:g} s (gSTA "
+                f"arming: the gripper did not finish its activation within {protocol.ACTIVATION_S:g} s (gSTA "
                 f"{session.status.activation}, {protocol.fault_words(session.status.fault)}). "
                 "Free its fingers and check its power supply"
             )
         if status.fault >= protocol.MAJOR:
             raise WireDown(
-                f"arm: the gripper is activated, but reports {protocol.fault_words(status.fault)}. "
+                f"arming: the gripper is activated, but reports {protocol.fault_words(status.fault)}. "
                 "Check its power supply and its fingers"
             )
         return status
@@ -262,7 +263,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
         session = self.session
         status = await session.gripper.status(HANDSHAKE_S, permit)
         if status is None:
-            raise WireDown("arm: the gripper does not answer. Check its power")
+            raise WireDown("arming: the gripper does not answer. Check its power")
         self._take(session, status)
         return status
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import show, unit_of
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
-from strands_actors.drivers.sim.refusals import SimCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
+
+from . import refusals
 
 HELD_BY_WIRE = "held by the robot on its wire"
 NOT_ENERGISED = "limp"
@@ -32,11 +32,7 @@ def computable(axes: Sequence[Axis], units: Sequence[tuple[float, float]]) -> Ga
             value = candidate.values[index]
             if not abs(value - zero) <= FARTHEST * abs(scale):
                 most = show(FARTHEST * abs(scale), axis.unit)
-                offered = show(value, axis.unit)
-                reason = f"{axis.key} {offered}{unit_of(axis)} is too large for the physics"
-                return Refused(
-                    Code.PAST_TRAVEL, reason, f"give a target within {most} of the joint's zero", offered, most
-                )
+                return refusals.too_large(axis.key, show(value, axis.unit), unit_of(axis), most)
         return None
 
     return computable
@@ -48,9 +44,7 @@ def refuse_not_held(axes: Sequence[str]) -> GateCheck:
             axis = axes[index]
             reason = state.observation.faults.get(axis)
             if reason is not None:
-                first_step = "stop the robot in that program, then " if reason == HELD_BY_WIRE else ""
-                remedy = f"{first_step}call stop() and resume() here"
-                return Refused(SimCode.NOT_HELD, f"{axis} is {reason}", remedy, reason, "held by the simulation")
+                return refusals.not_held(axis, reason, reason == HELD_BY_WIRE)
         return None
 
     return refuse_not_held

@@ -14,11 +14,10 @@ from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.simulation_control import protocol as p
 from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
-from strands_actors.drivers.sim.refusals import SimCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import SimConfig
 from .gates import HELD_BY_WIRE, NOT_ENERGISED
 from .stop_channel import make_safe
@@ -92,13 +91,13 @@ class SimWire(Wire):
         """
         permit.check()
         if service == "reset" and self._armed:
-            return Refused(Code.LIVE, "the robot is energised", "call stop() first")
+            return refusals.energised()
         self._beside = beside = self._beside or SimulationClient(self._config.control)
         try:
             request = p.Reset(0) if service == "reset" else p.Step(0, int(arguments.get("steps", 1)))
             sample = await beside.call(request, p.Sample, p.STEP_S)
         except Refusal as refusal:
-            return Refused(SimCode.WIRE, str(refusal))
+            return refusals.refused_by_simulation(str(refusal))
         self._read_since = trio.Event()
         with trio.move_on_after(SILENT_S):  # a longer wait means that the link is lost, which ``read`` reports
             await self._read_since.wait()

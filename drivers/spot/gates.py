@@ -6,16 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strands_actors.contract.axis import SHOWN, Axis, finite
+from strands_actors.contract.axis import Axis, finite
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume, Reason
+from strands_actors.contract.refusals import not_finite
 from strands_actors.contract.safe_state import SafeState
+from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.wire import Observation
-from strands_actors.drivers.spot.refusals import SpotCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .protocol import TWIST_S, Motors, name_of
 from .robots import ARM, BASE, CLAW, DRIVES, KEYS, LEGS, MOVES_ARM, MOVES_CLAW
 
@@ -42,32 +43,25 @@ def conditions_of() -> tuple[Condition, ...]:
 
 
 def _lease(observation: Observation, now_ns: int) -> Refused | None:
-    owner = observation.faults.get(LEASE)
-    if owner is None:
-        return None
-    return Refused(SpotCode.LEASE_LOST, owner, "let its owner return the lease, then call resume()", owner)
+    loss = observation.faults.get(LEASE)
+    return None if loss is None else refusals.lease_lost(loss)
 
 
 def _estop_of_ours(observation: Observation, now_ns: int) -> Refused | None:
-    reason = observation.faults.get(ESTOP)
-    if reason is None:
-        return None
-    return Refused(SpotCode.ESTOP_LOST, reason, "call resume(), which sets up the e-stop again", reason)
+    loss = observation.faults.get(ESTOP)
+    return None if loss is None else refusals.estop_lost(loss)
 
 
 def _estopped(observation: Observation, now_ns: int) -> Refused | None:
     (pressed,) = observation.sensors.get("estopped", (0.0,))
-    if not pressed:
-        return None
-    return Refused(SpotCode.ESTOPPED, "the robot is E-stopped", "release it first", "E-stopped")
+    return refusals.estopped() if pressed else None
 
 
 def _motors(observation: Observation, now_ns: int) -> Refused | None:
     (motors,) = observation.sensors.get("motors", (float(Motors.UNKNOWN),))
     if motors == Motors.ON:
         return None
-    state = name_of(Motors, int(motors))
-    return Refused(Code.MOTORS_OFF, f"its motors are {state}", "call stand() first", state, "on")
+    return refusals.motors_off(name_of(Motors, int(motors)))
 
 
 # -- gates: each checks one command
@@ -101,16 +95,7 @@ def _whole_arm(candidate: Candidate, state: GateState) -> Refused | None:
     if not candidate.values[MOVES_ARM]:
         return None
     unknown = [key for index, key in enumerate(KEYS) if key in ARM and math.isnan(candidate.values[index])]
-    if not unknown:
-        return None
-    shown = ", ".join(unknown)
-    return Refused(
-        Code.STALE,
-        f"{shown} had no position when the robot was armed, and all arm joints are commanded together",
-        f"give {shown}, too, or call stop() and resume() once its position is reported",
-        shown,
-        "all joints of the arm",
-    )
+    return refusals.incomplete_arm(unknown) if unknown else None
 
 
 def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
@@ -120,9 +105,7 @@ def _has_part(candidate: Candidate, state: GateState) -> Refused | None:
     if not absent:
         return None
     part = "claw" if absent == [CLAW] else "arm"
-    return Refused(
-        SpotCode.NO_ARM, f"this robot has no {part}", f"use {', '.join(BASE)}", absent[0], ", ".join(BASE)
-    )
+    return refusals.no_part(part, absent[0], BASE)
 
 
 def _is_absent(index: int, observation: Observation) -> bool:
@@ -134,8 +117,7 @@ def refuse_leg(action: Mapping[str, object]) -> Refused | None:
     """Refuse to move a leg. Only the robot's own controller moves legs."""
     for key in action:
         if isinstance(key, str) and key.removesuffix(".pos") in LEGS:
-            reason = f"{key}: legs belong to the locomotion controller"
-            return Refused(SpotCode.READ_ONLY, reason, f"walk with {', '.join(BASE)}", key, ", ".join(KEYS))
+            return refusals.read_only_leg(key, BASE, KEYS)
     return None
 
 
@@ -166,8 +148,7 @@ def refuse_twist(arguments: Mapping[str, Any], axes: Sequence[Axis]) -> Refused 
         value = finite(arguments.get(axis.key, 0.0))
         if value is None:
             shown = str(arguments.get(axis.key))[:SHOWN]
-            reason = f"{axis.key} is {shown}"
-            return Refused(Code.NOT_FINITE, reason, "send a finite number", shown, "a finite number")
+            return not_finite(axis.key, shown, shown)
         speeds.append(value)
     nothing = Observation(0, (0.0,) * len(BASE), (0,) * len(BASE))
     base = axes[: len(BASE)]

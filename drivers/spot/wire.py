@@ -14,17 +14,17 @@ from typing import Any, ClassVar
 import msgspec
 import trio
 
+from strands_actors.contract.refusals import robot_stopped
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome, names_of
 from strands_actors.drivers.common.kit.rest_watch import Rest, RestWatch
 from strands_actors.drivers.common.kit.session_wire import SessionWire
-from strands_actors.drivers.spot.refusals import SpotCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from . import protocol as p
+from . import refusals
 from .config import SAFE_S, SpotConfig
 from .control import (
     BodyLease,
@@ -191,7 +191,7 @@ class SpotWire(SessionWire[SpotSession]):
             await self._set_up_estop()
         permit.check()
         if not await self._estop.check_in(p.StopLevel.NONE, permit):
-            raise WireDown("arm: the robot does not know our e-stop endpoint any more. Call resume() again")
+            raise WireDown("arming: the robot does not know our e-stop endpoint any more. Call resume() again")
         self._faults.pop(ESTOP, None)
         self._checked_in_ns = self._clock.now_ns()
         await self._until_released()
@@ -223,7 +223,7 @@ class SpotWire(SessionWire[SpotSession]):
                 if not reason:
                     return
                 await trio.sleep(LOOK_S)
-        raise WireDown(f"arm: the robot is E-stopped ({reason}). Release it first")
+        raise WireDown(f"arming: the robot is E-stopped ({reason}). Release it first")
 
     async def write(self, values: tuple[float, ...], permit: Permit) -> None:
         if not self._is_armed:
@@ -459,7 +459,7 @@ class SpotWire(SessionWire[SpotSession]):
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         if not self._is_armed:
-            return Refused(Code.DISARMED, "the robot was stopped", "call resume() first")
+            return robot_stopped()
         if service == "set_twist":
             return await self._set_twist(arguments, permit)
         return await self._stand(permit)
@@ -483,7 +483,7 @@ class SpotWire(SessionWire[SpotSession]):
                 permit.check()
                 await trio.sleep(LOOK_S)
             return {"standing": True}
-        return Refused(SpotCode.NOT_STANDING, f"the robot does not stand after {STAND_UP_S:g} s", "check the robot")
+        return refusals.not_standing(STAND_UP_S)
 
     async def _power_on(self, permit: Permit) -> Refused | None:
         session = self.session
@@ -506,8 +506,7 @@ class SpotWire(SessionWire[SpotSession]):
                 status = await power_status(session, number)
             if status == p.Power.SUCCESS:
                 return None
-        state = p.name_of(p.Power, status)
-        return Refused(SpotCode.NO_POWER, f"the motors are not powered on: {state}", "check the robot", state)
+        return refusals.no_power(p.name_of(p.Power, status))
 
     # -- parts
 
@@ -516,11 +515,8 @@ class SpotWire(SessionWire[SpotSession]):
         if status == p.Command.OK:
             return None
         if LEASE in self._faults:
-            return Refused(
-                SpotCode.LEASE_LOST, self._faults[LEASE], "let its owner return the lease, then resume()"
-            )
-        reason = p.name_of(p.Command, status)
-        return Refused(Code.ROBOT, f"the robot refuses the command: {reason}", "check the robot", reason)
+            return refusals.lease_lost_in_service(self._faults[LEASE])
+        return refusals.rejected_command(p.name_of(p.Command, status))
 
     def _store_owner(self, lost: LeaseLost) -> None:
         """Store which client took the lease, because later answers do not name the client."""

@@ -24,8 +24,8 @@ from strands_actors.contract.tool_verbs import DURATION, MOVE_TO, STATE, STATUS,
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import ARM, BASE, LIFT, StretchConfig
 from .gates import conditions, gates_of, parse
 from .parameters import Chain, Parameters, folder_of, parameters_of, read_folder
@@ -168,17 +168,11 @@ class Stretch(Driver):
         ranges = {axis.key: axis.limits for axis in self.table if axis.mode is AxisMode.POSITION}
         joint = str(arguments.get("joint", ""))[:40]
         if joint not in ranges:
-            names = ", ".join(ranges)
-            reason = f"joint is {joint or 'missing'}"
-            return Refused(Code.BAD_ARGUMENT, reason, f"give one of {names}", joint, names)
+            return refusals.unknown_joint_argument(joint, ", ".join(ranges))
         low, high = (finite(arguments.get(name)) for name in ("low", "high"))
         least, most = ranges[joint]
         if low is None or high is None or not least - 1e-9 <= low < high <= most + 1e-9:
-            offered, limit = f"{arguments.get('low')}..{arguments.get('high')}"[:40], f"{least:.4f}..{most:.4f}"
-            reason = f"{joint} {offered}"
-            return Refused(
-                Code.BAD_ARGUMENT, reason, f"give low and high within {limit}, low below high", offered, limit
-            )
+            return refusals.bad_soft_limits(joint, arguments.get("low"), arguments.get("high"), least, most)
         return None
 
 

@@ -15,39 +15,16 @@ from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.dynamixel.gates import FAULT_CODES
 from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S, parse_twist
 from strands_actors.drivers.common.servo.gates import motor_fault, temperature, voltage
-from strands_actors.drivers.stretch.refusals import StretchCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import ARM, BASE, LIFT, StretchConfig
 from .readings import CONTACT, UNHELD
 
 ROUNDING = 1e-9
-_HOMING = "run the homing routine on the robot: stretch_robot_home.py"
-_STOPPED_ITSELF = {
-    CONTACT: (
-        StretchCode.CONTACT,
-        "has met an obstacle, and its board has stopped it",
-        "clear the joint's way, then call resume()",
-    ),
-    UNHELD: (
-        StretchCode.SAFETY_MODE,
-        "is in the safety mode of its board",
-        "check the board and its supply, then call resume()",
-    ),
-}
-"""Word in ``faults`` of lift or arm: refusal code, reason, and remedy."""
-
-
-_SETS_RUNSTOP = (
-    ("low_battery", "the battery is low", "charge it"),
-    ("at_cliff", "the base has met a cliff", "move it away, switch the robot off and on"),
-    ("tilted", "the robot is tilted", "set it upright"),
-    ("high_current", "the robot has drawn too much current", "remove what blocks the robot"),
-)
-"""Sensor: reason why the power board sets the runstop by itself, and first remedy. The board sets it again as long
-as the reason lasts. It remembers a cliff until it is switched off."""
+_STOPPED_ITSELF = {CONTACT: refusals.contact, UNHELD: refusals.safety_mode}
+"""Word in ``faults`` of lift or arm: the refusal for it."""
 
 
 # -- parsing
@@ -67,10 +44,9 @@ def parse(
     if "vy" in plain:
         sideways = finite(plain.pop("vy"))
         if sideways is None:
-            return Refused(Code.NOT_FINITE, "vy is no finite number", "leave it out")
+            return refusals.vy_not_finite()
         if sideways != 0:
-            reason = f"vy is {sideways:g} m/s, and this base cannot drive sideways"
-            return Refused(StretchCode.STRAFE, reason, "turn with wz, drive with vx", f"{sideways:g}", "0")
+            return refusals.sideways(sideways)
         if not plain:
             plain = dict.fromkeys(BASE, 0.0)
     # The previous target without its mask.
@@ -113,17 +89,12 @@ def _runstop(observation: Observation, now_ns: int) -> Refused | None:
     sensors = observation.sensors
     if sensors.get("runstop", (0.0,)) == (0.0,):
         return None
-    reason, remedy = runstop_reason(sensors)
-    return Refused(StretchCode.RUNSTOP, reason, f"{remedy}, then resume()", "pressed")
+    return refusals.runstop(runstop_cause(sensors))
 
 
-def runstop_reason(sensors: Mapping[str, tuple[float, ...]]) -> tuple[str, str]:
-    """Return why the runstop (the robot's stop button) is on, as far as the robot reports it, and what to do."""
-    release = "release the runstop on the robot"
-    for sensor, reason, first in _SETS_RUNSTOP:
-        if sensors.get(sensor, (0.0,)) != (0.0,):
-            return f"the robot sets its runstop: {reason}", f"{first}, then {release}"
-    return "the runstop is pressed", release
+def runstop_cause(sensors: Mapping[str, tuple[float, ...]]) -> str:
+    """Return the sensor that shows why the robot has set its runstop by itself; empty if none does."""
+    return next((sensor for sensor in refusals.RUNSTOP_CAUSES if sensors.get(sensor, (0.0,)) != (0.0,)), "")
 
 
 def _stopped_itself(observation: Observation, now_ns: int) -> Refused | None:
@@ -131,8 +102,7 @@ def _stopped_itself(observation: Observation, now_ns: int) -> Refused | None:
     for joint in (LIFT, ARM):
         for word in observation.faults.get(joint, "").split(", "):
             if word in _STOPPED_ITSELF:
-                code, reason, remedy = _STOPPED_ITSELF[word]
-                return Refused(code, f"{joint} {reason}", remedy, word, "none")
+                return _STOPPED_ITSELF[word](joint, word)
     return None
 
 
@@ -174,13 +144,7 @@ def _soft_limits(axes: Sequence[Axis]) -> GateCheck:
             if not low - ROUNDING <= value <= high + ROUNDING:
                 bottom, top = show(low, axis.unit, inwards=math.ceil), show(high, axis.unit, inwards=math.floor)
                 offered = show(value, axis.unit)
-                return Refused(
-                    StretchCode.SOFT_LIMIT,
-                    f"{axis.key} {offered}{unit_of(axis)} is outside its present soft limits",
-                    f"stay within {bottom}..{top}",
-                    offered,
-                    f"{bottom}..{top}",
-                )
+                return refusals.outside_soft_limits(axis.key, offered, unit_of(axis), f"{bottom}..{top}")
         return None
 
     return soft_limits
@@ -193,7 +157,7 @@ def _homed(axes: Sequence[Axis]) -> GateCheck:
         for index in candidate.named:
             axis = axes[index]
             if axis.mode is AxisMode.POSITION and not _sensor_value(state, "homed", index, 0.0):
-                return Refused(StretchCode.NOT_HOMED, f"{axis.key} is not homed", _HOMING, "not homed", "homed")
+                return refusals.not_homed(axis.key)
         return None
 
     return homed
@@ -212,13 +176,7 @@ def _wheel_speeds(config: StretchConfig, axes: Sequence[Axis]) -> GateCheck:
     def wheel_speeds(candidate: Candidate, state: GateState) -> Refused | None:
         for side, speed in zip(("left", "right"), config.wheels(*_twist(candidate, axes)), strict=True):
             if not abs(speed) <= most + ROUNDING:
-                return Refused(
-                    StretchCode.WHEEL_SPEED,
-                    f"the {side} wheel would run at {speed:.3f} m/s",
-                    f"keep |vx| + |wz| * {config.parameters.separation_m / 2:.3f} within {most:g}",
-                    f"{abs(speed):.3f}",
-                    f"{most:g}",
-                )
+                return refusals.wheel_too_fast(side, speed, most, config.parameters.separation_m)
         return None
 
     return wheel_speeds
@@ -230,12 +188,6 @@ def _wheel_watchdog(axes: Sequence[Axis]) -> GateCheck:
     def wheel_watchdog(candidate: Candidate, state: GateState) -> Refused | None:
         if not any(_twist(candidate, axes)) or state.observation.sensors.get("wheel_watchdog") == (1.0,):
             return None
-        return Refused(
-            StretchCode.NO_WATCHDOG,
-            "the wheels' velocity watchdog is off",
-            "set enable_vel_watchdog: 1 for both wheels in the robot's YAML, then connect again",
-            "off",
-            "on",
-        )
+        return refusals.wheel_watchdog_off()
 
     return wheel_watchdog

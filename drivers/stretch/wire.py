@@ -24,10 +24,11 @@ from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused, sentence_case
 
 from . import protocol as p
+from . import refusals
 from .board import ANSWER_S, Board, OpenPort
 from .chains import ChainWire
 from .config import ARM, BASE, BAUD, BOARDS, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
-from .gates import named_in, runstop_reason
+from .gates import named_in, runstop_cause
 from .readings import Readings
 from .safing import CONFIRM_S, boards_for, make_safe, unreachable
 from .stop_channel import StretchStopChannel
@@ -193,10 +194,13 @@ class StretchWire(Wire):
         self._check_open()
         observation = await self.read()
         if "runstop" not in observation.sensors:
-            raise WireDown("arm: the power board does not report whether the runstop is pressed. Check its cable")
+            raise WireDown(
+                "arming: the power board does not report whether the runstop is pressed. Check its cable"
+            )
         if observation.sensors["runstop"] != (0.0,):
-            reason, remedy = runstop_reason(observation.sensors)
-            raise WireDown(f"arm: {reason}. {sentence_case(remedy)}")
+            cause = runstop_cause(observation.sensors)
+            reason, remedy = refusals.runstop(cause).reason, refusals.runstop_remedy(cause)
+            raise WireDown(f"arming: {reason}. {sentence_case(remedy)}")
         permit.check()
         self._armed = True
         self._goals = {}
@@ -212,7 +216,7 @@ class StretchWire(Wire):
             if status is None or status.mode != p.Mode.HOLD:
                 reported = "nothing" if status is None else f"mode {status.mode}"
                 raise WireDown(
-                    f"arm: {name} was commanded to hold, but reports {reported}. Check its cable and the runstop"
+                    f"arming: {name} was commanded to hold, but reports {reported}. Check its cable and the runstop"
                 )
             self._readings.store_energised(name, status, self._clock.now_ns())
 

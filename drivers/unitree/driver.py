@@ -29,14 +29,13 @@ from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.motor_targets import ROWS, Parser, target_gates
 from strands_actors.drivers.common.ports.addresses import check_peer
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import UnitreeConfig
 from .gates import CONTROL_HZ, CONTROL_S, conditions
 from .options import IMU, OF_JOINTS, LegsOptions
 from .protocol import COMMAND_TOPIC
 from .robots import TABLES, model_of
-from .walking.gates import WALKS_ELSEWHERE
 from .walking.loco import G1, H1
 from .walking.robots import BASE
 from .walking.services import services_of
@@ -122,10 +121,7 @@ class _Legs(Driver):
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         if service in self.OF_WALKING:
-            reason = "this robot is commanded joint by joint (level='low')"
-            walks = f"{self.robot}:sport" in self.LEVELS
-            remedy = WALKS_ELSEWHERE if walks else "command its joints, because this package cannot make it walk"
-            return Refused(Code.LEVEL, reason, remedy, "low", "sport" if walks else "")
+            return refusals.joints_only(walks=f"{self.robot}:sport" in self.LEVELS)
         return super().check_service(service, arguments)
 
     def check_port(self) -> None:

@@ -15,15 +15,15 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.kit.session_wire import PromptSessionWire
-from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
 from . import protocol as p
-from . import rpc
+from . import refusals, rpc
 from .config import UnitreeConfig
 from .gates import CONTROL_S, FSM_TTL_S, HANDSHAKE_FSM, MODE_TTL_S
 from .link import FIND_S, Link, Service
+from .refusals import MAY_LET_GO
 from .rpc import ATTEMPTS, RELEASE_S
 from .safing import bring_down, reports
 from .session import ASK_EVERY_NS, RobotSession
@@ -39,7 +39,6 @@ ENOUGH = 50
 STRANGER_S = 1.0
 """With ``simulator=True``, how long ``open`` waits for a service that only a real robot has. While connected, the
 session keeps looking for it."""
-MAY_LET_GO = "a release was requested but not answered, so the robot may still carry it out"
 REAL = (
     "simulator=True, but the service motion_switcher answers, so this is a real robot or its twin. Connect without "
     "simulator=, so that its mode and its battery are checked"
@@ -246,7 +245,7 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         """
         session = self.session
         if self._config.simulator:
-            return Refused(UnitreeCode.SPORT_MODE, "a simulator has no onboard mode", "command its joints", "", "")
+            return refusals.simulator_without_mode()
         attempts = int(arguments.get("attempts", ATTEMPTS))
         for attempt in range(1, attempts + 1):
             name = await self._fresh_mode(session)
@@ -258,21 +257,8 @@ class UnitreeWire(PromptSessionWire[UnitreeSession]):
         if not name:
             return {"sport_mode_released": True, "attempts": attempts}
         if session.modes.unanswered:
-            reason = f"{name!r} is still active; {MAY_LET_GO}"
-            return Refused(
-                UnitreeCode.SPORT_MODE,
-                reason,
-                "make the robot lie down with its remote, and wait",
-                name,
-                "released",
-            )
-        return Refused(
-            UnitreeCode.SPORT_MODE,
-            f"{name!r} is still active after {attempts} attempts",
-            "make the robot lie down or damp with its remote, then try again",
-            name,
-            "released",
-        )
+            return refusals.unanswered_release(name)
+        return refusals.failed_release(name, attempts)
 
     def close(self) -> None:
         if self.session_or_none is not None:

@@ -5,7 +5,7 @@ They never change (clip) a value.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from strands_actors.contract.axis import Axis
 from strands_actors.contract.axis_gates import past_range, stale, too_fast
@@ -13,12 +13,11 @@ from strands_actors.contract.driver import Candidate, Condition, GateCheck, Gate
 from strands_actors.contract.sensors import number_of
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.step_gates import refuse_lead
-from strands_actors.drivers.ur.refusals import URCode
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
-from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState, SafetyMode, mode_name
+from . import refusals
+from .protocol import MOVABLE_SAFETY, RobotMode, RuntimeState
 
 CONTROL_HZ = 125.0
 CONTROL_S = 1 / CONTROL_HZ
@@ -45,11 +44,6 @@ start a program, and the network needs the rest [assumed]."""
 PAUSED = (RuntimeState.PAUSING, RuntimeState.PAUSED, RuntimeState.RESUMING)
 """States of a paused program. A paused control script accepts no command, so a pause counts as its end."""
 
-_UNLOCK: Mapping[int, str] = {
-    SafetyMode.PROTECTIVE_STOP: "look at the arm, then unlock the protective stop on the pendant",
-    SafetyMode.SAFEGUARD_STOP: "close the safeguard",
-}
-
 
 def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float = CONTROL_S) -> tuple[GateCheck, ...]:
     """Return the gates in the order in which they check a setpoint. The first refusal is reported.
@@ -64,18 +58,8 @@ def all_gates(axes: Sequence[Axis], state_ttl_s: float, period_s: float = CONTRO
 def refuse_modes(robot: int, safety: int) -> Refused | None:
     """Refuse if the robot mode or the safety mode does not allow the arm to move. Arming makes the same check."""
     if robot != RobotMode.RUNNING:
-        name, required = mode_name(RobotMode, robot), mode_name(RobotMode, RobotMode.RUNNING)
-        return Refused(
-            Code.ROBOT_MODE,
-            f"robot is {name}",
-            "power on the arm and release its brakes on the pendant",
-            name,
-            required,
-        )
-    if safety not in MOVABLE_SAFETY:
-        name, remedy = mode_name(SafetyMode, safety), _UNLOCK.get(safety, "clear it on the pendant")
-        return Refused(URCode.SAFETY_MODE, name, remedy, name, "NORMAL (1) or REDUCED (2)")
-    return None
+        return refusals.wrong_robot_mode(robot)
+    return None if safety in MOVABLE_SAFETY else refusals.wrong_safety_mode(safety)
 
 
 # -- conditions under which a motion may begin and continue
@@ -92,13 +76,11 @@ def program(observation: Observation, now_ns: int) -> Refused | None:
     So motion never continues by itself after a protective stop, or after the controller's watchdog has ended the
     script.
     """
-    runs, remedy = number_of(observation.sensors, "runtime_state", 0), "call resume()"
+    runs = number_of(observation.sensors, "runtime_state", 0)
     if runs in PAUSED:
-        return Refused(URCode.PAUSED, "control script was paused on the pendant", remedy, limit="PLAYING")
+        return refusals.script_paused()
     if number_of(observation.sensors, "control", 0) != 1 or runs != RuntimeState.PLAYING:
-        reason = observation.faults.get("controller", "")
-        text = "control script is not running" + (f" ({reason})" if reason else "")
-        return Refused(URCode.PROGRAM, text, remedy, limit="PLAYING")
+        return refusals.script_not_running(observation.faults.get("controller", ""))
     return None
 
 
@@ -108,7 +90,7 @@ CONDITIONS = (Condition(modes), Condition(program, on_resume=OnResume.ARM_ANEW))
 def paused(candidate: Candidate, state: GateState) -> Refused | None:
     """Refuse a setpoint while the speed scaling is zero, for example by the speed slider on the pendant."""
     if not state.observation.sensors.get("speed_scaling", (0.0,))[0] > 0.0:
-        return Refused(URCode.PAUSED, "the arm's speed is scaled to 0", "raise the speed slider on the pendant")
+        return refusals.speed_scaled_to_zero()
     return None
 
 

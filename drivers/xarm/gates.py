@@ -13,20 +13,16 @@ from strands_actors.contract.axis_gates import outside_reported_range, past_rang
 from strands_actors.contract.driver import Candidate, Condition, GateCheck, GateState, OnResume
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.step_gates import refuse_lead, refuse_step
-from strands_actors.drivers.xarm.refusals import XArmCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .arms import Arm
-from .protocol import Mode, State, error_words
+from .protocol import Mode, State
 
 LEAD_S = 0.1
 """A target may be ahead of the measured position by as far as the joint turns in this time, in seconds. After
 something has blocked the arm, servo mode moves it to the target at full speed [assumed: no arm lags further behind
 while it moves freely]."""
-
-
-_AGAIN = "remove the cause, then call resume()"
 
 Axes = Sequence[Axis]
 
@@ -42,32 +38,18 @@ def all_gates(arm: Arm, axes: Axes, period_s: float, state_ttl_s: float) -> tupl
 
 def error_free(observation: Observation, now_ns: int) -> Refused | None:
     error = _sensor(observation, "error")
-    if error == 0:
-        return None
-    words = "an unknown error" if error is None else f"error {error_words(error)}"
-    return Refused(
-        XArmCode.ERROR,
-        f"the controller reports {words}",
-        "clear the error at the arm, then call resume()",
-        words,
-        "no error",
-    )
+    return None if error == 0 else refusals.controller_error(error)
 
 
 def running(observation: Observation, now_ns: int) -> Refused | None:
     """Refuse to move an arm that is paused or stopped by any client. The arm does not continue by itself."""
     state = _sensor(observation, "state")
-    if state in (State.MOVING, State.READY):
-        return None
-    word = {State.PAUSED.value: "paused", State.STOPPED.value: "stopped"}.get(state or 0, "not ready")
-    return Refused(XArmCode.STATE, f"the arm is {word} (state {state})", _AGAIN, f"{state}", "1 or 2")
+    return None if state in (State.MOVING, State.READY) else refusals.not_running(state)
 
 
 def in_servo_mode(observation: Observation, now_ns: int) -> Refused | None:
     mode = _sensor(observation, "mode")
-    if mode == Mode.SERVO:
-        return None
-    return Refused(Code.MODE, f"the arm is in mode {mode}, not in servo mode (1)", _AGAIN, f"{mode}", "1")
+    return None if mode == Mode.SERVO else refusals.wrong_mode(mode)
 
 
 CONDITIONS = (

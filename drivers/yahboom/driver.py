@@ -26,8 +26,8 @@ from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.velocity_base import LIFETIME_S
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .config import LINKS, ROS2, ROSBRIDGE, YahboomConfig
 from .gates import ARM_MS, DRIVES, TIME, all_gates, parse
 from .messages import CMD_VEL
@@ -199,15 +199,13 @@ def _refuse_degrees(servos: Sequence[Servo], joints: Sequence[Any]) -> Refused |
     """Return a refusal if these are not valid angles in degrees for all servos; None if they are
     valid."""
     ranges = ", ".join(f"{servo.key} {servo.low_deg}..{servo.high_deg}" for servo in servos)
-    remedy = f"give {len(servos)} servo angles in degrees: {ranges}"
     if len(joints) != len(servos):
-        reason = f"joints has {len(joints)} numbers"
-        return Refused(Code.BAD_INPUT, reason, remedy, str(len(joints)), str(len(servos)))
+        return refusals.wrong_angle_count(len(joints), len(servos), ranges)
     for servo, value in zip(servos, joints, strict=True):
         degrees = finite(value)
         if degrees is None or not servo.low_deg <= degrees <= servo.high_deg:
-            reason = f"{servo.key} is {shown(value)}"
-            return Refused(Code.PAST_TRAVEL, reason, remedy, shown(value), f"{servo.low_deg}..{servo.high_deg}")
+            range_deg = servo.low_deg, servo.high_deg
+            return refusals.past_angle_range(servo.key, shown(value), range_deg, len(servos), ranges)
     return None
 
 

@@ -91,7 +91,8 @@ class Ros2Link:
 
     @property
     def is_behind(self) -> bool:
-        # rclpy keeps only the newest few messages, and does not report which of them were received.
+        # rclpy keeps only the newest few messages that were sent, and does not report which of them have reached
+        # the robot.
         return False
 
     def drive(self, twist: m.Twist) -> None:

@@ -15,10 +15,7 @@ import msgspec
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
-from .shown import shown
-
-SHOWN = 40
-"""Longest text of a key or value in a refusal."""
+from .shown import SHOWN, shown
 
 
 class AxisMode(enum.StrEnum):

@@ -122,8 +122,8 @@ class Service(msgspec.Struct, frozen=True):
     # The service is sent as an action. Its arguments are the action's values, with the lifetime and the checks of
     # any action. An argument with the default None is left out if the user does not give it.
     acts: bool = False
-    # The service is a stop for this reason, with a lock as after an e-stop. It is never refused, and is handled
-    # before all other messages.
+    # If this is set, the service is a stop, and this is the reason that the stop gives. It locks the robot as an
+    # e-stop does, is never refused, and is handled before all other messages.
     stops: Reason | None = None
 
 

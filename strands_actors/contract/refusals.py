@@ -8,7 +8,9 @@ shown, not rounded to a limit: a caller that formats a limit rounds it inwards.
 from __future__ import annotations
 
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
+from strands_actors.kernel.refusals import Code, RefusalCode
+
+from .shown import SHOWN
 
 CHECK_POWER = "check its cable and power. When it answers again, send the command again"
 CHECK_NETWORK = "check the robot and the network"
@@ -53,7 +55,7 @@ def stale_position(axis: str, age_ms: float, limit: str) -> Refused:
     return Refused(Code.STALE, f"no position from {axis} {age}", CHECK_POWER, age, limit)
 
 
-def stale_report(code: Code, report: str, age: str, limit: str, remedy: str = CHECK_NETWORK) -> Refused:
+def stale_report(code: RefusalCode, report: str, age: str, limit: str, remedy: str = CHECK_NETWORK) -> Refused:
     """Return the refusal of a command because the robot's last report is too old.
 
     Args:
@@ -99,8 +101,9 @@ def bad_count(argument: str, value: object, most: int) -> Refused:
     )
 
 
-def bad_argument(argument: str, value: str, limit: str) -> Refused:
-    return Refused(Code.BAD_ARGUMENT, f"{argument} is {value!r}", f"give {limit}", value, limit)
+def bad_argument(argument: str, value: object, limit: str) -> Refused:
+    text = str(value)[:SHOWN]
+    return Refused(Code.BAD_ARGUMENT, f"{argument} is {text!r}", f"give {limit}", text, limit)
 
 
 def robot_stopped() -> Refused:

@@ -9,11 +9,13 @@ import difflib
 import reprlib
 from collections.abc import Iterable
 
+SHOWN = 40
+"""The longest text of a key or value in a refusal, in characters."""
 LONGEST = 100
 """The longest name that is compared with others."""
 
 
-def shown(value: object, most: int = 40) -> str:
+def shown(value: object, most: int = SHOWN) -> str:
     """Return a value as text of at most ``most`` characters, even if it is deeply nested or very long."""
     brief = reprlib.Repr()
     brief.maxlevel, brief.maxdict, brief.maxlist, brief.maxtuple, brief.maxset = 3, 4, 6, 6, 6

@@ -20,13 +20,12 @@ from typing import Any
 
 import trio
 
-from strands_actors.kernel.refusals import Code
-
+from . import refusals
 from .clock import Clock
 from .frames import Protocol, protocol_of
 from .inline_dispatch import BURST, LONGEST_NS
 from .mailbox import Mailbox, ReplyTo, Slot
-from .messages import Message, Refused
+from .messages import Message
 from .ref import Ref
 from .router import Router
 from .ticker import Ticker
@@ -354,7 +353,7 @@ class Cell:
 
     def _failed(self, reply: ReplyTo | None, error: Exception) -> None:
         if reply is not None:
-            reply.send(Refused(Code.CRASHED, f"{self.address} failed: {describe(error)}"))
+            reply.send(refusals.crashed(self.address, describe(error)))
 
 
 def _at_once(handler: Coroutine[Any, Any, Any]) -> Any:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+from . import refusals
 from .messages import Message, Refused
-from .refusals import Code
 
 Answer = TypeVar("Answer", bound=Message)
 
@@ -22,7 +22,7 @@ def read_answer(answer: Message | None, answer_type: type[Answer], verb: str = "
     """
     if isinstance(answer, answer_type | Refused):
         return answer
-    return Refused(Code.NO_ANSWER, "no answer", verb=verb)
+    return refusals.no_answer(verb)
 
 
 __all__ = ["read_answer"]

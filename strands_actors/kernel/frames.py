@@ -16,8 +16,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.kernel.refusals import Code
-
+from . import refusals
 from .messages import Message, Refused
 
 TELL, ASK, REPLY, WATCH, DOWN, HOSTS = range(6)
@@ -106,7 +105,7 @@ class Protocol:
 
     def wrong_type(self, message: object) -> Refused:
         accepted = ", ".join(sorted(message_type.__name__ for message_type in self.accepts))
-        return Refused(Code.WRONG_TYPE, f"{self.name} does not take {type(message).__name__}", f"send {accepted}")
+        return refusals.wrong_type(self.name, type(message).__name__, accepted)
 
 
 def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | None:
@@ -114,7 +113,7 @@ def read_reply(decode: Callable[[Any], Message | None], body: Any) -> Message | 
     try:
         return decode(body)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
-        return Refused(Code.MALFORMED_REPLY, f"the answer cannot be read: {error}")
+        return refusals.malformed_reply(error)
 
 
 _protocols: dict[Any, Protocol] = {}

@@ -45,7 +45,7 @@ class Instrument(Protocol):
         ...
 
     def saw(self, address: str, value: object) -> None:
-        """A handler has read or written a value that is not in its message."""
+        """Record a value that a handler has read or written and that is not in its message. A replay needs it."""
         ...
 
     def refused(self, to: str, message_type: str, refusal: Refused) -> None:

@@ -19,9 +19,8 @@ from typing import Protocol
 
 import trio
 
-from strands_actors.kernel.refusals import Code
-
-from .messages import Message, Refused
+from . import refusals
+from .messages import Message
 
 CAPACITY = 1024
 
@@ -57,7 +56,7 @@ _SLOTS = 64
 """If there are so many places, empty places are dropped. Senders change, so their places would add up."""
 
 
-SUPERSEDED = Refused(Code.SUPERSEDED, "a newer message of the same sender replaced this one")
+SUPERSEDED = refusals.superseded()
 
 
 class Mailbox:

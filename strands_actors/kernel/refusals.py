@@ -1,13 +1,16 @@
-"""The catalogue of refusals: every code of this package, its meaning and its remedy.
+"""The catalogue of refusals: every code of this package, and the texts of the kernel's own refusals.
 
 A code is for programs and never changes. The drivers of a robot family may add codes of the same type, in their
-``refusals`` module. ``docs/refusals.md`` is generated from these tables.
+``refusals`` module. ``docs/refusals.md`` is generated from these tables. The functions below the tables return the
+kernel's refusals: one function for each text.
 """
 
 from __future__ import annotations
 
 import enum
 from typing import Self
+
+from .messages import MAX_MESSAGE_BYTES, Refused
 
 
 class RefusalCode(enum.StrEnum):
@@ -163,7 +166,7 @@ class Code(RefusalCode):
     ROBOT = "robot", "the robot refuses it", "look at the robot"
     REFUSED_BY_ROBOT = "refused_by_robot", "the robot refuses it", "look at the robot, then try again"
     MOTORS_OFF = "motors_off", "the motors have no power", "energise them by the service that is named"
-    BATTERY = "battery", "the battery is too low, or not heard of", "charge it"
+    BATTERY = "battery", "the battery is too low, or its state is not known", "charge it"
 
     # Codes about messages between processes and hosts.
     MALFORMED = "malformed", "a message cannot be read", "send the fields that the text lists"
@@ -179,7 +182,7 @@ class Code(RefusalCode):
     UNKNOWN_FAULT = "unknown_fault", "there is no such fault", "use one that is named"
     GIVEN_UP = (
         "given_up",
-        "a recorder was not heard for too long, and lacks the rest",
+        "the robot ended a recording early",
         "give the recorder more of the computer",
     )
     FORMAT = "format", "a recorder has another format", "use the robot's version"
@@ -215,3 +218,69 @@ class Code(RefusalCode):
         "a process has no stop channel to the hardware",
         "wait: the process tries again",
     )
+
+
+# -- delivery within a process
+
+
+def superseded() -> Refused:
+    return Refused(Code.SUPERSEDED, "a newer message of the same sender replaced this one")
+
+
+def mailbox_full(address: str, waiting: int) -> Refused:
+    return Refused(Code.MAILBOX_FULL, f"{address} has {waiting} messages waiting", "wait, then try again")
+
+
+def actor_ended(address: str) -> Refused:
+    return Refused(Code.GONE, f"{address} ended before it read the message")
+
+
+def crashed(address: str, error: str) -> Refused:
+    return Refused(Code.CRASHED, f"{address} failed: {error}")
+
+
+def wrong_type(actor: str, message_type: str, accepted: str) -> Refused:
+    return Refused(Code.WRONG_TYPE, f"{actor} does not take {message_type}", f"send {accepted}")
+
+
+# -- delivery between processes
+
+
+def foreign_sender(sender: str) -> Refused:
+    return Refused(Code.CHANNEL, f"this channel may not send in the name of {sender}", "send in your own name")
+
+
+def not_permitted(address: str, message_type: str) -> Refused:
+    reason = f"{address} accepts no {message_type} over this channel"
+    return Refused(Code.CHANNEL, reason, "send only permitted messages", message_type)
+
+
+def unknown_address(address: str) -> Refused:
+    return Refused(Code.UNKNOWN_ADDRESS, f"this process has no actor {address}")
+
+
+def oversized(size_bytes: int) -> Refused:
+    size, limit = str(size_bytes), str(MAX_MESSAGE_BYTES)
+    return Refused(Code.OVERSIZED, f"the message has {size} bytes", f"send at most {limit} bytes", size, limit)
+
+
+def malformed(actor: str, error: Exception, accepted: str) -> Refused:
+    return Refused(Code.MALFORMED, f"{actor} cannot read the message: {error}", f"send {accepted}")
+
+
+def malformed_reply(error: Exception) -> Refused:
+    return Refused(Code.MALFORMED_REPLY, f"the answer cannot be read: {error}")
+
+
+def no_answer(verb: str) -> Refused:
+    return Refused(Code.NO_ANSWER, "no answer", verb=verb)
+
+
+# -- approval
+
+
+def not_approved(names: str, cause: str, variable: str, can_ask: bool) -> Refused:
+    """Return the refusal of names that need an approval. ``variable`` can allow them without asking."""
+    reason, allow = f"{names} needs an operator's approval: {cause}", f"name it in {variable}"
+    remedy = f"pass approve= to the robot, or {allow}" if can_ask else f"{allow} on the robot's host"
+    return Refused(Code.NOT_APPROVED, reason, remedy, names, variable)

@@ -19,8 +19,7 @@ from typing import Any
 
 import msgspec
 
-from strands_actors.kernel.refusals import Code
-
+from . import refusals
 from .asks import Answer, Deadlines, went_away
 from .clock import Clock
 from .frames import ASK, DOWN, HOSTS, REPLY, TELL, WATCH, Down, Frame, decode_frame, frame, read_reply
@@ -112,7 +111,7 @@ class Router:
             message, reply = entry
             self.dead(cell.address, message, "the actor ended")
             if reply is not None:
-                reply.send(Refused(Code.GONE, f"{cell.address} ended before it read the message"))
+                reply.send(refusals.actor_ended(cell.address))
 
     def ref(self, address: str, protocol: type[Any] | None = None, sender: str = "") -> Ref:
         return Ref(self, address, protocol, sender or self.address)
@@ -123,11 +122,7 @@ class Router:
             self._refuse(cell.address, message, cell.protocol.wrong_type(message), reply)
             return False
         if not cell.mailbox.put(message, reply, sender):
-            full = Refused(
-                Code.MAILBOX_FULL,
-                f"{cell.address} has {len(cell.mailbox)} messages waiting",
-                "wait, then try again",
-            )
+            full = refusals.mailbox_full(cell.address, len(cell.mailbox))
             self._refuse(cell.address, message, full, reply)
             return False
         return True
@@ -211,7 +206,7 @@ class Router:
         descriptors: tuple[int, ...] = getattr(body, "descriptors", ())
         data = frame(to, kind, cid, sender, self.address, body)
         if len(data) > MAX_MESSAGE_BYTES and kind in (TELL, ASK):
-            self._refuse(to, body, _oversized(len(data)), self.pending.get(cid))
+            self._refuse(to, body, refusals.oversized(len(data)), self.pending.get(cid))
             return True
         return connection.send(
             to, data, descriptors, body is not None and body.lane == "urgent" and kind in (TELL, ASK)
@@ -257,10 +252,7 @@ class Router:
 
     def _refuse_sender(self, head: Frame, connection: Connection) -> None:
         reply = _RemoteReply(self, connection, head.reply_to, head.cid) if head.kind == ASK else None
-        refusal = Refused(
-            Code.CHANNEL, f"this channel may not send in the name of {head.sender}", "send in your own name"
-        )
-        self._refuse(head.to or self.address, head, refusal, reply)
+        self._refuse(head.to or self.address, head, refusals.foreign_sender(head.sender), reply)
 
     def _receive_message(
         self, head: Frame, body: msgspec.Raw, connection: Connection, size: int, descriptors: tuple[int, ...]
@@ -268,20 +260,16 @@ class Router:
         reply = _RemoteReply(self, connection, head.reply_to, head.cid) if head.kind == ASK else None
         cell = self.cells.get(head.to)
         if cell is None:
-            refusal = Refused(Code.UNKNOWN_ADDRESS, f"this process has no actor {head.to}")
-            self._refuse(head.to, head, refusal, reply)
+            self._refuse(head.to, head, refusals.unknown_address(head.to), reply)
             return False
         if size > MAX_MESSAGE_BYTES:
-            self._refuse(head.to, head, _oversized(size), reply)
+            self._refuse(head.to, head, refusals.oversized(size), reply)
             return False
         try:
             message = cell.protocol.decode(body)
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
             accepted = ", ".join(sorted(message_type.__name__ for message_type in cell.protocol.accepts))
-            refusal = Refused(
-                Code.MALFORMED, f"{cell.protocol.name} cannot read the message: {error}", f"send {accepted}"
-            )
-            self._refuse(head.to, head, refusal, reply)
+            self._refuse(head.to, head, refusals.malformed(cell.protocol.name, error, accepted), reply)
             return False
         channel = connection.channel
         if channel is not None and (refused := channel.refuse(head.to, message)) is not None:
@@ -350,13 +338,6 @@ class Router:
             watchers.discard(head.to)
             tell = Frame(head.to, TELL, 0, head.sender, head.reply_to, head.body)
             self._receive_message(tell, head.body, connection, len(head.body), ())
-
-
-def _oversized(size: int) -> Refused:
-    limit = MAX_MESSAGE_BYTES
-    return Refused(
-        Code.OVERSIZED, f"the message has {size} bytes", f"send at most {limit} bytes", str(size), str(limit)
-    )
 
 
 def _close_all(descriptors: Iterable[int]) -> None:

@@ -13,11 +13,10 @@ from collections.abc import Callable
 
 import msgspec
 
-from strands_actors.kernel.refusals import Code
-
+from . import refusals
 from .asks import AskTimeout, Unreachable, not_running
 from .frames import ASK, REPLY, decode_frame, frame, read_reply
-from .messages import MAX_MESSAGE_BYTES, Message, Refused
+from .messages import MAX_MESSAGE_BYTES, Message
 
 
 class _Waiting:
@@ -80,9 +79,7 @@ class ThreadAsks:
         cid = next(self._cids)
         data = frame(to, ASK, cid, sender, self.reply_to, message)
         if len(data) > MAX_MESSAGE_BYTES:
-            return Refused(
-                Code.OVERSIZED, f"the message has {len(data)} bytes", f"send at most {MAX_MESSAGE_BYTES} bytes"
-            )
+            return refusals.oversized(len(data))
         waiting = self._waiting[cid] = _Waiting(to)
         try:
             if self._closed:

@@ -164,7 +164,7 @@ class Remote(Policy):
         if self._may_greet:
             self._may_greet = False
             if (late := self._understand(greeting, answer)) is not None:
-                # Receive and drop the response to the request in the wrong protocol.
+                # The server also answers the request in the protocol that it does not speak. Drop this answer.
                 self._receive()
                 self._change_to(late)
                 return self.get_actions_sync(observation_dict, instruction)

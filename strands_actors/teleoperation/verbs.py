@@ -17,11 +17,11 @@ from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
-from strands_actors.contract.shown import closest, shown
+from strands_actors.contract.shown import closest
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.root.messages import Operate
 
+from . import refusals
 from .actor import GRIPPER, KEY
 from .machine import Kind
 from .teleoperator import Teleoperator, place_of_map
@@ -31,15 +31,8 @@ _log = logging.getLogger("strands_actors")
 ACTOR = "strands_actors.teleoperation.actor:Teleoperation"
 FOR_EVER_S = 1e9
 DEADMEN = (KEY, GRIPPER)
-RATES = "-1..1"
 MOST_RATE = 1.01
 """Greatest accepted rate. A stick may report a little more than 1 (-32768 of 32767), which counts as 1."""
-NOT_THE_DEADMAN = Refused(
-    Code.GRIPPER_DEADMAN,
-    "the dead-man of this teleoperation is the leader's gripper",
-    'squeeze the gripper twice, or start again with attach_teleop(leader, deadman="key")',
-    verb="operate",
-)
 
 
 def attach(
@@ -73,10 +66,7 @@ def attach(
 
     async def run(tree: RobotTree) -> Answer:
         if tree.plan.host_address:
-            problem = f"{tree.robot} is run by another host"
-            return answers.refused(
-                Refused(Code.ELSEWHERE, problem, "run the teleoperation on that host", verb="teleoperate")
-            )
+            return answers.refused(refusals.runs_elsewhere(tree.robot))
         try:
             source = await leader.source()
         except TwinProcessDown as down:
@@ -94,7 +84,7 @@ def attach(
         )
         if isinstance(begun, Refused):
             return answers.refused(begun)
-        tree.rollouts.no_operator = NOT_THE_DEADMAN if chosen == GRIPPER else None
+        tree.rollouts.no_operator = refusals.not_the_deadman() if chosen == GRIPPER else None
         for caveat in leader.caveats:
             _log.warning("%s leads %s: %s", leader.name, tree.robot, caveat)
         status = answers.task(begun)
@@ -132,7 +122,7 @@ def operate(driver: Driver, held: object, rates: Mapping[str, object]) -> Verb |
     is_held = as_python(held)
     # The text "False" would count as true and hold the dead-man, so only a bool is accepted.
     if not isinstance(is_held, bool):
-        return answers.refused(_wrong(Code.BAD_ARGUMENT, f"held is {shown(held)}", "True or False", held))
+        return answers.refused(refusals.bad_held(held))
     checked = _rates(driver, rates)
     if isinstance(checked, Refused) and is_held:
         return answers.refused(checked)
@@ -151,16 +141,10 @@ def _rates(driver: Driver, rates: Mapping[str, object]) -> dict[str, float] | Re
     checked: dict[str, float] = {}
     for key, rate in rates.items():
         if key not in driver.axes:
-            close = closest(key, driver.axes)
-            hint = f" ({close[0]!r}?)" if close else ""
-            problem, axes = f"{shown(key)} is no axis of {driver.robot}{hint}", ", ".join(driver.axes)
-            return _wrong(Code.UNKNOWN_JOINT, problem, f"one of {axes or 'none'}", key)
+            closest_key = next(iter(closest(key, driver.axes)), None)
+            return refusals.unknown_axis(key, closest_key, driver.robot, ", ".join(driver.axes))
         number = finite(as_python(rate))
         if number is None or abs(number) > MOST_RATE:
-            return _wrong(Code.BAD_RATE, f"{key} is {shown(rate)}", f"a rate in {RATES}", rate)
+            return refusals.bad_rate(key, rate)
         checked[key] = number
     return checked
-
-
-def _wrong(code: str, problem: str, accepted: str, offered: object) -> Refused:
-    return Refused(code, problem, f"give {accepted}", shown(offered), accepted, verb="operate")

@@ -520,7 +520,8 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
     Args:
         log: The log of the robot's frames.
         since_ns: Frames before this time are ignored.
-        queue: Measurement whose ``look`` is called repeatedly, because a measured process may end early.
+        queue: Measures how long the processes wait for a processor. Its ``look`` is called while this function
+            waits, because a process that has ended can no longer be measured.
     """
     tail = log.tail()
 

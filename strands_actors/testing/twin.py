@@ -112,7 +112,7 @@ class Twin:
         """Give the robot a fault. The text ``ok`` ends it.
 
         Args:
-            text: ``WORD``, or ``WORD:unit`` for a fault of one motor, as for ``strands-actors twin --fault``.
+            text: ``WORD``, or ``WORD:number`` for a fault of one motor, as for ``strands-actors twin --fault``.
         """
         self._command(f"fault {text}")
 

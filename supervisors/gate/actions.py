@@ -12,7 +12,8 @@ from typing import Any
 
 from strands_actors.contract.shown import harmless, shown
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
+
+from . import refusals
 
 MAX_KEYS = 256
 """Most keys of an action, or of one of its values."""
@@ -38,10 +39,8 @@ def refuse_shape(action: object) -> Refused | None:
     if isinstance(action, Mapping):
         if len(action) <= MAX_KEYS:
             return None
-        text = f"the action has {len(action)} keys"
-        return Refused(Code.TOO_MANY_KEYS, text, f"give at most {MAX_KEYS}", str(len(action)), str(MAX_KEYS))
-    type_name = type(action).__name__
-    return Refused(Code.NOT_A_MAPPING, f"the action is a {type_name}", "give a mapping of joints to numbers")
+        return refusals.too_many_keys(len(action), MAX_KEYS)
+    return refusals.not_a_mapping(type(action).__name__)
 
 
 def _plain_value(value: Any) -> Any:

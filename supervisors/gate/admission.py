@@ -21,11 +21,9 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import MOVE, Perform, Setpoint
 
-from . import failsafe
+from . import failsafe, refusals
 from .failsafe import Mode
 from .lease import Leases, refuse_by_deadline
-
-_BUSY = Refused(Code.BUSY, "another service is running", "wait until it is done")
 
 
 class GateSnapshot(NamedTuple):
@@ -80,9 +78,9 @@ class Admission:
             return refusal
         observation = snapshot.observation
         if observation is None:
-            return Refused(Code.NO_OBSERVATION, "the robot has not been read yet", "wait for the first observation")
+            return refusals.not_read_yet()
         if snapshot.in_service:
-            return Refused(Code.BUSY, "a service of the robot is running", "wait until it is done")
+            return refusals.running_service()
         broken = self.broken_condition(observation, now_ns)
         if broken is not None:
             return broken[1]
@@ -119,17 +117,15 @@ class Admission:
         if refusal is not None:
             return refusal
         if self._driver.SERVICES[service].acts:
-            return Refused(
-                Code.A_COMMAND, "this service is a motion command", "send its arguments with send_action()"
-            )
+            return refusals.command_as_service()
         if state.locked_by:
-            return Refused(Code.LOCKED_OUT, f"e-stopped by {state.locked_by}", "resume() lifts the lockout")
+            return refusals.locked_out(state.locked_by)
         if state.mode in failsafe.OVER:
-            return refuse_at_the_end(snapshot.cause)
+            return refusals.ending(snapshot.cause)
         if state.mode not in failsafe.LINKED:
-            return Refused(Code.NOT_CONNECTED, f"not connected: {snapshot.connect_error}")
+            return refusals.not_connected(snapshot.connect_error)
         if state.mode in (Mode.ARMING, Mode.STOPPING):
-            return Refused(Code.BUSY, f"the robot is {state.mode}", "try again when it is armed or stopped")
+            return refusals.busy_for_service(state.mode)
         refusal = _refuse_by_lease(message, snapshot)
         if refusal is not None:
             return refusal
@@ -139,16 +135,16 @@ class Admission:
         declared = self._driver.SERVICES[service]
         moves = snapshot.live is not None or message.first is not None
         if moves and not (declared.in_motion or declared.ends_motion):
-            return Refused(Code.LIVE, "the robot is moving", "wait until the motion has ended, or call stop()")
+            return refusals.in_motion()
         if declared.ends_motion and snapshot.in_service:
-            return _BUSY
+            return refusals.other_running_service()
         return self._refuse_to_move(snapshot, now_ns) if declared.moves else None
 
     def _refuse_to_move(self, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
         if snapshot.in_service:
-            return _BUSY
+            return refusals.other_running_service()
         if snapshot.observation is None:
-            return Refused(Code.NO_OBSERVATION, "the robot has not been read yet", "wait for the first observation")
+            return refusals.not_read_yet()
         return self.refuse_motion(snapshot, now_ns)
 
     def refuse_motion(self, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
@@ -196,23 +192,21 @@ class Admission:
     def _refuse_by_mode(self, snapshot: GateSnapshot) -> Refused | None:
         mode = snapshot.state.mode
         if snapshot.state.locked_by:
-            reason = f"e-stopped by {snapshot.state.locked_by}"
-            return Refused(Code.LOCKED_OUT, reason, "resume() lifts the lockout")
+            return refusals.locked_out(snapshot.state.locked_by)
         if mode in failsafe.WRITABLE:
             return None
         if mode in failsafe.OVER:
-            return refuse_at_the_end(snapshot.cause)
+            return refusals.ending(snapshot.cause)
         if mode not in failsafe.LINKED:
-            reason = "the restart budget is spent" if mode is Mode.FAILED else snapshot.connect_error
-            return Refused(Code.NOT_CONNECTED, f"not connected: {reason}", "call connect_eagerly() first")
+            if mode is Mode.FAILED:
+                return refusals.restarts_spent()
+            return refusals.not_connected_for_motion(snapshot.connect_error)
         if mode is Mode.ARMING:
-            return Refused(Code.ARMING, "the robot is being energised", "try again when it is armed")
-        cause = f" ({snapshot.cause})" if snapshot.cause else ""
+            return refusals.arming()
         # With FAULTED, a program can see that the robot itself ended its motion. After a person's stop the code is
         # DISARMED.
         code = Code.FAULTED if snapshot.reason == Reason.FAULT else Code.DISARMED
-        reason = f"the robot is {mode}{cause}"
-        return Refused(code, reason, "call resume() first", because=str(snapshot.reason or ""))
+        return refusals.not_armed(code, mode, snapshot.cause, str(snapshot.reason or ""))
 
     def _refuse_latched(self, message: Setpoint) -> Refused | None:
         """Refuse a latched command (without an end) to a robot that would not stop by itself: a base, a drone,
@@ -220,27 +214,12 @@ class Admission:
         longest_s = self._driver.timing.oneshot_ttl_s
         if not message.latched or longest_s is None:
             return None
-        reason = f"{self._driver.robot} accepts no command without an end"
-        return Refused(
-            Code.LATCHED, reason, f"give a lifetime of at most {longest_s:g} s", "latched", f"{longest_s:g} s"
-        )
-
-
-def refuse_at_the_end(cause: str) -> Refused:
-    """Return the refusal that every command gets while the robot's processes are being ended."""
-    return Refused(Code.ENDING, f"the robot's processes are being ended ({cause})", "start the robot again")
+        return refusals.latched(self._driver.robot, longest_s)
 
 
 def _refuse_by_lease(message: Setpoint | Perform, snapshot: GateSnapshot) -> Refused | None:
     refusal = snapshot.leases.refuse(message.lease, message.channel)
     if refusal is None and message.epoch != snapshot.state.epoch:
-        cause = f" ({snapshot.cause})" if snapshot.cause else ""
-        return Refused(
-            Code.STALE_EPOCH,
-            f"the robot has stopped or held since this command was made{cause}",
-            "send it again",
-            str(message.epoch),
-            str(snapshot.state.epoch),
-            because=str(snapshot.reason or ""),
-        )
+        because = str(snapshot.reason or "")
+        return refusals.stale_epoch(message.epoch, snapshot.state.epoch, snapshot.cause, because)
     return refusal

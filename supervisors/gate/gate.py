@@ -19,7 +19,6 @@ from strands_actors.kernel.actor import Actor, Deferred
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import (
     ACQUIRE,
     BROUGHT,
@@ -55,12 +54,13 @@ from strands_actors.supervisors.gate.messages import (
     StoppedAt,
     StopReport,
 )
+from strands_actors.supervisors.refusals import link_lost
 from strands_actors.supervisors.root.messages import Decided, StateIs
 from strands_actors.supervisors.root.stop_channel import not_reached
 from strands_actors.supervisors.wire.messages import Alive, Arm, CarryOut, MakeSafe, Write
 
-from . import failsafe
-from .admission import Admission, GateSnapshot, refuse_at_the_end
+from . import failsafe, refusals
+from .admission import Admission, GateSnapshot
 from .cause import SOON_NS, Cause, Lapse, Rank, rank_of, rank_of_condition
 from .failsafe import Action, Event, Mode
 from .lease import LEASE_TTL_NS, HeldLease, Leases
@@ -534,7 +534,7 @@ class Gate(Actor):
             self._report_stands = False
             # Send the order to stop before any other message.
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))
-            self._refuse_resumes(Refused(Code.STOPPED, cause, "call resume() again when the stop is confirmed"))
+            self._refuse_resumes(refusals.resume_stopped(cause))
         if self._state != before:
             self._tell_state()
         return makes_safe
@@ -559,15 +559,12 @@ class Gate(Actor):
         """Return the newest observation, or a refusal if it is too old, for example after a lost link."""
         observation = self._observation
         if observation is None:
-            return Refused(Code.NO_OBSERVATION, "the robot has not been read yet", "wait for the first observation")
+            return refusals.not_read_yet()
         old_s = (self.context.received_ns - observation.t_ns) / NS
         longest_s = max(self._driver.timing.state_ttl_s, OBSERVATION_S)
         if old_s <= longest_s:
             return observation
-        reason = f"the newest reading is {old_s:.1f} s old"
-        return Refused(
-            Code.STALE, reason, "check the robot's cable and power", f"{old_s:.1f} s", f"{longest_s:g} s"
-        )
+        return refusals.stale_reading(old_s, longest_s)
 
     def _observed(self, message: Observed) -> None:
         self._observation = message.observation
@@ -643,13 +640,11 @@ class Gate(Actor):
 
     def _resume(self, message: Resume) -> Resumed | Refused | Deferred:
         if 0 < message.requested_ns < self._stopped_ns:
-            reason = "the robot was stopped after resume() was called"
-            return Refused(Code.STOPPED, reason, "call resume() again when the stop is confirmed")
+            return refusals.stopped_since_resume()
         if self._state.mode in failsafe.WRITABLE and self._observation is not None:
             return self._resume_armed()
         if self._state.locked_by and not message.lift:
-            reason = f"e-stopped by {self._state.locked_by}"
-            return Refused(Code.LOCKED_OUT, reason, "an operator's resume() lifts the lockout")
+            return refusals.resume_locked_out(self._state.locked_by)
         refusal = self._begin_to_arm()
         if refusal is not None:
             return refusal
@@ -660,15 +655,14 @@ class Gate(Actor):
     def _begin_to_arm(self) -> Refused | None:
         mode = self._state.mode
         if self._no_standby and (mode, Event.RESUME) in failsafe.TRANSITIONS:
-            reason = f"a process that could stop the robot is missing: {self._no_standby}"
-            return Refused(Code.NO_STANDBY, reason, "try again in a moment, since this process is being started")
+            return refusals.no_standby(self._no_standby)
         action = self._advance(Event.RESUME)
         if action is not Action.ARM:
             if mode in failsafe.OVER:
-                return refuse_at_the_end(self._cause.text)
+                return refusals.ending(self._cause.text)
             if mode not in failsafe.LINKED:
-                return Refused(Code.NOT_CONNECTED, f"not connected: {self._connect_error}")
-            return Refused(Code.BUSY, f"the robot is {mode}", "call resume() again when the stop is confirmed")
+                return refusals.not_connected(self._connect_error)
+            return refusals.busy_for_resume(mode)
         self._transport.tell(Arm(self._state.epoch))
         return None
 
@@ -696,9 +690,8 @@ class Gate(Actor):
         if not self._rearming or self._state.mode is Mode.STOPPING:
             return
         if self._state.mode is not Mode.DISARMED:
-            named = ", ".join(self._last_stop.unconfirmed if self._last_stop else ())
-            reason = f"the robot must be stopped first, and {named or 'it'} has not confirmed the stop"
-            self._refuse_resumes(Refused(Code.UNCONFIRMED, reason, "check the robot, then call resume()"))
+            report = self._last_stop
+            self._refuse_resumes(refusals.stop_unconfirmed(report.unconfirmed if report else ()))
             return
         refusal = self._begin_to_arm()
         if refusal is not None:
@@ -756,7 +749,7 @@ class Gate(Actor):
         self._live = None
         self._report_stands = False
         self._advance(Event.LINK_LOST)
-        self._refuse_resumes(Refused(Code.NOT_CONNECTED, reason))
+        self._refuse_resumes(link_lost(reason))
 
     def _advance(self, event: Event, lock: str = "") -> Action:
         before = self._state

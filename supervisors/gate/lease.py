@@ -16,9 +16,10 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.gate.messages import LEASE_TTL_S, MAX_LIFETIME_S, Acquire, Beat, Writing
+
+from . import refusals
 
 LEASE_TTL_NS = round(LEASE_TTL_S * NS)
 _PROOF_BITS = 32
@@ -83,12 +84,9 @@ class Leases(msgspec.Struct):
                 from a policy that did not return it, for example because its link was cut.
         """
         if message.channel and not message.over:
-            reason = f"{message.channel} may write only under the lease of the script that started it"
-            return Refused(Code.CHANNEL, reason, "name that lease")
+            return refusals.no_script_lease(message.channel)
         if 0 < message.over >> _PROOF_BITS <= self.ended:
-            return Refused(
-                Code.STOPPED, "the robot was stopped after the policy was started", "start the policy again"
-            )
+            return refusals.stopped_since_policy_start()
         held = self.held
         under: HeldLease | None = None
         if held is not None and held.owner.expires_ns > now_ns:
@@ -97,12 +95,9 @@ class Leases(msgspec.Struct):
             elif _is_repeated(held, message):
                 under = held.under
             elif not _is_renewal(held.owner if holding else held, message):
-                reason = f"{held.holder} holds the lease"
-                return Refused(Code.LEASE, reason, "wait until it is released, or stop it")
+                return refusals.lease_taken(held.holder)
         elif message.over:
-            return Refused(
-                Code.LEASE, "the lease of the script that started the policy has ended", "acquire it again"
-            )
+            return refusals.script_lease_ended()
         self.count += 1
         until_ns = now_ns + LEASE_TTL_NS
         lease = self.count << _PROOF_BITS | self._proof(self.count)
@@ -170,9 +165,9 @@ class Leases(msgspec.Struct):
         """Return a refusal if this lease is not held now; otherwise None."""
         held = self.held
         if held is None:
-            return Refused(Code.NO_LEASE, "no writer holds the lease", "acquire it first")
+            return refusals.no_lease()
         if self.find(lease, channel) is None:
-            return Refused(Code.LEASE, f"{held.holder} holds the lease", "wait until it is released")
+            return refusals.lease_of_another(held.holder)
         return None
 
 
@@ -200,11 +195,7 @@ def refuse_by_deadline(deadline_ns: int, now_ns: int) -> Refused | None:
     """Return a refusal for a deadline that has passed or is too far ahead; otherwise None."""
     late_ns = now_ns - deadline_ns
     if late_ns >= 0:
-        return Refused(Code.EXPIRED, f"the command is {late_ns / 1e6:.1f} ms past its deadline")
+        return refusals.expired(late_ns / 1e6)
     if -late_ns > _MAX_LIFETIME_NS:
-        return Refused(
-            Code.TOO_DISTANT,
-            f"the deadline is {-late_ns / NS:.1f} s away",
-            f"give a deadline within {MAX_LIFETIME_S:g} s",
-        )
+        return refusals.too_distant(-late_ns / NS, MAX_LIFETIME_S)
     return None

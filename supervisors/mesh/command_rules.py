@@ -5,16 +5,17 @@ from __future__ import annotations
 
 import functools
 import secrets
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 
 import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 
-from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender, command_key, plain
+from . import refusals
+from .refusals import MISSING_ACTIONS
+from .schemas import ACTIONS, MAX_COMMAND_BYTES, Command, Dated, Envelope, Sender, plain
 from .sessions import CLOCK_TTL_S, Sessions
 
 _MAX_CLOCKS = 64
@@ -60,12 +61,7 @@ class Limit:
         """Count one command. Return a refusal if it exceeds the limit."""
         if self.admits(now_ns):
             return None
-        return Refused(
-            Code.RATE,
-            f"this sender sent more than {self._rate} commands a second",
-            "send fewer commands",
-            limit=f"{self._rate}",
-        )
+        return refusals.too_many_commands(self._rate)
 
 
 class Limits:
@@ -122,8 +118,7 @@ class Clocks:
         """
         name, expires_ns = self._read.get(sender, ("", 0))
         if clock != name or now_ns >= expires_ns:
-            reason = f"{plain(sender)} has not read this robot's clock in the last {CLOCK_TTL_S:g} s"
-            return Refused(Code.CLOCK, reason, "send sync first")
+            return refusals.clock_not_read(plain(sender), CLOCK_TTL_S)
         return refuse_by_deadline(deadline_ns, now_ns)
 
 
@@ -163,12 +158,9 @@ def read_envelope(payload: bytes, limit: int = MAX_COMMAND_BYTES) -> Envelope | 
     try:
         envelope = _decode_envelope(payload)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        remedy = 'send {"sender_id", "turn_id", "command": {"action", ...}}'
-        return read_sender(payload), Refused(Code.MALFORMED, f"the message is no valid command: {error}", remedy)
+        return read_sender(payload), refusals.invalid_message(error)
     if len(payload) > limit:
-        remedy = f"send at most {limit} bytes"
-        oversized = Refused(Code.OVERSIZED, f"{len(payload)} bytes", remedy, str(len(payload)), str(limit))
-        return Sender(envelope.sender_id, envelope.turn_id), oversized
+        return Sender(envelope.sender_id, envelope.turn_id), refusals.oversized(len(payload), limit)
     return envelope
 
 
@@ -180,32 +172,13 @@ def read_sender(payload: bytes) -> Sender | None:
         return None
 
 
-_TELEOP = (
-    "a robot follows no input stream of another peer",
-    "run the teleoperation on the robot's computer, or send acquire and then move",
-)
-_CALL = (
-    "a robot's tool cannot be called over the mesh",
-    "use the tool with an agent or an MCP client on the robot's computer",
-)
-MISSING_ACTIONS: Mapping[str, tuple[str, str]] = {
-    "call": _CALL,
-    "sim_call": _CALL,
-    "teleop_receive": _TELEOP,
-    "teleop_stop": _TELEOP,
-}
-"""Actions of strands-robots that are missing here, with the reason and the remedy."""
-
-
 def no_action(action: str, offered: Iterable[str] = tuple(ACTIONS)) -> Refused:
     """Return the refusal of an action that this robot does not offer."""
     action = action[:64]
     if action in MISSING_ACTIONS and action not in ACTIONS:
         reason, remedy = MISSING_ACTIONS[action]
-        return Refused(Code.NOT_HERE, f"the action {action!r} is not available: {reason}", remedy, action)
-    return Refused(
-        Code.UNKNOWN_ACTION, f"{action!r} is no action of this robot", f"send {', '.join(offered)}", action
-    )
+        return refusals.missing_action(action, reason, remedy)
+    return refusals.unknown_action(action, ", ".join(offered))
 
 
 def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) -> Command | Refused:
@@ -214,18 +187,13 @@ def read_command(envelope: Envelope, offered: tuple[str, ...] = tuple(ACTIONS)) 
     try:
         action = _decode_action(envelope.command).action
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return Refused(Code.MALFORMED, f"the command is no valid JSON: {error}", 'send {"action": ...}')
+        return refusals.invalid_json(error)
     if action not in offered:
         return no_action(action, offered)
     try:
         return _decoder(ACTIONS[action]).decode(envelope.command)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return Refused(Code.MALFORMED, str(error), verb=action)
-
-
-def query_remedy(robot: str) -> str:
-    """Return the remedy for a published command (zenoh put) that must be sent as a query (zenoh get)."""
-    return f"send it as a zenoh query (get) on {command_key(robot, '<your name>')}"
+        return refusals.invalid_fields(error).about(action)
 
 
 def refuse_stale(clocks: Clocks, sender: str, command: Command, now_ns: int) -> Refused | None:

@@ -28,16 +28,16 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
 from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.root.messages import TaskStatus
 
+from . import refusals
 from . import schemas as mesh_json
 from .answers import Answers, report_json
-from .command_rules import Limit, Limits, Shared, query_remedy, read_command, read_envelope, refuse_stale
+from .command_rules import Limit, Limits, Shared, read_command, read_envelope, refuse_stale
 from .lease_rules import refuse_by_mode
 from .motion import NO_OPERATOR, Motion, holder_of, no_answer, task_json
 from .readings import TELEOP, features, state_of, task_of, tool_of
@@ -95,6 +95,7 @@ class Commands(Actor):
         self._stop_s = StopDeadlines.of(driver.timing.safe_s).gate_s
         self._robot = robot
         self._driver = driver
+        self._query_key = mesh_json.command_key(robot, refusals.SENDER)
         self._ring = pubsub.poll(RING, mesh_json.key(robot, "cmd"), mesh_json.command_key(robot, "*"))
         self._answers = answers
         self._shared = shared
@@ -149,18 +150,11 @@ class Commands(Actor):
         command = read_command(envelope)
         if isinstance(command, Command):
             if is_query and not mesh_json.is_name(plain(envelope.sender_id)):
-                command = Refused(
-                    Code.MALFORMED,
-                    "the key of the query does not end with the name of its sender",
-                    query_remedy(self._robot),
-                )
+                command = refusals.unnamed_sender(self._query_key)
             elif not is_query and not isinstance(command, mesh_json.PUT):
-                reason = "the sender of a published command is not known, and its answer is public"
-                command = Refused(Code.PUT, reason, query_remedy(self._robot), command.action, verb=command.action)
+                command = refusals.published_command(command.action, self._query_key).about(command.action)
             elif not outline.means(self._robot):
-                reason = f"it is for {outline.target[:64]!r}, and this is {self._robot}"
-                remedy = "send it on the key of that robot"
-                command = Refused(Code.TARGET, reason, remedy, outline.target[:64], verb=command.action)
+                command = refusals.other_robot(outline.target[:64], self._robot).about(command.action)
         self._action_name = type(command).__name__.lower() if isinstance(command, Command) else "what is no command"
         refused_now = (
             command if isinstance(command, Refused) else self._check(envelope.sender_id, command, is_query)
@@ -190,7 +184,7 @@ class Commands(Actor):
         if too_soon is not None:
             return too_soon
         if isinstance(command, mesh_json.Leased) and not holds:
-            return Refused(Code.LEASE, f"{plain(sender)} holds no lease of this robot", "acquire it first")
+            return refusals.no_lease(plain(sender))
         return refuse_stale(self._shared.clocks, sender, command, now_ns)
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
@@ -226,8 +220,7 @@ class Commands(Actor):
         try:
             answer = await self._answer(sender, command)
         except (AskTimeout, Unreachable) as failure:
-            reason = busy.explained(f"the process that talks to the robot does not answer ({failure})")
-            answer = Refused(Code.UNREACHABLE, reason, "call resume when the robot answers again")
+            answer = busy.with_load(refusals.silent_wire(failure))
         if isinstance(answer, Refused):
             self._refuse(sender, turn, answer.about(command.action))
         else:
@@ -271,9 +264,8 @@ class Commands(Actor):
     def _begin(self, sender: str, turn: str, command: mesh_json.Motion) -> None:
         """Start a motion in a task, since it may take seconds."""
         if not self._shared.turns.is_new(sender, plain(turn)):
-            reason = f"{plain(sender)} has already used the turn_id {plain(turn)}"
-            remedy = "give each command a new turn_id"
-            self._refuse(sender, turn, Refused(Code.DUPLICATE, reason, remedy, verb=command.action))
+            refused = refusals.repeated_turn(plain(sender), plain(turn))
+            self._refuse(sender, turn, refused.about(command.action))
             return
 
         def answer(result: dict[str, Any] | Refused, final: bool) -> None:
@@ -317,11 +309,7 @@ class Commands(Actor):
         if move.epoch != self._lease.epoch:
             # The gate checks the epoch, too. But every peer can read the present epoch in the telemetry. So on the
             # mesh, a command must have the epoch in which its lease was given.
-            return Refused(
-                Code.STALE_EPOCH,
-                f"the lease was given in epoch {self._lease.epoch}, the command has {move.epoch}",
-                "acquire it again",
-            )
+            return refusals.stale_lease(self._lease.epoch, move.epoch)
         if names := unapproved(self._driver.GUARDED, self._driver.to_approve(move.targets), self._driver.TOPICS):
             return not_approved(names, NO_OPERATOR, can_ask=False)
         setpoint = messages.Setpoint(

@@ -28,7 +28,6 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import PREFIX, AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
-from strands_actors.kernel.refusals import Code
 from strands_actors.kernel.router import Router
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
@@ -59,6 +58,7 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.root.stopping import make_safe
 
+from . import refusals
 from .command_rules import Limits, Shared
 from .gateway_messages import Datable, Dated, Sync, Synced
 from .lease_rules import refuse_by_mode
@@ -219,12 +219,7 @@ class Gateway(Actor):
         if isinstance(message, Acquire | Resume) and not self.context.expects_answer:
             # Without a reply, the caller would not learn its lease, and no other caller could get one for a second.
             verb = type(message).__name__.lower()
-            return Refused(
-                Code.NOT_A_REQUEST,
-                "the message was sent without a request for a reply",
-                "send it as a request",
-                verb=verb,
-            )
+            return refusals.no_reply_requested().about(verb)
         refusal = sessions.refuse(dated.session, dated.channel, dated.deadline_ns, now_ns)
         if refusal is not None:
             return refusal
@@ -307,8 +302,7 @@ class Gateway(Actor):
             try:
                 deferred.send(await ask())
             except (AskTimeout, Unreachable) as failure:
-                reason = busy.explained(f"the process that talks to the robot does not answer ({failure})")
-                deferred.send(Refused(Code.UNREACHABLE, reason, "resume it"))
+                deferred.send(busy.with_load(refusals.silent_wire_elsewhere(failure)))
 
         self.context.start_soon(run)
         return deferred

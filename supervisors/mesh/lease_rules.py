@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.failsafe import WRITABLE, Mode
 from strands_actors.supervisors.gate.lease import is_lease_released
 from strands_actors.supervisors.gate.messages import Status
+
+from . import refusals
 
 
 def refuse_by_mode(status: Status, resumed_epoch: int) -> Refused | None:
@@ -22,11 +23,10 @@ def refuse_by_mode(status: Status, resumed_epoch: int) -> Refused | None:
             the mesh, or held at the planned end of a motion from the mesh.
     """
     if status.locked_by:
-        return Refused(Code.LOCKED_OUT, f"e-stopped by {status.locked_by}", "resume the robot to unlock it")
+        return refusals.locked_out(status.locked_by)
     if status.mode not in WRITABLE:
-        cause = f" ({status.cause})" if status.cause else ""
-        return Refused(Code.DISARMED, f"the robot is {status.mode}{cause}", "resume the robot first")
+        return refusals.not_writable(status.mode, status.cause)
     regular = status.epoch == resumed_epoch or is_lease_released(status.lapse, status.holder)
     if status.mode == Mode.HOLDING and not regular:
-        return Refused(Code.HOLDING, f"the robot holds ({status.cause})", "resume the robot first")
+        return refusals.holding(status.cause)
     return None

@@ -25,7 +25,6 @@ from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.guard import not_approved, unapproved
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate import messages
@@ -34,6 +33,7 @@ from strands_actors.supervisors.gate.gate import Gate
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
 from strands_actors.supervisors.root.messages import Rollout, StartTask, StopTask, TaskStatus
 
+from . import refusals
 from . import schemas as mesh_json
 from .command_rules import Shared
 from .lease_rules import refuse_by_mode
@@ -107,11 +107,7 @@ class Motion:
             async with self._turn:
                 result = self._refuse(command) or await self._do(sender, own, command)
         except (AskTimeout, Unreachable) as failure:
-            result = Refused(
-                Code.UNREACHABLE,
-                busy.explained(f"the process that talks to the robot does not answer ({failure})"),
-                "call resume when the robot answers again",
-            )
+            result = busy.with_load(refusals.silent_wire(failure))
         if isinstance(result, Refused):
             answer(result.about(command.action), True)
         elif isinstance(command, mesh_json.Execute):
@@ -142,18 +138,15 @@ class Motion:
         match command:
             case mesh_json.Start():
                 if reason := driver.ROLLOUTS or driver.TASKS:
-                    return Refused(Code.NO_ROLLOUT, f"{driver.robot}: {reason}", "")
+                    return refusals.no_rollout(driver.robot, reason)
                 keys = driver.axes
             case mesh_json.SetJoints():
                 longest_s = driver.timing.oneshot_ttl_s
                 if longest_s is not None and command.duration > longest_s:
-                    reason = f"{driver.robot} cannot keep a command for {command.duration:g} s"
-                    remedy = f"give a duration of at most {longest_s:g} s, or run a policy"
-                    return Refused(Code.TOO_LONG, reason, remedy, f"{command.duration:g}", f"{longest_s:g}")
+                    return refusals.too_long(driver.robot, command.duration, longest_s)
                 keys = driver.to_approve(command.target_joints)
             case _ if action not in driver.SERVICES:
-                reason = f"{driver.robot} is no simulation"
-                return Refused(Code.NO_SIMULATION, reason, "use start, set_joints or move for a real robot")
+                return refusals.no_simulation(driver.robot)
         if driver.SIMULATED:
             return None
         names = unapproved({action, *driver.GUARDED}, (action, *keys), driver.TOPICS)
@@ -185,7 +178,7 @@ class Motion:
         if refused is not None:
             return refused
         if self._task().running:
-            return Refused(Code.RUNNING, "a policy is already running", "stop it first")
+            return refusals.policy_running()
         if own is not None and status.holder == holder_of(sender) and own.epoch == status.epoch:
             return own
         if self._kept is not None and self._keeper == sender and self._kept.epoch == status.epoch:
@@ -324,7 +317,7 @@ class Motion:
         except (AskTimeout, Unreachable) as failure:
             # The policy must not start after its start was refused.
             self._tasks.tell(StopTask())
-            status = Refused(Code.TIMEOUT, f"{failure}, so the policy was not started", "try again")
+            status = refusals.policy_not_started(failure)
         if not isinstance(status, TaskStatus):
             if lease != own:
                 await self._give_up(lease)
@@ -378,8 +371,10 @@ class Motion:
         """Stop the robot, reset the simulation, and energise the robot again."""
         by = holder_of(sender)
         report = await self._gate.ask(messages.Stop(Reason.STOP, by), self._stop_s)
-        if not isinstance(report, messages.StopReport) or not report.confirmed:
-            return no_answer(report) if not isinstance(report, messages.StopReport) else _NOT_SAFE
+        if not isinstance(report, messages.StopReport):
+            return no_answer(report)
+        if not report.confirmed:
+            return refusals.unconfirmed_reset()
         anew = await self._gate.ask(messages.Acquire(by, again=lease.id), messages.GRANT_S)
         if not isinstance(anew, messages.Lease):
             return no_answer(anew)
@@ -415,9 +410,6 @@ class _Beating:
             await trio.sleep(BEAT_S)
 
 
-_NOT_SAFE = Refused(Code.UNCONFIRMED, "the simulated robot did not confirm the stop", "try again")
-
-
 def holder_of(sender: str) -> str:
     """Return the name under which a sender on the mesh holds a lease, as other callers see it."""
     return f"{mesh_json.plain(sender)} on the mesh"
@@ -425,11 +417,7 @@ def holder_of(sender: str) -> str:
 
 def no_answer(answer: Message | None) -> Refused:
     """Return the gate's refusal, or a new refusal if the gate's reply has an unexpected type."""
-    return (
-        answer
-        if isinstance(answer, Refused)
-        else Refused(Code.NO_ANSWER, "the robot's gate did not answer", "try again")
-    )
+    return answer if isinstance(answer, Refused) else refusals.silent_gate()
 
 
 def task_json(status: TaskStatus) -> dict[str, Any]:

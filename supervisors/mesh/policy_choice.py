@@ -15,8 +15,8 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.guard import allowed
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .schemas import Start
 
 CHOOSE = "strands_actors.policies.registry:choose_provider"
@@ -37,17 +37,9 @@ async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[
     name, host = command.policy_provider, command.policy_host
     # A name with a colon is a path to code, so the sender could choose which code runs here.
     if ":" in name:
-        reason = f"policy_provider is {name[:40]!r}"
-        return Refused(
-            Code.BAD_POLICY, reason, "give the name of a policy that is installed on the robot's host", name[:40]
-        )
+        return refusals.policy_path(name[:40])
     if host not in OWN_HOST | allowed(ALLOW_HOSTS):
-        reason = f"policy_host is {host[:40]!r}"
-        return Refused(
-            Code.BAD_POLICY,
-            reason,
-            f"use {', '.join(sorted(OWN_HOST))}, or a host in the variable {ALLOW_HOSTS} of the robot's host",
-        )
+        return refusals.policy_host_not_allowed(host[:40], ", ".join(sorted(OWN_HOST)), ALLOW_HOSTS)
 
     # The search through the installed packages takes milliseconds, so it runs in a thread.
     def run() -> tuple[str, dict[str, Any]]:
@@ -57,4 +49,4 @@ async def choose(driver: Driver, command: Start, robot: str) -> tuple[str, dict[
     try:
         return await trio.to_thread.run_sync(run)
     except ValueError as error:
-        return Refused(Code.BAD_POLICY, str(error))
+        return refusals.unusable_policy(error)

@@ -23,7 +23,6 @@ from strands_actors.kernel.channels.pubsub import PubSub, Received
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
@@ -32,8 +31,9 @@ from strands_actors.supervisors.root.guardian import Guardian
 from strands_actors.supervisors.root.messages import StateIs
 from strands_actors.supervisors.root.stopping import make_safe
 
+from . import refusals
 from .answers import Answers, report_json
-from .command_rules import Limit, Shared, query_remedy, read_command, read_envelope, read_sender
+from .command_rules import Limit, Shared, read_command, read_envelope, read_sender
 from .schemas import (
     BROADCAST_KEY,
     ESTOP_ANSWER_S,
@@ -42,6 +42,7 @@ from .schemas import (
     MAX_TEXT,
     RESUME_KEY,
     SafetyOrder,
+    command_key,
     is_name,
 )
 from .stop_rules import STOPS, read_loosely
@@ -181,10 +182,8 @@ class Safety(Actor):
     def _on_resume(self, payload: bytes) -> None:
         order = _order(payload)
         if self._is_for_this_robot(order):
-            refused = Refused(
-                Code.PUT, "the sender of a published resume is not known", query_remedy(self._robot), verb=RESUME
-            )
-            self._refuse(*_sender_and_turn(order), refused)
+            refused = refusals.published_resume(command_key(self._robot, refusals.SENDER))
+            self._refuse(*_sender_and_turn(order), refused.about(RESUME))
 
     def _refuse(self, sender: str, turn: str, refused: Refused) -> None:
         admitted = self._refusals.admits(self.context.clock.now_ns())
@@ -244,8 +243,7 @@ class Safety(Actor):
 
     def _resume(self, order: ResumeOrder) -> None:
         if self._resuming:
-            refused = Refused(Code.BUSY, "another resume is being carried out", "wait for its answer", verb=RESUME)
-            self._refuse(order.sender, order.turn, refused)
+            self._refuse(order.sender, order.turn, refusals.resume_under_way().about(RESUME))
             return
         self._resuming = True
         self.context.start_soon(self._ask_resume, order)
@@ -254,12 +252,7 @@ class Safety(Actor):
         try:
             answer = await self._gate.ask(Resume(order.by), self._arm_s)
         except (AskTimeout, Unreachable) as failure:
-            answer = Refused(
-                Code.UNREACHABLE,
-                busy.explained(f"the process that talks to the robot does not answer ({failure})"),
-                "try again",
-                verb=RESUME,
-            )
+            answer = busy.with_load(refusals.silent_wire_at_resume(failure)).about(RESUME)
         finally:
             self._resuming = False
         resumed = read_answer(answer, Resumed, RESUME)

@@ -9,8 +9,9 @@ import msgspec
 
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.lease import refuse_by_deadline
+
+from . import refusals
 
 CLOCK_TTL_S = 30.0
 """How long a reading of the clock is valid, in seconds. Two clocks drift apart by at most 0.1 ms per second."""
@@ -52,15 +53,14 @@ class Sessions:
         that has passed or is too far ahead. Both times are of the robot's clock."""
         session = self._sessions.get(name)
         if session is None or session.owner != owner or session.expires_ns <= now_ns:
-            reason = f"you have not read this robot's clock in the last {CLOCK_TTL_S:g} s"
-            return Refused(Code.CLOCK, reason, "send Sync first")
+            return refusals.no_session(CLOCK_TTL_S)
         return refuse_by_deadline(deadline_ns, now_ns)
 
     def refuse_lease(self, name: str, lease: int) -> Refused | None:
         """Return a refusal if the lease was not acquired in this session; otherwise None."""
         session = self._sessions.get(name)
         if session is None or lease not in session.leases:
-            return Refused(Code.LEASE, "this session holds no lease with this number", "acquire a lease first")
+            return refusals.no_lease_in_session()
         return None
 
     def grant(self, name: str, lease: int) -> None:

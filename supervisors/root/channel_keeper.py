@@ -20,11 +20,12 @@ from strands_actors.kernel.actor import Context, Deferred, first_of
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import Ref
 from strands_actors.kernel.processes.reserve import RESERVE
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import StandbyIs
+from strands_actors.supervisors.refusals import no_stop_channel
 from strands_actors.supervisors.root.messages import HandedOver, Handover
 from strands_actors.supervisors.wire.messages import HandOverAgain
 
+from . import refusals
 from .guarded import GuardedStandby
 from .stop_channel import serve
 
@@ -78,19 +79,13 @@ class ChannelKeeper:
         if missing := RESERVE.check():
             for fd in message.descriptors:
                 os.close(fd)
-            return Refused(
-                Code.NO_RESERVE, f"the root process could not stop the robot: {missing}", "close other programs"
-            )
+            return refusals.no_reserve(missing)
         try:
             spare = () if self.standby is None else _duplicates(message.descriptors)
         except OSError as error:
             for fd in message.descriptors:
                 os.close(fd)
-            return Refused(
-                Code.NO_DESCRIPTOR,
-                f"the port cannot be passed to the standby process: {error}",
-                "run ulimit -n 1024 first",
-            )
+            return refusals.port_not_passed(str(error))
         self._drop()
         if self.standby is not None:
             self._standby_problem = "the standby process has no connection to the robot yet"
@@ -149,7 +144,7 @@ class ChannelKeeper:
                     self._broken(f"the root process has lost its connection to the robot: {reason}")
                 else:
                     # The wire process then closes the link and tries again later.
-                    deferred.send(Refused(Code.NO_STOP_CHANNEL, reason))
+                    deferred.send(no_stop_channel(reason))
 
     async def _answer_guarded(
         self, scope: trio.CancelScope, deferred: Deferred, descriptors: tuple[int, ...]
@@ -164,7 +159,7 @@ class ChannelKeeper:
                 await trio.sleep(AGAIN_S)
                 self._transport.tell(HandOverAgain())
         if answer is None:
-            deferred.send(Refused(Code.NO_STOP_CHANNEL, "the wire process has closed the link to the robot"))
+            deferred.send(refusals.link_closed())
 
     async def _guard(self, descriptors: tuple[int, ...]) -> Refused | None:
         """Give the standby its stop channel, and inform the gate whether it is ready. The descriptors are closed

@@ -28,13 +28,14 @@ from strands_actors.kernel.processes.fork import ForkedAhead
 from strands_actors.kernel.processes.process import ChildProcess
 from strands_actors.kernel.processes.reserve import how_ended
 from strands_actors.kernel.processes.spawner import Spawner
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.page import SafetyPage
 from strands_actors.supervisors.standby.messages import Guard, Guarding, LetGo, LetGone, WatchOver
 from strands_actors.supervisors.standby.process import Standby
 from strands_actors.supervisors.standby.watch import look_s, silent_s
+
+from . import refusals
 
 ENTRY = "strands_actors.supervisors.standby.process:main"
 START_S = 5.0
@@ -208,7 +209,6 @@ class StandbyKeeper:
     async def guard(self, descriptors: Sequence[int]) -> Refused | None:
         """Give the standby a stop channel, and wait for a standby that is being started. Return None when the
         channel is ready, or a refusal."""
-        refusal = Refused(Code.NO_STANDBY, "there is no standby process", "wait until a new one has been started")
         with trio.move_on_after(self._timing.handover_s - MARGIN_S):
             while True:
                 if self._watching:
@@ -219,7 +219,7 @@ class StandbyKeeper:
                     else:
                         return answer if isinstance(answer, Refused) else None
                 await trio.sleep(ASK_AGAIN_S)
-        return refusal
+        return refusals.no_standby()
 
     async def release_channel(self) -> None:
         """Wait until the standby has closed its stop channel. Kill the standby if it does not."""

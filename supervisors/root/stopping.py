@@ -8,10 +8,11 @@ import trio
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Sent, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.messages import GetStatus, Stop, StopReport
 from strands_actors.supervisors.root.messages import Fence
+
+from . import refusals
 
 SILENT_S = 0.1
 """A gate that does not reply within this time is fenced."""
@@ -43,11 +44,10 @@ async def make_safe(
     try:
         answer = await guardian.ask(Fence(stop.reason, stop.by, stop.lock), deadlines.root_s)
     except (AskTimeout, Unreachable) as failure:
-        reason = busy.explained(f"neither the wire process nor the root process answers ({failure})")
-        return Refused(Code.UNCONFIRMED, reason, "look at the robot")
+        return busy.with_load(refusals.silent_processes(str(failure)))
     if isinstance(answer, StopReport | Refused):
         return answer
-    return Refused(Code.UNCONFIRMED, "no process reported the stop", "look at the robot")
+    return refusals.stop_not_reported()
 
 
 async def _cancel_when_silent(gate: Ref, scope: trio.CancelScope) -> None:

@@ -22,7 +22,6 @@ from strands_actors.kernel.node import AskTimeout, Node, Ref, Unreachable
 from strands_actors.kernel.processes.identity import take_name
 from strands_actors.kernel.processes.limits import PolicyLimits
 from strands_actors.kernel.processes.process import ChildProcess
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.deadlines import USUAL_SAFE_S, StopDeadlines
@@ -46,6 +45,7 @@ from strands_actors.supervisors.root.messages import (
     TaskStatus,
 )
 
+from . import refusals
 from .guardian import Guardian
 
 STOP_S = 0.3
@@ -133,9 +133,9 @@ class Tasks(Actor):
     async def _start(self, message: StartTask) -> TaskStatus | Refused:
         if self.process is not None:
             if self.status.running:
-                return Refused(Code.RUNNING, "a policy is already running", "call stop_task() first")
+                return refusals.running_policy()
             if not await self._dismiss(self.process):
-                return Refused(Code.BUSY, "the process of the last policy has not ended yet", "try again")
+                return refusals.last_policy_not_ended()
         args = {
             "robot": self._robot,
             "label": self._label,
@@ -153,7 +153,7 @@ class Tasks(Actor):
         try:
             process = await self._start_process("strands_actors.supervisors.root.tasks:main", args)
         except OSError as error:
-            return Refused(Code.NO_PROCESS, f"the policy process could not be started: {error}", "try again")
+            return refusals.policy_not_started(str(error))
         self.process = process
         self._is_actor = message.is_actor
         self.starts += 1

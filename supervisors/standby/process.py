@@ -40,12 +40,12 @@ from strands_actors.kernel.processes.identity import lower_oom_score, take_name
 from strands_actors.kernel.processes.peer import Peer
 from strands_actors.kernel.processes.process import FENCE_S
 from strands_actors.kernel.processes.reserve import EXIT_SHORT, RESERVE
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses
 from strands_actors.supervisors import permissions as channels
 from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
+from strands_actors.supervisors.refusals import no_stop_channel
 from strands_actors.supervisors.root.stop_channel import (
     LINGER_S,
     all_safe,
@@ -335,7 +335,7 @@ class Standby(Actor):
                     # Without this channel, a later stop opens a new one.
                     if self._channel is channel:
                         self._drop_channel()
-                    deferred.send(Refused(Code.NO_STOP_CHANNEL, str(first_of(down))))
+                    deferred.send(no_stop_channel(str(first_of(down))))
                 elif not self._acts:
                     self._leave(NO_CHANNEL)
 

@@ -349,7 +349,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
             nursery.start_soon(instrument.run)
     except Exception as error:
         if not (link.closed or os.getppid() != root):
-            # While the root runs, it stops the robot, as after every end of this process.
+            # If the root still runs, it stops the robot now, as it does whenever this process ends.
             raise
         report_failure("the wire process, whose root is gone,", error)
     async with trio.open_nursery() as nursery:

@@ -31,7 +31,6 @@ from strands_actors.kernel.health.realtime import memory, scheduling
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Ref, Unreachable
 from strands_actors.kernel.processes.reserve import RESERVE
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.deadlines import settle_s
 from strands_actors.supervisors.gate.messages import (
     ArmDone,
@@ -43,10 +42,12 @@ from strands_actors.supervisors.gate.messages import (
     StopReport,
 )
 from strands_actors.supervisors.page import SafetyPage
+from strands_actors.supervisors.refusals import link_lost
 from strands_actors.supervisors.root.messages import Handover, Renew, SilentUntil
 from strands_actors.supervisors.root.stop_channel import AGAIN_S, attempt_anew, not_reached, not_settled
 from strands_actors.supervisors.wire.messages import Arm, CarryOut, Cycle, Cycled, HandOverAgain, MakeSafe, Write
 
+from . import refusals
 from .late_requests import LateRequests
 from .serving import Serving
 
@@ -411,8 +412,8 @@ class Transport(Actor):
     def _carry_out(self, message: CarryOut) -> None:
         wire = self._wire
         if wire is None or self._performing is not None:
-            busy = "the link was lost" if wire is None else "another service is being carried out"
-            refusal = Refused(Code.BUSY, busy, "try again later", verb=message.service)
+            name = message.service
+            refusal = refusals.service_without_link(name) if wire is None else refusals.other_running_service(name)
             self._gate.tell(CarriedOut(message.number, {}, refusal))
             return
         service = self._driver.SERVICES[message.service]
@@ -423,9 +424,7 @@ class Transport(Actor):
 
     async def _perform(self, wire: Wire, message: CarryOut, scope: trio.CancelScope) -> None:
         service = message.service
-        answer: dict[str, Any] | Refused = Refused(
-            Code.STOPPED, "the robot was stopped meanwhile", "run the service again"
-        )
+        answer: dict[str, Any] | Refused = refusals.stopped_meanwhile()
         declared = self._driver.SERVICES[service]
         within_s = declared.within_s
         scope.deadline = trio.current_time() + within_s
@@ -437,10 +436,9 @@ class Transport(Actor):
         except PermitDenied:
             pass
         except WireDown as down:
-            answer = Refused(Code.NOT_CONNECTED, str(down))
+            answer = link_lost(str(down))
         if scope.cancelled_caught and trio.current_time() >= scope.deadline:
-            reason = busy.explained(f"the robot did not finish within {within_s:g} s")
-            answer = Refused(Code.TIMEOUT, reason, "check the robot")
+            answer = busy.with_load(refusals.not_finished(within_s))
         self._performing = None
         result, refusal = ({}, answer.about(service)) if isinstance(answer, Refused) else (answer, None)
         moved = declared.moves

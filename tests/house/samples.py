@@ -17,8 +17,11 @@ import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
+from strands_actors.kernel.messages import sentence_case
+
 from .plain_words import files
 from .test_imports import ROOT
+from .test_refusals import PASSED_ON, assignments, shown
 
 COUNT = 50
 SEED = 20261129
@@ -63,11 +66,18 @@ def comments(path: Path, source: str) -> Iterator[str]:
 
 
 def messages(path: Path, tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MESSAGES:
-            texts = [ast.unparse(each) for each in node.args if isinstance(each, ast.Constant | ast.JoinedStr)]
-            if texts:
-                yield f"{path}:{node.lineno}: {' | '.join(texts)}"
+    """Yield each message with the names of values in braces. Of a refusal it is the reason and the remedy."""
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        assigned = dict(assignments(function))
+        for node in ast.walk(function):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MESSAGES:
+                given = node.args[1:3] if node.func.id == "Refused" else node.args
+                first, *others = (shown(each, assigned) for each in given) if given else ("",)
+                text = ". ".join((first, *map(sentence_case, others)))
+                if not PASSED_ON.fullmatch(text):
+                    yield f"{path}:{node.lineno}: {text}"
 
 
 def sentences(path: Path, page: str) -> Iterator[str]:

@@ -79,7 +79,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             state = replies[axis.id].params
             if alert := table.HARDWARE_ERROR.decode(state, _STATE[0]):
                 raise WireDown(
-                    f"arm: {axis.label} has stored a hardware error ({table.error_words(alert)}). "
+                    f"arming: {axis.label} has stored a hardware error ({table.error_words(alert)}). "
                     "Clear its cause, support the arm, then reboot the servo"
                 )
             tripped = table.BUS_WATCHDOG.decode(state, _STATE[0]) == table.WATCHDOG_TRIPPED
@@ -102,7 +102,7 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             value = register.decode(replies[axis.id].params)
             if value != counts:
                 raise WireDown(
-                    f"arm: the bus watchdog register (98) of {axis.label} is {value}, must be {counts}. "
+                    f"arming: the bus watchdog register (98) of {axis.label} is {value}, must be {counts}. "
                     "Power-cycle the servo and try again"
                 )
         self._readings.watchdogs_are(counts)

@@ -8,8 +8,8 @@ clips a value. A target has five rows of values, each in the order of the joints
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from typing import Protocol
 
 import msgspec
 from msgspec.structs import replace
@@ -17,13 +17,14 @@ from msgspec.structs import replace
 from strands_actors.contract.axis import Axis, finite
 from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
-from strands_actors.drivers.common.kit.refusals import MotorCode
+from strands_actors.contract.refusals import empty_action, not_finite, unknown_joint
+from strands_actors.drivers.common.kit import refusals
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 ROWS = ("q", "dq", "tau", "kp", "kd")
 Q, DQ, TAU, KP, KD = range(len(ROWS))
 _ROW = {name: row for row, name in enumerate(ROWS)}
+_ROW_NAMES = ", ".join(ROWS)
 
 LONGEST_STEP_S = 0.1
 """Longest period that the step gate counts. A slower stream may step no further than a joint turns in
@@ -109,7 +110,7 @@ class Parser:
         """
         count = self._count
         if not action:
-            return Refused(Code.EMPTY, "the action names no joint", f"use {self._keys}", "{}", self._keys)
+            return empty_action(self._keys)
         # ``state.target`` has only positions until the first target after arming is accepted.
         fresh = len(state.target) == count
         before = state.observation.position if fresh else state.target
@@ -120,7 +121,7 @@ class Parser:
         for key, value in action.items():
             index = index_of.get(key)
             if index is None:
-                return self._unknown(key)
+                return unknown_joint(str(key)[:40] or "''", self._model.name, self._keys)
             if not whole:
                 target[index + count :: count] = self._rest[index::count]
             if type(value) is float and math.isfinite(value):
@@ -131,7 +132,9 @@ class Parser:
                     return refusal
             named.append(index)
         if len(set(named)) < len(named):
-            return self._twice(next(index for index in named if named.count(index) > 1))
+            twice = next(index for index in named if named.count(index) > 1)
+            bare, full, *_ = _spellings(self._model.joints[twice].key)
+            return refusals.named_twice(bare, full)
         return Candidate(tuple(target), tuple(named))
 
     def named(self, action: Mapping[str, object]) -> list[int]:
@@ -145,48 +148,22 @@ class Parser:
         """
         if type(value) is not dict:
             value = dict(value) if isinstance(value, Mapping) else {"q": value}
+        key = self._model.joints[index].key
         if "q" not in value:
-            return self._without_q(index, value)
+            return refusals.no_q(key, ", ".join(str(name)[:40] for name in value) or "{}", _ROW_NAMES)
         count = self._count
         for name, part in value.items():
             row = _ROW.get(name)
             if row is None:
-                return self._unknown_row(index, name)
+                return refusals.unknown_row(key, str(name)[:40] or "''", _ROW_NAMES)
             if type(part) is not float or not math.isfinite(part):
                 number = finite(part)
                 if number is None:
-                    return self._no_number(index, name, part)
+                    text = str(part)[:40]
+                    return not_finite(f"{key}.{name}", text, text)
                 part = number
             target[index + count * row] = part
         return None
-
-    def _without_q(self, index: int, value: Mapping[Any, object]) -> Refused:
-        return Refused(
-            MotorCode.NO_Q,
-            f"the command of {self._model.joints[index].key} has no q (position)",
-            "give q in radians. dq, tau, kp and kd are optional",
-            ", ".join(str(name)[:40] for name in value) or "{}",
-            ", ".join(ROWS),
-        )
-
-    def _unknown_row(self, index: int, name: object) -> Refused:
-        shown, row_names = str(name)[:40] or "''", ", ".join(ROWS)
-        reason = f"{self._model.joints[index].key}.{shown} is not known"
-        return Refused(Code.UNKNOWN_KEY, reason, f"use {row_names}", shown, row_names)
-
-    def _no_number(self, index: int, name: object, part: object) -> Refused:
-        shown = str(part)[:40]
-        reason = f"{self._model.joints[index].key}.{name} is {shown}"
-        return Refused(Code.NOT_FINITE, reason, "send a finite number", shown, "a finite number")
-
-    def _unknown(self, key: object) -> Refused:
-        shown = str(key)[:40] or "''"
-        reason = f"{shown} is not a joint of {self._model.name}"
-        return Refused(Code.UNKNOWN_JOINT, reason, f"use {self._keys}", shown, self._keys)
-
-    def _twice(self, index: int) -> Refused:
-        both = " and ".join(_spellings(self._model.joints[index].key)[:2])
-        return Refused(Code.BOTH_SPELLINGS, f"{both} are both given for one joint", "send only one", both)
 
 
 def _spellings(key: str) -> tuple[str, ...]:
@@ -229,23 +206,25 @@ def finite_rows(model: Motors) -> GateCheck:
             return None
         place, value = next((place, value) for place, value in enumerate(values) if not math.isfinite(value))
         row, index = divmod(place, count)
-        key, remedy = model.joints[index].key, "send a finite number"
+        key, text = f"{model.joints[index].key}.{ROWS[row]}", str(value)
         if index not in candidate.named:
-            remedy = "wait until the robot reports its position, or send a finite q for this joint"
-        reason = f"{key}.{ROWS[row]} is {value}"
-        return Refused(Code.NOT_FINITE, reason, remedy, str(value), "a finite number")
+            return refusals.unnamed_not_finite(key, text)
+        return not_finite(key, text, text)
 
     return finite_rows
 
 
-_WORDS = {DQ: (Code.TOO_FAST, "dq", "rad/s"), TAU: (MotorCode.TOO_STRONG, "tau", "Nm")}
+_PAST_LIMIT: Mapping[int, Callable[[str, float, float], Refused]] = {
+    DQ: refusals.speed_past_limit,
+    TAU: refusals.torque_past_limit,
+}
 
 
 def within(model: Motors, row: int) -> GateCheck:
     """Refuse a speed (row ``DQ``) or a torque (row ``TAU``) that exceeds the joint's limit."""
     count = len(model.joints)
     most = tuple(joint.speed if row == DQ else joint.torque for joint in model.joints)
-    code, name, unit = _WORDS[row]
+    past_limit = _PAST_LIMIT[row]
     first = count * row
     nothing = (0.0,) * count
 
@@ -257,9 +236,7 @@ def within(model: Motors, row: int) -> GateCheck:
         for index in candidate.named:
             value = values[first + index]
             if not -most[index] <= value <= most[index]:
-                limit = f"-{most[index]:g}..{most[index]:g} {unit}"
-                reason = f"{model.joints[index].key}.{name}={value:.4g} is outside {limit}"
-                return Refused(code, reason, "stay within this range", f"{value:.4g}", limit)
+                return past_limit(model.joints[index].key, value, most[index])
         return None
 
     return within
@@ -278,9 +255,7 @@ def gains(model: Motors) -> GateCheck:
             first = count * row
             for index in candidate.named:
                 if not 0.0 <= values[first + index] <= most:
-                    value, limit = f"{values[first + index]:.4g}", f"0..{most:g}"
-                    reason = f"{model.joints[index].key}.{name}={value} is outside {limit}"
-                    return Refused(MotorCode.GAIN, reason, "stay within this range", value, limit)
+                    return refusals.gain_past_limit(model.joints[index].key, name, values[first + index], most)
         return None
 
     return gains

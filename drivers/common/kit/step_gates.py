@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 
 from strands_actors.contract.axis import Axis, AxisMode
 from strands_actors.contract.driver import Candidate, GateState
+from strands_actors.drivers.common.kit import refusals
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 _ROUNDING = 1e-9
 
@@ -35,14 +35,7 @@ def refuse_step(
         # The comparison is negated, so that it also refuses a NaN.
         if not step <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e5) / 1e5
-            return Refused(
-                Code.TOO_FAST,
-                f"{axes[index].key} steps {step:.5g} rad at once, "
-                f"the limit is {shown:.5g} at {1 / period_s:.4g} Hz",
-                f"step at most {shown:.5g} rad",
-                f"{step:.5g}",
-                f"{shown:.5g}",
-            )
+            return refusals.step_too_long(axes[index].key, step, shown, 1 / period_s)
     return None
 
 
@@ -65,13 +58,7 @@ def refuse_lead(
         lead, allowed = abs(candidate.values[index] - measured[index]), speeds[index] * lead_s
         if not lead <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e4) / 1e4
-            return Refused(
-                Code.RUNS_AHEAD,
-                f"the target of {axes[index].key} is {lead:.4g} rad from its position, the limit is {shown:.4g}",
-                "send targets no faster than the robot can follow",
-                f"{lead:.4g}",
-                f"{shown:.4g}",
-            )
+            return refusals.target_ahead(axes[index].key, lead, shown)
     return None
 
 

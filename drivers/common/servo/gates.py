@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping
 from strands_actors.contract.axis_gates import Axes, outside_reported_range, past_range, stale, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.common.kit import refusals
 from strands_actors.drivers.common.kit.refusals import MotorCode
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 MAX_JUMP_DEG = 90.0
 """Largest way of a joint by one command, unless the user sets another. A servo goes there at its top speed:
@@ -60,11 +60,7 @@ def jumps(axes: Axes, most_deg: float) -> GateCheck:
         for index in candidate.named:
             distance = abs(candidate.values[index] - state.observation.position[index])
             if axes[index].unit == "deg" and not distance <= most_deg:
-                key, limit = axes[index].key, f"{most_deg:g}"
-                reason = f"{key} would go {distance:.1f} deg at full speed, limit {limit} deg"
-                alternative = f'move_to({{"{key}": {candidate.values[index]:.4g}}}, seconds=2)'
-                remedy = f"use {alternative}, or make the robot with a larger max_jump"
-                return Refused(Code.JUMP, reason, remedy, f"{distance:.1f}", limit)
+                return refusals.jump(axes[index].key, distance, candidate.values[index], most_deg)
         return None
 
     return jumps
@@ -78,13 +74,7 @@ def voltage(axes: Axes) -> GateCheck:
             candidate, state.observation, "voltage_v", "voltage_min_v", "voltage_max_v"
         ):
             if volt < low or volt > high:
-                return Refused(
-                    MotorCode.VOLTAGE,
-                    f"{axes[index].label} has a supply of {volt:.1f} V",
-                    f"supply {low:.1f}..{high:.1f} V",
-                    offered=f"{volt:.1f}",
-                    limit=f"{low:.1f}..{high:.1f}",
-                )
+                return refusals.voltage_out_of_range(axes[index].label, volt, low, high)
         return None
 
     return voltage
@@ -96,13 +86,7 @@ def temperature(axes: Axes) -> GateCheck:
     def temperature(candidate: Candidate, state: GateState) -> Refused | None:
         for index, (celsius, high) in _readings(candidate, state.observation, "temperature_c", "temperature_max_c"):
             if celsius >= high:
-                return Refused(
-                    MotorCode.TEMPERATURE,
-                    f"{axes[index].label} is at {celsius:.0f} deg C",
-                    f"let it cool below {high:.0f} deg C",
-                    offered=f"{celsius:.0f}",
-                    limit=f"{high:.0f}",
-                )
+                return refusals.too_hot(axes[index].label, celsius, high)
         return None
 
     return temperature
@@ -129,12 +113,7 @@ def motor_fault(axes: Axes, codes: Mapping[str, MotorCode]) -> GateCheck:
             if not words:
                 continue
             code = next((codes[word] for word in words if word in codes), MotorCode.FAULT)
-            reported = ", ".join(word for word in words if word != "limp")
-            if code == MotorCode.LIMP or "limp" in words:
-                state_text = f"is limp ({reported})" if reported else "is limp"
-            else:
-                state_text = f"reports {reported}"
-            return Refused(code, f"{axes[index].key} {state_text}", code.remedy, ", ".join(words), "no fault")
+            return refusals.motor_fault(code, axes[index].key, words)
         return None
 
     return motor_fault

@@ -168,9 +168,9 @@ async def command(bus: HalfDuplexBus[Any], axis: Axis, request: bytes, label: st
 def not_reported(bus: HalfDuplexBus[Any], servos: str, label: str) -> str:
     """Return the error message if servos did not report a value, so that the robot cannot be energised."""
     if bus.starved:
-        return f"arm: {too_busy(bus.late_s, f'{label} of {servos}')}"
+        return f"arming: {too_busy(bus.late_s, f'{label} of {servos}')}"
     detail = f" ({', '.join(bus.refusals.values())})" if bus.refusals else ""
-    return f"arm: {servos} does not tell {label}{detail}. Check its cable and power"
+    return f"arming: {servos} does not report {label}{detail}. Check its cable and power"
 
 
 def _unanswered(bus: HalfDuplexBus[Any], axis: Axis, label: str) -> str:

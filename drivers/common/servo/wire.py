@@ -332,7 +332,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         stored_goal = goal_register.decode(reply.params)
         if stored_goal != goal:
             raise WireDown(
-                f"arm: {axis.label} did not take its present position as goal "
+                f"arming: {axis.label} did not take its present position as goal "
                 f"({stored_goal}, not {goal}). Check its cable, then try again"
             )
         permit.check()
@@ -342,11 +342,11 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             refusals = session.bus.refusals
             detail = f" ({refusals[axis.id]})" if axis.id in refusals else ""
             raise WireDown(
-                f"arm: {axis.label} does not confirm torque on{detail}. Check its cable and power"
+                f"arming: {axis.label} does not confirm torque on{detail}. Check its cable and power"
             ) from None
         reply = await self._of(axis, torque.address, torque.size, "whether it has torque")
         if torque.decode(reply.params) != 1:
-            raise WireDown(f"arm: {axis.label} does not stay energised. Check its load, supply and temperature")
+            raise WireDown(f"arming: {axis.label} does not stay energised. Check its load, supply and temperature")
 
     async def _of(self, axis: Axis, address: int, size: int, label: str) -> PacketT:
         """Read a block of registers of one servo. Raise ``WireDown`` if the servo does not answer."""
@@ -367,6 +367,6 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         outside_deg = (count - min(max(count, low), high)) * 360 / COUNTS
         if abs(outside_deg) > OUTSIDE_DEG:
             raise WireDown(
-                f"arm: {axis.label} is {abs(outside_deg):.1f} deg outside its range and would jump "
+                f"arming: {axis.label} is {abs(outside_deg):.1f} deg outside its range and would jump "
                 "back. Move it inside its range by hand"
             )

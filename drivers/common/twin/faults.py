@@ -35,14 +35,15 @@ class Fault(enum.StrEnum):
 
 
 def parse_fault(text: str) -> tuple[Fault, int | None]:
-    """Parse ``WORD`` (the name of a fault), or ``WORD:unit`` with the number of a unit. For any other text raise
-    ``ValueError``, which lists the names."""
+    """Parse ``WORD`` (the name of a fault), or ``WORD:number`` for a fault of one motor or part. For any other text
+    raise ``ValueError``, which lists the names."""
     word, colon, unit = text.partition(":")
     try:
         return Fault(word), int(unit) if colon else None
     except ValueError:
         raise ValueError(
-            f"fault {text!r} is not WORD or WORD:unit. Use one of these words: {', '.join(Fault)}"
+            f"fault {text!r} is not WORD or WORD:number (of a motor or part). "
+            f"Use one of these words: {', '.join(Fault)}"
         ) from None
 
 

@@ -213,8 +213,8 @@ class Server:
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:unit`` for one unit. Raise
-        ``ValueError`` for any other text."""
+        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:number`` for one motor or
+        part. Raise ``ValueError`` for any other text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:

@@ -167,7 +167,9 @@ def answering(new_session: Callable[[], TwinSession]) -> Handler:
 
 class StreamServer(ABC):
     """Serve one simulated robot on several ports, each with its handler (the function that serves one connection).
-    The public methods cause events while the robot runs."""
+
+    A test calls the public methods while the robot runs, for example to cut its connections or its power.
+    """
 
     def __init__(self, robot: Controls, handlers: Sequence[Handler], log: WireLog) -> None:
         self._robot = robot
@@ -198,8 +200,8 @@ class StreamServer(ABC):
         return body_of(self._robot)
 
     def set_fault(self, text: str) -> None:
-        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:unit`` for one unit. Raise
-        ``ValueError`` for any other text."""
+        """Set a fault: ``WORD`` (its name, such as ``stuck``) for the robot, or ``WORD:number`` for one motor or
+        part. Raise ``ValueError`` for any other text."""
         self._robot.set_fault(*parse_fault(text))
 
     def power_cycle(self) -> None:

@@ -18,10 +18,10 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.loading import load
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import StopChannel
-from strands_actors.drivers.common.kit.refusals import MotorCode
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
+from .. import refusals
 from ..config import Deadlines
 from ..driver import LEAVING, PlainDriver
 from ..members import Declared
@@ -30,7 +30,6 @@ from .types import TYPES, Type
 
 ARM_S = 2.0
 """Longest time for writing the goals and switching the torque on: a few frames per motor."""
-REMEDY = "take the load off, then call stop() and resume() to energise it again"
 OWN_STOP_S = 2.5
 """Longest time of a stop by this package's own driver. The stop may wait for a running call."""
 
@@ -92,9 +91,7 @@ def _has_torque(axes: Sequence[str]) -> GateCheck:
         jumps."""
         faults = state.observation.faults
         limp = next((axes[index] for index in candidate.named if faults.get(axes[index]) == LIMP), "")
-        if not limp:
-            return None
-        return Refused(MotorCode.LIMP, f"{limp} has lost its torque", REMEDY, LIMP, "torque")
+        return refusals.no_torque(limp, LIMP) if limp else None
 
     return has_torque
 

@@ -1,5 +1,6 @@
-"""Let a simulation (another program on this computer) move the simulated Stretch. Parts that a client commands
-follow the client."""
+"""The body of the simulated Stretch, which a physics simulation in another process can move.
+
+A part that a client of the simulated robot commands follows this client instead of the physics simulation."""
 
 from __future__ import annotations
 

@@ -25,14 +25,14 @@ from strands_actors.contract.sensors import Sensor, imu
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.common.kit.velocity_base import parse_twist
+from strands_actors.drivers.unitree import refusals
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.options import IMU, OF_JOINTS, LegsOptions
 from strands_actors.drivers.unitree.robots import model_of
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from .dialect import MOVE_S
-from .gates import JOINTS_ELSEWHERE, conditions, refuse_joints
+from .gates import conditions, refuse_joints
 from .loco import G1, H1
 from .robots import base_of, dialect_of
 from .services import services_of, verbs_of
@@ -120,8 +120,7 @@ class _Walking(Driver):
 
     def check_service(self, service: str, arguments: Mapping[str, Any]) -> Refused | None:
         if service in self.JOINTS_SERVICES:
-            reason = "this robot walks by its sport mode (level='sport'), which keeps the joints"
-            return Refused(Code.LEVEL, reason, JOINTS_ELSEWHERE, "sport", "low")
+            return refusals.walks_only()
         return super().check_service(service, arguments)
 
     def parse(self, action: Mapping[str, float], state: GateState) -> Candidate | Refused:

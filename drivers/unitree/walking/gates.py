@@ -6,12 +6,11 @@ from collections.abc import Mapping
 
 from strands_actors.contract.driver import Condition, OnResume
 from strands_actors.contract.wire import Observation
+from strands_actors.drivers.unitree import refusals
 from strands_actors.drivers.unitree.gates import MODE_TTL_S, battery_above, battery_reported
-from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.drivers.unitree.robots import Model
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from .dialect import Dialect
 from .robots import BASE
@@ -19,9 +18,6 @@ from .robots import BASE
 GAIT_TTL_S = 0.3
 """Longest age of the mode. A robot sends SportModeState 300 times a second, and a simulated robot 50 times. The FSM
 id is requested 20 times a second."""
-
-JOINTS_ELSEWHERE = "make it with level='low' to command its joints"
-WALKS_ELSEWHERE = "make it with level='sport' to walk"
 
 
 def conditions(dialect: Dialect, floor_pct: float) -> tuple[Condition, ...]:
@@ -46,13 +42,7 @@ def released(observation: Observation, now_ns: int) -> Refused | None:
     reported = observation.sensors.get("sport_mode_released")
     if reported is None or not reported[0] or now_ns / NS - reported[1] > MODE_TTL_S:
         return None
-    reason = "the sport mode is released: the joints are commanded one by one, and the robot does not balance"
-    return Refused(
-        UnitreeCode.SPORT_MODE_RELEASED,
-        reason,
-        "end the program that commands the joints, then call select_sport_mode()",
-        "released",
-    )
+    return refusals.released_sport_mode()
 
 
 class Walks:
@@ -65,14 +55,11 @@ class Walks:
     def mode_reported(self, observation: Observation, now_ns: int) -> Refused | None:
         reported = observation.sensors.get("sport_mode")
         if reported is None:
-            reason = f"no {self._dialect.mode_source} yet"
-            return Refused(Code.MODE_UNKNOWN, reason, "check that the robot's sport service runs")
+            return refusals.unreported_mode(self._dialect.mode_source)
         age_s = now_ns / NS - reported[1]
         if age_s <= GAIT_TTL_S:
             return None
-        age, limit = f"{age_s:.1f} s", f"{GAIT_TTL_S:g} s"
-        reason = f"the last {self._dialect.mode_source} is {age} old (limit {limit})"
-        return Refused(Code.MODE_STALE, reason, "check the robot and the network", age, limit)
+        return refusals.stale_mode(self._dialect.mode_source, age_s, GAIT_TTL_S)
 
     def posture(self, observation: Observation, now_ns: int) -> Refused | None:
         """Refuse if the robot would ignore a velocity in its present mode. Its service would still answer
@@ -82,17 +69,14 @@ class Walks:
             return None
         name, allowed = self._dialect.name(mode), ", ".join(map(self._dialect.name, sorted(self._dialect.walks)))
         service = next((call for call, posture in self._dialect.postures.items() if mode in posture.after), "")
-        remedy = f"call {service}() first" if service else "wait until this motion has ended"
-        return Refused(UnitreeCode.POSTURE, f"the robot is in the mode {name}", remedy, name, allowed)
+        return refusals.posture_without_walking(name, allowed, service)
 
 
 def refused_by_robot(observation: Observation, now_ns: int) -> Refused | None:
-    reason = observation.faults.get("move")
-    if reason is None:
+    error = observation.faults.get("move")
+    if error is None:
         return None
-    return Refused(
-        Code.REFUSED_BY_ROBOT, f"the robot refuses to move: {reason}", "check the robot, then try again", reason
-    )
+    return refusals.refused_velocity(error)
 
 
 def refuse_joints(model: Model, action: Mapping[str, object]) -> Refused | None:
@@ -100,6 +84,5 @@ def refuse_joints(model: Model, action: Mapping[str, object]) -> Refused | None:
     for key in action:
         name = str(key).removesuffix(".pos")
         if name in model.axes or name.removesuffix("_joint") in model.axes:
-            reason = f"the onboard controller commands {name}"
-            return Refused(Code.LEVEL, reason, JOINTS_ELSEWHERE, name, ", ".join(BASE))
+            return refusals.onboard_joint(name, ", ".join(BASE))
     return None

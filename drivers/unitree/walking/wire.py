@@ -18,14 +18,12 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, WireDown
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
 from strands_actors.drivers.common.kit.session_wire import PromptSessionWire
-from strands_actors.drivers.unitree import rpc
+from strands_actors.drivers.unitree import refusals, rpc
 from strands_actors.drivers.unitree.config import UnitreeConfig
 from strands_actors.drivers.unitree.link import FIND_S
-from strands_actors.drivers.unitree.refusals import UnitreeCode
 from strands_actors.drivers.unitree.session import ASK_EVERY_NS, RobotSession
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 from .dialect import Order, Posture
 from .link import WalkingLink
@@ -213,18 +211,14 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
         """
         link = self.session.link
         if link.gait is None:
-            reason = f"no {link.dialect.mode_source} yet"
-            return Refused(Code.MODE_UNKNOWN, reason, "check that the robot's sport service runs")
+            return refusals.unreported_mode(link.dialect.mode_source)
         mode = link.gait.mode
         name = link.dialect.name(mode)
         if mode in posture.done:
             return {"mode": name, "already": True}
         if mode not in posture.after:
             allowed = ", ".join(map(link.dialect.name, sorted(posture.after)))
-            reason = f"{service}() is not possible in the mode {name}"
-            return Refused(
-                UnitreeCode.POSTURE, reason, f"bring the robot to one of these modes: {allowed}", name, allowed
-            )
+            return refusals.impossible_posture(service, name, allowed)
         for order, modes in posture.steps:
             while not link.is_in(modes):
                 permit.check()
@@ -233,8 +227,7 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
                     raise WireDown("the robot's sport service is not connected. Check the robot and the network")
                 await link.until(lambda: order in link.refused or link.is_in(modes), AGAIN_S)  # noqa: B023
                 if order in link.refused:
-                    reason = f"the robot refuses: {link.refused[order]}"
-                    return Refused(Code.REFUSED_BY_ROBOT, reason, "check the robot, then try again")
+                    return refusals.refused_request(link.refused[order])
             if modes & link.dialect.settles:
                 await self._until_joints_rest(permit)
         return {"mode": link.dialect.name(link.gait.mode), "already": False}
@@ -271,5 +264,4 @@ class WalkingWire(PromptSessionWire[WalkingSession]):
             if session.mode is not None and session.mode[0]:
                 return {"onboard_mode": session.mode[0], "already": False}
             if answers and answers[0].error and answers[0].code != rpc.SELECTED_TOO_SOON:
-                reason = f"the robot refuses: {answers[0].error}"
-                return Refused(Code.REFUSED_BY_ROBOT, reason, "check the robot, then try again")
+                return refusals.refused_request(answers[0].error)

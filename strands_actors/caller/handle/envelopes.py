@@ -15,8 +15,6 @@ from collections.abc import Coroutine, Generator, Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any, assert_never
 
-import msgspec
-
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.health import busy
@@ -25,6 +23,8 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.messages import Status, StopReport
 from strands_actors.supervisors.root.messages import UNREACHABLE, TaskStatus, TreeReport
 from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
+
+from . import refusals
 
 _log = logging.getLogger("strands_actors")
 
@@ -170,7 +170,7 @@ def refused(refusal: Refused) -> Answer:
     If a deadline was missed while this computer is busy, the text includes the computer's load.
     """
     if refusal.code in _LATE or refusal.because == Reason.EXPIRED:
-        refusal = msgspec.structs.replace(refusal, reason=busy.explained(refusal.reason))
+        refusal = busy.with_load(refusal)
     details = {key: str(value) for key in _REFUSAL_KEYS if (value := getattr(refusal, key))}
     return error(refusal.text, {"refused": details})
 
@@ -186,7 +186,7 @@ def with_remedy(answer: Answer, remedies: Mapping[str, str]) -> Answer:
     remedy = remedies.get(fields.get("code", ""))
     if remedy is None or "reason" not in fields:
         return answer
-    return refused(Refused(**{**fields, "remedy": remedy}))
+    return refused(refusals.with_remedy(fields, remedy))
 
 
 def stop_result(verb: str, result: StopResult, done: dict[str, Any] | None = None) -> Answer:

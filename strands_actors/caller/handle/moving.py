@@ -118,7 +118,10 @@ async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused
 
 
 async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **more: Any) -> Answer:
-    """Return the answer for a motion to a target. ``motion`` may be a refusal."""
+    """Return the answer of a verb that moves the robot to a target, after the motion's end if ``wait`` is true.
+
+    ``motion`` is the started motion, or the refusal to start it.
+    """
     if isinstance(motion, Refused):
         return answers.refused(motion)
     last = motion.action(motion.n_steps)

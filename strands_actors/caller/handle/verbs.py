@@ -14,17 +14,16 @@ import math
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from typing import Any
 
-from strands_actors.contract.axis import SHOWN
 from strands_actors.contract.driver import Driver, Reason, Service
 from strands_actors.contract.loading import load
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.positions import Positions
+from strands_actors.contract.shown import SHOWN
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers import canonical_name
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.policies.registry import choose_provider, robot_facts
 from strands_actors.supervisors import stop_result
 from strands_actors.supervisors.gate.messages import Accepted, Performed, Resumed, Status
@@ -34,6 +33,7 @@ from ..processes.plan import Plan
 from ..processes.robot_processes import NotConnected
 from ..session.tree import RobotTree
 from . import envelopes as answers
+from . import refusals
 from .envelopes import Answer
 from .reference_names import hint
 
@@ -78,11 +78,7 @@ def refuse_name(robot_name: object, plan: Plan, running_as: str, verb: str = "mo
     is_text = isinstance(robot_name, str) and robot_name
     if is_text and plan.tool_name == plan.robot == canonical_name(str(robot_name)):
         return None
-    reason = f"robot_name is {str(robot_name)[:SHOWN]!r}, and this robot is {running_as} ({plan.robot})"
-    remedy = "send it to the robot that it is meant for, or leave robot_name out"
-    return answers.refused(
-        Refused(Code.OTHER_ROBOT, reason, remedy, str(robot_name)[:SHOWN], running_as, verb=verb)
-    )
+    return answers.refused(refusals.other_robot(verb, str(robot_name)[:SHOWN], running_as, plan.robot))
 
 
 async def send_action(tree: RobotTree, action: Mapping[str, Any]) -> Answer:
@@ -170,14 +166,11 @@ async def get_sensors(tree: RobotTree) -> Answer:
 
 async def _measured(tree: RobotTree, name: str, more: Callable[[Observation], dict[str, Any]]) -> Answer:
     status = await tree.status()
-    if status is None or status.observation is None:
-        reason = (
-            busy.explained("the process that talks to the robot does not answer")
-            if status is None
-            else "no reading of the robot has come yet"
-        )
-        return answers.refused(Refused(Code.NO_OBSERVATION, reason, "try again in a moment", verb=name))
+    if status is None:
+        return answers.refused(busy.with_load(refusals.silent_process(name)))
     observation = status.observation
+    if observation is None:
+        return answers.refused(refusals.no_reading(name))
     return answers.success(
         {
             "positions": answers.positions(tree.driver, observation),
@@ -245,13 +238,10 @@ def name_values(
     names = () if service is None else tuple(service.arguments)
     takes = ", ".join(names) or "no arguments"
     if len(values) > len(names):
-        reason = f"{len(values)} values were given"
-        return Refused(Code.BAD_INPUT, reason, f"it takes {takes}", str(len(values)), str(len(names)), verb=name)
+        return refusals.too_many_values(name, len(values), len(names), takes)
     placed = dict(zip(names, values, strict=False))
     if twice := sorted(placed.keys() & arguments.keys()):
-        return Refused(
-            Code.BAD_INPUT, f"{twice[0]} is given twice", f"it takes {takes}", twice[0], takes, verb=name
-        )
+        return refusals.given_twice(name, twice[0], takes)
     return {**placed, **arguments}
 
 

@@ -11,8 +11,9 @@ from typing import Any
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.surfaces.agents.calls import Call, read
+
+from . import refusals
 
 
 def find_verb(driver: Driver | None, name: str) -> ToolVerb | None:
@@ -48,20 +49,13 @@ def call_of(driver: Driver, command: str, values: Sequence[Any], inputs: Mapping
     verb = find_verb(driver, command)
     if verb is None:
         names_of_verbs = ", ".join(verb_names(driver)) or "none"
-        reason = f"{driver.robot} has no such command"
-        return Refused(
-            Code.UNKNOWN_COMMAND, reason, f"it has {names_of_verbs}", command, names_of_verbs, verb=command
-        )
+        return refusals.unknown_command(command, driver.robot, names_of_verbs)
     names = {name.replace(".", "_"): name for name in verb.inputs}
     takes = ", ".join(names) or "no input"
     if len(values) > len(names):
-        problem = f"{len(values)} values were given"
-        return Refused(
-            Code.BAD_INPUT, problem, f"it takes {takes}", str(len(values)), str(len(names)), verb=verb.name
-        )
+        return refusals.too_many_values(verb.name, len(values), len(names), takes)
     placed = dict(zip(names.values(), values, strict=False))
     named = {names.get(name, name): value for name, value in inputs.items()}
     if twice := sorted(placed.keys() & named.keys()):
-        problem = f"{twice[0]} is given twice"
-        return Refused(Code.BAD_INPUT, problem, f"it takes {takes}", twice[0], takes, verb=verb.name)
+        return refusals.given_twice(verb.name, twice[0], takes)
     return read(driver, {"action": verb.name, **placed, **named})

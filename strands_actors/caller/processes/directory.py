@@ -23,7 +23,6 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.gate import Gate
@@ -33,6 +32,7 @@ from strands_actors.supervisors.root.messages import UNREACHABLE, Describe, Fenc
 from strands_actors.supervisors.root.process import Root
 from strands_actors.supervisors.stop_result import StopResult
 
+from . import refusals
 from .descendants import complete
 from .nodes import open_node
 from .run_directory import Note, notes
@@ -95,10 +95,7 @@ class Directory:
                     actor_addresses.guardian, Guardian, Fence(reason, by, lock), deadlines.root_s
                 )
             except (AskTimeout, Unreachable) as failure:
-                answer = Refused(
-                    Code.UNCONFIRMED,
-                    busy.explained(f"neither the wire process nor the root process answers ({failure})"),
-                )
+                answer = busy.with_load(refusals.unconfirmed_stop(failure))
         return stop_result.of_answer(str(reason), answer, note.motors)
 
     async def resume(self, note: Note, by: str) -> Resumed | Refused:
@@ -106,11 +103,7 @@ class Directory:
         try:
             answer = await self._ask(addresses.of(note.robot).gate, Gate, Resume(by), note.arm_s + RESUME_ROOM_S)
         except (AskTimeout, Unreachable) as failure:
-            return Refused(
-                Code.UNREACHABLE,
-                f"the process that talks to the robot does not answer ({failure})",
-                "wait some seconds for its restart, then try again",
-            )
+            return refusals.resume_unanswered(failure)
         return read_answer(answer, Resumed)
 
     async def _ask(

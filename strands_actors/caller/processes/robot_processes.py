@@ -18,7 +18,6 @@ from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Node, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.deadlines import StopDeadlines
 from strands_actors.supervisors.gate.failsafe import LINKED, Mode
 from strands_actors.supervisors.gate.messages import GetStatus, Lease, Status
@@ -26,6 +25,7 @@ from strands_actors.supervisors.root.messages import TreeReport
 from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.cameras.handle import Cameras
 
+from . import refusals
 from .plan import Plan
 
 CONNECT_S = 30.0
@@ -47,8 +47,8 @@ class NotConnected(Exception):
 
 def unreachable(verb: str, failure: Exception) -> Refused:
     """Return the refusal of a verb after a message was not delivered or not answered."""
-    reason = busy.explained(str(failure)) if isinstance(failure, AskTimeout) else str(failure)
-    return Refused(Code.UNREACHABLE, reason, "call resume() when the robot is back", verb=verb)
+    refusal = refusals.unreachable(verb, failure)
+    return busy.with_load(refusal) if isinstance(failure, AskTimeout) else refusal
 
 
 class Patience(NamedTuple):
@@ -218,10 +218,7 @@ class Processes(ABC):
         try:
             answer = await self.gate.ask(GetStatus(), self.patience.ask_s)
         except AskTimeout:
-            reason = busy.explained(
-                f"the process that talks to the robot has not answered for {self.patience.ask_s * 1e3:g} ms"
-            )
-            return Refused(Code.NO_ANSWER, reason, "try again: the host may be busy", verb=verb)
+            return busy.with_load(refusals.late_status(verb, self.patience.ask_s * 1e3))
         except Unreachable as failure:
             return unreachable(verb, failure)
         return read_answer(answer, Status, verb)

@@ -33,7 +33,7 @@ from strands_actors.supervisors.standby.report import LOCK, REPORT
 from strands_actors.supervisors.stop_result import StopResult
 from strands_actors.surfaces.drill.certificate import TWIN, clause
 
-from . import process_one
+from . import process_one, refusals
 from .descendants import complete
 from .descriptors import FOR_ROBOT, require
 from .last_standby import until_over
@@ -329,8 +329,7 @@ class TreeProcesses(Processes):
             return None
         # The robot may have been locked by an e-stop. The processes that stored this lock have ended.
         if not lift:
-            remedy = "an operator's resume() starts it again"
-            return Refused(Code.NOT_CONNECTED, "the robot's processes do not answer", remedy, verb=RESUME)
+            return refusals.silent_processes(RESUME)
         if self.started:
             await self._discard()
         await self.start(background)

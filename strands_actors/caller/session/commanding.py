@@ -15,11 +15,11 @@ from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.actions import plain, refuse_shape
 from strands_actors.supervisors.gate.messages import MOVE, Lease, Perform, Setpoint
 
 from ..processes.robot_processes import Patience, Processes, unreachable
+from . import refusals
 from .portal import portal
 from .rollouts import Rollouts
 from .writer import STALE, Writer
@@ -106,7 +106,7 @@ class Commanding:
                     return answer
             refusal = await writer.acquire()
             if refusal is not None or writer.lease is None:
-                return refusal or Refused(Code.LEASE, "no lease", verb=order.verb)
+                return refusal or refusals.no_lease(order.verb)
             return await self._ask(order, writer.lease)
 
     async def _ask(self, order: Order, lease: Lease) -> Message | None:

@@ -20,12 +20,13 @@ from msgspec.structs import replace
 from strands_actors.contract.axis import AxisMode, finite
 from strands_actors.contract.axis_gates import unit_of
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason
-from strands_actors.contract.shown import shown
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.actions import plain, refuse_shape
+
+from . import refusals
 
 PEAK = 1.875
 """Top speed of a minimum-jerk path, as a multiple of its mean speed."""
@@ -94,20 +95,16 @@ def refuse_seconds(verb: str, name: str, seconds: object, longest_s: float) -> R
     value = finite(seconds)
     if value is not None and 0 < value <= longest_s:
         return None
-    offered, limit = shown(seconds), f"above 0, at most {longest_s:g}"
-    return Refused(Code.BAD_TIME, f"{name} is {offered}", f"give seconds, {limit}", offered, limit, verb=verb)
+    return refusals.bad_time(verb, name, seconds, longest_s)
 
 
 def refuse_targets(driver: Driver, targets: object) -> Refused | None:
     """Return a refusal of targets that ``move_to`` cannot accept, in any state of this robot."""
     if driver.axes and not any(is_place(driver, index) for index in range(len(driver.axes))):
-        reason = f"{driver.robot} has no joints that go to a target"
-        return Refused(Code.NO_POSITIONS, reason, "use send_action(), or move(..., duration_s=)", verb=MOVE_TO)
+        return refusals.no_positions(driver.robot).about(MOVE_TO)
     late = driver.fallbacks[Reason.POLICY]
     if driver.timing.oneshot_ttl_s is not None and not driver.energised(late):
-        reason = f"{driver.robot} keeps no pose by itself: when its commands end it goes to {late}"
-        remedy = "use run_policy() with a policy that keeps its pose afterwards, too"
-        return Refused(Code.KEEPS_NO_POSE, reason, remedy, verb=MOVE_TO)
+        return refusals.keeps_no_pose(driver.robot, late).about(MOVE_TO)
     refusal = refuse_shape(targets)
     if refusal is not None:
         return refusal.about(MOVE_TO)
@@ -115,14 +112,9 @@ def refuse_targets(driver: Driver, targets: object) -> Refused | None:
     speeds = {axis.key for axis in driver.table if axis.mode is AxisMode.VELOCITY}
     for name, value in targets.items():
         if str(name).removesuffix(".pos") in speeds:
-            reason = f"{shown(name)} is a speed, and has no target to reach"
-            remedy = "give joints here, and speeds to move(..., duration_s=) or send_action()"
-            return Refused(Code.A_SPEED, reason, remedy, shown(name), "joints", verb=MOVE_TO)
+            return refusals.a_speed(name).about(MOVE_TO)
         if isinstance(value, Mapping):
-            reason = f"{shown(name)} is {shown(value)}"
-            return Refused(
-                Code.NOT_FINITE, reason, "give a number for each joint", shown(value), "a number", verb=MOVE_TO
-            )
+            return refusals.no_number(name, value).about(MOVE_TO)
     return None
 
 
@@ -155,11 +147,8 @@ def plan_move(
     ends = {index: parsed.values[index] for index in parsed.named}
     measured = reading.observation.position
     for index in ends:
-        key = driver.axes[index]
         if not math.isfinite(measured[index]):
-            reason = f"where {key} is, is not known"
-            remedy = "use send_action(), which says how the robot goes there"
-            return Refused(Code.UNKNOWN_POSE, reason, remedy, key, verb=MOVE_TO)
+            return refusals.unknown_pose(driver.axes[index]).about(MOVE_TO)
     refusal = _refuse_end(driver, parsed, state)
     if refusal is not None:
         return refusal.about(MOVE_TO)
@@ -240,8 +229,8 @@ def _refuse_end(driver: Driver, end: Candidate, state: GateState) -> Refused | N
     A joint that is outside its range may stay there, but no other joint may be sent there. Refusals for speed
     are ignored, since the robot does not reach the end in one step.
     """
-    refusals = (gate(end, state) for gate in driver.gates)
-    return next((refusal for refusal in refusals if refusal is not None and refusal.code not in TOO_FAST), None)
+    answers = (gate(end, state) for gate in driver.gates)
+    return next((refusal for refusal in answers if refusal is not None and refusal.code not in TOO_FAST), None)
 
 
 def _refuse_steps(
@@ -296,8 +285,7 @@ def _refuse_time(
 ) -> Refused:
     key, unit = driver.axes[slowest], unit_of(driver.table[slowest]) if driver.table else ""
     distance, least = abs(ends[slowest] - starts[slowest]), f"{math.ceil(least_s * 100 - 1e-6) / 100:g}"
-    reason = f"{key} has {distance:.4g}{unit} to go, too far for {seconds:g} s"
-    return Refused(Code.TOO_FAST, reason, f"give seconds={least} or more", f"{seconds:g}", least)
+    return refusals.too_far(key, distance, unit, seconds, least)
 
 
 def state_of(reading: RobotReading, period_s: float) -> GateState:

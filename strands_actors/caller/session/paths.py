@@ -15,10 +15,9 @@ from msgspec.structs import replace
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Driver
-from strands_actors.contract.shown import shown
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .motions import (
     LONGEST_S,
     Motion,
@@ -81,28 +80,23 @@ def read_path(driver: Driver, rows: object, hz: object) -> Path | Refused:
     """Return the user's rows as a path, or a refusal. The robot's state is not checked here."""
     rate = finite(hz)
     if rate is None or not 0 < rate <= MOST_HZ:
-        limit = f"above 0, at most {MOST_HZ:g}"
-        return _refused(f"hz is {shown(hz)}", f"give rows a second, {limit}", shown(hz), limit)
+        return refusals.bad_row_rate(hz, MOST_HZ).about(MOVE_ALONG)
     if not isinstance(rows, Sequence) or not rows or not all(isinstance(row, Mapping) and row for row in rows):
-        return _refused("it is no list of rows", "give a list of joints with numbers: [{'joint': 0.0}, ...]")
+        return refusals.no_rows().about(MOVE_ALONG)
     joints = tuple(str(name).removesuffix(".pos") for name in rows[0])
     targets: list[tuple[float, ...]] = []
     for number, row in enumerate(rows):
         named = {str(name).removesuffix(".pos"): finite(value) for name, value in row.items()}
         if named.keys() != set(joints):
-            return _refused(f"row {number} names other joints than row 0", "name the same joints in each row")
+            return refusals.other_joints(number).about(MOVE_ALONG)
         values = [named[joint] for joint in joints]
         if None in values:
-            joint = joints[values.index(None)]
-            return _refused(f"row {number} has no number for {joint}", "give a finite number")
+            return refusals.incomplete_row(number, joints[values.index(None)]).about(MOVE_ALONG)
         targets.append(tuple(value for value in values if value is not None))
-    if (len(targets) - 1) / rate > LONGEST_S:
-        limit = f"at most {LONGEST_S:g}"
-        return _refused(f"it takes {(len(targets) - 1) / rate:.4g} s", f"give a path of {limit} s", "", limit)
+    if (seconds := (len(targets) - 1) / rate) > LONGEST_S:
+        return refusals.path_too_long(seconds, LONGEST_S).about(MOVE_ALONG)
     if unknown := [joint for joint in joints if joint not in driver.axes]:
-        reason = f"{driver.robot} has no joint {shown(unknown[0])}"
-        remedy = f"use some of {', '.join(driver.axes)}"
-        return Refused(Code.UNKNOWN_JOINT, reason, remedy, shown(unknown[0]), verb=MOVE_ALONG)
+        return refusals.unknown_joint(driver.robot, unknown[0], ", ".join(driver.axes)).about(MOVE_ALONG)
     places = frozenset(joint for joint in joints if is_place(driver, driver.axes.index(joint)))
     refusal = refuse_targets(driver, dict.fromkeys(places, 0.0)) if places else None
     return Path(joints, places, targets, rate) if refusal is None else refusal.about(MOVE_ALONG)
@@ -188,10 +182,6 @@ def _between_rows(path: Path, along: float, period_s: float) -> dict[str, float]
         joint: start[joint] + (end[joint] - start[joint]) * share if joint in path.places else speeds[joint]
         for joint in path.joints
     }
-
-
-def _refused(reason: str, remedy: str, offered: str = "", limit: str = "") -> Refused:
-    return Refused(Code.BAD_PATH, reason, remedy, offered, limit, verb=MOVE_ALONG)
 
 
 __all__ = ["MOVE_ALONG", "Path", "check_along", "plan_along", "read_path"]

@@ -21,7 +21,6 @@ from strands_actors.kernel.answers import read_answer
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Message, Refused
 from strands_actors.kernel.node import ActorRef, AskTimeout, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import GetSafety, Stop, StopReport
@@ -37,6 +36,7 @@ from strands_actors.supervisors.root.messages import (
 from strands_actors.supervisors.stop_result import StopResult
 
 from ..processes.robot_processes import Processes
+from . import refusals
 from .motions import Motion, RobotReading, Steps
 from .writer import Writer
 
@@ -194,17 +194,12 @@ class Rollouts:
                 return status
             if status.no_motion is not None:
                 return status.no_motion.about(verb)
-            refusal = await self.refuse(verb, "a task is already running")
+            refusal = await self.refuse(verb, starts_another=True)
             if refusal is not None:
                 return refusal
             observation = status.observation
             if observation is None:
-                return Refused(
-                    Code.NO_OBSERVATION,
-                    "no reading of the robot has come yet",
-                    "wait for the first observation",
-                    verb=verb,
-                )
+                return refusals.no_reading(verb)
             motion = plan(RobotReading(observation, status.target, self._processes.node.clock.now_ns()))
             if isinstance(motion, Refused):
                 return motion
@@ -222,20 +217,18 @@ class Rollouts:
     async def _may_start(self, verb: str) -> Refused | None:
         robot = self._processes.plan.robot
         if self._driver.ROLLOUTS:
-            return Refused(Code.NO_ROLLOUT, f"{robot}: {self._driver.ROLLOUTS}", "call send_action()", verb=verb)
+            return refusals.no_rollouts(verb, robot, self._driver.ROLLOUTS)
         if self._driver.TASKS and verb == START_TASK:
-            return Refused(Code.NO_TASK, f"{robot}: {self._driver.TASKS}", "call run_policy()", verb=verb)
+            return refusals.no_tasks(verb, robot, self._driver.TASKS)
         self._processes.require()
         status = await self._processes.ask_status(verb)
         if isinstance(status, Refused):
             return status
         if status.mode not in (Mode.ARMED, Mode.HOLDING):
-            return Refused(
-                Code.NOT_ARMED, f"the robot is {status.mode}", "call connect_eagerly() or resume() first", verb=verb
-            )
+            return refusals.not_armed(verb, status.mode)
         if status.no_motion is not None:
             return status.no_motion.about(verb)
-        return await self.refuse(verb, "a task is already running") or await self._writer.acquire()
+        return await self.refuse(verb, starts_another=True) or await self._writer.acquire()
 
     def _rollout(self, instruction: str, duration_s: float, n_steps: int, hz: float | None) -> Rollout:
         driver, lease = self._driver, self._writer.lease
@@ -272,7 +265,7 @@ class Rollouts:
         """
         tasks = self._processes.tasks
         if tasks is None or not self._has_process or not self._task.running:
-            return Refused(Code.NO_TELEOP, "no teleoperation runs", "call attach_teleop() first", verb="operate")
+            return refusals.no_teleoperation()
         if self.no_operator is not None:
             return self.no_operator
         tasks.tell(operator_input)
@@ -285,10 +278,10 @@ class Rollouts:
         """
         return self._task.running
 
-    async def refuse(self, verb: str, reason: str = "a task is running") -> Refused | None:
+    async def refuse(self, verb: str, starts_another: bool = False) -> Refused | None:
         """Return the refusal of a command while a rollout (policy or motion) runs; None if no rollout runs."""
         if (await self.task()).running:
-            return Refused(Code.RUNNING, reason, "call stop_task() first", verb=verb)
+            return refusals.task_running(verb, starts_another)
         return None
 
     async def stop_task(self) -> TaskEnd:

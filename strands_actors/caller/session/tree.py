@@ -44,6 +44,7 @@ from ..processes.nodes import Entrance
 from ..processes.plan import Plan
 from ..processes.robot_processes import CLEANED_UP, NotConnected, Processes, unreachable
 from ..processes.tree_processes import TreeProcesses
+from . import refusals
 from .commanding import Commanding, Order, Orders
 from .portal import portal
 from .rollouts import Rollouts
@@ -377,7 +378,7 @@ class RobotTree:
         """
         self._processes.require_open()
         if self._stops != stops:
-            return Refused(Code.STOPPED, "the robot was stopped meanwhile", "call resume() again", verb=RESUME)
+            return refusals.stopped_meanwhile(RESUME)
         # This is the longest time for arming, and a margin.
         within_s = self.driver.timing.arm_s + 2.0
         try:

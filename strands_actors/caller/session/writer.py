@@ -16,6 +16,7 @@ from strands_actors.supervisors.gate.messages import Acquire, Beat, GetSafety, L
 from strands_actors.supervisors.stop_result import StopResult
 
 from ..processes.robot_processes import Processes
+from . import refusals
 
 BEAT_S = 0.04
 STALE = (Code.STALE_EPOCH, Code.NO_LEASE, Code.LEASE)
@@ -51,7 +52,7 @@ class Writer:
         if isinstance(answer, Lease):
             self.lease = answer
             return None
-        return answer if isinstance(answer, Refused) else Refused(Code.LEASE, "no lease")
+        return answer if isinstance(answer, Refused) else refusals.no_lease()
 
     async def release(self) -> StopResult:
         """Release the lease (the right to command), if it is held. Return the result of the hold that follows,

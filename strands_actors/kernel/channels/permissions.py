@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from strands_actors.kernel import refusals
 from strands_actors.kernel.messages import Message, Refused
-from strands_actors.kernel.refusals import Code
 
 MessageTypes = frozenset[type[Message]] | None
 """The permitted message types. None permits all that the actor accepts."""
@@ -45,10 +45,4 @@ class Channel(NamedTuple):
         permitted = self.tells.get(to, frozenset())
         if permitted is None or type(message) in permitted:
             return None
-        type_name = type(message).__name__
-        return Refused(
-            Code.CHANNEL,
-            f"{to} accepts no {type_name} over this channel",
-            "send only permitted messages",
-            type_name,
-        )
+        return refusals.not_permitted(to, type(message).__name__)

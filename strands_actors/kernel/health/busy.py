@@ -12,6 +12,8 @@ from collections.abc import Iterator
 
 import msgspec
 
+from strands_actors.kernel.messages import Refused
+
 from .processor import pressure
 
 LOAD_PER_CORE = 1.5
@@ -92,3 +94,8 @@ def explained(reason: str) -> str:
         return reason
     happened, stop, remedy = reason.partition(". ")
     return f"{happened} ({_BUSY}: {measured.text}){stop}{remedy}"
+
+
+def with_load(refusal: Refused) -> Refused:
+    """Return the refusal after a missed deadline. If this computer is busy, its reason includes the load."""
+    return msgspec.structs.replace(refusal, reason=explained(refusal.reason))

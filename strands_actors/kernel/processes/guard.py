@@ -10,8 +10,8 @@ from __future__ import annotations
 import os
 from collections.abc import Collection, Iterable, Mapping
 
+from strands_actors.kernel import refusals
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 
 ALLOW = "STRANDS_ACTORS_ALLOW"
 """Environment variable with the guarded names that are allowed without asking, separated by commas."""
@@ -49,8 +49,4 @@ def not_approved(names: Iterable[str], cause: str, can_ask: bool = True) -> Refu
         cause: Why there is no approval, for people.
         can_ask: True if the program could pass ``approve=``. On the mesh that is not possible.
     """
-    shown = ", ".join(names)
-    reason = f"{shown} needs an operator's approval: {cause}"
-    allow = f"name it in {ALLOW}"
-    remedy = f"pass approve= to the robot, or {allow}" if can_ask else f"{allow} on the robot's host"
-    return Refused(Code.NOT_APPROVED, reason, remedy, shown, ALLOW)
+    return refusals.not_approved(", ".join(names), cause, ALLOW, can_ask)

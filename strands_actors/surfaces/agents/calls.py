@@ -9,17 +9,17 @@ from typing import Any, Literal
 from strands_actors.contract.agent_verbs import undeclared, verbs_of
 from strands_actors.contract.driver import Driver, Service
 from strands_actors.contract.plain_numbers import as_python
-from strands_actors.contract.shown import closest, shown
+from strands_actors.contract.shown import closest
 from strands_actors.contract.stop_words import asks_for_stop
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.contract.tool_verbs import ToolVerb
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
+from . import refusals
+
 Kind = Literal["read", "motion", "stop"]
 
-TOOL = "tool"
-"""The verb in a refusal of an input without a known verb."""
 MAX_INPUTS = 64
 """Most inputs of a call. No verb takes so many."""
 
@@ -100,27 +100,17 @@ def read(driver: Driver, tool_input: object, tool_name: str = "") -> Call | Refu
     if verb is not None and verb.does == "stop":
         return Call(verb)
     if not isinstance(tool_input, Mapping):
-        return Refused(
-            Code.BAD_INPUT,
-            f"the input is {shown(tool_input)}",
-            f"give an object whose key action is one of {names}",
-            verb=TOOL,
-        )
+        return refusals.no_object(tool_input, names)
     if verb is not None and verb.does == "torque" and as_python(tool_input.get("enabled")) is False:
         return Call(verb, {"enabled": False})  # Switching torque off is a stop, so other inputs are ignored.
     if len(tool_input) > MAX_INPUTS:
-        return Refused(
-            Code.BAD_INPUT, f"the call has {len(tool_input)} inputs", f"give at most {MAX_INPUTS}", verb=TOOL
-        )
+        return refusals.too_many_inputs(len(tool_input), MAX_INPUTS)
     if all(value is None for value in tool_input.values()):  # An empty input is a request for the status.
         verb = next((verb for verb in verbs if verb.name == "status"), None)
     if verb is None:
         if isinstance(requested_verb, str) and (refused := _refuse_elsewhere(driver, requested_verb)):
             return refused
-        reason = (
-            "no action is given" if action_name is None else f"{shown(action_name)} is not a verb of {driver.robot}"
-        )
-        return Refused(Code.UNKNOWN_VERB, reason, f"use {names}", shown(action_name), names, verb=TOOL)
+        return refusals.unknown_verb(action_name, driver.robot, names)
     inputs = {
         name: as_python(value) for name, value in tool_input.items() if name != "action" and value is not None
     }
@@ -155,19 +145,14 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
     takes = ", ".join(verb.inputs) or "no input"
     for name, value in inputs.items():
         if name not in verb.inputs:
-            close = closest(name, verb.inputs)
-            hint = f" ({close[0]!r}?)" if close else ""
-            reason = f"there is no input {shown(name)}{hint}"
-            return Refused(Code.UNKNOWN_INPUT, reason, f"use {takes}", shown(name), takes, verb=verb.name)
+            closest_name = next(iter(closest(name, verb.inputs)), None)
+            return refusals.unknown_input(verb.name, name, closest_name, takes)
         type_name = verb.inputs[name]["type"]
         if not isinstance(value, _TYPES[type_name]) or (isinstance(value, bool) and type_name != "boolean"):
-            reason = f"{name} is {shown(value)}"
-            return Refused(
-                Code.BAD_INPUT, reason, f"give {name} as {type_name}", shown(value), type_name, verb=verb.name
-            )
+            return refusals.wrong_type(verb.name, name, value, type_name)
     for name in verb.required:
         if name not in inputs:
-            return Refused(Code.BAD_INPUT, f"{name} is missing", f"give {takes}", "", takes, verb=verb.name)
+            return refusals.missing_input(verb.name, name, takes)
     return None
 
 

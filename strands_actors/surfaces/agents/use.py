@@ -9,9 +9,9 @@ from strands_actors.caller.handle import moving, verbs
 from strands_actors.caller.handle.envelopes import Answer
 from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver
-from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
+from . import refusals
 from .approval import Approval, Request
 from .calls import Call
 
@@ -84,14 +84,10 @@ async def _use(tree: RobotTree, call: Call, approval: Approval, by: str, motion:
     verb = call.verb
     if call.kind == "motion":
         if motion:
-            return answers.refused(
-                Refused(Code.NO_MOTION, "this tool does not allow motion", motion, verb=verb.name)
-            )
+            return answers.refused(refusals.no_motion(verb.name, motion))
         # A misspelt name in guarded= would leave a verb unguarded. So refuse all motion of agents.
         if wrong := approval.guards_nothing(tree.driver):
-            return answers.refused(
-                Refused(Code.GUARD, wrong, "correct guarded= where the robot is made", verb=verb.name)
-            )
+            return answers.refused(refusals.guards_nothing(verb.name, wrong))
         request = Request(tree.robot, verb.name, call.inputs, by)
         action = _action_of(tree.driver, call)
         keys = () if action is None else tree.driver.to_approve(action)

@@ -34,7 +34,6 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import wait_for_end_of
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.stop_result import Confirmed, NothingRan, StopResult, Unconfirmed, Unreachable
@@ -42,6 +41,7 @@ from strands_actors.supervisors.wire.transport import BACKOFF_S
 from strands_actors.testing.twin import Twin
 from strands_actors.testing.wirelog import WireLog
 
+from . import refusals
 from .certificate import StepResult
 
 PROVIDER = "strands_actors.surfaces.drill.policy:Still"
@@ -210,13 +210,13 @@ class Drill:
     async def _resume(self) -> Resumed | Refused:
         """Resume the robot. Try for up to ``PATIENCE_S``, since a wire process (which communicates with the
         robot) that was just restarted needs time."""
-        answer: Resumed | Refused = Refused(Code.NO_ANSWER, f"the robot was not resumed within {PATIENCE_S:g} s")
+        answer: Resumed | Refused = refusals.not_resumed(PATIENCE_S)
         with trio.move_on_after(PATIENCE_S):
             while True:
                 try:
                     answer = await self._tree.resume()
                 except NotConnected as error:
-                    answer = Refused(Code.NOT_CONNECTED, str(error))
+                    answer = refusals.not_connected(error)
                 if isinstance(answer, Resumed):
                     break
                 await trio.sleep(0.1)
@@ -380,7 +380,7 @@ def _report_in(result: StopResult) -> StopReport | Refused:
     return a refusal with the reason."""
     match result:
         case Confirmed(NothingRan(reason)):
-            return Refused(Code.NOTHING_RAN, reason, verb="stop")
+            return refusals.nothing_ran(reason)
         case Confirmed(StopReport() as report) | Unconfirmed(report):
             return report
         case Unreachable(refusal):

@@ -31,6 +31,7 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.schemas import ESTOP_ANSWER_S, Command, Response, encode, schema
 
+from . import refusals
 from .config import MeshConfig
 from .outcome import Outcome, outcome_of, result_of
 from .sessions import EVERYBODY, LOOK_S, OTHERS, Sessions
@@ -182,7 +183,7 @@ class MeshClient:
             ttl_s: Seconds from now to the deadline. The robot does not carry out the command later.
             within_s: How long to wait for the result.
         """
-        answer: dict[str, Any] | Refused = Refused(Code.CLOCK, "the robot's clock could not be read")
+        answer: dict[str, Any] | Refused = refusals.clock_not_read()
         for _ in range(2):
             clock = await self.clock(robot)
             if isinstance(clock, Refused):
@@ -222,9 +223,7 @@ class MeshClient:
         via = await self.sessions.until_there(robot)
         if via is None:
             names = ", ".join(self.sessions.via) or "none"
-            return Refused(
-                Code.UNREACHABLE, f"{robot} is not on the mesh", f"check the name. Robots on the mesh: {names}"
-            )
+            return refusals.unknown_robot(robot, names)
         with self._turn() as (turn, answers):
             self._send(via, key, robot, turn, body)
             with trio.move_on_after(within_s) as patience:
@@ -235,11 +234,7 @@ class MeshClient:
                     # the robot may still need, which depends on the driver.
                     longer_s = float((response.result or {}).get("within_s", 0.0))
                     patience.deadline = max(patience.deadline, trio.current_time() + longer_s)
-        return Refused(
-            Code.NO_ANSWER,
-            busy.explained(f"{robot} gave no answer within {within_s:g} s"),
-            "check that the robot's program runs, and that your certificate may command it",
-        )
+        return busy.with_load(refusals.no_answer(robot, within_s))
 
     def _send(self, via: PubSub, key: str, robot: str, turn: str, body: dict[str, Any]) -> None:
         """Send a message to robots. A command for one robot is sent as a query, so that only the robot gets the

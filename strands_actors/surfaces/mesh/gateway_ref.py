@@ -16,15 +16,13 @@ from strands_actors.supervisors.gate.messages import Beat, Perform, Setpoint, St
 from strands_actors.supervisors.mesh.gateway import Gateway, GatewayStop
 from strands_actors.supervisors.mesh.gateway_messages import Datable, Dated, Sync, Synced
 
+from . import refusals
 from .robot_clock import RobotClock
 
 COMMAND_S = 1.0
 """A command that has not reached the robot within this time is not carried out."""
 BEAT_S = 0.5
 """A heartbeat that takes longer to arrive does not keep the lease."""
-_NOT_KNOWN = Refused(
-    Code.CLOCK, "the robot's clock is not known, so no command was sent", "check the network to the robot"
-)
 
 
 class GatewayRef:
@@ -104,7 +102,7 @@ class GatewayRef:
         deadline_ns = message.deadline_ns if isinstance(message, Setpoint) else now_ns + round(lifetime_s * NS)
         theirs_ns = self.clock.deadline(deadline_ns, now_ns)
         if theirs_ns is None:
-            return _NOT_KNOWN
+            return refusals.clock_not_known()
         changed: dict[str, Any] = {}
         if isinstance(message, Setpoint):
             changed = {"deadline_ns": theirs_ns}

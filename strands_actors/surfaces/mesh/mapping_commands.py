@@ -12,11 +12,11 @@ import trio
 from strands_actors.contract.shown import shown
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.mesh import schemas as mesh_json
 from strands_actors.supervisors.mesh.command_rules import no_action
-from strands_actors.supervisors.stop_result import REMEDY
+from strands_actors.supervisors.refusals import REMEDY
 
+from . import refusals
 from .client import ANSWER_S, BEGIN_S, PRESENCE_S, MeshClient
 from .outcome import Outcome
 
@@ -57,8 +57,7 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
     if isinstance(command_class, Refused):
         return command_class
     if command_class not in TO_ALL:
-        reason = f"broadcast: {checked['action']} cannot be sent to all robots at once"
-        return Refused(Code.ONE_ROBOT, reason, f"send one of {', '.join(offered)} to all robots, or name one robot")
+        return refusals.not_for_all(checked["action"], ", ".join(offered))
     answers: dict[str, dict[str, Any] | Refused] = {}
 
     async def ask(robot: str) -> None:
@@ -71,7 +70,7 @@ async def send_to_all(mesh: MeshClient, command: Command) -> dict[str, dict[str,
     lost = mesh.not_looked_for() if command_class is mesh_json.Stop else []
     return {
         **dict(sorted(answers.items())),
-        **{each.robot: Refused(Code.UNREACHABLE, each.detail) for each in lost},
+        **{each.robot: refusals.failed_search(each.detail) for each in lost},
     }
 
 
@@ -119,8 +118,7 @@ def _read(
     refusal in place of the class. The refusal lists the actions in ``offered``."""
     unchecked: object = command  # The type is only a hint. A program may pass anything.
     if not isinstance(unchecked, Mapping | str):
-        reason = f"the command is {shown(unchecked)}"
-        return {}, Refused(Code.MALFORMED, reason, f'give an action, or {{"action": ...}}: {", ".join(offered)}')
+        return {}, refusals.not_a_command(shown(unchecked), ", ".join(offered))
     checked = {"action": command} if isinstance(command, str) else {"action": "status", **command}
     action = str(checked["action"])
     command_class = mesh_json.ACTIONS.get(action)
@@ -135,16 +133,15 @@ def _result_of(outcomes: list[Outcome], robot: str) -> dict[str, Any] | Refused:
     """Return the result of a stop for one robot: a dict if the robot is safe, otherwise a refusal."""
     outcome = next((each for each in outcomes if each.robot == robot), None)
     if outcome is None:
-        return Refused(Code.UNREACHABLE, f"{robot} is not on the mesh")
+        return refusals.missing_robot(robot)
     match outcome.outcome:
         case "safe":
             result: dict[str, Any] = msgspec.to_builtins(outcome)
             return result
         case "unconfirmed":
             named = ", ".join(str(motor.get("axis")) for motor in outcome.motors if motor.get("safe") is not True)
-            reason = f"{robot}: not confirmed by {named or 'the robot'}"
-            return Refused(Code.UNCONFIRMED, f"{reason} ({outcome.detail})" if outcome.detail else reason, REMEDY)
+            return refusals.unconfirmed(robot, named, outcome.detail, REMEDY)
         case "unreachable":
-            return Refused(Code.UNREACHABLE, outcome.detail, REMEDY)
+            return refusals.unreachable(outcome.detail, REMEDY)
         case _:
             assert_never(outcome.outcome)

@@ -10,8 +10,9 @@ import msgspec
 from strands_actors.contract.axis import finite
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors.mesh.schemas import Response
+
+from . import refusals
 
 Verdict = Literal["safe", "unconfirmed", "unreachable"]
 """As in ``supervisors/stop_result.py``. Handle all values in a ``match``."""
@@ -51,9 +52,10 @@ class Outcome(msgspec.Struct, frozen=True):
 def result_of(response: Response) -> dict[str, Any] | Refused:
     """Return the result in a robot's response, or the refusal in it."""
     if response.refused is not None:
-        return Refused(**{name: harmless(text) for name, text in msgspec.structs.asdict(response.refused).items()})
+        fields = msgspec.structs.asdict(response.refused)
+        return refusals.from_robot({name: harmless(text) for name, text in fields.items()})
     if response.type != "response":
-        return Refused(Code.ERROR, harmless(response.error) or "the robot refused")
+        return refusals.without_code(harmless(response.error))
     return response.result
 
 

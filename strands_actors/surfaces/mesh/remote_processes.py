@@ -26,13 +26,13 @@ from strands_actors.kernel.channels.zenoh_session import short
 from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Node, Unreachable
-from strands_actors.kernel.refusals import Code
 from strands_actors.supervisors import addresses, stop_result
 from strands_actors.supervisors.gate.messages import RESUME, Lease, Release, Stop
 from strands_actors.supervisors.mesh.gateway_messages import Synced
 from strands_actors.supervisors.root.messages import Describe, TreeReport
 from strands_actors.supervisors.stop_result import StopResult
 
+from . import refusals
 from .gateway_ref import GatewayRef
 
 REACH_S = 5.0
@@ -155,23 +155,17 @@ class RemoteProcesses(Processes):
     async def cancel_late_request(self, verb: str, timeout: AskTimeout) -> Refused:
         """Return a refusal for a command that the robot has not answered in time. The robot may have carried
         out the command before its deadline, but will not carry it out later."""
-        reason = f"{timeout}. The command may have been carried out, and will not be carried out later"
-        return Refused(Code.TIMEOUT, reason, "check with get_status()", verb=verb)
+        return refusals.late_command(timeout, verb)
 
     def _unreachable(self, verb: str, failure: Exception | None) -> stop_result.Unreachable:
-        reason = f"{self.robot} at {self.plan.host_address} does not answer{f' ({failure})' if failure else ''}"
-        consequence = "it is not known if it has stopped. It holds its position when its setpoint or lease expires"
-        return stop_result.Unreachable(
-            Refused(Code.UNREACHABLE, f"{reason}: {consequence}", "look if the robot has stopped", verb=verb),
-            self.driver.axes,
-        )
+        refused = refusals.silent_at_stop(self.robot, self.plan.host_address, failure, verb)
+        return stop_result.Unreachable(refused, self.driver.axes)
 
     async def revive(self, lift: bool, background: Callable[[], Awaitable[None]]) -> Refused | None:
         if not self.started:
             await self.start(background)
         elif await self.status() is None:
-            reason = f"{self.robot} at {self.plan.host_address} does not answer"
-            return Refused(Code.UNREACHABLE, reason, "try again", verb=RESUME)
+            return refusals.silent_at_resume(self.robot, self.plan.host_address, RESUME)
         return None
 
     async def describe(self) -> TreeReport | None:

@@ -77,7 +77,7 @@ def test_arming_on_a_busy_host_names_the_cause(rig_class: type[Rig]) -> None:
         rig = rig_class()
         await rig.wire.open()
         starve(rig, rig.protocol.READ, VICTIM, times=9)
-        with pytest.raises(WireDown, match=r"arm: this host was too busy to read its position of elbow_flex"):
+        with pytest.raises(WireDown, match=r"arming: this host was too busy to read its position of elbow_flex"):
             await rig.wire.arm(Permission())
 
     virtual(main)

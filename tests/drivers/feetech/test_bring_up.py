@@ -257,7 +257,7 @@ def test_arm_names_the_servo_that_died_since_connect() -> None:
         rig = FeetechRig()
         await rig.wire.open()
         rig.bus.set_fault(Fault.OFF, VICTIM)
-        with pytest.raises(WireDown, match=r"arm: elbow_flex \(id 3\) does not tell its position"):
+        with pytest.raises(WireDown, match=r"arming: elbow_flex \(id 3\) does not report its position"):
             await rig.wire.arm(Permission())
         assert rig.requests("enable", "setpoint", "safe") == []
 

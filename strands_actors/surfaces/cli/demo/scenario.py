@@ -270,6 +270,6 @@ class Scenario:
         deadline = time.monotonic() + RESTART_S
         while key not in (status := status_of(self._robot)):
             if time.monotonic() > deadline:
-                raise Failed(f"the status does not tell {key!r}")
+                raise Failed(f"the status has no {key!r}")
             time.sleep(0.01)
         return status[key]
