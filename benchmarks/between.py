@@ -24,7 +24,7 @@ passes zenoh's messages to a loop: a callback, trio's own way to wake its loop, 
 takes a quarter longer than this package, which also has actors, types and priorities. So an ask over zenoh into a
 loop takes at best 1.7 to 2.6 times as long as with `zenoh`, and 0.45 to 0.6 times as long as with Ray.
 
-Each tell is a separate zenoh message. If many tells wait, zenoh sends them in batches, and each takes 17 µs.
+Each tell is a separate zenoh message. If many tells wait, zenoh sends them in batches, and each tell takes 17 µs.
 Nearly all of these 17 µs are zenoh's call of our callback, which takes the interpreter's lock for each message.
 (Many tells in one zenoh message took 2 µs each, but needed a second format of messages. No robot needs such a
 rate, because even a robot with legs gets only 500 tells per second.)""",

@@ -276,7 +276,7 @@ async def _ours(robot: str, port: str, seconds: float, whole_wire: bool) -> dict
     wire = driver.open_wire(MonotonicClock())
     await wire.open()
     await wire.arm(_Permit())
-    # The process of this package that talks to a robot freezes its objects, too.
+    # As in the process that talks to a real robot: the garbage collector leaves the present objects out.
     gc.freeze()
     lost: list[int] = []
     cycle = _whole(wire, driver, lost) if whole_wire else _bus(wire, robot, lost)

@@ -197,7 +197,7 @@ class _Descent:
         """Disarm the drone, which switches its motors off. Return why they are not known to be off; empty if they
         are off.
 
-        If the answer says that the drone is disarmed, its state is not read: a drone that arms itself again still
+        If the answer reports the drone as disarmed, its state is not read: a drone that arms itself again still
         reports for a while that it flies.
         """
         answer = await self._session.ask(p.DISARM_QUESTION, ANSWER_S)

@@ -88,8 +88,8 @@ class SimDriver(Driver):
         self.robot = real.robot
         self.axes, self.ids, self.table, self.unit = real.axes, real.ids, real.table, real.unit
         self.timing = msgspec.structs.replace(real.timing, keepalive_s=KEEPALIVE_S, arm_s=2.0, silent_s=0.0)
-        # A driver with such short ticks has a control rate of 500 Hz. A simulated robot does not fall if a tick is
-        # late.
+        # A driver with shorter ticks controls a robot that falls if a tick is late. The simulated robot does not
+        # fall, so longer ticks are enough.
         if self.timing.tick_s < TICK_S:
             self.timing = msgspec.structs.replace(
                 self.timing, oneshot_ttl_s=None, tick_s=TICK_S, heartbeat_ttl_s=0.1, state_ttl_s=0.3

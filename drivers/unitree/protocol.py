@@ -102,7 +102,7 @@ def _crc(image: bytes | bytearray) -> int:
 
 
 def checksum(body: bytes | bytearray, first_motor: int) -> int:
-    """Compute the checksum of a frame. ``body`` may end with any four bytes in the place of the checksum."""
+    """Compute the checksum of a frame. The last four bytes of ``body``, its place, are ignored."""
     start = first_motor
     pad = -start % 4
     return _crc(body[:start] + bytes(pad) + body[start : start + 1] + b"\0\0\0" + body[start + pad : -4])

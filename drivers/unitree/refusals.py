@@ -29,7 +29,7 @@ class UnitreeCode(RefusalCode):
     POSTURE = "posture", "the robot cannot walk from this posture", "call the service that is named"
 
 
-# -- the state of a robot whose joints are commanded
+# -- the state of a robot that gets commands for its joints
 
 
 def no_low_state() -> Refused:
@@ -92,7 +92,7 @@ def low_charge(charge_pct: float, minimum_pct: float) -> Refused:
     return Refused(UnitreeCode.BATTERY_LOW, reason, "charge the battery", charge, minimum)
 
 
-# -- services of a robot whose joints are commanded
+# -- services of a robot that gets commands for its joints
 
 
 def joints_only(walks: bool) -> Refused:

@@ -182,9 +182,12 @@ ConditionCheck = Callable[[Observation, int], Refused | None]
 class OnResume(enum.StrEnum):
     """What ``resume()`` does with an armed robot while a condition (such as a charged battery) is broken."""
 
-    REFUSE = "refuse"  # refuse: a person has to repair the cause first, and our stop does not cause it
-    ARM_ANEW = "arm anew"  # stop the robot and arm it again, which repairs the cause
-    STAY_ARMED = "stay armed"  # stay armed, because a service repairs the cause: take off, stand up
+    # Refuse to resume, because a person has to repair the condition first.
+    REFUSE = "refuse"
+    # Stop the robot and arm it again, which repairs the condition.
+    ARM_ANEW = "arm anew"
+    # Stay armed, because a service (take off, stand up) repairs the condition.
+    STAY_ARMED = "stay armed"
 
 
 class Condition(msgspec.Struct, frozen=True):

@@ -1,8 +1,8 @@
 """The texts of the refusals of a driver's gates: one function for each text.
 
-A gate decides, and a function of this module says it: what is wrong, what to do, the refused value and the accepted
-ones. The drivers of all robots use these texts. A driver adds its own ones in its ``refusals`` module. Numbers are
-shown, not rounded to a limit: a caller that formats a limit rounds it inwards.
+A gate decides, and a function of this module words the decision: the reason, the remedy, the refused value and the
+accepted ones. The drivers of all robots use these texts. A driver has further ones in its own ``refusals`` module.
+A caller that formats a limit rounds it inwards, so that the shown limit is accepted.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def stale_report(code: RefusalCode, report: str, age: str, limit: str, remedy: s
     """Return the refusal of a command because the robot's last report is too old.
 
     Args:
-        code: What the report is about.
+        code: The code of the refusal.
         report: The report, such as ``last report of the mode``.
         age: Its age, with the unit.
         limit: The greatest age at which it counts, with the unit.

@@ -74,7 +74,7 @@ class Sensor(msgspec.Struct, frozen=True):
             raise ValueError(f"sensor: no topic {self.topic!r}. Use one of {', '.join(TOPICS_HZ)}")
 
     def publishes(self, name: str) -> bool:
-        """Return True if the topic contains this sensor, so that ``health`` need not contain it."""
+        """Return True if this topic has the sensor ``name``. The topic ``health`` then leaves the sensor out."""
         whole = (source.partition("[")[0] for source in self.fields.values())
         return name in whole or bool(self.prefix and name.startswith(self.prefix))
 

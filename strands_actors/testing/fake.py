@@ -200,7 +200,7 @@ class FakeWire(Wire):
             self._check()
             permit.check()
             if axis in self._hardware.silent:
-                raise WireDown(f"{axis} did not confirm its torque")
+                raise WireDown(f"{axis} did not confirm that its torque is on")
             self._hardware.energised[index] = True
             self._hardware.record(self._clock, "enable", "wire")
         return self._observe()

@@ -589,7 +589,8 @@ class Guardian(Actor):
             self._confirmed = False
             # A more severe order came during this attempt. The next attempt carries out all orders.
             return
-        if motors:  # without motors nothing was attempted, so nothing has changed
+        # A report without motors comes from a stop that was not attempted, so it changes nothing.
+        if motors:
             self._confirmed = all_safe(motors)
         if self._confirmed:
             self._safety_page.may_be_energised = False

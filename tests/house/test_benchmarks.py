@@ -68,7 +68,7 @@ def test_a_failed_side_raises_an_error_with_its_output() -> None:
 def test_a_goal_has_one_bound_and_a_side_that_exists() -> None:
     with pytest.raises(ValueError, match="Give one"):
         Goal("took_us", "")
-    with pytest.raises(ValueError, match="theirs, which are not sides"):
+    with pytest.raises(ValueError, match="its goals name theirs"):
         Question("q", "?", {"ours": lambda short: {}}, (Goal("took_us", "theirs", at_most=1.0),), "")
 
 

@@ -80,7 +80,7 @@ def gain_past_limit(key: str, gain: str, value: float, most: float) -> Refused:
     return Refused(MotorCode.GAIN, f"{key}.{gain}={offered} is outside {limit}", _STAY_WITHIN, offered, limit)
 
 
-# -- targets of arms whose controller does not limit the speed (``step_gates``)
+# -- targets of arms without a speed limit in their controller (``step_gates``)
 
 
 def step_too_long(key: str, step_rad: float, limit_rad: float, rate_hz: float) -> Refused:
@@ -105,7 +105,7 @@ def jump(key: str, distance_deg: float, target_deg: float, limit_deg: float) -> 
     return Refused(Code.JUMP, reason, remedy, distance, limit)
 
 
-# -- what a robot or its motors report
+# -- reports of a robot or its motors
 
 
 def stale_low_state(age_ms: float, limit_ms: float) -> Refused:

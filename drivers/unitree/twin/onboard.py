@@ -138,8 +138,8 @@ class Onboard:
         self.commanded = any(command.tau) or any(command.kp) or any(command.kd)
 
     def set_targets(self, rows: Sequence[Sequence[float]], selected: Sequence[float]) -> None:
-        """Command the joints for which ``selected`` is 1, as a simulation requests. The onboard controller holds
-        the other joints."""
+        """Command the joints for which ``selected`` is 1. A physics simulation in another process calls this. The
+        onboard controller holds the other joints."""
         mixed = (
             [value if led else own for value, own, led in zip(row, stand, selected, strict=True)]
             for row, stand in zip(rows, self._stand, strict=True)

@@ -59,7 +59,7 @@ INSTEAD: Mapping[str, str] = {
     ),
     **dict.fromkeys(("foxglove_url", "foxglove_link"), "record to MCAP: `strands-actors record`"),
     "publish_ros_observation": "subscribe to strands/<robot>/state on the mesh",
-    # These names are for hardware. A simulation has the first three as methods.
+    # These answers are for a real robot. A simulation has the first three names as methods.
     **dict.fromkeys(("start_recording", "stop_recording", "get_recording_status", "save_episode"), _RECORD),
     **dict.fromkeys(("replay_episode", "replay"), "use replay_episode(robot, DATASET, episode) of strands_actors"),
     **dict.fromkeys(("stream_dataset", "verify_dataset_episodes"), "use `strands-actors dataset show`"),

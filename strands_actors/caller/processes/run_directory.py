@@ -221,7 +221,7 @@ class Name:
 
     @property
     def note(self) -> Path:
-        """Return the path of the robot's note."""
+        """Return the path of the file that describes the running robot."""
         return run_dir() / f"{self.name}.json"
 
     def path_with_suffix(self, suffix: str) -> Path:

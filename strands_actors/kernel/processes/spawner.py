@@ -44,7 +44,7 @@ READY_S = 5.0
 
 
 class SpawnedChild(ChildProcess):
-    """A child of the spawner, which reports its exit code."""
+    """A child of the spawner. The spawner reports the exit code of the child."""
 
     def __init__(self, pid: int, link_socket: socket.socket, pidfd: int) -> None:
         super().__init__(pid, link_socket, pidfd)

@@ -73,12 +73,12 @@ def _experimental(robot: str) -> Mapping[str, str]:
 
 
 def _drivers_here(row: Mapping[str, Any]) -> list[str]:
-    """Return the names of the packages (such as LeRobot) whose drivers can drive a robot on this machine."""
+    """Return the names of the packages (such as LeRobot) with a driver for a robot on this machine."""
     return [each for each in row["coverage"] if each != "lerobot" or not row["missing"]]
 
 
 def _driven_by(row: Mapping[str, Any]) -> str:
-    """Return as text the packages whose drivers can drive a robot on this machine, and how to install LeRobot if it
+    """Return as text the packages with a driver for a robot on this machine, and how to install LeRobot if it
     is missing."""
     drivers = _drivers_here(row)
     lacking = [f"lerobot: {row['missing']}"] if row["missing"] else []

@@ -178,8 +178,8 @@ class MeshClient:
 
         Args:
             robot: The robot.
-            make: Returns the command. It gets the name of a clock reading, and the deadline on the robot's
-                clock.
+            make: Returns the command. It gets the identifier of a reading of the robot's clock, and the deadline
+                on this clock.
             ttl_s: Seconds from now to the deadline. The robot does not carry out the command later.
             within_s: How long to wait for the result.
         """
