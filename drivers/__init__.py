@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Iterable, Mapping
 from typing import Any, Literal, NamedTuple
 
+from strands_actors.contract.contract_version import unsupported_contract
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.contract.short_names import SHORT_NAMES
@@ -160,6 +161,8 @@ def _load() -> None:
         module, _, name = location.partition(":")
         try:
             driver_class = getattr(importlib.import_module(module), name)
+            if wire not in WIRES and (why_not := unsupported_contract(driver_class)):
+                raise ValueError(why_not)
             missing = missing_driver_members(driver_class)
             if missing:
                 raise TypeError(f"{name} lacks {', '.join(missing)}")
@@ -211,9 +214,12 @@ def register_native_driver(name: str, cls: type[Any], overwrite: bool = False) -
 
     Raises:
         TypeError: The class lacks methods or attributes that a driver needs. The message names them.
-        ValueError: The robot is unknown, or it already has a driver and ``overwrite`` is False.
+        ValueError: The robot is unknown, or it already has a driver and ``overwrite`` is False. Or this package
+            does not support the version of the driver contract that the class declares.
     """
     _load()
+    if why_not := unsupported_contract(cls):
+        raise ValueError(f"register_native_driver: {why_not}")
     missing = missing_driver_members(cls)
     if missing:
         raise TypeError(f"register_native_driver: the class {cls.__name__} lacks {', '.join(missing)}. Add them")

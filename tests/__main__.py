@@ -5,6 +5,8 @@ Three tests run at the same time, because most tests wait for processes. Tests t
 more, one at a time, and pytest prints their names: on a machine that pauses, two robots may be late
 where one is not. A test that fails again fails the run.
 
+``coverage``: run the tests of the ordinary run, and print how much of each file they ran, in all processes.
+
 ``lerobot``: only the tests that need LeRobot itself (``tests/lerobot``).
 
 ``long``: the tests that the ordinary run leaves out (``tests/long.py``).
@@ -12,6 +14,8 @@ where one is not. A test that fails again fails the run.
 ``soak``: three robots for half an hour (``tests/soak``). ``long`` includes it.
 
 ``mutate``: break the safety code in many small ways (``tests/mutate``).
+
+``release``: build the wheel and the source distribution of a commit, and check them (``tests/release.py``).
 
 ``newton``, ``peers``: separate suites, because they need gigabytes of packages, minutes to compile, or
 an environment that is built first.
@@ -38,14 +42,28 @@ if sys.argv[1:2] == ["mutate"]:
 
     sys.exit(main(sys.argv[2:]))
 
+if sys.argv[1:2] == ["release"]:
+    from tests.release import main
+
+    sys.exit(main(sys.argv[2:]))
+
 LONG = sys.argv[1:2] == ["long"]
-ARGUMENTS = ("-m", "long", *sys.argv[2:]) if LONG else ("-m", "not long", *sys.argv[1:])
+COVERAGE = sys.argv[1:2] == ["coverage"]
+ARGUMENTS = ("-m", "long" if LONG else "not long", *sys.argv[2 if LONG or COVERAGE else 1 :])
+PARALLEL = ("pytest", "-n", "3", "--dist", "worksteal")
 STEPS = (
     ("ruff", "check", "."),
     ("ruff", "format", "--check", "."),
     ("mypy",),
-    ("pytest", "-n", "3", "--dist", "worksteal", "--durations=20", *ARGUMENTS),
+    (*PARALLEL, "--durations=20", *ARGUMENTS),
 )
+MEASURED = (
+    ("coverage", "erase"),
+    ("coverage", "run", "-m", *PARALLEL, *ARGUMENTS),
+    ("coverage", "combine", "--quiet"),
+    ("coverage", "report"),
+)
+"""Tests of milliseconds may fail here, because a process is slower and saves its data when it ends."""
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
 SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
 """These are not in the ordinary run: their files do not begin with ``test_``, or their test is long."""
@@ -64,6 +82,8 @@ def run(step: tuple[str, ...]) -> int:
 
 if sys.argv[1:2] and sys.argv[1] in SUITES:
     sys.exit(run(("pytest", *SUITES[sys.argv[1]], *sys.argv[2:])))
+if COVERAGE:
+    sys.exit(max([run(step) for step in MEASURED]))
 for step in STEPS:
     with contextlib.ExitStack() as beside:
         if step[0] == "mypy":

@@ -4,6 +4,7 @@ A stop channel is a second connection to the robot that can stop it when the usu
 channels of this package do I/O.
 
 ``Driver``, ``Wire``, ``StopChannel``   the three classes of a driver, besides its twin
+``CONTRACT_VERSION``                    the version of this contract (docs/versioning.md)
 ``Part``, ``Axis``, ``axis_gates``      the axes of the robot, and the limits of their targets
 ``SafeState``, ``Reason``, ``Timing``   the states in which a robot is safe, the reasons for a stop, the times of a
                                         connection
@@ -20,6 +21,7 @@ from strands_actors.kernel.messages import Refused
 from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
 from .cameras import CameraSettings, Picture, PictureSource
+from .contract_version import CONTRACT_VERSION
 from .driver import (
     HOLDING_REASONS,
     Candidate,
@@ -43,6 +45,7 @@ from .tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATE, STATUS, STOP, ToolV
 from .wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, StopChannel, Wire, WireDown
 
 __all__ = [
+    "CONTRACT_VERSION",
     "HOLDING_REASONS",
     "MOVE_TO",
     "NS",

@@ -27,6 +27,7 @@ from strands_actors.kernel.messages import Refused
 
 from . import refusals
 from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
+from .contract_version import UNDECLARED
 from .loading import load
 from .positions import SUFFIX
 from .safe_state import SafeState
@@ -231,6 +232,9 @@ class Driver(ABC):
         options: The plain options that ``resolve`` and ``complete`` have returned.
     """
 
+    CONTRACT_VERSION: ClassVar[int] = UNDECLARED
+    """The version of the driver contract that the driver was written for, as a number. A driver of another
+    package declares it, so that a release with another contract refuses the driver."""
     SUPPORTED_ROBOTS: ClassVar[tuple[str, ...]]
     ALIASES: ClassVar[Mapping[str, str]] = {}
     """Other names of the robots in ``SUPPORTED_ROBOTS``."""

@@ -30,6 +30,7 @@ from typing import Any
 
 import msgspec
 
+from strands_actors.contract.contract_version import unsupported_contract
 from strands_actors.contract.driver import Candidate, Driver, GateState
 from strands_actors.contract.fallbacks import check_fallbacks
 from strands_actors.contract.loading import load
@@ -254,6 +255,8 @@ class _Subject:
 
     def declares(self) -> None:
         cls, driver = self.cls, self.driver
+        why_not = unsupported_contract(cls)
+        assert not why_not, why_not
         assert self.robot in cls.SUPPORTED_ROBOTS, f"SUPPORTED_ROBOTS lacks {self.robot}"
         assert cls.PORT_KIND in ("serial", "address"), f"PORT_KIND is {cls.PORT_KIND!r}"
         strangers = [name for name, target in cls.ALIASES.items() if target not in cls.SUPPORTED_ROBOTS]

@@ -12,6 +12,8 @@ from typing import Any
 import pytest
 
 from strands_actors import Robot, drivers
+from strands_actors.contract import contract_version
+from strands_actors.contract.contract_version import unsupported_contract
 from strands_actors.drivers import (
     DEFAULT_DRIVER,
     DRIVER_CHOICES,
@@ -208,6 +210,21 @@ def test_the_words_of_the_page_are_there() -> None:
     assert missing_driver_members(Whole) == []
 
 
+def test_a_class_for_another_version_of_the_contract_is_not_registered() -> None:
+    class Later(Feetech):
+        SUPPORTED_ROBOTS = ("later_arm",)
+        CONTRACT_VERSION = 2
+
+    class PlainLater(Half):  # It lacks members, too. Its version explains why.
+        CONTRACT_VERSION = 2
+
+    for name, cls in (("later_arm", Later), ("half", PlainLater)):
+        with pytest.raises(ValueError, match="written for version 2 of the driver contract") as refusal:
+            register_native_driver(name, cls)
+        assert str(refusal.value) == f"register_native_driver: {unsupported_contract(cls)}"
+        assert name not in list_native_drivers()
+
+
 class Drifted:
     def run_policy(self, policy_object: Any, instruction: str = "", duration: float = 1.0) -> None: ...
     def send_action(self, joints: dict[str, float]) -> None: ...
@@ -231,17 +248,32 @@ class Theirs(Feetech):
     ALIASES = {"their_arm_v2": "their_arm"}  # noqa: RUF012
 
 
+class Later(Theirs):
+    """A driver for a contract that this package does not have yet."""
+
+    SUPPORTED_ROBOTS = ("later_arm",)
+    CONTRACT_VERSION = 2
+
+
+class Declared(Theirs):
+    SUPPORTED_ROBOTS = ("declared_arm",)
+    CONTRACT_VERSION = 1
+
+
 @pytest.fixture
 def packages(registry: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Install three third-party packages: a good driver, one that raises, and one that is no driver."""
+    """Install third-party packages: good drivers, one that raises, one that is no driver, and one that was written
+    for a later version of the contract."""
     module = ModuleType("their_drivers")
-    module.__dict__.update(Theirs=Theirs, Half=Half)
+    module.__dict__.update(Theirs=Theirs, Half=Half, Later=Later, Declared=Declared)
     monkeypatch.setitem(sys.modules, "their_drivers", module)
     group = "strands_actors.drivers"
     points = [
         EntryPoint("good", "their_drivers:Theirs", group),
         EntryPoint("gone", "no_such_module:Driver", group),
         EntryPoint("half", "their_drivers:Half", group),
+        EntryPoint("later", "their_drivers:Later", group),
+        EntryPoint("declared", "their_drivers:Declared", group),
         EntryPoint("feetech", "their_drivers:Half", group),  # a package cannot replace a built-in wire
     ]
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
@@ -258,13 +290,25 @@ def test_another_packages_driver_is_found_and_a_broken_one_only_warns() -> None:
     assert listed["so101"] == "FeetechDriver"
     assert canonical_name("their_arm_v2") == "their_arm"
     broken = broken_drivers()
-    assert sorted(broken) == ["gone", "half"]
+    assert sorted(broken) == ["gone", "half", "later"]
     assert broken["gone"] == "ModuleNotFoundError: No module named 'no_such_module'"
     assert broken["half"].startswith("TypeError: Half lacks cleanup, get_status")
+    assert broken["later"] == f"ValueError: {unsupported_contract(Later)}"
+    assert "later_arm" not in listed and listed["declared_arm"] == "Declared"
     assert [str(warning.message) for warning in reported] == [
         f"driver {name} cannot be used: {why}" for name, why in sorted(broken.items())
     ]
     assert list_native_drivers() == listed  # the warning appears once
+
+
+@pytest.mark.usefixtures("packages")
+def test_our_own_drivers_need_not_declare_the_version_of_their_contract(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(contract_version, "CONTRACT_VERSION", 2)
+    monkeypatch.setattr(contract_version, "OLDEST_CONTRACT_VERSION", 2)
+    with pytest.warns(UserWarning):
+        listed = list_native_drivers()
+    assert listed["later_arm"] == "Later" and listed["so101"] == "FeetechDriver"
+    assert sorted(broken_drivers()) == ["declared", "gone", "good", "half"]
 
 
 THEIRS = """

@@ -31,7 +31,7 @@ SOURCES = {"feetech-servo-sdk"}
 """Packages of the extra ``test`` that are pure Python and have no wheel. pip builds them without a compiler."""
 
 RESOLVE_S = 240.0
-FOR_OTHERS = ("test", "bench", "lerobot", "newton")
+FOR_OTHERS = ("test", "bench", "docs", "release", "lerobot", "newton")
 """Extras that are not needed on a robot: lerobot brings torch, and Warp has no aarch64 wheels for glibc below
 2.34."""
 
@@ -73,7 +73,7 @@ def test_everything_that_a_robot_needs_has_a_wheel(python: str, machine: str) ->
 def test_everything_that_the_tests_need_has_a_wheel_or_is_left_out(python: str, machine: str) -> None:
     """The README's second command installs them. A marker leaves out a package without a wheel
     (``tests/machines.py``)."""
-    lines = [line for line in wanted(["all", "dataset", "reachy", "test"]) if Requirement(line).name not in SOURCES]
+    lines = [line for line in wanted(["all", "dataset", "docs", "reachy", "test"]) if Requirement(line).name not in SOURCES]
     names = resolve(python, machine, lines, GLIBC_OF_TESTS)
     assert {"pytest", "xarm-python-sdk", "booster-robotics-sdk-python"} <= names
 

@@ -59,6 +59,10 @@ class OneIdTooMany(Blinky):
     ids = (1, 2)
 
 
+class WrittenForALaterContract(Blinky):
+    CONTRACT_VERSION = 2
+
+
 class NamesNoWire(Blinky):
     WIRE = "tests.fake_kinds:KindStopChannel"
     config = KindConfig("", (), 0.0, 1.0, 1.0)
@@ -92,6 +96,7 @@ class GivesAwayItself(Blinky):
         (NeverStale, {"refuses when nothing was read for long"}),
         (SaysNothing, {"says what its firmware does alone"}),
         (OneIdTooMany, {"declares itself"}),
+        (WrittenForALaterContract, {"declares itself"}),
         (NamesNoWire, {"names its wire and stop channel"}),
         (GivesAwayItself, {"names its wire and stop channel"}),
         (Blinky, set()),
