@@ -23,6 +23,7 @@ from .links import Link
 from .protocol import NULL
 
 INSTALL = "Install it: pip install 'strands-actors[crazyflie]'"
+NO_LIBUSB = "libusb is not installed. Install it: apt-get install libusb-1.0-0"
 
 RADIO_ID, DRONE_ID = (0x1915, 0x7777), (0x0483, 0x5740)
 """USB ids of vendor and product: Crazyradio, Crazyradio PA and 2.0; a Crazyflie."""
@@ -116,6 +117,18 @@ _TIMEOUTS = (110, 60)
 """ETIMEDOUT, on Linux and on macOS."""
 
 
+def load_usb() -> None:
+    """Load pyusb and libusb, for a process that must not do so only during a stop. Raise ``WireDown``."""
+    core = load_sdk("usb.core", INSTALL)
+    load_sdk("usb.util", INSTALL)
+    vendor, product = RADIO_ID
+    try:
+        # The first search loads libusb.
+        core.find(find_all=True, idVendor=vendor, idProduct=product)
+    except core.NoBackendError:
+        raise WireDown(NO_LIBUSB) from None
+
+
 async def open_usb_link(endpoint: Endpoint) -> Link:
     """Open a radio dongle or a drone on USB, without sending a packet. Raise ``WireDown``."""
     core = load_sdk("usb.core", INSTALL)
@@ -153,6 +166,6 @@ def _open(core: Any, endpoint: Endpoint) -> Any:
             device.ctrl_transfer(VENDOR_OUT, request, value, 0, data)
         return device
     except core.NoBackendError:
-        return "libusb is not installed. Install it: apt-get install libusb-1.0-0"
+        return NO_LIBUSB
     except core.USBError as error:
         return f"cannot be opened ({error}). Check which program has it open, and the udev rules of USB devices"

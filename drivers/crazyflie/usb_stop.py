@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import trio
+
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, ProcessSpent, StopChannel, WireDown
 from strands_actors.drivers.common.kit.outcome import Outcome
@@ -14,13 +16,18 @@ from .config import CrazyflieConfig
 from .robots import AXES
 from .session import CrazyflieSession
 from .stopping import bring_down
-from .usb_links import open_usb_link
+from .usb_links import load_usb, open_usb_link
 
 
 class UsbStop(StopChannel):
     def __init__(self, config: CrazyflieConfig, descriptors: Sequence[int], clock: Clock) -> None:
         self._config = config
         self._clock = clock
+
+    async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        # A stop must not import a module, because that takes time and free files.
+        load_usb()
+        task_status.started()
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         try:

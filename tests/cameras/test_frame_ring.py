@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import multiprocessing
 import os
+import tempfile
 import time
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
@@ -20,6 +23,7 @@ from strands_actors.kernel.channels.frame_ring import (
     Shot,
     create,
 )
+from strands_actors.surfaces.cameras.picture_files import SHARED
 
 SIDE = 256
 BYTES = SIDE * SIDE * 3
@@ -144,6 +148,44 @@ def test_a_process_that_needs_no_pictures_does_not_map_them(tmp_path: Path) -> N
     root.request_compressed(7)
     assert camera.requested_until_ns == 7
     assert root.mapped_bytes < 4 << 20
+
+
+def test_saf_024_only_a_picture_allocates_shared_memory() -> None:
+    """If shared memory is full, an access to memory that is not allocated ends the process (SIGBUS)."""
+    with tempfile.TemporaryDirectory(dir=SHARED if SHARED.is_dir() else None) as folder:
+        path = f"{folder}/ring"
+        create(path, BYTES, 1)
+        ring = FrameRing(path, writes=True)
+        before = os.stat(path).st_blocks
+        assert (ring.read(), ring.read_compressed()) == (None, None)
+        assert (ring.newest, ring.newest_compressed, ring.captured_ns, ring.description) == (0, 0, 0, b"")
+        ring.beat(1)
+        ring.request_compressed(2)
+        ring.write_description(b"x" * PAGE)
+        assert os.stat(path).st_blocks == before
+        put(ring, 1)
+        assert os.stat(path).st_blocks > before
+        ring.close()
+
+
+def test_saf_024_pictures_without_room_are_refused_with_the_place(
+    path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> NoReturn:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    ring = FrameRing(path, writes=True)
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    monkeypatch.setattr(os, "pwrite", full)
+    text = rf"no room for the camera's pictures in {tmp_path} \(No space left on device\)\. Free some space there"
+    with pytest.raises(OSError, match=text):
+        put(ring, 1)
+    with pytest.raises(OSError, match=text):
+        ring.put_compressed(Shot(1, 11, SIDE, SIDE, b"jpeg"))
+    with pytest.raises(OSError, match=text):
+        create(str(tmp_path / "another"), BYTES, 1)
+    assert ring.newest == 0
+    assert [file.name for file in tmp_path.iterdir()] == ["ring"]
 
 
 def test_a_file_that_was_replaced_is_known_as_such(path: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import socket
 import subprocess
@@ -22,6 +21,7 @@ from strands_actors.kernel.clock import MonotonicClock
 from strands_actors.kernel.health.realtime import may_run_first
 from tests.answers import alive
 from tests.contract.vendor import VendorConfig
+from tests.kill.exhausted import GROUPED, Lacks, can_get_signals, leave_groups, take
 
 AXES = ("a", "b")
 PATIENCE_S = 20.0
@@ -326,22 +326,37 @@ def test_saf_016_a_lost_idle_child_is_replaced(tmp_path: Path, fault: str) -> No
     with_two_ready(tmp_path, test)
 
 
-@pytest.mark.long
-def test_saf_024_a_child_without_free_descriptors_ends_and_the_other_one_acts(tmp_path: Path) -> None:
-    async def test(channel: Channel, folder: Folder) -> None:
-        folder.tell("connect")
-        async with trio.open_nursery() as nursery:
-            await nursery.start(channel.serve)
-            first, second = channel.processes
-            _, hard = resource.prlimit(first, resource.RLIMIT_NOFILE)
-            resource.prlimit(first, resource.RLIMIT_NOFILE, (0, hard))
-            reports = await channel.make_safe("land")
-            assert all(report.safe for report in reports), reports
-            assert folder.notes("land") == [second]
-            await gone(first)
-            nursery.cancel_scope.cancel()
+ENDS = (Lacks.TABLE, Lacks.FILES)
+"""Without these a child cannot connect. It ends because it knows so, and not because it is late."""
+OTHERS = (Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU, *GROUPED)
 
-    with_channel(tmp_path, test)
+
+@pytest.mark.quick_cases(len(ENDS))
+@pytest.mark.parametrize("lacks", [*ENDS, Lacks.LEAK, *OTHERS])
+def test_saf_024_a_child_that_lacks_a_resource_acts_itself_or_ends_and_the_other_one_acts(
+    tmp_path: Path, lacks: Lacks, capfd: pytest.CaptureFixture[str]
+) -> None:
+    async def test(channel: Channel, folder: Folder, ready: list[int]) -> None:
+        folder.tell("connect")
+        first, second = ready
+        take(lacks, first)
+        reports = await channel.make_safe("land")
+        assert all(report.safe for report in reports), reports
+        (acted,) = folder.notes("land")
+        assert acted in ready, "no further child was needed"
+        if lacks in ENDS:
+            assert acted == second
+            assert f"process {first} ended in a stop: no file can be opened" in capfd.readouterr().err
+        if lacks is Lacks.LEAK:
+            assert acted == first, "it connects with its reserve"
+        if acted == second:
+            await gone(first)
+
+    try:
+        with can_get_signals():
+            with_two_ready(tmp_path, test, Channel if lacks in OTHERS else Patient)
+    finally:
+        leave_groups()
 
 
 def test_saf_016_while_both_children_are_replaced_an_order_waits_for_the_next_one(tmp_path: Path) -> None:

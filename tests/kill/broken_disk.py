@@ -1,4 +1,7 @@
-"""Break the disk of one directory: its path is missing, it is full, or it is read-only."""
+"""Break the disk of one directory: its path is missing, it is full, or it is read-only.
+
+A bench can also have a small ``/dev/shm``, which can be filled.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,17 @@ import errno
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from unittest import mock
+
+from strands_actors.testing import template
 
 CAP_SYS_ADMIN = 21
 SIZE = "256k"
 FILES = 400
 """Number of files of a small disk."""
+SMALL = f"size={SIZE},nr_inodes={FILES}"
+SHARED_MEMORY = "/dev/shm"
+_FILLER = "filler"
 
 
 class Disk(enum.StrEnum):
@@ -32,12 +41,37 @@ def can_mount() -> bool:
 @contextlib.contextmanager
 def small(path: Path) -> Iterator[None]:
     """Mount a small disk over an empty directory."""
-    options = f"size={SIZE},nr_inodes={FILES},mode=0700"
-    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(path)], check=True)
+    subprocess.run(["mount", "-t", "tmpfs", "-o", f"{SMALL},mode=0700", "tmpfs", str(path)], check=True)
     try:
         yield
     finally:
         subprocess.run(["umount", "-l", str(path)], check=True)
+
+
+@contextlib.contextmanager
+def small_shared_memory() -> Iterator[None]:
+    """Give the callers of a bench that starts in this context a small ``/dev/shm``.
+
+    The processes of their robots have it, too. It is mounted in a mount namespace of the bench, so no other
+    program sees it.
+    """
+    mount = f'mount -t tmpfs -o {SMALL},mode=1777 tmpfs {SHARED_MEMORY} && exec "$@"'
+    python = ("unshare", "--mount", "sh", "-c", mount, "sh", *template.PYTHON)
+    with mock.patch.object(template, "PYTHON", python):
+        yield
+
+
+@contextlib.contextmanager
+def full_shared_memory(pid: int) -> Iterator[None]:
+    """Fill the ``small_shared_memory`` that a process has."""
+    path = Path(f"/proc/{pid}/root{SHARED_MEMORY}")
+    assert path.stat().st_dev != Path(SHARED_MEMORY).stat().st_dev, "other programs use this memory, too"
+    try:
+        fill(path)
+        yield
+    finally:
+        for filler in path.glob(f"{_FILLER}*"):
+            filler.unlink()
 
 
 @contextlib.contextmanager
@@ -67,12 +101,12 @@ def broken(path: Path, how: Disk) -> Iterator[None]:
 
 def fill(path: Path) -> None:
     """Use up first all bytes and then all files of a small disk."""
-    with contextlib.suppress(OSError), (path / "filler").open("wb", buffering=0) as filler:
+    with contextlib.suppress(OSError), (path / _FILLER).open("wb", buffering=0) as filler:
         while filler.write(bytes(4096)):
             pass
     try:
         for number in range(FILES + 1):
-            (path / f"filler-{number}").touch()
+            (path / f"{_FILLER}-{number}").touch()
     except OSError as error:
         assert error.errno == errno.ENOSPC
     else:

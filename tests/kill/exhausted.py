@@ -1,12 +1,14 @@
-"""Exhaust a resource of one process while the robot moves, then kill others, and read the wire log.
+"""Exhaust a resource while the robot moves, then kill processes, and read the wire log.
 
-The resource is taken away from outside the process.
+Most resources are taken away from one process, from outside. ``MACHINE`` are those that all processes of
+the robot lack at the same time.
 """
 
 from __future__ import annotations
 
 import contextlib
 import enum
+import itertools
 import os
 import resource
 import secrets
@@ -25,7 +27,7 @@ from strands_actors.kernel.health.failure_detector import LONGEST_S
 from strands_actors.kernel.health.processor import Life, life_of
 from strands_actors.kernel.processes.process import FENCE_S, exists, wait_for_end_of
 from strands_actors.supervisors.standby.watch import look_s, silent_s
-from strands_actors.testing.bench import Bench, Caller
+from strands_actors.testing.bench import CAMERA, Bench, Caller
 from strands_actors.testing.cells import (
     Expected,
     Outcome,
@@ -37,7 +39,8 @@ from strands_actors.testing.cells import (
     with_story,
 )
 
-from .full_table import sitecustomize as full_table
+from .broken_disk import Disk, broken, full_shared_memory
+from .by_signal import sitecustomize as by_signal
 
 TAKES_EFFECT_S = 0.15
 """Time between the exhaustion and the kill. A process that must end for it has ended by then."""
@@ -71,7 +74,14 @@ class Lacks(enum.StrEnum):
     CPU = "cpu"  # the signal SIGXCPU
     GROUP_MEMORY = "cgroup memory"
     GROUP_CPU = "cgroup cpu"
+    SHARED_MEMORY = "shared memory"  # /dev/shm is full, and a camera uses it
+    RUN_DIRECTORY = "run directory"  # it is read-only
+    CLOCK = "steady clock"  # the wall clock is set ahead by an hour, and then back
 
+
+MACHINE = (Lacks.SHARED_MEMORY, Lacks.RUN_DIRECTORY, Lacks.CLOCK)
+"""The robot moves on without these, until processes are killed. The role of a row is then the process that
+must act."""
 
 KILLED = {
     Roles.ROOT: (Roles.WIRE,),
@@ -94,11 +104,14 @@ class Row:
 def take(lacks: Lacks, pid: int) -> None:
     """Take a resource away from a process."""
     match lacks:
+        case Lacks.LEAK:
+            descriptors = {int(name) for name in os.listdir(f"/proc/{pid}/fd")}
+            _limit(pid, resource.RLIMIT_NOFILE, next(free for free in itertools.count() if free not in descriptors))
         case Lacks.FILES:
             _limit(pid, resource.RLIMIT_NOFILE, 0)
         case Lacks.TABLE:
-            os.kill(pid, full_table.SIGNAL)
-            while full_table.FILTERED not in Path(f"/proc/{pid}/status").read_text():
+            os.kill(pid, by_signal.FULL_TABLE)
+            while by_signal.FILTERED not in Path(f"/proc/{pid}/status").read_text():
                 time.sleep(0.001)
         case Lacks.MEMORY:
             pages = int(Path(f"/proc/{pid}/statm").read_text().split()[0])
@@ -141,9 +154,9 @@ def leave_groups() -> None:
 
 
 @contextlib.contextmanager
-def can_lack_table() -> Iterator[None]:
-    """Make ``Lacks.TABLE`` possible for the processes of a bench that starts in this context."""
-    folder = str(Path(full_table.__file__).parent)
+def can_get_signals() -> Iterator[None]:
+    """Make ``Lacks.TABLE`` and ``Lacks.CLOCK`` possible for processes that are started in this context."""
+    folder = str(Path(by_signal.__file__).parent)
     sys.path.insert(0, folder)
     try:
         yield
@@ -151,10 +164,53 @@ def can_lack_table() -> Iterator[None]:
         sys.path.remove(folder)
 
 
+@contextlib.contextmanager
+def machine_lacks(lacks: Lacks, bench: Bench, caller: Caller) -> Iterator[None]:
+    """Take a resource of ``MACHINE`` away from all processes of a robot."""
+    match lacks:
+        case Lacks.SHARED_MEMORY:
+            with full_shared_memory(bench.template.pid):
+                yield
+        case Lacks.RUN_DIRECTORY:
+            with broken(caller.run_dir, Disk.READ_ONLY):
+                yield
+        case Lacks.CLOCK:
+            for number in by_signal.CLOCK_STEPS_S:
+                for pid in {caller.process.pid, *caller.pids().values()}:
+                    _set_clock(pid, number)
+                time.sleep(TAKES_EFFECT_S)
+            yield
+        case _:
+            yield
+
+
+def _set_clock(pid: int, number: int) -> None:
+    """Send a signal that sets the clock, and wait until the process has set it."""
+    status = Path(f"/proc/{pid}/status")
+    assert number in _signals(status, "SigCgt"), f"process {pid} would end"
+    os.kill(pid, number)
+    while number not in _signals(status, "SigIgn"):
+        time.sleep(0.001)
+
+
+def _signals(status: Path, mask: str) -> set[int]:
+    line = next(line for line in status.read_text().splitlines() if line.startswith(mask))
+    bits = int(line.split()[1], 16)
+    return {number for number in range(1, signal.NSIG) if bits >> (number - 1) & 1}
+
+
 def can_group(controller: str) -> bool:
     """Return whether this user may make control groups of version 1."""
     folder = GROUPS / controller
     return os.geteuid() == 0 and os.access(folder, os.W_OK) and (folder / "tasks").exists()
+
+
+GROUPED = [
+    lacks
+    for lacks, controller in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu"))
+    if can_group(controller)
+]
+"""Only where this user may make control groups of version 1."""
 
 
 def processes(caller: Caller, role: Roles) -> list[int]:
@@ -180,9 +236,12 @@ def motion_of(driver: Driver) -> str:
 def bound_s_of(driver: Driver, lacks: Lacks) -> float:
     """Return the bound: two processes act one after the other, each within its own bound.
 
-    A process without a processor is detected by its silence. It also needs a processor to end when
-    it is killed, and the next process waits for that end.
+    A resource of ``MACHINE`` is not needed for a stop, so it does not change the bound of the robot. A
+    process without a processor is detected by its silence. It also needs a processor to end when it is
+    killed, and the next process waits for that end.
     """
+    if lacks in MACHINE:
+        return driver.bound_s
     usual_s = 2 * driver.bound_s
     if lacks is not Lacks.GROUP_CPU:
         return usual_s
@@ -195,8 +254,9 @@ def run_exhausted(bench: Bench, row: Row, settle_s: float = SETTLE_S) -> Outcome
     def trial(caller: Caller) -> Outcome:
         return trio.run(_exhaust, bench, caller, row, settle_s)
 
+    extras = frozenset({CAMERA}) if row.lacks is Lacks.SHARED_MEMORY else frozenset()
     try:
-        return persevere(bench, motion_of(bench.driver), trial, drop=True)
+        return persevere(bench, motion_of(bench.driver), trial, drop=True, extras=extras)
     finally:
         leave_groups()
 
@@ -205,22 +265,25 @@ async def _exhaust(bench: Bench, caller: Caller, row: Row, settle_s: float) -> O
     killed = [pid for role in KILLED[row.role] for pid in processes(caller, role)]
     queue = bench.queue(caller)
     exhausted_ns = monotonic_ns()
-    if row.lacks is Lacks.LEAK:  # A process cannot open files in another process.
-        await ask_to_break(caller, row.role, "leak")
-    else:
-        for pid in processes(caller, row.role):
-            take(row.lacks, pid)
-    await trio.sleep(TAKES_EFFECT_S)
-    if row.role is Roles.STANDBY:
-        await _replaced(caller)
-    killed_ns = monotonic_ns()
-    for pid in killed:
-        with contextlib.suppress(ProcessLookupError):  # the process has already ended
-            os.kill(pid, signal.SIGKILL)
-    await until_safe(bench.log, exhausted_ns, queue)
-    waited_ms = queue.waited_ms()
-    bound_s = bound_s_of(bench.driver, row.lacks)
-    await trio.sleep(settle_s + bound_s)
+    with machine_lacks(row.lacks, bench, caller):
+        if row.lacks is Lacks.LEAK:  # The process itself leaks, as a faulty program does.
+            await ask_to_break(caller, row.role, "leak")
+        elif row.lacks not in MACHINE:
+            for pid in processes(caller, row.role):
+                take(row.lacks, pid)
+        await trio.sleep(TAKES_EFFECT_S)
+        if row.lacks in MACHINE:
+            require_motion(bench.log, monotonic_ns())
+        elif row.role is Roles.STANDBY:
+            await _replaced(caller)
+        killed_ns = monotonic_ns()
+        for pid in killed:
+            with contextlib.suppress(ProcessLookupError):  # the process has already ended
+                os.kill(pid, signal.SIGKILL)
+        await until_safe(bench.log, exhausted_ns, queue)
+        waited_ms = queue.waited_ms()
+        bound_s = bound_s_of(bench.driver, row.lacks)
+        await trio.sleep(settle_s + bound_s)
     require_motion(bench.log, exhausted_ns)
     fallbacks = bench.driver.fallbacks
     states = tuple(dict.fromkeys(fallbacks[reason] for reason in (Reason.WIRE, Reason.ROOT, Reason.FAULT)))

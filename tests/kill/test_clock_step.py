@@ -106,7 +106,7 @@ def test_saf_012_a_clock_that_is_set_by_an_hour_makes_no_state_of_a_g1_stale(
     assert len([entry for entry in twin.log.host("setpoint") if entry.t_ns > began_ns]) >= 3
 
 
-@pytest.mark.quick_cases(1)
+@pytest.mark.long
 @pytest.mark.parametrize("robot", ["xarm7", "spot"])
 @pytest.mark.parametrize("step_s", [-3600, 3600])
 @pytest.mark.parametrize("killed", [("root", "wire"), ("wire",), ("root",)], ids="+".join)
@@ -117,7 +117,7 @@ def test_saf_024_each_process_can_stop_the_robot_after_the_clock_was_set(
     step_s: int,
     robot: str,
 ) -> None:
-    """The robot is stopped by the standby, the root, the wire process, or the stop processes of a Spot."""
+    """The clock is set once, in one direction. ``test_exhaustion.py`` sets it in both, for each wire."""
     arm, twin = strands_robot(robot)
     name, here = next(iter(arm.get_observation().items()))
     if arm.driver.BEFORE_MOTION:

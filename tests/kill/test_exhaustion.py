@@ -1,11 +1,14 @@
 """SAF-024: one process of a robot has exhausted a resource, and then another process is killed.
 
 The resources are files, memory, threads, disk and processor time. The wire must show the safe state:
-the exhausted process writes it, or it ends and the next process writes it.
+the exhausted process writes it, or it ends and the next process writes it. All processes of the robot
+lack a resource of ``MACHINE`` at once (shared memory, the run directory, a steady clock). No stop needs one
+of these, so each process must be able to stop the robot within its usual bound.
 
 Processes and wires are real. A row is a wire, and a cell is a process and its exhausted resource.
 Limits are set from outside (``exhausted.py``). Ordinary runs have one cell for each type of stop
-channel. No twin has a stop process: ``tests/contract/test_stop_process.py`` tests that type.
+channel, and the cells of ``MACHINE`` for one robot. Only a Crazyflie on radio or USB has stop processes:
+``tests/contract/test_stop_process.py`` and ``tests/drivers/crazyflie/test_usb.py`` exhaust them.
 """
 
 from __future__ import annotations
@@ -20,32 +23,34 @@ from pathlib import Path
 
 import pytest
 
+from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
+from strands_actors.surfaces.cameras.picture_files import pictures_dir
 from strands_actors.testing import Bench, Twin
+from strands_actors.testing.still_camera import SETTINGS
 from tests.answers import pids, resumed, status, until, why
 
-from .broken_disk import Disk, broken, can_mount, small
-from .exhausted import SETTLE_S, Lacks, Roles, Row, can_group, can_lack_table, run_exhausted, take
+from .broken_disk import Disk, broken, can_mount, small, small_shared_memory
+from .exhausted import GROUPED, SETTLE_S, Lacks, Roles, Row, can_get_signals, run_exhausted, take
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
 FIRST = {"feetech": "so101"}  # the policy of the bench moves an SO-100 past its travel
 ROBOTS = [FIRST.get(wire, load(where).SUPPORTED_ROBOTS[0]) for wire, where in WIRES.items()]
-GROUPED = [
-    lacks
-    for lacks, controller in ((Lacks.GROUP_MEMORY, "memory"), (Lacks.GROUP_CPU, "cpu"))
-    if can_group(controller)
-]
-"""Only where this user may make control groups of version 1."""
 PLAIN = [Lacks.FILES, Lacks.MEMORY, Lacks.THREADS, Lacks.DISK, Lacks.CPU]
-ROWS = [Row(role, lacks) for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY) for lacks in (*PLAIN, *GROUPED)]
+ONE_BY_ONE = (Roles.ROOT, Roles.WIRE, Roles.STANDBY)
+ROWS = [Row(role, lacks) for role in ONE_BY_ONE for lacks in (*PLAIN, *GROUPED)]
 FULL_TABLE = [Row(Roles.ROOT, Lacks.TABLE), Row(Roles.WIRE, Lacks.TABLE)]
 """There is no row of the standby. It acts last, and no other process could open the files either."""
 LEAKS = [Row(Roles.ROOT, Lacks.LEAK), Row(Roles.WIRE, Lacks.LEAK)]
 EVERYBODY = [Row(Roles.EVERY, Lacks.THREADS), Row(Roles.EVERY, Lacks.DISK)]
 """Resources of a whole container, which all of its processes lack at once."""
+MOUNTED = [Lacks.RUN_DIRECTORY, Lacks.SHARED_MEMORY] if can_mount() else []
+"""Only where this user may mount a file system."""
+WHOLE = [Row(role, lacks) for lacks in (Lacks.CLOCK, *MOUNTED) for role in ONE_BY_ONE]
+"""Shared memory comes last, because it needs another bench."""
 
 QUICK = {
     ("so101", Roles.ROOT, Lacks.FILES),  # DuplicateDescriptor
@@ -54,6 +59,8 @@ QUICK = {
     ("rby1", Roles.ROOT, Lacks.FILES),  # KeptSession
     ("xarm7", Roles.ROOT, Lacks.TABLE),  # ConnectWhenNeeded: a descriptor that it closes cannot be opened again
     ("ur3e", Roles.ROOT, Lacks.LEAK),  # three sockets, and the root stays
+    *(("so101", row.role, row.lacks) for row in WHOLE if row.lacks is not Lacks.SHARED_MEMORY),
+    *(("so101", Roles.ROOT, lacks) for lacks in MOUNTED if lacks is Lacks.SHARED_MEMORY),
 }
 
 
@@ -64,7 +71,7 @@ def marks_of(robot: str, row: Row) -> tuple[pytest.MarkDecorator, ...]:
 CELLS = [
     pytest.param(robot, row, marks=marks_of(robot, row), id=f"{robot}-{row}")
     for robot in ROBOTS
-    for row in (*ROWS, *FULL_TABLE, *LEAKS, *EVERYBODY)
+    for row in (*ROWS, *FULL_TABLE, *LEAKS, *EVERYBODY, *WHOLE)
 ]
 
 
@@ -77,20 +84,22 @@ def benches() -> Iterator[dict[str, Bench]]:
         bench.__exit__(None, None, None)
 
 
-def bench_of(robot: str, benches: dict[str, Bench]) -> Bench:
-    if robot not in benches:
+def bench_of(robot: str, row: Row, benches: dict[str, Bench]) -> Bench:
+    is_small = row.lacks is Lacks.SHARED_MEMORY
+    name = f"{robot} with little shared memory" if is_small else robot
+    if name not in benches:
         for other in list(benches):
             benches.pop(other).__exit__(None, None, None)
-        with can_lack_table():
-            benches[robot] = Bench(robot).__enter__()
-    return benches[robot]
+        with can_get_signals(), small_shared_memory() if is_small else contextlib.nullcontext():
+            benches[name] = Bench(robot).__enter__()
+    return benches[name]
 
 
 @pytest.mark.parametrize(("robot", "row"), CELLS)
 def test_saf_024_one_process_is_exhausted_and_the_wire_is_safe(
     robot: str, row: Row, benches: dict[str, Bench]
 ) -> None:
-    outcome = run_exhausted(bench_of(robot, benches), row)
+    outcome = run_exhausted(bench_of(robot, row, benches), row)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
     assert outcome.on_time, outcome.story
@@ -101,8 +110,8 @@ def test_every_wire_has_a_row_of_every_process_and_resource() -> None:
     wires = {robot for robot, _, _ in rows}
     assert len(wires) == len(WIRES)
     for robot in wires:
-        for role in (Roles.ROOT, Roles.WIRE, Roles.STANDBY):
-            assert {(robot, role, lacks) for lacks in PLAIN} <= rows
+        for role in ONE_BY_ONE:
+            assert {(robot, role, lacks) for lacks in (*PLAIN, Lacks.CLOCK, *MOUNTED)} <= rows
     assert rows >= QUICK
 
 
@@ -133,13 +142,30 @@ def test_saf_024_a_wire_that_lacks_files_is_not_armed(strands_robot: Start) -> N
     assert twin.log.host("enable", requested_ns)
 
 
+def test_saf_024_a_robot_without_room_for_its_pictures_is_not_started_and_says_so(
+    strands_twin: Callable[..., Twin], strands_run_dir: Path
+) -> None:
+    twin, folder = strands_twin("so101"), pictures_dir(make=True)
+    arm = Robot("so101", mode="real", port=twin.port, cameras={"eye": SETTINGS})
+    try:
+        # A disk is full only where this user may mount one. A missing directory has a similar effect.
+        how = Disk.FULL if can_mount() else Disk.GONE
+        with small(folder) if how is Disk.FULL else contextlib.nullcontext(), broken(folder, how):
+            problem = arm.connect_eagerly()
+            assert problem is not None and str(folder) in problem
+            assert twin.log.host("enable") == []
+        assert arm.connect_eagerly() is None
+    finally:
+        arm.cleanup()
+
+
 KILLS = (("root", "wire"), ("wire",), ("root",))
 DISKS = [
     pytest.param(how, killed, id=f"{how}-{'+'.join(killed)}", marks=() if killed == KILLS[0] else pytest.mark.long)
-    for how in (Disk if can_mount() else (Disk.GONE,))
+    for how in ((Disk.GONE, Disk.FULL) if can_mount() else (Disk.GONE,))
     for killed in KILLS
 ]
-"""A disk is full or read-only only where this user may mount one."""
+"""A disk is full only where this user may mount one. A read-only one is ``Lacks.RUN_DIRECTORY``."""
 
 
 @pytest.fixture

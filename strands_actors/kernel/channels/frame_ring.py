@@ -15,9 +15,11 @@ until when a reader wants compressed pictures.
 from __future__ import annotations
 
 import contextlib
+import errno
 import mmap
 import os
 import threading
+from collections.abc import Iterator
 from typing import NamedTuple
 
 MAGIC = 0x53415246_00000001  # "SARF", and the version of this layout
@@ -107,11 +109,15 @@ class _Slots:
         picture or it is being replaced.
         """
         number = self.newest
+        if number <= 0:
+            # No memory has been allocated for this slot yet. If shared memory is full, even reading the slot would
+            # end this process with SIGBUS.
+            return 0
         start = self.place(number)
         head = self._memory[start : start + HEAD].cast("q")
         captured_ns: int = head[1]
         _in_order()
-        return captured_ns if number > 0 and head[0] == 2 * number else 0
+        return captured_ns if head[0] == 2 * number else 0
 
     def read(self) -> Shot | None:
         """Return a copy of the newest picture.
@@ -229,7 +235,8 @@ class FrameRing:
         if len(shot.data) > COMPRESSED_ROOM:
             return False
         offset = self._compressed.place(shot.number)
-        os.posix_fallocate(self._fd, offset, HEAD + len(shot.data))
+        with _room_in(self.path):
+            os.posix_fallocate(self._fd, offset, HEAD + len(shot.data))
         self._compressed.write(shot.number, shot.captured_ns, shot.height, shot.width, memoryview(shot.data))
         return True
 
@@ -250,8 +257,9 @@ class FrameRing:
     def _reserve(self, size: int) -> None:
         """Allocate the memory of every slot before it is written. A lack of memory is then an error and does
         not end the process."""
-        for number in range(SLOTS):
-            os.posix_fallocate(self._fd, self._pictures.place(number), HEAD + size)
+        with _room_in(self.path):
+            for number in range(SLOTS):
+                os.posix_fallocate(self._fd, self._pictures.place(number), HEAD + size)
         self._reserved = size
 
     # -- readers
@@ -331,20 +339,35 @@ def create(path: str, room: int, stale_ns: int) -> None:
     """
     room = -(-room // HEAD) * HEAD
     draft = f"{path}.{os.getpid()}.new"
-    fd = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    with _room_in(path):
+        fd = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        try:
+            os.ftruncate(fd, _size(room))
+            head = memoryview(bytearray(PAGE))
+            words = head.cast("q")
+            words[_MAGIC], words[_ROOM], words[_STALE] = MAGIC, room, stale_ns
+            os.pwrite(fd, head, 0)
+            os.replace(draft, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(draft)
+            raise
+        finally:
+            os.close(fd)
+
+
+@contextlib.contextmanager
+def _room_in(path: str) -> Iterator[None]:
+    """Explain an ``OSError`` of a full disk or of full shared memory."""
     try:
-        os.ftruncate(fd, _size(room))
-        head = memoryview(bytearray(PAGE))
-        words = head.cast("q")
-        words[_MAGIC], words[_ROOM], words[_STALE] = MAGIC, room, stale_ns
-        os.pwrite(fd, head, 0)
-        os.replace(draft, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(draft)
-        raise
-    finally:
-        os.close(fd)
+        yield
+    except OSError as error:
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise OSError(
+            f"there is no room for the camera's pictures in {os.path.dirname(path)} ({error.strerror}). "
+            "Free some space there"
+        ) from None
 
 
 def _size(room: int) -> int:

@@ -15,10 +15,16 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.kernel.processes.reserve import FILES
 from strands_actors.testing import Twin
-from tests.answers import json_of, pids, state, until
+from strands_actors.testing.queueing import Queue
+from tests.answers import alive, json_of, pids, state, until
+from tests.kill.exhausted import Lacks, can_get_signals, take
+from tests.trees import first_safe
 
 STANDIN = str(Path(__file__).with_name("standin"))
+READY_S = 1.0
+"""A stop process that has its reserve is ready after this time."""
 RADIO = "radio://0/80/2M/E7E7E7E7E7"
 
 
@@ -116,6 +122,80 @@ def test_saf_016_a_stop_process_and_the_wire_break_and_the_other_one_lands_it(
         until(lambda: not Path(f"/proc/{broken}").exists(), "a frozen one is ended")
         until(lambda: state(robot) == "disarmed", "it is back, disarmed")
         twin.log.no_setpoint_after_safe(began_ns)
+
+
+def stop_processes(robot: RealRobot, parent: str) -> set[int]:
+    return {pid for role, pid in pids(robot).items() if role.startswith(f"{parent}/stop")}
+
+
+def first_and_second(robot: RealRobot, parent: str) -> tuple[int, int]:
+    """Return the stop process of ``parent`` that gets an order first, and the other one.
+
+    One of the two is killed and replaced. The other one is then the first.
+    """
+    lost, first = stop_processes(robot, parent)
+    os.kill(lost, signal.SIGKILL)
+    (second,) = until(lambda: stop_processes(robot, parent) - {lost, first}, "another stop process")
+    until(lambda: len(os.listdir(f"/proc/{second}/fd")) > FILES, "it has its reserve")
+    time.sleep(READY_S)
+    return first, second
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lacks", [Lacks.FILES, Lacks.TABLE])
+@pytest.mark.parametrize("killed", [("wire",), ("root", "wire")], ids="+".join)
+def test_saf_024_a_stop_process_has_no_free_file_and_the_other_one_lands_it(
+    events: Path,
+    twin: Twin,
+    run_dir: Path,
+    killed: tuple[str, ...],
+    lacks: Lacks,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    """The exhausted process gets the order. The standby gives it when the root is gone."""
+    with can_get_signals(), Robot("crazyflie", mode="real", port=RADIO) as robot:
+        until(lambda: robot.connect_eagerly() is None, "it is connected")
+        first, second = first_and_second(robot, "standby" if "root" in killed else "root")
+        fly(robot)
+        processes = pids(robot)
+        take(lacks, first)
+        queue = Queue([*processes.values(), twin.process.pid, os.getpid()])
+        killed_ns = time.monotonic_ns()
+        # Suspend both first. Otherwise the wire process may land it in the moment between the two kills.
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            for role in killed:
+                os.kill(processes[role], number)
+        landing = first_safe(twin.log, killed_ns, "land")
+        waited_ms = queue.waited_ms()
+        assert (landing.t_ns - killed_ns) / 1e6 - waited_ms <= robot.driver.bound_s * 1e3
+        claimed = {value for what, value in noted(events) if what == "claimed"}
+        assert claimed == {processes["wire"], second}, "the exhausted process cannot claim it"
+        assert f"process {first} ended in a stop: no file can be opened" in capfd.readouterr().err
+        twin.log.no_setpoint_after_safe(killed_ns)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lacks", [Lacks.FILES, Lacks.TABLE])
+def test_saf_024_root_and_its_stop_processes_have_no_free_file_and_the_standby_lands_it(
+    events: Path, twin: Twin, run_dir: Path, lacks: Lacks
+) -> None:
+    """The root cannot start another stop process either, so it ends."""
+    with can_get_signals(), Robot("crazyflie", mode="real", port=RADIO) as robot:
+        fly(robot)
+        processes = pids(robot)
+        of_standby = stop_processes(robot, "standby")
+        for pid in (processes["root"], *stop_processes(robot, "root")):
+            take(lacks, pid)
+        queue = Queue([*processes.values(), twin.process.pid, os.getpid()])
+        killed_ns = time.monotonic_ns()
+        os.kill(processes["wire"], signal.SIGKILL)
+        landing = first_safe(twin.log, killed_ns, "land")
+        waited_ms = queue.waited_ms()
+        assert (landing.t_ns - killed_ns) / 1e6 - waited_ms <= 2 * robot.driver.bound_s * 1e3
+        claimed = {value for what, value in noted(events) if what == "claimed"}
+        assert len(claimed & of_standby) == 1 and claimed - of_standby == {processes["wire"]}
+        until(lambda: not alive(processes["root"]), "the root has ended")
+        twin.log.no_setpoint_after_safe(killed_ns)
 
 
 @pytest.mark.long
