@@ -1,0 +1,1 @@
+"""The documentation: the pages, and in ``docs.site`` the program that builds a site of them."""
