@@ -11,7 +11,6 @@ import posixpath
 import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 from .build import ROOT
 
@@ -32,65 +31,13 @@ SOURCE_FILES = "source"
 LANGUAGES = {".py": "python", ".toml": "toml", ".js": "javascript", ".script": "python", ".sh": "sh"}
 
 
-class Sections(NamedTuple):
-    """A page that consists of sections of the README."""
-
-    title: str
-    """The title of the page; empty for the title and the first lines of the README."""
-    headings: tuple[str, ...]
-
-
-README_PAGES: Mapping[str, Sections] = {
-    "index.md": Sections("", ("Why", "Robots", "More")),
-    "python.md": Sections("Python", ("Python", "On the robot's computer")),
-    "command-line.md": Sections("Command line", ("Command line",)),
-    "recording.md": Sections("Record and replay", ("Record and replay",)),
-}
-
-
-def readme_sections() -> dict[str, str]:
-    """Return the sections of the README by heading, without the headings. The lines before the first are ``""``."""
-    text = (ROOT / "README.md").read_text()
-    fences = [match.span() for match in FENCE.finditer(text)]
-    marks = [
-        match
-        for match in re.finditer(r"^## (.+)\n", text, re.MULTILINE)
-        if not any(begin <= match.start() < end for begin, end in fences)
-    ]
-    sections = {"": text[: marks[0].start()]}
-    for mark, following in zip(marks, [*marks[1:], None], strict=True):
-        sections[mark[1]] = text[mark.end() : following.start() if following else len(text)]
-    return sections
-
-
-def readme_page(page: Sections) -> str:
-    """Return a page with some sections of the README. A single section has its heading as the title of the page.
-
-    Raises:
-        KeyError: The README has no section with one of the headings.
-    """
-    sections = readme_sections()
-    head = f"# {page.title}\n" if page.title else sections[""]
-    bodies = (
-        sections[heading] if heading == page.title else f"## {heading}\n{sections[heading]}"
-        for heading in page.headings
-    )
-    return "\n".join((head, *bodies))
-
-
 def written_pages() -> dict[str, str]:
-    """Return the pages that are made of the README and the other files of ``MOVED``, by their place in the site."""
-    pages = {place: readme_page(page) for place, page in README_PAGES.items()}
-    for source, place in MOVED.items():
-        if place not in pages:
-            pages[place] = (ROOT / source).read_text()
-    return pages
+    """Return the pages that are files of ``MOVED``, by their place in the site."""
+    return {place: (ROOT / source).read_text() for source, place in MOVED.items()}
 
 
 def origin(place: str) -> str:
     """Return the path in the repository of the file from which the text of a page comes."""
-    if place in README_PAGES:
-        return "README.md"
     if place.startswith(f"{SOURCE_FILES}/"):
         return place.removeprefix(f"{SOURCE_FILES}/").removesuffix(".md")
     return next((source for source, moved in MOVED.items() if moved == place), f"docs/{place}")
@@ -165,18 +112,9 @@ def relinked(text: str, place: str) -> str:
         path = in_repository(target, file)
         if not (ROOT / path).is_file():
             return link  # a page that is generated, or a link that MkDocs reports as broken
-        moved = _section_place(anchor) if path == "README.md" else place_of(path)
-        return posixpath.join(os.path.relpath(moved, posixpath.dirname(place) or ".")) + sign + anchor
+        return posixpath.join(os.path.relpath(place_of(path), posixpath.dirname(place) or ".")) + sign + anchor
 
     return outside_fences(text, lambda prose: LINK.sub(change, prose))
-
-
-def _section_place(anchor: str) -> str:
-    """Return the page that has the section of the README with this anchor."""
-    for place, page in README_PAGES.items():
-        if anchor in (heading.lower().replace("'", "").replace(" ", "-") for heading in page.headings):
-            return place
-    return "index.md"
 
 
 def outside_fences(text: str, change: Callable[[str], str]) -> str:

@@ -128,8 +128,8 @@ def test_links_lead_to_the_places_of_the_site() -> None:
     text = "[a](docs/safety.md) [b](CONTRIBUTING.md#add-a-wire) [c](examples/policy.py)\n"
     moved = "[a](safety.md) [b](contributing.md#add-a-wire) [c](source/examples/policy.py.md)\n"
     assert sources.relinked(text + code, "index.md") == moved + code
-    back = "[a](../../README.md#record-and-replay) [b](../motion.md#move_to) [c](https://example.org)"
-    moved = "[a](../recording.md#record-and-replay) [b](../motion.md#move_to) [c](https://example.org)"
+    back = "[a](../../README.md#robots) [b](../motion.md#move_to) [c](https://example.org)"
+    moved = "[a](../index.md#robots) [b](../motion.md#move_to) [c](https://example.org)"
     assert sources.relinked(back, "robots/ur.md") == moved
 
 
