@@ -1,0 +1,1 @@
+"""The pages of ``docs/guide``: their Python blocks run, and their commands exist."""
