@@ -335,3 +335,23 @@ def test_a_child_imports_nothing_from_the_current_directory(tmp_path: Path) -> N
 
 def do_nothing(args: dict[str, Any], sock: socket.socket) -> None:
     """Do nothing, as the entry of a child."""
+
+
+def test_a_child_is_forgotten_at_the_end_of_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The modules of the standard library may then be gone."""
+
+    class Ended(ChildProcess):
+        alive = False
+
+        async def wait(self) -> int:
+            return 0
+
+    pidfd = os.pidfd_open(os.getpid())
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        child = Ended(os.getpid(), ours, pidfd)
+        monkeypatch.setattr(process_module, "os", None)
+        child.__del__()
+        with pytest.raises(OSError):
+            fcntl.fcntl(pidfd, fcntl.F_GETFD)
+        child._pidfd = None

@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import itertools
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import trio
 
+from strands_actors.caller.handle import moving
 from strands_actors.caller.session.motions import Motion, RobotReading
 from strands_actors.caller.session.paths import Path, check_along, plan_along, read_path
 from strands_actors.contract.axis import AxisMode
@@ -137,3 +140,16 @@ def test_an_invalid_path_for_this_robot_is_refused(rows: Any, hz: float, code: s
     refused = planned(DRIVERS["so101"], rows, hz)
     assert isinstance(refused, Refused) and refused.code == code, refused
     assert says in refused.reason and refused.remedy and refused.verb == "move_along"
+
+
+def test_a_path_of_a_robot_that_was_not_armed_is_not_checked_before_it_begins() -> None:
+    """Such a robot has a reading, but no target. The motion itself is refused."""
+    driver = DRIVERS["so101"]
+    path = read_path(driver, swings(driver), HZ)
+
+    async def status() -> SimpleNamespace:
+        return SimpleNamespace(observation=observed(driver), target=())
+
+    tree: Any = SimpleNamespace(driver=driver, status=status)
+    assert isinstance(path, Path)
+    assert trio.run(moving._refuse_along, tree, path, 0.02) is None

@@ -97,8 +97,8 @@ def test_the_calibration_of_a_leader_is_lerobots_file_of_a_teleoperator(
     other = Teleoperator("so101_leader", port="/dev/null")
     assert other.driver.travel() == {}
     (caveat,) = other.caveats
-    assert "so101_leader is not calibrated" in caveat and "calibrated are the ids left: give one of them" in caveat
-    assert caveat.endswith("run `strands-actors calibrate so101_leader --port /dev/null`")
+    assert "so101_leader is not calibrated" in caveat and "Give one of the ids that are calibrated (left)" in caveat
+    assert caveat.endswith("or run `strands-actors calibrate so101_leader --port /dev/null`")
     named = Teleoperator("so101_leader", port="/dev/null", id="my right")
     assert named.caveats[0].endswith("calibrate so101_leader --port /dev/null --id 'my right'`"), (
         "the command writes the file of this id"

@@ -153,12 +153,14 @@ class ServoDriver(Driver):
         self.declare(*(Part(part_kinds.get(unit, PartKind.ARM), tuple(group)) for unit, group in groups))
         if calibration is None:
             calibrated_ids = ", ".join(resolved.get("calibrated_ids", ()))
-            hint = f"calibrated are the ids {calibrated_ids}: give one of them, or " if calibrated_ids else ""
+            hint = (
+                f"Give one of the ids that are calibrated ({calibrated_ids}), or run" if calibrated_ids else "Run"
+            )
             name = resolved.get("tool_name") or self.robot
             own_id = "" if name == self.robot else f" --id {shlex.quote(str(name))}"
             self.caveats = (
                 f"{self.robot} is not calibrated: its limits are those of its model, and 0 degrees is the middle "
-                f"of each servo. {hint}run `strands-actors calibrate {self.robot} --port {port or 'P'}{own_id}`",
+                f"of each servo. {hint} `strands-actors calibrate {self.robot} --port {port or 'P'}{own_id}`",
             )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, resolved["max_jump"])
 

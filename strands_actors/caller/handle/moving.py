@@ -99,11 +99,11 @@ async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: flo
 async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused | None:
     """Check each step of a path with the driver's gates (its checks of range and speed).
 
-    Return the first refusal, or None. Without a reading of the robot it returns None as well, and the motion
-    itself is refused later.
+    Return the first refusal, or None. If the robot was not read or not armed yet, the result is None as well, and
+    the motion itself is refused later.
     """
     status = await tree.status()
-    if status is None or status.observation is None:
+    if status is None or status.observation is None or not status.target:
         return None
     reading = RobotReading(status.observation, status.target, status.observation.t_ns)
     motion = plan_along(tree.driver, path, reading, period_s)

@@ -78,10 +78,11 @@ class ChildProcess(ABC):
         self._pidfd = pidfd
         self._linked = False
 
-    def __del__(self) -> None:
+    # At the end of the interpreter the module ``os`` may already be gone, so its function is kept here.
+    def __del__(self, _close: Callable[[int], None] = os.close) -> None:
         pidfd = getattr(self, "_pidfd", None)
         if pidfd is not None:
-            os.close(pidfd)
+            _close(pidfd)
 
     @property
     @abstractmethod

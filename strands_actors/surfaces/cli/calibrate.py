@@ -106,9 +106,7 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
                 servos_seen = await setup.seek()
                 if len(servos_seen) != 1:
                     listed = ", ".join(f"id {each.id} at {each.baud} baud" for each in servos_seen) or "none"
-                    raise WireDown(
-                        f"setup-motors: exactly one servo must be connected, but found {listed}. Connect one servo"
-                    )
+                    raise WireDown(f"exactly one servo must be connected, but found {listed}. Connect one servo")
                 await setup.adopt(servos_seen[0], axis)
                 servos.append({"joint": axis.key, "was": servos_seen[0].id, "id": axis.id})
                 person.say(f"{axis.key}: id {servos_seen[0].id} -> {axis.id}")
@@ -139,7 +137,8 @@ def ports(also: Sequence[str], as_json: bool) -> int:
     after = _run(run, "ports")
     unplugged = {path: about for path, about in before.items() if path not in after}
     if len(unplugged) != 1:
-        raise Problem(f"ports: {', '.join(unplugged) or 'none'} went away, and it must be one. Try again")
+        gone = ", ".join(unplugged) or "no adapter"
+        raise Problem(f"ports: {gone} was unplugged. Unplug only the adapter of the robot, and try again")
     (path, about), *_ = unplugged.items()
     if as_json:
         print(json.dumps({"port": path, "about": about}))
