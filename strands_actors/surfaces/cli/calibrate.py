@@ -137,8 +137,10 @@ def ports(also: Sequence[str], as_json: bool) -> int:
     after = _run(run, "ports")
     unplugged = {path: about for path, about in before.items() if path not in after}
     if len(unplugged) != 1:
-        gone = ", ".join(unplugged) or "no adapter"
-        raise Problem(f"ports: {gone} was unplugged. Unplug only the adapter of the robot, and try again")
+        unplugged_names = ", ".join(unplugged) or "no adapter"
+        raise Problem(
+            f"ports: {unplugged_names} was unplugged. Unplug only the adapter of the robot, and try again"
+        )
     (path, about), *_ = unplugged.items()
     if as_json:
         print(json.dumps({"port": path, "about": about}))
