@@ -54,6 +54,11 @@ _BUSY = (Control.EXECUTING, Control.SWITCHING)
 Connect = Callable[[], Awaitable[Connection]]
 
 
+def first_orders(safe_state: SafeState) -> Sequence[Order]:
+    """Return the orders with which a stop begins."""
+    return (CANCEL, DISABLE, POWER_OFF) if safe_state == SafeState.OFF else (CANCEL,)
+
+
 class Stop:
     """One stop of the robot, with its attempts.
 
@@ -84,12 +89,9 @@ class Stop:
         It never raises and takes ``LONGEST_S`` at most.
         """
         self._holds = safe_state != SafeState.OFF
-        if safe_state == SafeState.OFF:
-            orders: list[Sequence[Order]] = [(CANCEL, DISABLE, POWER_OFF)] * ATTEMPTS
-        else:
-            orders = [(CANCEL,)] * ATTEMPTS
-            if safe_state != SafeState.HOLD:
-                orders.append((CANCEL, DISABLE))
+        orders = [first_orders(safe_state)] * ATTEMPTS
+        if safe_state not in (SafeState.OFF, SafeState.HOLD):
+            orders.append((CANCEL, DISABLE))
         with trio.move_on_after(LONGEST_S):
             for attempt in orders:
                 try:

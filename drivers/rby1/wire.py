@@ -15,7 +15,7 @@ import trio
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED
+from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.grpc import OpenStream
 from strands_actors.drivers.common.ports.tcp_port import open_tcp
@@ -29,7 +29,7 @@ from .gates import CONTROLLER, refuse_fault, refuse_pressed
 from .protocol import Control, JointOrder, Manager, ManagerOrder, Method, PowerOrder
 from .session import RBY1Session, open_session
 from .stop_channel import RBY1StopChannel, connect_to_stop
-from .stopping import Stop
+from .stopping import Stop, first_orders
 
 T = TypeVar("T")
 
@@ -119,6 +119,11 @@ class RBY1Wire(SessionWire[RBY1Session]):
         session.send(message)
 
     async def make_safe(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """Stop the robot on the open connection, or on a new one if it does not answer there.
+
+        If the new connection confirms the stop, commands may still wait on the old one. So the old one is reset,
+        which drops them. Some of them may already be on their way, so the robot is then stopped once more.
+        """
         session = self.session_or_none
         if session is None:
             return NOT_CONNECTED.reports(self._config.axes, self._config.ids)
@@ -126,18 +131,47 @@ class RBY1Wire(SessionWire[RBY1Session]):
             session.drop_stream()
         stop = Stop(self._config, session.connection, lambda: connect_to_stop(self._config, self._open_stream))
         try:
-            return await stop.run(safe_state)
+            reports = await stop.run(safe_state)
+            if stop.connection is not session.connection and _all_safe(reports):
+                session.connection.close()
+                reports = await stop.run(safe_state)
+            return reports
         finally:
             for connection in (*stop.silent, *([stop.connection] if stop.connection else [])):
                 if connection is not session.connection:
                     connection.close_in_order()
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
+        """Stop the robot on the lost connection, if bytes can still be sent there, and on a new connection.
+
+        If only the direction from the robot is interrupted, no new connection can be made, but the orders on the
+        old one still arrive. After a confirmed stop the old connection is reset, as in ``make_safe``.
+        """
+        sent = self._order_on_lost(safe_state)
         channel = RBY1StopChannel(self._config, (), self._clock, self._open_stream)
         try:
-            return await channel.make_safe(safe_state)
+            reports = await channel.make_safe(safe_state)
+            if sent and _all_safe(reports):
+                self.close()
+                reports = await channel.make_safe(safe_state)
         finally:
             channel.close()
+        if sent and not any(report.written for report in reports):
+            return Outcome(True, False, reports[0].detail).reports(self._config.axes, self._config.ids)
+        return reports
+
+    def _order_on_lost(self, safe_state: SafeState) -> bool:
+        """Send the orders of a stop without waiting for their answers. Return True if they could be sent."""
+        session = self.session_or_none
+        if session is None:
+            return False
+        try:
+            session.drop_stream()
+            for method, message in first_orders(safe_state):
+                session.connection.ask(method, message)
+        except WireDown:
+            return False
+        return True
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
         """Run the service ``reset_fault_control_manager``. The control manager goes from its fault
@@ -222,6 +256,10 @@ class RBY1Wire(SessionWire[RBY1Session]):
             },
             faults={CONTROLLER: session.lost} if session.lost else {},
         )
+
+
+def _all_safe(reports: tuple[MotorReport, ...]) -> bool:
+    return all(report.safe for report in reports)
 
 
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:

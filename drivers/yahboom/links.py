@@ -75,6 +75,11 @@ class RosLink(ReportingBase, Protocol):
         be carried out late."""
         ...
 
+    @property
+    def has_unacknowledged(self) -> bool:
+        """True if the robot has not acknowledged all commands. It may still carry them out."""
+        ...
+
     def drive(self, twist: Twist) -> None:
         """Publish a twist now."""
         ...

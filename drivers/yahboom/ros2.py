@@ -95,6 +95,11 @@ class Ros2Link:
         # the robot.
         return False
 
+    @property
+    def has_unacknowledged(self) -> bool:
+        # As above, it is unknown.
+        return False
+
     def drive(self, twist: m.Twist) -> None:
         message = self._type(m.CMD_VEL)()
         message.linear.x, message.linear.y, message.angular.z = (float(value) for value in twist)

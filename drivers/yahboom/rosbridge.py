@@ -137,6 +137,10 @@ class RosbridgeLink:
     def is_behind(self) -> bool:
         return len(self._unanswered) >= MAX_UNANSWERED
 
+    @property
+    def has_unacknowledged(self) -> bool:
+        return bool(self._unanswered)
+
     def drive(self, twist: m.Twist) -> None:
         self._command(p.publish(m.CMD_VEL, m.twist_message(twist)))
 
@@ -167,6 +171,7 @@ class RosbridgeLink:
         if self._socket is not None:
             self._socket.close()
         self._socket = None
+        self._unanswered.clear()
         self._wake()
 
     # -- the handshake

@@ -125,13 +125,22 @@ class YahboomWire(Wire):
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Stop the robot after its link was lost, on the old connection and a new one at the same
-        time. The old one may be dead or unreadable, but a zero twist is written on it all the same."""
+        time. The old one may be dead or unreadable, but a zero twist is written on it all the same.
+
+        If only the new connection confirms the stop, commands may still wait on the old one. So the
+        old one is reset, which drops them. Some of them may already be on their way, so the robot
+        is then stopped once more.
+        """
         # Ignore a connection that is closed.
         with contextlib.suppress(WireDown):
             self._link.zero()
         self._anew = self._anew or stop_link(self._config, self._clock)
         links = [self._link, self._anew] if self._link.is_open else [self._anew]
-        return self._reports(await stop_by_each(links, STOP_S))
+        outcome = await stop_by_each(links, STOP_S)
+        if not outcome.detail and self._link.has_unacknowledged:
+            self._link.close()
+            outcome = await stop_until_it_stands(self._anew, STOP_S)
+        return self._reports(outcome)
 
     def close(self) -> None:
         for link in (self._link, self._anew):

@@ -6,7 +6,7 @@ concerns the program that looks for robots, which is not simulated (``tests/mesh
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -39,6 +39,15 @@ from strands_actors.supervisors.wire.transport import Transport
 ServoSession: Any = load("strands_actors.drivers.common.servo.wire:ServoSession")
 Outcome: Any = load("strands_actors.drivers.common.kit.outcome:Outcome")
 reports: Any = load("strands_actors.drivers.unitree.safing:reports")
+WIRES_OF_THE_KIT = (
+    "rby1.wire:RBY1Wire",
+    "spot.wire:SpotWire",
+    "yahboom.wire:YahboomWire",
+    "earthrover.wire:EarthRoverWire",
+    "kuka.wire:KukaWire",
+    "crazyflie.wire:CrazyflieWire",
+)
+WAIT_S = 0.3
 
 
 def a_stop_writes_nothing_on_a_lost_link(patch: pytest.MonkeyPatch) -> None:
@@ -235,3 +244,25 @@ def a_hold_of_a_lost_robot_is_confirmed(patch: pytest.MonkeyPatch) -> None:
 def a_process_stays_that_cannot_stop_the_robot(patch: pytest.MonkeyPatch) -> None:
     """No file descriptors are held in reserve, and no process checks whether any are left."""
     patch.setattr(Reserve, "begin", lambda self, other_acts: None)
+
+
+def a_stop_waits_before_its_first_frame(patch: pytest.MonkeyPatch) -> None:
+    """No bug of an earlier version. It shows that the explorer sees each wire of its kit."""
+    for name in WIRES_OF_THE_KIT:
+        wire = load(f"strands_actors.drivers.{name}")
+        patch.setattr(wire, "make_safe", _waiting(wire.make_safe))
+
+
+def answers_move_an_arm_until_its_stop_begins(patch: pytest.MonkeyPatch) -> None:
+    """The wire of a KUKA arm answers each message of the controller. Here it does not check before an answer
+    whether the setpoint is still permitted. So the arm moves on while the stop waits."""
+    a_stop_waits_before_its_first_frame(patch)
+    patch.setattr("strands_actors.drivers.kuka.wire.KukaWire._is_live", lambda self: self._permit is not None)
+
+
+def _waiting(make_safe: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:
+    async def wait(self: Any, safe_state: SafeState) -> Any:
+        await trio.sleep(WAIT_S)
+        return await make_safe(self, safe_state)
+
+    return wait

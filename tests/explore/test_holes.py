@@ -46,6 +46,12 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
         "SAF-024 an exhausted process is no obstacle",
     ),
     (holes.a_permit_forgets_deadlines, "ur5e"): (76, "SAF-001 no setpoint past its deadline"),
+    (holes.a_stop_waits_before_its_first_frame, "rby1"): (3, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "spot"): (58, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "yahboom_m3pro"): (7, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "earthrover"): (17, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "crazyflie"): (2, "SAF-020 an order to stop is written"),
+    (holes.answers_move_an_arm_until_its_stop_begins, "kuka_iiwa"): (2, "SAF-020 an order to stop is written"),
 }
 """For each bug, a seed below 2 000 that finds it (mostly the first), and the promise that it breaks."""
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from tests.explorer.kinds import TWIN_DATAGRAMS, TWIN_STREAMS
 from tests.explorer.plan import Plan, plan_of
 from tests.explorer.robots import ROBOTS
 from tests.explorer.search import run_apart, run_here, run_seeds
@@ -26,9 +27,16 @@ SEEDS = {
     "fake_base": 500,
     "fake_drone": 390,
     "fake_http": 500,
+    "rby1": 60,
+    "spot": 60,
+    "yahboom_m3pro": 100,
+    "earthrover": 100,
+    "kuka_iiwa": 100,
+    "crazyflie": 100,
 }
-"""Number of seeds: 2 200, which take 160 s of one core. A run of legs takes ten times as long as another, and one
-of an SO-101 twice as long as a fake's. A search for new failures takes any number."""
+"""Number of seeds: 2 720, which take 260 s of one core. A run of legs takes ten times as long as another. One of an
+SO-101 takes twice as long as a fake's, and one of the last six robots three times. A search for new failures takes
+any number."""
 QUICK = {
     "so101": 20,
     "xarm7": 20,
@@ -39,6 +47,12 @@ QUICK = {
     "fake_base": 30,
     "fake_drone": 30,
     "fake_http": 30,
+    "rby1": 4,
+    "spot": 5,
+    "yahboom_m3pro": 5,
+    "earthrover": 6,
+    "kuka_iiwa": 5,
+    "crazyflie": 8,
 }
 """Number of seeds in the ordinary run, a fifteenth of that time. The others belong to the long run."""
 DRAWN = [
@@ -48,10 +62,12 @@ DRAWN = [
         for robot in ROBOTS
     ),
 ]
-HASH = """
-from tests.explorer.plan import plan_of
+TWICE = {"so101": 3, **dict.fromkeys((*TWIN_STREAMS, *TWIN_DATAGRAMS), 1)}
+"""Number of seeds that are run in several processes."""
+HASH = f"""
 from tests.explorer.search import run_seeds
-print(*(result.digest for result in run_seeds(range(3), "so101")))
+for robot, seeds in {TWICE}.items():
+    print(*(result.digest for result in run_seeds(range(seeds), robot)))
 """
 
 
@@ -77,7 +93,7 @@ def test_a_run_without_faults_moves_the_robot(robot: str) -> None:
 
 
 def test_the_same_seed_is_the_same_run_in_another_process() -> None:
-    """The run must not depend on the order of sets of strings, or on the addresses of objects."""
+    """The run must not depend on the order of sets of strings, the addresses of objects, or the time of day."""
     histories = [
         subprocess.run(
             [sys.executable, "-c", f"held = [bytearray({size}) for _ in range(1000)]\n{HASH}"],
@@ -88,7 +104,7 @@ def test_the_same_seed_is_the_same_run_in_another_process() -> None:
         ).stdout.split()
         for seed, size in (("1", 10), ("2", 5000))
     ]
-    here = [result.digest for result in run_seeds(range(3), "so101")]
+    here = [result.digest for robot, seeds in TWICE.items() for result in run_seeds(range(seeds), robot)]
     assert histories == [here, here]
     assert len(set(here)) == len(here), "another seed gives another run"
 

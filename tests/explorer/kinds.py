@@ -102,6 +102,11 @@ PEER_TALKS = tuple(kind for kind in PEER if kind != "refuse")
 """The faults of a peer with which the robot still receives frames."""
 CONDITIONS = {"low battery": 2}
 SERVICE = {"slow service": 3, "out of reach": 3}
+TWIN_STREAMS = ("rby1", "spot", "yahboom_m3pro", "earthrover")
+TWIN_DATAGRAMS = ("kuka_iiwa", "crazyflie")
+"""The robots of ``stream_wires.py`` and ``datagram_wires.py``."""
+PLAIN_NETWORK = {kind: weight for kind, weight in NETWORK.items() if kind != "corrupt"}
+"""Faults of datagrams whose protocol has no checksum of its own. That of UDP drops a spoiled one."""
 WIRE_FAULTS: dict[str, dict[str, int]] = {
     "so101": {**BUS, **BUS_PEER},
     "xarm7": {**SESSION, **STREAM_PEER},
@@ -112,6 +117,8 @@ WIRE_FAULTS: dict[str, dict[str, int]] = {
     "fake_drone": {**SERVICE, **CONDITIONS},
     "fake_http": SERVICE,
     "fake_queue": SERVICE,
+    **{robot: {**SESSION, **STREAM_PEER} for robot in TWIN_STREAMS},
+    **{robot: {**PLAIN_NETWORK, **NETWORK_PEER} for robot in TWIN_DATAGRAMS},
 }
 """By robot: the weights of the faults of its wire."""
 AT_A_POINT = ("unload", "brown out", "reset")

@@ -13,6 +13,8 @@ from .kinds import (
     NETWORK_PEER,
     OPERATORS,
     STREAM_PEER,
+    TWIN_DATAGRAMS,
+    TWIN_STREAMS,
 )
 
 
@@ -175,7 +177,11 @@ def groups_of(robot: str) -> tuple[tuple[Recipe, ...], ...]:
             own, lost, peer = _BUS, "pull", BUS_PEER
         case "xarm7" | "ur5e" | "ur5e_script":
             own, lost, peer = _SESSION, "pull", STREAM_PEER
+        case _ if robot in TWIN_STREAMS:
+            own, lost, peer = _SESSION, "pull", STREAM_PEER
         case "unitree_go2":
+            own, lost, peer = _NETWORK, "pull", NETWORK_PEER
+        case _ if robot in TWIN_DATAGRAMS:
             own, lost, peer = _NETWORK, "pull", NETWORK_PEER
         case _:
             own, lost, peer = _SERVICE, "out of reach", {}

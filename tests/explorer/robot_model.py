@@ -56,6 +56,8 @@ class RobotModel(ABC):
 
     OPTIONS: ClassVar[Mapping[str, Any]] = {}
     """Options of the driver."""
+    FIRST: ClassVar[tuple[tuple[str, Mapping[str, Any]], ...]] = ()
+    """Services, with their arguments, after which the robot accepts a target."""
 
     driver: Driver
     driver_class: type[Driver]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .datagram_wires import CycleArm, RadioDrone
 from .legs import LeggedRobot
 from .queued_robot import QueuedRobot
 from .robot_model import RobotModel
@@ -9,6 +10,7 @@ from .script_arm import ScriptArm
 from .service_robot import Base, Drone, SlowArm
 from .servo_arm import ServoArm
 from .session_arm import SessionArm
+from .stream_wires import Humanoid, Mecanum, Rover, Walker
 from .upload_arm import UploadArm
 
 MODELS: dict[str, type[RobotModel]] = {
@@ -21,5 +23,11 @@ MODELS: dict[str, type[RobotModel]] = {
     "fake_drone": Drone,
     "fake_http": SlowArm,
     "fake_queue": QueuedRobot,
+    "rby1": Humanoid,
+    "spot": Walker,
+    "yahboom_m3pro": Mecanum,
+    "earthrover": Rover,
+    "kuka_iiwa": CycleArm,
+    "crazyflie": RadioDrone,
 }
 ROBOTS = tuple(MODELS)

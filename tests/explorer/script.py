@@ -100,6 +100,8 @@ class Script(Asker):
         rests = self.style == "rest"
         if await self._tree.connect(arm=not rests) is not None or rests or self._stopped:
             return
+        for service, arguments in self._model.FIRST:
+            await self._answered(service, verbs.service, service, dict(arguments))
         match self.style:
             case "stream":
                 await self._stream(TASK_S)

@@ -176,6 +176,7 @@ class SimStream:
         self._coming: list[tuple[float, int, bytes]] = []
         self._number = 0
         self._arrives_s = self._comes_s = 0.0
+        self._dropped_s = float("inf")  # when it was closed with a reset
         self._news = trio.Event()
         self._waits = False
         process.at_end.append(self._die)
@@ -220,8 +221,7 @@ class SimStream:
     def close(self) -> None:
         """Close with a reset. Data that was not sent yet is discarded."""
         if not self._closed and not self.process.dead:
-            self._unsent.clear()
-            self._end()
+            self._drop()
 
     def close_in_order(self) -> None:
         if not self._closed and not self.process.dead:
@@ -229,8 +229,12 @@ class SimStream:
 
     def _die(self) -> None:
         if not self._closed:
-            self._unsent.clear()
-            self._end()
+            self._drop()
+
+    def _drop(self) -> None:
+        self._dropped_s = self.network.world.now_s
+        self._unsent.clear()
+        self._end()
 
     def _end(self) -> None:
         self._closed = True
@@ -254,19 +258,31 @@ class SimStream:
 
     # -- the cable
 
-    def _put(self, piece: Piece | None, more_s: float = 0.0) -> None:
+    def _put(self, piece: Piece | None, more_s: float = 0.0, again_s: float = 0.0) -> None:
+        """Send data to the controller.
+
+        Args:
+            more_s: Time for which the system of either side delays it.
+            again_s: When the system sends it again, after the cable was mended.
+        """
         if self.network.is_cut("out"):
             self._unsent.append(piece)
             return
         self._arrives_s = self.network.due_s(self._arrives_s, more_s)
-        self.network.world.at(self._arrives_s, lambda: self._arrive(piece))
+
+        def arrive() -> None:
+            if piece is None or again_s <= self._dropped_s:
+                self._arrive(piece)
+
+        self.network.world.at(self._arrives_s, arrive)
 
     def flush(self, way: str, pause_s: float) -> None:
         """Send the delayed data of a direction that was mended."""
         if way == "out":
             unsent, self._unsent = self._unsent, deque()
+            again_s = self.network.world.now_s + pause_s
             for piece in unsent:
-                self._put(piece, pause_s)
+                self._put(piece, pause_s, again_s)
         else:
             unheard, self._unheard = self._unheard, deque()
             for data in unheard:

@@ -23,6 +23,8 @@ class Bench(NamedTuple):
     driver: Driver
     log: Callable[[], Log]
     living: Callable[[], contextlib.AbstractAsyncContextManager[object]] = contextlib.nullcontext
+    robot: Any = None
+    """The simulated robot behind the wire, where a test looks at it."""
 
 
 class Situation(enum.StrEnum):

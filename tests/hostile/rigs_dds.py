@@ -45,7 +45,7 @@ def _unitree(peer: HostilePeer) -> Bench:
     server.onboard.set_mode("")  # its controller is released, so its joints accept commands
     network = Network(peer)
     driver = Go2Driver("unitree_go2", f"{ROBOT}:7410", {})
-    return Bench(driver, lambda: log.entries, lambda: network.serving(server, unitree_link))
+    return Bench(driver, lambda: log.entries, lambda: network.serving(server, unitree_link), server.onboard)
 
 
 def _booster(peer: HostilePeer) -> Bench:
@@ -53,7 +53,7 @@ def _booster(peer: HostilePeer) -> Bench:
     server = BoosterServer(booster_robots.model_of("booster_t1"), log, BoosterTwinOptions(host=ROBOT))  # type: ignore[arg-type]
     network = Network(peer)
     driver = BoosterDriver("booster_t1", f"{ROBOT}:7410", {})
-    return Bench(driver, lambda: log.entries, lambda: network.serving(server, booster_link))
+    return Bench(driver, lambda: log.entries, lambda: network.serving(server, booster_link), server.onboard)
 
 
 # -- messages of a hostile participant

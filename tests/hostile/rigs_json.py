@@ -37,7 +37,7 @@ def _microduck(peer: HostilePeer) -> Bench:
             microduck_link.open_unix = before
 
     driver = Microduck("microduck", "/no/such/socket", {})
-    return Bench(driver, lambda: service.log.entries, living)
+    return Bench(driver, lambda: service.log.entries, living, twin)
 
 
 RIGS: Mapping[str, Rig] = {

@@ -79,7 +79,7 @@ def _crazyflie(peer: HostilePeer) -> Bench:
         finally:
             crazyflie_wire.open_link, crazyflie_stop.open_link = wire_opens, stop_opens
 
-    return Bench(Crazyflie("crazyflie", "192.0.2.1", {}), lambda: log, living)
+    return Bench(Crazyflie("crazyflie", "192.0.2.1", {}), lambda: log, living, firmware)
 
 
 RIGS: Mapping[str, Rig] = {

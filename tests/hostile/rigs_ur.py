@@ -159,7 +159,7 @@ def _ur(peer: HostilePeer) -> Bench:
             for (module, name, _), value in zip(places, before, strict=True):
                 setattr(module, name, value)
 
-    return Bench(UR("ur5e", "192.0.2.1", {}), lambda: service.log.entries, living)
+    return Bench(UR("ur5e", "192.0.2.1", {}), lambda: service.log.entries, living, controller)
 
 
 RIGS: Mapping[str, Rig] = {

@@ -23,6 +23,7 @@ from strands_actors.drivers.earthrover.robots import TABLES as ROVERS
 from strands_actors.drivers.earthrover.stop import EarthRoverStopChannel
 from strands_actors.drivers.earthrover.twin import RoverTwin
 from strands_actors.drivers.earthrover.wire import EarthRoverWire
+from strands_actors.drivers.reachy import services as reachy_services
 from strands_actors.drivers.reachy import stop as reachy_stop
 from strands_actors.drivers.reachy import wire as reachy_wire
 from strands_actors.drivers.reachy.driver import Reachy
@@ -151,7 +152,8 @@ def reachy(peer: HostilePeer) -> Bench:
             "begin_websocket": partial(begin_websocket, open_stream=stream),
             "open_websocket": partial(open_websocket, open_stream=stream),
         }
-        places = [(module, name) for module in (reachy_stop, reachy_wire) for name in here if hasattr(module, name)]
+        modules = (reachy_stop, reachy_wire, reachy_services)
+        places = [(module, name) for module in modules for name in here if hasattr(module, name)]
         before = [getattr(module, name) for module, name in places]
         for module, name in places:
             setattr(module, name, here[name])
@@ -162,4 +164,4 @@ def reachy(peer: HostilePeer) -> Bench:
             for (module, name), value in zip(places, before, strict=True):
                 setattr(module, name, value)
 
-    return Bench(driver, lambda: service.log.entries, living)
+    return Bench(driver, lambda: service.log.entries, living, twin)

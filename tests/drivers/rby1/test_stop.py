@@ -351,6 +351,45 @@ async def test_saf_020_a_link_that_was_lost_is_stopped_all_the_same(world: World
     assert world.written[before].kind == "safe", "the stop is written before any question"
 
 
+@with_each("safe_state", ["stop", "off"])
+async def test_saf_020_a_lost_link_carries_the_stop_if_no_other_can_be_opened(
+    world: World, safe_state: str
+) -> None:
+    """Only the direction from the robot is interrupted. So a new connection cannot be made."""
+    wire = await armed(world)
+    await wire.write(stepped(world, 0.03), Permission())
+
+    async def cannot_connect(host: str, port: int) -> Any:
+        await trio.lowlevel.checkpoint()
+        raise WireDown("cannot connect")
+
+    wire._open_stream = cannot_connect
+    before, began_s = len(world.written), trio.current_time()
+    motors = await wire.reach(safe_state)
+    orders = world.written[before:]
+    assert [entry.kind for entry in orders] == ["safe"] * (3 if safe_state == "off" else 1)
+    assert {entry.t_s for entry in orders} == {began_s}, "all of them before the first wait"
+    assert {(motor.written, motor.safe, motor.detail) for motor in motors} == {(True, False, "cannot connect")}
+    assert world.controller.manager == (Manager.IDLE if safe_state == "off" else Manager.ENABLED)
+
+
+@with_each("is_lost", [False, True])
+async def test_saf_021_a_stop_on_another_connection_drops_what_waits_on_the_first(
+    world: World, is_lost: bool
+) -> None:
+    """The first connection is half open: what is written there may still arrive."""
+    wire = await armed(world)
+    first = world.streams[-1]
+    first._take = lambda data: None  # type: ignore[method-assign]
+    await wire.write(stepped(world, 0.03), Permission())
+    before = len(world.written)
+    motors = await (wire.reach("stop") if is_lost else wire.make_safe("stop"))
+    assert all(motor.safe for motor in motors)
+    assert first.closed == "reset"
+    kinds = [entry.kind for entry in world.written[before:] if entry.kind != "read"]
+    assert kinds == ["safe", "safe"], "the robot is stopped again after the reset"
+
+
 @in_a_world
 async def test_not_connected_is_not_safe(world: World) -> None:
     wire = world.wire()

@@ -171,7 +171,10 @@ def test_saf_020_a_stop_also_uses_a_second_connection_if_the_first_is_dead() -> 
         world.sockets[0].take_waiting = lambda: None  # type: ignore[method-assign]
         reports = await wire.reach("zero")
         assert all_safe(reports)
-        assert {one.connection for one in world.taken if one.kind == "safe"} == {1}
+        assert not world.sockets[0].is_open, "the command that waits on the first connection is dropped"
+        zeros = [one for one in world.taken if one.kind == "safe"]
+        assert {one.connection for one in zeros} == {1}
+        assert len(zeros) >= 2 * TIMES, "the base is stopped again after the first connection is reset"
         wire.close()
         assert not any(socket.is_open for socket in world.sockets)
 
