@@ -11,10 +11,50 @@ from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
 from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
+from . import rpc
 from .config import UnitreeConfig
-from .gates import CONTROL_S
-from .link import FIND_S, Link
+from .gates import CONTROL_S, HANDSHAKE_FSM
+from .link import FIND_S, Link, Service
 from .safing import bring_down, reports
+from .session import ASK_EVERY_NS
+
+
+class Holder:
+    """Ask the robot, during one stop, which onboard mode or state controls it instead of our commands.
+
+    A robot that stands by its own controller shows torque and ignores our commands. Without this question its stop
+    could not be confirmed after the end of the wire process.
+    """
+
+    def __init__(self, link: Link, config: UnitreeConfig) -> None:
+        self._has_fsm = config.model.handshake == "fsm"
+        self._clock = link.clock
+        name = config.model.service if self._has_fsm else rpc.MOTION_SWITCHER
+        self._service = Service(link.participant, name, link.clock)
+        self._began_ns = self._requested_ns = 0
+        self._holder = ""
+
+    def begin(self) -> None:
+        """Forget earlier answers. The robot may have been released since."""
+        self._began_ns, self._requested_ns, self._holder = self._clock.now_ns(), 0, ""
+
+    def held_by(self) -> str:
+        """Return the mode or state in the newest answer, and repeat the question. Empty: none, or not known."""
+        now_ns = self._clock.now_ns()
+        if now_ns - self._requested_ns >= ASK_EVERY_NS:
+            self._requested_ns = now_ns
+            self._service.ask(rpc.GET_FSM_ID if self._has_fsm else rpc.CHECK_MODE, self._on_response)
+        return self._holder
+
+    def _on_response(self, response: rpc.Response) -> None:
+        if response.error or response.id < self._began_ns:
+            return
+        if self._has_fsm:
+            number = rpc.fsm_id(response)
+            self._holder = "" if number in HANDSHAKE_FSM else f"FSM {number:g}"
+        else:
+            mode = rpc.mode_name(response)
+            self._holder = f"sport mode {mode!r}" if mode else ""
 
 
 class UnitreeStopChannel(StopChannel):
@@ -25,10 +65,13 @@ class UnitreeStopChannel(StopChannel):
         self._config = config
         self._clock = clock
         self._link: Link | None = None
+        self._holder: Holder | None = None  # None of Unitree's simulator, which has no mode
         self._listens = False
 
     async def serve(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
         self._link = link = Link(self._config, self._clock)
+        if not self._config.simulator:
+            self._holder = Holder(link, self._config)
         async with trio.open_nursery() as nursery:
             await nursery.start(link.participant.run)
             link.state = await self._one_state()
@@ -54,7 +97,11 @@ class UnitreeStopChannel(StopChannel):
         if not self._listens:
             self._listens = True
             link.listen()
-        return await bring_down(link, safe_state)
+        holder = self._holder
+        if holder is None:
+            return await bring_down(link, safe_state)
+        holder.begin()
+        return await bring_down(link, safe_state, holder.held_by)
 
     def close(self) -> None:
         if self._link is not None:

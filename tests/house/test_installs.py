@@ -73,7 +73,8 @@ def test_everything_that_a_robot_needs_has_a_wheel(python: str, machine: str) ->
 def test_everything_that_the_tests_need_has_a_wheel_or_is_left_out(python: str, machine: str) -> None:
     """The README's second command installs them. A marker leaves out a package without a wheel
     (``tests/machines.py``)."""
-    lines = [line for line in wanted(["all", "dataset", "docs", "reachy", "test"]) if Requirement(line).name not in SOURCES]
+    extras = ("all", "dataset", "docs", "reachy", "test")
+    lines = [line for line in wanted(extras) if Requirement(line).name not in SOURCES]
     names = resolve(python, machine, lines, GLIBC_OF_TESTS)
     assert {"pytest", "xarm-python-sdk", "booster-robotics-sdk-python"} <= names
 

@@ -1,12 +1,14 @@
 """A caller that the tests kill. It prints ``ready``, and then calls one verb of a stopped robot when a
 line arrives.
 
-Arguments: robot, port, keywords of the robot in JSON, the verb (``resume``, ``connect_eagerly``, or the
-name of a service), then the services that must run before it, after a resume.
+Arguments: robot, port, keywords of the robot in JSON, arguments of the services in JSON, the verb
+(``resume``, ``connect_eagerly``, or the name of a service), then the services that must run before it,
+after a resume.
 """
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
 import time
@@ -30,18 +32,26 @@ def succeed(call: Any, *arguments: Any) -> None:
         time.sleep(0.05)
 
 
-def main(name: str, port: str, keywords: str, verb: str, *before: str) -> None:
+def main(name: str, port: str, keywords: str, arguments: str, verb: str, *before: str) -> None:
     robot = Robot(name, mode="real", port=port, **json.loads(keywords))
+    given = json.loads(arguments)
+
+    def service_call(service: str) -> Any:
+        """Return a call of the service, with those of the arguments that it has."""
+        has = robot.driver.SERVICES[service].arguments
+        named = {key: value for key, value in given.items() if key in has}
+        return functools.partial(robot.service, service, **named)
+
     if verb != "connect_eagerly":
         succeed(robot.connect_eagerly)
         if verb == "resume":
             succeed(robot.stop)
         for service in before:
-            succeed(robot.service, service)
+            succeed(service_call(service))
     print(json.dumps("ready"), flush=True)
     while line := sys.stdin.readline().strip():
-        call = getattr(robot, verb) if verb in ("resume", "connect_eagerly", "stop") else None
-        answer = {"stop": robot.stop}.get(line, call or (lambda: robot.service(verb)))()
+        call = getattr(robot, verb) if verb in ("resume", "connect_eagerly") else service_call(verb)
+        answer = {"stop": robot.stop}.get(line, call)()
         print(json.dumps(answer if isinstance(answer, dict) else {"status": str(answer)}), flush=True)
 
 

@@ -4,10 +4,8 @@ The processes are real, and the simulation of the twin shows its motors. A reque
 must not energise the robot after the last process has ended, nor after a safe state was reported as
 confirmed.
 
-To add a robot, add a ``Row``. The verb is ``resume``, ``connect_eagerly`` or the name of a service.
-``before`` names verbs that must run first. ``energised`` returns whether the twin's motors are on
-although they should be off. The ordinary suite runs ``QUICK`` moments of a row, and the long suite
-runs all of its ``moments``.
+The rows are in ``arming_rows.py``. The ordinary suite runs ``QUICK`` moments of a row, and the long
+suite runs all of its ``moments``.
 """
 
 from __future__ import annotations
@@ -20,8 +18,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -34,94 +31,16 @@ from strands_actors.drivers.common.simulation_control.client import SimulationCl
 from strands_actors.testing import Twin
 from strands_actors.testing.bench import driver_of
 
-MOMENTS = int(os.environ.get("STRANDS_ACTORS_MOMENTS", "40"))
-"""Moments of a UR in the long suite, for each victim."""
-FEW, QUICK = min(4, MOMENTS), 1
-"""Moments of the other robots in the long suite, and moments of a row in the ordinary suite. The
-single moment is the middle of the verb."""
+from .arming_rows import QUICK, ROWS, Row
+
 VICTIMS = ("caller", "wire", "root", "root and wire")
 GONE_S = 30.0
 """Time for processes to end, in addition to the time that the driver declares."""
 ANSWER_S = 5.0
 READS_S = 0.1
 """Time for a twin to carry out a control line."""
-
-
-@dataclass(frozen=True)
-class Row:
-    robot: str
-    verb: str
-    before: tuple[str, ...] = ()
-    options: Mapping[str, object] = field(default_factory=dict)
-    """Options of the twin."""
-    keywords: Mapping[str, object] = field(default_factory=dict)
-    """Keyword arguments of the robot."""
-    energised: Callable[[Trial], bool] = lambda trial: trial.held_by_wire
-    begun: Callable[[Trial], bool] | None = None
-    """Returns whether the verb had an effect. None: the robot must be energised."""
-    queue_s: float = 0.0
-    """Time by which the robot delays requests of the wire process. It carries out others at once."""
-    fresh: bool = False
-    """True if the twin's power is cut before each trial, because a stop leaves the robot ready to move."""
-    moments: int = MOMENTS
-    quick: tuple[str, ...] = ()
-    """Victims in the ordinary suite."""
-
-    def __str__(self) -> str:
-        return "-".join((self.robot, self.verb, *self.options, *map(str, self.keywords.values())))
-
-
-ENERGISING = ("enable", "setpoint")
-
-
-def energised_last(trial: Trial) -> bool:
-    """Return whether the host's last energising or safe frame is an energising one.
-
-    This serves robots that stay energised after a stop.
-    """
-    kinds = trial.kinds("safe", *ENERGISING)
-    return bool(kinds) and kinds[-1] in ENERGISING
-
-
-def wrote(kind: str) -> Callable[[Trial], bool]:
-    return lambda trial: bool(trial.log.host(kind))
-
-
-def few(robot: str, verb: str, **more: Any) -> Row:
-    return Row(robot, verb, moments=FEW, **more)
-
-
-ROWS = [
-    # A stop ends the running program while the upload is still loading. The upload starts after it.
-    Row("ur5e", "resume", options={"program_load_s": 0.5}, quick=("caller", "root and wire")),
-    few("ur5e", "resume", options={"program_load_s": 0.5}, keywords={"control": "script"}, quick=("wire",)),
-    Row("ur5e", "resume"),
-    Row("ur5e", "connect_eagerly"),
-    few("so101", "resume"),
-    few("koch", "resume"),
-    few("xarm7", "resume", queue_s=0.05, quick=("wire",)),
-    few("xarm7", "connect_eagerly"),
-    # A stop leaves these two ready to move, so a resume sends no request.
-    few("robotiq_2f85", "connect_eagerly", fresh=True, energised=energised_last, begun=wrote("enable")),
-    few("rby1", "connect_eagerly", fresh=True, energised=energised_last, begun=wrote("enable")),
-    few("kinova_gen3", "resume", queue_s=0.02, energised=energised_last, begun=wrote("enable")),
-    few("spot", "stand", queue_s=0.05),
-    few("spot", "connect_eagerly", energised=energised_last, begun=wrote("config")),
-    few("reachy_mini", "wake", energised=energised_last, begun=wrote("setpoint")),
-    few("reachy_mini", "motors", energised=energised_last, begun=wrote("other")),
-    few("booster_t1", "enable_upper_body", queue_s=0.05, quick=("wire",)),
-    few("unitree_go2", "release_sport_mode", queue_s=0.05, energised=energised_last, begun=wrote("config")),
-    few("crazyflie", "takeoff", queue_s=0.05),
-    few("microduck", "enable", energised=energised_last, begun=wrote("other")),
-    few("panda", "connect_eagerly", energised=energised_last, begun=wrote("config")),
-    # Answers energise nothing. The arm holds its position while a session commands it.
-    few("kuka_iiwa", "resume", energised=energised_last, begun=wrote("safe")),
-    few("kuka_iiwa", "connect_eagerly", energised=energised_last, begun=wrote("safe"), quick=("root",)),
-    few("stretch3", "resume", energised=energised_last, begun=wrote("safe")),
-    few("yahboom_m3pro", "resume", energised=energised_last, begun=wrote("safe")),
-    few("earthrover", "resume", energised=energised_last, begun=wrote("safe")),
-]
-
+QUEUED = 0.6
+"""The first moment of a row with a queue, as a share of the queue's time. By then the request was sent."""
 
 CASES = [
     pytest.param(row, victim, moments, id=f"{row}-{victim}-{moments}", marks=marks)
@@ -148,8 +67,10 @@ class Trial:
             self._order("late 0 0")
         if row.fresh:
             twin.power_cycle()
-        command = [sys.executable, "-m", "tests.kill.arming_caller", row.robot, twin.port]
-        command += [json.dumps(row.keywords), row.verb, *row.before]
+        robot, _, level = row.robot.partition(":")
+        keywords = {**row.keywords, "level": level} if level else row.keywords
+        command = [sys.executable, "-m", "tests.kill.arming_caller", robot, twin.port]
+        command += [json.dumps(keywords), json.dumps(row.arguments), row.verb, *row.before]
         with self._errors.open("w") as errors:
             self._caller = subprocess.Popen(
                 command,
@@ -271,10 +192,11 @@ class Bench:
 
     def trial(self, row: Row) -> Trial:
         """Start a caller on a twin with an empty log, and wait until it is ready."""
-        if self._key != (row.robot, row.options):
+        robot = row.robot.partition(":")[0]
+        if self._key != (robot, row.options):
             self.close()
-            self._key, self._directory = (row.robot, row.options), self._directories.mktemp("arming")
-            twin = Twin(row.robot, self._directory, options=row.options, by_hand=True)
+            self._key, self._directory = (robot, row.options), self._directories.mktemp("arming")
+            twin = Twin(robot, self._directory, options=row.options, by_hand=True)
             self.twin = self._twin.enter_context(twin)
         os.truncate(self.twin.log.path, 0)
         return Trial(row, self.twin, self._directory)
@@ -342,7 +264,8 @@ def test_saf_021_nothing_is_energised_after_a_kill_during_the_verb(
     for number in range(moments):
         trial = bench.trial(row)
         try:
-            after_s = (number + 0.5) / moments * took_s
+            is_queued = row.queue_s and number == 0
+            after_s = QUEUED * row.queue_s if is_queued else (number + 0.5) / moments * took_s
             began_ns = time.monotonic_ns()
             trial.begin()
             time.sleep(after_s)
