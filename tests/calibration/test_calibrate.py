@@ -336,7 +336,7 @@ def test_an_unplugged_adapter_is_reported(tmp_path: Path, capsys: pytest.Capture
     assert json.loads(capsys.readouterr().out)["port"] == f"{tmp_path}/right"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(commands.Terminal, "ready", _when_asked(lambda: None))
-        with pytest.raises(commands.Problem, match="no adapter was unplugged. Unplug only"):
+        with pytest.raises(commands.Problem, match=r"no adapter was unplugged\. Unplug only"):
             commands.ports([f"{tmp_path}/*"], as_json=True)
 
 
