@@ -146,7 +146,8 @@ def daemon_error(status: int, body: bytes) -> Refused:
 
 
 def move_ended_early(event_type: str, details: str) -> Refused:
-    return Refused(ReachyCode.MOVE, f"{event_type.replace('_', ' ')} {details}".rstrip(), "check the robot")
+    event = event_type.replace("_", " ")
+    return Refused(ReachyCode.MOVE, f"{event} {details}".rstrip(), "check the robot")
 
 
 def no_such_move(dataset: str, move: str, moves: str) -> Refused:

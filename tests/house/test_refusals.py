@@ -95,6 +95,8 @@ def shown(expression: ast.expr, assigned: dict[str, ast.expr]) -> str:
             return "".join(shown(part, assigned) for part in parts)
         case ast.FormattedValue(value=value) | ast.Subscript(value=value) | ast.Call(args=[value]):
             return shown(value, assigned)
+        case ast.Call(func=ast.Attribute(value=value), args=[]):
+            return shown(value, assigned)
         case ast.Name(id=name):
             others = {key: value for key, value in assigned.items() if key != name}
             return shown(assigned[name], others) if name in assigned else f"{{{name}}}"
@@ -102,7 +104,8 @@ def shown(expression: ast.expr, assigned: dict[str, ast.expr]) -> str:
             return shown(left, assigned) + shown(right, assigned)
         case ast.IfExp(body=body, orelse=other):
             return " / ".join(filter(None, (shown(body, assigned), shown(other, assigned))))
-    return f"{{{ast.unparse(expression)}}}"
+    # A text within a text has other quotes in other versions of Python.
+    return f"{{{ast.unparse(expression)}}}".replace('"', "'")
 
 
 def assignments(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[tuple[str, ast.expr]]:

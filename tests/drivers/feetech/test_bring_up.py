@@ -234,7 +234,7 @@ def test_saf_009_a_stop_during_bring_up_wins(goal_energises: bool, denied_at: in
     ("lost", "says"),
     [
         (lambda packet: packet.id == 4 and packet.code == protocol.WRITE, "does not confirm torque on"),
-        (lambda packet: packet == (4, protocol.READ, bytes((40, 1))), "does not tell whether it has torque"),
+        (lambda packet: packet == (4, protocol.READ, bytes((40, 1))), "does not report whether it has torque"),
         (lambda packet: packet.code == protocol.SYNC_WRITE, "did not take its present position as goal"),
     ],
 )

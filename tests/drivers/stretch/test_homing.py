@@ -121,7 +121,7 @@ def test_a_wrist_with_unknown_homing_is_not_energised() -> None:
 
         servo.read = mute  # type: ignore[method-assign]
         rig.kinds.clear()
-        with pytest.raises(WireDown, match=r"wrist_yaw .*does not tell whether it is homed"):
+        with pytest.raises(WireDown, match=r"wrist_yaw .*does not report whether it is homed"):
             await wire.arm(Permission())
         assert WRIST not in rig.ports_written("enable")
 
