@@ -169,7 +169,7 @@ def refuse_arguments(model: Model, service: str, arguments: Mapping[str, Any]) -
             return _refuse_mode(arguments)
         case "enable_upper_body" if not isinstance(on := arguments.get("on", True), bool):
             # Refuse any type but ``bool``: the text "no" would count as true.
-            return bad_argument("on", str(on)[:SHOWN], "True or False")
+            return bad_argument("on", on, "True or False")
     for name, (low, high, unit) in limits.items():
         value, shown = finite(arguments.get(name, 0.0)), str(arguments.get(name))[:SHOWN]
         if value is None:

@@ -154,7 +154,7 @@ class EarthRover(Driver):
         text = arguments.get("text", "")
         if isinstance(text, str) and 0 < len(text) <= SPOKEN:
             return None
-        return refusals.unfit_text(str(text)[:40], SPOKEN)
+        return refusals.unfit_text(text, SPOKEN)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {"driver": "strands", "robot": self.robot, **super().commanded(action, values)}

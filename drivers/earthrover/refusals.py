@@ -13,7 +13,7 @@ class EarthRoverCode(RefusalCode):
     SERVICE = "service", "the SDK process answers with an error", "look at the SDK process"
 
 
-def unfit_text(text: str, longest: int) -> Refused:
+def unfit_text(text: object, longest: int) -> Refused:
     return bad_argument("text", text, f"1..{longest} characters")
 
 

@@ -22,7 +22,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.stop_channels import KeptSession
-from strands_actors.contract.wire import MotorReport, WireDown
+from strands_actors.contract.wire import MotorReport, WireDown, all_safe
 from strands_actors.drivers.common.kit.outcome import Outcome
 from strands_actors.drivers.common.ports.tcp_port import TcpPort, open_tcp
 from strands_actors.kernel.clock import Clock
@@ -96,7 +96,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
         reports = await stop_arm(self.config.axes, clients, open_session)
         if not any(report.written for report in reports):
             return Outcome(False, False, reason).reports(self.config.axes)
-        if all(report.safe for report in reports):
+        if all_safe(reports):
             self._log_out()
         return reports
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeVar
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown, all_safe
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import NOT_CONNECTED, Outcome
 from strands_actors.drivers.common.kit.session_wire import SessionWire
@@ -132,7 +132,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         stop = Stop(self._config, session.connection, lambda: connect_to_stop(self._config, self._open_stream))
         try:
             reports = await stop.run(safe_state)
-            if stop.connection is not session.connection and _all_safe(reports):
+            if stop.connection is not session.connection and all_safe(reports):
                 session.connection.close()
                 reports = await stop.run(safe_state)
             return reports
@@ -151,7 +151,7 @@ class RBY1Wire(SessionWire[RBY1Session]):
         channel = RBY1StopChannel(self._config, (), self._clock, self._open_stream)
         try:
             reports = await channel.make_safe(safe_state)
-            if sent and _all_safe(reports):
+            if sent and all_safe(reports):
                 self.close()
                 reports = await channel.make_safe(safe_state)
         finally:
@@ -256,10 +256,6 @@ class RBY1Wire(SessionWire[RBY1Session]):
             },
             faults={CONTROLLER: session.lost} if session.lost else {},
         )
-
-
-def _all_safe(reports: tuple[MotorReport, ...]) -> bool:
-    return all(report.safe for report in reports)
 
 
 def _decoded(decode: Callable[[bytes], T], answer: bytes) -> T:

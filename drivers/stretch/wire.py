@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import trio
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown
+from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, Wire, WireDown, all_safe
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.ports.half_duplex import Quiet
 from strands_actors.drivers.common.ports.serial_port import open_serial
@@ -303,7 +303,7 @@ class StretchWire(Wire):
         if self._boards:
             with trio.move_on_after(OLD_S):
                 reports = await self._stop(safe_state, OLD_S)
-                if all(report.safe for report in reports):
+                if all_safe(reports):
                     self.close()
                     return reports
         self.close()

@@ -65,6 +65,16 @@ def stale(ttl_s: float) -> ConditionCheck:
 _HANDSHAKE = ", ".join(map(str, HANDSHAKE_FSM))
 
 
+def fsm_in_control(number: float) -> str:
+    """Return the state of a G1 if this state controls the robot instead of our commands; otherwise empty."""
+    return "" if number in HANDSHAKE_FSM else f"FSM {number:g}"
+
+
+def mode_in_control(mode: str) -> str:
+    """Return the onboard mode, for people, if one controls the robot instead of our commands; otherwise empty."""
+    return f"sport mode {mode!r}" if mode else ""
+
+
 def fsm(observation: Observation, now_ns: int) -> Refused | None:
     """G1: refuse joint commands unless its state machine (FSM) is in a state in which the robot balances."""
     reported = observation.sensors.get("fsm")

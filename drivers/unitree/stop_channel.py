@@ -13,7 +13,7 @@ from strands_actors.kernel.clock import Clock
 from . import protocol as p
 from . import rpc
 from .config import UnitreeConfig
-from .gates import CONTROL_S, HANDSHAKE_FSM
+from .gates import CONTROL_S, fsm_in_control, mode_in_control
 from .link import FIND_S, Link, Service
 from .safing import bring_down, reports
 from .session import ASK_EVERY_NS
@@ -50,11 +50,9 @@ class Holder:
         if response.error or response.id < self._began_ns:
             return
         if self._has_fsm:
-            number = rpc.fsm_id(response)
-            self._holder = "" if number in HANDSHAKE_FSM else f"FSM {number:g}"
+            self._holder = fsm_in_control(rpc.fsm_id(response))
         else:
-            mode = rpc.mode_name(response)
-            self._holder = f"sport mode {mode!r}" if mode else ""
+            self._holder = mode_in_control(rpc.mode_name(response))
 
 
 class UnitreeStopChannel(StopChannel):

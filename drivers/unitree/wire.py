@@ -21,7 +21,7 @@ from strands_actors.kernel.messages import Refused
 from . import protocol as p
 from . import refusals, rpc
 from .config import UnitreeConfig
-from .gates import CONTROL_S, FSM_TTL_S, HANDSHAKE_FSM, MODE_TTL_S
+from .gates import CONTROL_S, FSM_TTL_S, MODE_TTL_S, fsm_in_control, mode_in_control
 from .link import FIND_S, Link, Service
 from .refusals import MAY_LET_GO
 from .rpc import ATTEMPTS, RELEASE_S
@@ -110,10 +110,10 @@ class UnitreeSession(RobotSession):
             return ""
         now_s = self.clock.now_ns() / NS
         if self.fsm is not None:
-            if self.fsm_id and now_s - self.fsm_id[1] <= FSM_TTL_S and self.fsm_id[0] not in HANDSHAKE_FSM:
-                return f"FSM {self.fsm_id[0]:g}"
-        elif self.mode and self.mode[0] and self.mode[1] >= max(now_s - MODE_TTL_S, self.modes.settled_ns / NS):
-            return f"sport mode {self.mode[0]!r}"
+            if self.fsm_id and now_s - self.fsm_id[1] <= FSM_TTL_S:
+                return fsm_in_control(self.fsm_id[0])
+        elif self.mode and self.mode[1] >= max(now_s - MODE_TTL_S, self.modes.settled_ns / NS):
+            return mode_in_control(self.mode[0])
         return ""
 
     # -- answers

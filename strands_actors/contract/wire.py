@@ -60,6 +60,11 @@ class MotorReport(Message, frozen=True):
     target: float | None = None
 
 
+def all_safe(motors: Sequence[MotorReport]) -> bool:
+    """Return True if the reports confirm a stop: each motor is safe. Without a report, nothing is confirmed."""
+    return bool(motors) and all(motor.safe for motor in motors)
+
+
 class Permit(Protocol):
     """Decides, immediately before bytes are sent, whether a setpoint or a request to energise is still allowed."""
 

@@ -52,7 +52,7 @@ from strands_actors.supervisors.wire.watchdog import Tick
 from .channel_keeper import ChannelKeeper
 from .guarded import GuardedStandby, GuardedWire
 from .lock_keeper import Kept, LockKeeper
-from .stop_channel import LINGER_S, REPEAT_S, all_safe, attempt, attempt_anew, pauses_s, settled
+from .stop_channel import LINGER_S, REPEAT_S, attempt, attempt_anew, none_unsafe, pauses_s, settled
 from .stopped_detector import LOOK_EVERY, LOOKS, StoppedDetector
 
 START_DEADLINE_S = 5.0
@@ -583,7 +583,7 @@ class Guardian(Actor):
                 # robot in any state.
                 motors = await self._settled(partial(attempt_anew, self._driver, self.context.clock, safe_state))
         self._attempting = None
-        if not all_safe(motors):
+        if not none_unsafe(motors):
             self._on_failed()
         if not safe_state.at_least(self._required_state()):
             self._confirmed = False
@@ -591,7 +591,7 @@ class Guardian(Actor):
             return
         # A report without motors comes from a stop that was not attempted, so it changes nothing.
         if motors:
-            self._confirmed = all_safe(motors)
+            self._confirmed = none_unsafe(motors)
         if self._confirmed:
             self._safety_page.may_be_energised = False
             if motors:

@@ -119,7 +119,7 @@ async def settled(
     while True:
         unsettled_s = safety_page.unsettled_s(clock.now_ns())
         motors = await make_safe()
-        if not unsettled_s or not all_safe(motors):
+        if not unsettled_s or not none_unsafe(motors):
             return motors
         if safety_page.is_asking:
             return not_settled(motors)
@@ -138,7 +138,9 @@ def pauses_s() -> Iterator[float]:
         yield AGAIN_S[-1]
 
 
-def all_safe(motors: Sequence[MotorReport]) -> bool:
+def none_unsafe(motors: Sequence[MotorReport]) -> bool:
+    """Return True if no motor is reported as unsafe. The report of a stop that was not attempted has no motors, so
+    it does not count as a failure. ``contract.wire.all_safe`` decides whether a stop is confirmed."""
     return all(motor.safe for motor in motors)
 
 

@@ -26,7 +26,7 @@ import trio
 
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, StopChannel, WireDown
+from strands_actors.contract.wire import MotorReport, StopChannel, WireDown, all_safe
 from strands_actors.kernel.actor import Actor, Deferred, first_of
 from strands_actors.kernel.channels.link import Link
 from strands_actors.kernel.clock import NS, MonotonicClock
@@ -48,9 +48,9 @@ from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
 from strands_actors.supervisors.refusals import no_stop_channel
 from strands_actors.supervisors.root.stop_channel import (
     LINGER_S,
-    all_safe,
     attempt,
     attempt_anew,
+    none_unsafe,
     pauses_s,
     serve,
     settled,
@@ -272,7 +272,7 @@ class Standby(Actor):
                     begun = self._reported(cause, safe_state, (), 0, over=False)
                     nursery.start_soon(self._tell, begun)
             attempts, motors = attempts + 1, results[0]
-            confirmed = all_safe(motors)
+            confirmed = none_unsafe(motors)
             if confirmed:
                 self._safety_page.may_be_energised = False
             if any(motor.written for motor in motors):
@@ -282,12 +282,12 @@ class Standby(Actor):
             if over:
                 break
             await trio.sleep(pause_s)
-        self._leave(0 if all_safe(motors) else UNCONFIRMED)
+        self._leave(0 if none_unsafe(motors) else UNCONFIRMED)
 
     def _reported(
         self, cause: str, safe_state: SafeState, motors: tuple[MotorReport, ...], attempts: int, over: bool
     ) -> StandbyReport:
-        confirmed = bool(motors) and all_safe(motors)
+        confirmed = all_safe(motors)
         return StandbyReport(
             self._robot, self._place, cause, safe_state, confirmed, motors, attempts, over, os.getpid()
         )

@@ -40,7 +40,7 @@ from strands_actors.supervisors.introspection import Introspector
 from strands_actors.supervisors.loading import load_driver, without_secrets
 from strands_actors.supervisors.mesh import policy_access
 from strands_actors.supervisors.page import ROOT, STANDBY, WIRE, SafetyPage
-from strands_actors.supervisors.root.stop_channel import LINGER_S, all_safe, attempt_anew, pauses_s, settled
+from strands_actors.supervisors.root.stop_channel import LINGER_S, attempt_anew, none_unsafe, pauses_s, settled
 from strands_actors.supervisors.wire.messages import RootGone
 
 from .transport import Transport
@@ -394,7 +394,7 @@ async def make_safe_alone(
     with trio.move_on_after(LINGER_S):
         for pause_s in pauses_s():
             make_safe = partial(attempt_anew, driver, clock, safe_state, descriptors)
-            if all_safe(await settled(safety_page, clock, make_safe)):
+            if none_unsafe(await settled(safety_page, clock, make_safe)):
                 return True
             if safety_page.is_asking:
                 # A thread of an SDK runs until this process ends. So end now, and let the standby stop the robot.

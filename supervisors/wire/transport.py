@@ -23,7 +23,15 @@ import trio
 
 from strands_actors.contract.driver import HOLDING_REASONS, ORDERED, Driver, Reason
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport, Observation, PermitDenied, ProcessSpent, Wire, WireDown
+from strands_actors.contract.wire import (
+    MotorReport,
+    Observation,
+    PermitDenied,
+    ProcessSpent,
+    Wire,
+    WireDown,
+    all_safe,
+)
 from strands_actors.kernel.actor import Actor
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.health import busy
@@ -277,9 +285,9 @@ class Transport(Actor):
         hold_failed = self.hold_failed if holds else ""
         observation = await self._read_held_position(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, observation)
-        if not holds and not _all_safe(motors):
+        if not holds and not all_safe(motors):
             RESERVE.end_if_short()
-        if not _all_safe(motors) or hold_failed:
+        if not all_safe(motors) or hold_failed:
             return
         self._safety_page.confirm(safe_state)
         if not holds and self._wire is not None:
@@ -304,7 +312,7 @@ class Transport(Actor):
             unsettled_s = self._safety_page.unsettled_s(clock.now_ns())
             with self._busy(self._driver.timing.safe_s):
                 motors = await self._bring(safe_state, holds, lasts)
-            if motors is None or not unsettled_s or not _all_safe(motors) or (holds and self.hold_failed):
+            if motors is None or not unsettled_s or not all_safe(motors) or (holds and self.hold_failed):
                 return motors
             if self._replacement_requested or clock.now_ns() - began_ns > longest_s * NS:
                 # The request is in a call of an SDK, and only the end of this process ends that call.
@@ -376,7 +384,7 @@ class Transport(Actor):
         now_ns = self.context.clock.now_ns()
         took_ms = (now_ns - began_ns) / 1e6
         motors = motors or not_reached(self._driver, "no link")
-        report = StopReport(reason, safe_state, epoch, _all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
+        report = StopReport(reason, safe_state, epoch, all_safe(motors), motors, took_ms=took_ms, at_ns=now_ns)
         self._gate.tell(SafeDone(report, hold_failed, observation))
 
     async def _arm(self, epoch: int) -> None:
@@ -514,7 +522,7 @@ class Transport(Actor):
         began_ns = self.context.clock.now_ns()
         with self._cancelled_by_stop(), self._busy(self._driver.timing.safe_s, number):
             motors = await self._reach(safe_state, began_ns)
-            if not _all_safe(motors):
+            if not all_safe(motors):
                 RESERVE.end_if_short()
             if any(motor.written for motor in motors):
                 if self._safety_page.unsettled_s(began_ns):
@@ -604,7 +612,3 @@ class Transport(Actor):
         finally:
             self._safety_page.silent_until_ns = 0
             self._guardian.tell(SilentUntil(0))
-
-
-def _all_safe(motors: tuple[MotorReport, ...]) -> bool:
-    return bool(motors) and all(motor.safe for motor in motors)

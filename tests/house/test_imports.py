@@ -32,10 +32,10 @@ def modules_below(root: Path, package: str) -> dict[str, Path]:
     return found
 
 
-def imports_of(name: str, is_package: bool, source: str) -> Iterator[Import]:
+def imports_of(name: str, is_package: bool, source: str | ast.Module) -> Iterator[Import]:
     """Return the imports of a module: at load time, later in a function, and for type checkers only."""
     package = name if is_package else name.rpartition(".")[0]
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(ast.parse(source) if isinstance(source, str) else source):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 yield Import(node.lineno, alias.name)
@@ -52,11 +52,16 @@ MODULES = modules_below(ROOT, PACKAGE)
 
 
 @functools.cache
+def trees() -> dict[str, ast.Module]:
+    """Return the syntax tree of every module."""
+    return {name: ast.parse(path.read_text()) for name, path in sorted(MODULES.items())}
+
+
+@functools.cache
 def all_imports() -> dict[str, list[Import]]:
     """Return the imports of every module. Only a test calls it, so that collecting the tests stays fast."""
     return {
-        name: list(imports_of(name, path.name == "__init__.py", path.read_text()))
-        for name, path in sorted(MODULES.items())
+        name: list(imports_of(name, MODULES[name].name == "__init__.py", tree)) for name, tree in trees().items()
     }
 
 

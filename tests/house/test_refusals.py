@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from strands_actors.kernel.refusals import RefusalCode
 
-from .test_imports import MODULES, PACKAGE, ROOT, all_imports
+from .test_imports import MODULES, PACKAGE, ROOT, all_imports, trees
 
 PAGE = ROOT / "docs" / "refusals.md"
 HEAD = """# Refusals
@@ -63,11 +63,6 @@ def catalogues() -> dict[str, type[RefusalCode]]:
 
 def is_catalogue(module: str) -> bool:
     return module.rpartition(".")[2] == "refusals"
-
-
-@functools.cache
-def trees() -> dict[str, ast.Module]:
-    return {name: ast.parse(path.read_text()) for name, path in sorted(MODULES.items())}
 
 
 def codes_in(node: ast.AST) -> frozenset[str]:
@@ -139,6 +134,16 @@ def texts() -> dict[tuple[str, str], Text]:
     return found
 
 
+def written(node: ast.AST) -> str:
+    """Return a name, or an attribute of a name, as it is written; empty for anything else."""
+    match node:
+        case ast.Name(id=name):
+            return name
+        case ast.Attribute(value=ast.Name(id=name), attr=attribute):
+            return f"{name}.{attribute}"
+    return ""
+
+
 @functools.cache
 def calls() -> dict[tuple[str, str], set[str]]:
     """Return the modules that call each function of a catalogue, also by way of another such function."""
@@ -149,7 +154,7 @@ def calls() -> dict[tuple[str, str], set[str]]:
         for top in tree.body:
             by = (module, top.name) if isinstance(top, ast.FunctionDef) else ("", "")
             for node in ast.walk(top):
-                called = reached.get(ast.unparse(node)) if isinstance(node, ast.Name | ast.Attribute) else None
+                called = reached.get(written(node))
                 if called is None:
                     continue
                 if by in found:
@@ -184,7 +189,7 @@ def reasons() -> dict[str, set[str]]:
     for module, tree in trees().items():
         reached = _reached(module)
         for node in ast.walk(tree):
-            called = reached.get(ast.unparse(node.func)) if isinstance(node, ast.Call) else None
+            called = reached.get(written(node.func)) if isinstance(node, ast.Call) else None
             if called is not None and isinstance(node, ast.Call) and node.args:
                 for code in codes_in(node.args[0]):
                     found.setdefault(code, set()).update(texts()[called].reasons)

@@ -18,6 +18,7 @@ from strands_actors.contract.axis import Axis, finite
 from strands_actors.contract.axis_gates import STEP_TOLERANCE, past_range, too_fast
 from strands_actors.contract.driver import Candidate, GateCheck, GateState
 from strands_actors.contract.refusals import empty_action, not_finite, unknown_joint
+from strands_actors.contract.shown import SHOWN
 from strands_actors.drivers.common.kit import refusals
 from strands_actors.kernel.messages import Refused
 
@@ -121,7 +122,7 @@ class Parser:
         for key, value in action.items():
             index = index_of.get(key)
             if index is None:
-                return unknown_joint(str(key)[:40] or "''", self._model.name, self._keys)
+                return unknown_joint(str(key)[:SHOWN] or "''", self._model.name, self._keys)
             if not whole:
                 target[index + count :: count] = self._rest[index::count]
             if type(value) is float and math.isfinite(value):
@@ -150,16 +151,16 @@ class Parser:
             value = dict(value) if isinstance(value, Mapping) else {"q": value}
         key = self._model.joints[index].key
         if "q" not in value:
-            return refusals.no_q(key, ", ".join(str(name)[:40] for name in value) or "{}", _ROW_NAMES)
+            return refusals.no_q(key, ", ".join(str(name)[:SHOWN] for name in value) or "{}", _ROW_NAMES)
         count = self._count
         for name, part in value.items():
             row = _ROW.get(name)
             if row is None:
-                return refusals.unknown_row(key, str(name)[:40] or "''", _ROW_NAMES)
+                return refusals.unknown_row(key, str(name)[:SHOWN] or "''", _ROW_NAMES)
             if type(part) is not float or not math.isfinite(part):
                 number = finite(part)
                 if number is None:
-                    text = str(part)[:40]
+                    text = str(part)[:SHOWN]
                     return not_finite(f"{key}.{name}", text, text)
                 part = number
             target[index + count * row] = part
