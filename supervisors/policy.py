@@ -60,8 +60,9 @@ ASK_EVERY_S = 0.01
 requests an answer to only one setpoint in this time. If the gate refuses another setpoint, it accepts no further
 one, and that answer contains the refusal.
 
-The answer to a setpoint of a quick stream also contains the observation for the next computation, which saves a
-separate request for each step.
+While the buffer is low, the answer to each setpoint of a quick stream also contains an observation. The next
+computation takes the newest one, and needs no request of its own. A request takes about half a period at 500 Hz, and
+a policy that returns one action at a time would wait for it at every step.
 """
 
 MARGIN = 1.5
@@ -204,10 +205,12 @@ class Policy(Actor):
         self._ask_every = max(1, round(ASK_EVERY_S / rollout.period_s))
         self._is_quick = self._ask_every > 1
         self._answer_is_due = False
-        # True while the worker waits until the buffer is low.
-        self._is_waiting = False
-        self._observation: Observation | None = None  # observation from the answer to a setpoint
-        self._brings: trio.Event | None = None  # set when the answer with the observation has come
+        # The newest observation from the answer to a setpoint, the time of that answer, and the number of setpoints
+        # whose answers will contain one.
+        self._observation: Observation | None = None
+        self._observed_ns = 0
+        self._observations_due = 0
+        self._answered = trio.Event()  # a new event after each answer that may contain an observation
         self._began_ns = 0
         self._last_ns = 0
         self._ended: TaskStatus | None = None
@@ -249,7 +252,7 @@ class Policy(Actor):
         rollout = self._rollout
         deadline_ns = now_ns + round(rollout.ttl_s * NS)
         last = bool(rollout.n_steps) and self._steps + 1 >= rollout.n_steps
-        observe = self._is_quick and not last and self._is_waiting and self._buffer.low
+        observe = self._is_quick and not last and self._buffer.low
         keeps = last and rollout.keeps
         period_s = 0.0 if keeps else rollout.period_s
         setpoint = Setpoint(
@@ -259,8 +262,8 @@ class Policy(Actor):
             if not await self._ask(setpoint):
                 return
         elif observe:
-            self._brings = trio.Event()
-            self.context.start_soon(self._ask_to_observe, setpoint, self._brings)
+            self._observations_due += 1
+            self.context.start_soon(self._ask_to_observe, setpoint)
         elif self._steps % self._ask_every or self._answer_is_due:
             self._gate.tell(setpoint)
         elif not await self._ask_for_a_while(setpoint):
@@ -292,9 +295,11 @@ class Policy(Actor):
                 await answered.wait()
         return self._ended is None
 
-    async def _ask_to_observe(self, setpoint: Setpoint, answered: trio.Event) -> None:
+    async def _ask_to_observe(self, setpoint: Setpoint) -> None:
         await self._ask(setpoint)
-        answered.set()
+        self._observations_due -= 1
+        self._answered.set()
+        self._answered = trio.Event()
 
     async def _ask(self, setpoint: Setpoint) -> bool:
         """Send a setpoint. Return True if the gate accepted it. If not, the run has ended."""
@@ -312,7 +317,8 @@ class Policy(Actor):
             await self._end(reason, answer.text, answer.code)
             return False
         assert isinstance(answer, Accepted)
-        self._observation = answer.observation
+        if answer.observation is not None:
+            self._observation, self._observed_ns = answer.observation, self.context.clock.now_ns()
         return True
 
     async def _infer(self) -> None:
@@ -320,9 +326,7 @@ class Policy(Actor):
             infer, report_remaining = await trio.to_thread.run_sync(contained, self._ready, abandon_on_cancel=True)
             with contextlib.ExitStack() as moving:
                 while self._ended is None:
-                    self._is_waiting = True
                     await self._actions_requested.wait()
-                    self._is_waiting = False
                     began_ns = self.context.clock.now_ns()
                     observation = await self._observe()
                     if observation is None:
@@ -357,12 +361,14 @@ class Policy(Actor):
         return infer, getattr(policy, "actions_left", _ignore_count)
 
     async def _observe(self) -> dict[str, float] | None:
-        if self._brings is not None:
-            await self._brings.wait()
-            self._brings = None
-            brought, self._observation = self._observation, None
-            if brought is not None:
-                return self._positions(brought)
+        while self._observation is None and self._observations_due:
+            await self._answered.wait()
+        if self._ended is not None:
+            return None
+        answer_s = (self.context.clock.now_ns() - self._observed_ns) / NS
+        newest, self._observation = self._observation, None
+        if newest is not None and answer_s <= self._rollout.period_s:
+            return self._positions(newest)
         try:
             observation = await self._gate.ask(GetObservation(), self._ask_s)
         except (AskTimeout, Unreachable) as failure:

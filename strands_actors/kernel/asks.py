@@ -85,8 +85,17 @@ class Answer:
         return cast("Message | None", await trio.lowlevel.wait_task_rescheduled(abort))
 
 
+STALLED_S = 0.01
+"""A loop that wakes so much later than it wanted to (seconds) had no processor, or a handler has blocked it."""
+CATCH_UP_S = 0.02
+"""Seconds that such a loop takes to read the answers that came meanwhile."""
+
+
 class Deadlines:
     """Let requests expire that were not answered in time.
+
+    After a stall of the loop, an answer may have come before its deadline, and wait to be read. So the loop first
+    reads what has come, and then the request expires.
 
     Requests with the same timeout expire in the order in which they were made. So there is one queue for each
     timeout, and one task for all queues. (``trio.fail_after`` around each request would take twice the time of
@@ -124,3 +133,5 @@ class Deadlines:
             self._next_at = next_at
             with trio.move_on_at(next_at):
                 await self._wake.wait()
+            if trio.current_time() - next_at > STALLED_S:
+                await trio.sleep(CATCH_UP_S)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 import trio
-from trio.testing import wait_all_tasks_blocked
+from trio.testing import MockClock, wait_all_tasks_blocked
 
 from strands_actors.kernel.actor import Actor, Deferred
+from strands_actors.kernel.asks import Deadlines
 from strands_actors.kernel.clock import VirtualClock
 from strands_actors.kernel.frames import Down, protocol_of
 from strands_actors.kernel.messages import Message, Refused
@@ -227,6 +228,29 @@ async def test_asks_time_out_at_their_deadlines_in_any_order() -> None:
         assert sorted(ended, key=lambda end: end[1]) == [
             (0.25, 1.25), (1.0, 1.5), (1.0, 1.6), (3.0, 3.0), (1.0, 3.5),
         ]  # fmt: skip
+
+
+def test_an_answer_that_came_during_a_stall_counts() -> None:
+    clock = MockClock()
+
+    async def stall() -> Message | None:
+        deadlines, answer = Deadlines(), Answer(None)
+        deadlines.add(answer, 0.5)
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(deadlines.run)
+            await wait_all_tasks_blocked()
+            # The answer has come, and the loop has not read it yet, when the loop wakes long after the deadline.
+            trio.lowlevel.current_trio_token().run_sync_soon(answer.send, Number(1))
+            clock.jump(2.0)
+            await wait_all_tasks_blocked()
+            clock.jump(1.0)
+            received = await answer.wait()
+            nursery.cancel_scope.cancel()
+        return received
+
+    # The order in which trio runs tasks is random.
+    for _ in range(40):
+        assert trio.run(stall, clock=clock) == Number(1)
 
 
 @virtual_time

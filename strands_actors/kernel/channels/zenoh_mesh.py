@@ -185,7 +185,7 @@ class ZenohMesh:
                     if mesh._shown is not None:
                         _show(mesh._shown, data)
                     self.node.receive_frame(data, mesh)
-            if inbox:
+            if urgent or inbox:
                 self._waker.wake()
 
     def close(self) -> None:
