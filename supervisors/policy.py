@@ -61,8 +61,8 @@ requests an answer to only one setpoint in this time. If the gate refuses anothe
 one, and that answer contains the refusal.
 
 While the buffer is low, the answer to each setpoint of a quick stream also contains an observation. The next
-computation takes the newest one, and needs no request of its own. A request takes about half a period at 500 Hz, and
-a policy that returns one action at a time would wait for it at every step.
+computation takes the newest one, and needs no request of its own. A request takes about half a period at 500 Hz,
+and a policy that returns one action at a time would wait for it at every step.
 """
 
 MARGIN = 1.5

@@ -44,7 +44,7 @@ def make_ready(robot: RealRobot) -> None:
     robot.resume()
     if robot.tool_name not in BALANCED:
         return
-    released = robot.release_sport_mode()
+    released = robot.service("release_sport_mode")
     if released["status"] != "success":
         raise RuntimeError(f"the onboard controller was not released: {released}")
 
@@ -55,7 +55,7 @@ def rollout(robot: RealRobot, duration_s: float) -> tuple[float, str]:
     answer = robot.run_policy(OneAtATime(), duration=duration_s)
     if answer["status"] != "success":
         raise RuntimeError(f"the policy was not started: {answer}")
-    while (task := robot.get_task_status()["content"][0]["json"])["running"]:  # type: ignore[index]
+    while (task := robot.get_task_status()["content"][0]["json"])["running"]:
         if time.monotonic() - began_s > duration_s + ENDS_WITHIN_S:
             raise RuntimeError(f"the policy does not end: {task}")
         time.sleep(0.1)
