@@ -2,6 +2,9 @@
 
 The site needs no network, neither to build nor to read: it opens from a folder. It needs the extra
 ``docs``. Any warning of MkDocs fails the build.
+
+``python -m docs pictures [NAME ...]`` makes its pictures anew, without a display: of the robots, of the
+demo and of the terminal.
 """
 
 from __future__ import annotations
@@ -16,8 +19,13 @@ DEFAULT = Path("build/docs")
 
 
 def main(arguments: list[str]) -> int:
+    if arguments[:1] == ["pictures"]:
+        # Import this late, because building the site needs neither MuJoCo nor matplotlib.
+        from docs.studio.command import main as make_pictures
+
+        return make_pictures(arguments[1:])
     if len(arguments) > 1 or (arguments and arguments[0].startswith("-")):
-        print("usage: python -m docs [FOLDER]", file=sys.stderr)
+        print("usage: python -m docs [FOLDER], or python -m docs pictures [NAME ...]", file=sys.stderr)
         return 2
     folder = Path(arguments[0]) if arguments else DEFAULT
     began = time.monotonic()

@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import trio
 
@@ -24,11 +25,11 @@ from strands_actors.kernel.processes.process import ChildProcess, start
 from strands_actors.simulation.scene import check_size
 
 if TYPE_CHECKING:
-    import numpy
-    from numpy.typing import NDArray
+    from .picture import RenderedPicture
 
 _WORLD = "strands_actors.drivers.sim.world"
 _RENDER = f"{_WORLD}:render"
+_POSE = f"{_WORLD}:pose"
 _RESET = f"{_WORLD}:reset"
 _VIEWER = "strands_actors.drivers.sim.viewer:main"
 
@@ -37,6 +38,14 @@ WINDOW_S = 20.0
 
 class SimulationError(RuntimeError):
     """The simulation cannot carry out a request. The exception's text is the reason."""
+
+
+class Pose(NamedTuple):
+    """The state of a scene: ``qpos`` of its model, and the number of the scene, which increases with each change
+    of the model."""
+
+    qpos: tuple[float, ...]
+    scene: int
 
 
 class World:
@@ -49,22 +58,29 @@ class World:
         self._twin_process = twin_process
         self._windows: list[ChildProcess] = []
 
-    async def render(self, width: int, height: int, camera: str | None) -> NDArray[numpy.uint8]:
+    async def render(
+        self, width: int, height: int, camera: str | None, qpos: Sequence[float] = ()
+    ) -> RenderedPicture:
         """Return a picture of shape (height, width, 3), the first row on top.
 
         Args:
             width: Width in pixels.
             height: Height in pixels.
             camera: Name of a camera; None for a view of the whole robot.
+            qpos: The state to draw. Without values, the present one.
         """
         try:
             check_size(width, height)
         except ValueError as wrong:
             raise SimulationError(str(wrong)) from None
-        picture = await self._ask(_RENDER, width, height, camera or "")
-        import numpy
+        picture = await self._ask(_RENDER, width, height, camera or "", tuple(qpos))
+        from .picture import RenderedPicture
 
-        return numpy.frombuffer(picture.rgb, numpy.uint8).reshape(height, width, 3).copy()
+        return RenderedPicture.of(picture.rgb, width, height)
+
+    async def pose(self) -> Pose:
+        """Return the present state of the scene."""
+        return Pose(*await self._ask(_POSE))
 
     async def reset(self) -> None:
         """Move every joint back to its start position, and hold it there."""

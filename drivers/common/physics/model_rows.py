@@ -24,6 +24,9 @@ from typing import Any, NamedTuple
 from .body import TIMESTEP_S
 from .lean_mujoco import mujoco
 
+LOOKS = "strands_actors looks"
+"""Name of the text in which a model carries the table of its looks."""
+
 LINK_EXTENT_M = 0.1
 """Gyration length of a link with a ``com``. It need not be exact, since the rotor's armature outweighs it."""
 
@@ -128,8 +131,9 @@ def build(table: Mapping[str, Any]) -> Any:
 
     Args:
         table: The robot's table in ``robots.toml``. It has ``model_rows``, and may have ``base``, ``armature``,
-            ``damping``, ``friction`` and ``gravity_compensated`` (no gravity acts on the arm). With
-            ``torque_motors`` each joint gets a motor instead of a servo; its torque is the control minus
+            ``damping``, ``friction``, ``gravity_compensated`` (no gravity acts on the arm) and ``looks`` (a table
+            for ``drivers/common/simulation_control/looks``, which the model carries as a text for those who draw
+            it). With ``torque_motors`` each joint gets a motor instead of a servo; its torque is the control minus
             ``biasprm`` times position and velocity. A ``base`` that is ``free`` is not fixed to the world.
     """
     rows = parse_rows(table["model_rows"])
@@ -140,6 +144,8 @@ def build(table: Mapping[str, Any]) -> Any:
     spec.worldbody.add_geom(
         name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2, 2, 0.1], contype=1, conaffinity=2
     )
+    if "looks" in table:
+        spec.add_text(name=LOOKS, data=table["looks"])
     base = table.get("base", {})
     bodies = {"base": spec.worldbody.add_body(name="base", pos=numbers(base.get("xyz", "0,0,0")))}
     if "geom" in base:

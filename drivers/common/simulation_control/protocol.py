@@ -81,6 +81,7 @@ class Render(Frame, frozen=True):
     width: int
     height: int
     camera: str  # name of the camera; empty for a view of the whole robot
+    qpos: tuple[float, ...] = ()  # the state to draw; empty for the present one
 
 
 class AddObject(Frame, frozen=True):

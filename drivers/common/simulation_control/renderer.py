@@ -143,6 +143,12 @@ class SceneRenderer:
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
 
+    @property
+    def flags(self) -> Any:
+        """What is drawn beside the shapes, by ``mjtRndFlag``: shadows, reflections, fog and others. It can be
+        changed."""
+        return self._scene.flags
+
     def holds(self, width: int, height: int) -> bool:
         return width <= self._size[0] and height <= self._size[1]
 
@@ -154,9 +160,7 @@ class SceneRenderer:
         if camera not in CAMERAS and camera not in own:
             names = ", ".join(name for name in dict.fromkeys((*CAMERAS, *own)) if name)
             raise CannotRender(f"no camera {camera!r}. There are {names}, and None for the whole robot")
-        data.qpos[:] = pose
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_camlight(model, data)
+        self._move(pose)
         self._view = widened(self._view, model, data)
         eye = mujoco.MjvCamera()
         # If a camera of the scene has the name of one of ``CAMERAS``, the scene's camera is used.
@@ -165,7 +169,22 @@ class SceneRenderer:
             eye.fixedcamid = model.camera(camera).id
         else:
             look(eye, model, self._view, width, height, camera)
-        mujoco.mjv_updateScene(model, data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene)
+        return self._draw(eye, width, height)
+
+    def shoot_from(self, eye: Any, pose: Sequence[float], width: int, height: int) -> bytes:
+        """Return a picture as ``shoot`` does, as seen by an ``MjvCamera``."""
+        self._move(pose)
+        return self._draw(eye, width, height)
+
+    def _move(self, pose: Sequence[float]) -> None:
+        self._data.qpos[:] = pose
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+    def _draw(self, eye: Any, width: int, height: int) -> bytes:
+        mujoco.mjv_updateScene(
+            self._model, self._data, self._option, None, eye, mujoco.mjtCatBit.mjCAT_ALL, self._scene
+        )
         rectangle = mujoco.MjrRect(0, 0, width, height)
         rows = np.empty((height, width, 3), np.uint8)
         with self._gl.as_current():

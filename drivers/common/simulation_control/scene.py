@@ -9,6 +9,7 @@ import numpy as np
 
 from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
+from .looks.dress import dress, is_bare
 from .wrist import add_wrist
 
 MAX_WIDTH, MAX_HEIGHT = 2560, 1600
@@ -16,9 +17,6 @@ MAX_WIDTH, MAX_HEIGHT = 2560, 1600
 GRAPHITE = (0.17, 0.19, 0.22, 1.0)
 SHELL = (0.90, 0.90, 0.88, 1.0)
 ACCENT = (0.96, 0.47, 0.13, 1.0)
-
-UNPAINTED = [0.5, 0.5, 0.5, 1.0]
-"""MuJoCo's default colour. It is the same in single precision."""
 
 CAMERAS = {"": (135.0, -22.0), "front": (180.0, -12.0), "side": (90.0, -12.0), "top": (180.0, -89.0)}
 """Azimuth and elevation of the camera's line of sight in degrees. It points at the middle of the robot."""
@@ -58,8 +56,9 @@ def decorate(spec: Any, view: View) -> Any:
     scene.visual.rgba.haze = [0.80, 0.85, 0.90, 1.0]
     _add_sky_and_ground(scene)
     _add_lights(scene, view)
-    for body in scene.bodies[1:]:
-        _colour(body)
+    if not dress(scene):
+        for body in scene.bodies[1:]:
+            _colour(body)
     add_wrist(scene)
     return scene
 
@@ -162,17 +161,12 @@ def _add_lights(scene: Any, view: View) -> None:
         )
 
 
-def _is_bare(geom: Any) -> bool:
-    """Return True if the model gives the shape no colour, material or mesh."""
-    return not geom.material and not geom.meshname and list(geom.rgba) == UNPAINTED
-
-
 def _colour(body: Any) -> None:
     """Colour the parts of a body: base and motors dark, links light, the last link in the accent colour. Do nothing
     if the model defines colours for the body."""
     shapes = list(body.geoms)
     moves = list(body.joints)
-    if not all(map(_is_bare, shapes)):
+    if not all(map(is_bare, shapes)):
         return
     for geom in shapes:
         geom.rgba = GRAPHITE if not moves else SHELL if list(body.bodies) else ACCENT

@@ -212,8 +212,15 @@ class SimulationControl:
         return len(values) == rows * len(self._body.axes) and all(map(math.isfinite, values))
 
     async def _render(self, request: p.Render) -> p.Reply:
+        pose = self._body.pose()
+        if request.qpos:
+            if len(request.qpos) != len(pose):
+                return p.No(
+                    request.number, f"a state of {len(request.qpos)} numbers, but the scene has {len(pose)}"
+                )
+            pose = request.qpos
         try:
-            rgb = await self._renderer.render(self._body.pose(), request.width, request.height, request.camera)
+            rgb = await self._renderer.render(pose, request.width, request.height, request.camera)
         except CannotRender as failure:
             return p.No(request.number, str(failure))
         return p.Picture(request.number, request.width, request.height, rgb)

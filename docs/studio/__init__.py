@@ -1,0 +1,11 @@
+"""Make the pictures of the documentation, without a display: ``python -m docs pictures``.
+
+It needs the extra ``test``.
+
+``command``    the command line
+``robots``     the picture of a robot's twin, in a pose of ``poses.toml``
+``camera``     a camera that a robot fills
+``light``      soft light and a plain floor
+``watching``   runs the demo on a twin and records it; ``demo`` draws the record as an animation
+``terminal``   pictures of ``top`` and of a drill
+"""
