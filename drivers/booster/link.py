@@ -16,6 +16,7 @@ from typing import TypeVar
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.motor_targets import ROWS
+from strands_actors.drivers.common.ports.exchange import Exchange
 from strands_actors.drivers.common.ports.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import CDR, Participant, Reader, Writer, own_address
 from strands_actors.kernel.clock import NS, Clock
@@ -45,7 +46,7 @@ class Calls:
         self.last_answer_ns = 0
         """Time of the newest answer, to any request."""
         self._clock = clock
-        self._pending: dict[str, ResponseHandler] = {}
+        self._exchange: Exchange[str, ResponseHandler, rpc.Response] = Exchange(MAX_PENDING)
         self._writer = participant.writer(rpc.request_topic(robot_name), rpc.REQUEST_TYPE, reliable=True)
         self._reader = participant.reader(
             rpc.response_topic(robot_name), rpc.RESPONSE_TYPE, self._on_response, reliable=True
@@ -74,9 +75,7 @@ class Calls:
             True if it was sent and the robot can also answer. After False the request may still arrive.
         """
         number = str(uuid.uuid4())
-        if len(self._pending) >= MAX_PENDING:
-            del self._pending[next(iter(self._pending))]
-        self._pending[number] = on_response
+        self._exchange.sent(number, on_response)
         request = CDR + rpc.encode_request(rpc.Request(number, api, body))
         if stop:
             return self._writer.write_stop(request) > 0 and (self.matched or self._writer.has_parted)
@@ -86,10 +85,10 @@ class Calls:
         # An answer that cannot be decoded counts as missing.
         with suppress(MalformedFrame):
             response = rpc.decode_response(payload[4:])
-            on_response = self._pending.pop(response.id, None)
-            if on_response is not None:
+            sent = self._exchange.take(response.id, response)
+            if sent is not None:
                 self.last_answer_ns = self._clock.now_ns()
-                on_response(response)
+                sent.request(response)
 
 
 class Order:

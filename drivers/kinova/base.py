@@ -15,6 +15,7 @@ from typing import Any
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
+from strands_actors.drivers.common.twin.modelled import Modelled
 
 from . import protocol as p
 from .protocol import ArmState, Call, Frame, ServoingMode, SubError
@@ -30,6 +31,26 @@ SUPPLY_V, ROOM_C, AMPERE_PER_NM = 24.0, 30.0, 0.1
 """Values for the simulated measurements of supply, temperature and current [assumed]."""
 
 ALL = range(p.JOINTS)
+
+
+CALLS: Modelled[int] = Modelled(
+    "calls of the base",
+    {
+        Call.CREATE_SESSION: "opens a session; an error for a wrong user or password",
+        Call.CLOSE_SESSION: "closes the session",
+        Call.KEEP_ALIVE: "keeps the session",
+        Call.STOP: "stops the arm",
+        Call.SEND_JOINT_SPEEDS: "turns the joints; an error in a wrong mode or state, or for too fast speeds",
+        Call.APPLY_EMERGENCY_STOP: "stops the arm in the state of a fault",
+        Call.CLEAR_FAULTS: "ends the state of a fault",
+        Call.SET_SERVOING_MODE: "stores the mode and stops the arm",
+        Call.GET_SERVOING_MODE: "returns the mode",
+        Call.GET_ACTUATOR_COUNT: "returns the number of joints",
+        Call.GET_ARM_STATE: "returns the state",
+        Call.REFRESH_FEEDBACK: "returns the readings of base and joints",
+    },
+    "an error of the server, UNSUPPORTED_METHOD",
+)
 
 
 class Second(enum.StrEnum):
@@ -67,9 +88,11 @@ class Base:
         password: str = "admin",
         second: Second = Second.ACCEPTED,
         now_s: Callable[[], float] = time.monotonic,
+        plant: Plant | None = None,
     ) -> None:
-        """Build the base and its arm from ``table``, the robot's table in ``robots.toml``."""
-        self.plant = Plant.from_table(table)
+        """Build the base from ``table``, the robot's table in ``robots.toml``. ``plant`` is its arm; None for the
+        one of the table."""
+        self.plant = plant or Plant.from_table(table)
         self.now_s = now_s
         self._login = username, password
         self._stop_channel = second
@@ -229,6 +252,8 @@ class Base:
                 del self._sessions[number]
 
     def _call(self, session: BaseSession, request: Frame) -> bytes:
+        if request.call not in CALLS:
+            raise CallFailed(SubError.UNSUPPORTED_METHOD)
         first = min(self._sessions) == session.number
         harmless = self.kind(request) in ("read", "keepalive") or request.call == Call.CLOSE_SESSION
         if not first and self._stop_channel is Second.POWERLESS and not harmless:
@@ -256,8 +281,6 @@ class Base:
                 self.set_state(ArmState.SERVOING_READY)
             case Call.SEND_JOINT_SPEEDS:
                 self._drive(p.decode_speeds(request.payload))
-            case _:
-                raise CallFailed(SubError.UNSUPPORTED_METHOD)
         return b""
 
     def _set_mode(self, mode: int) -> None:

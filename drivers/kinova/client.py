@@ -9,14 +9,13 @@ from __future__ import annotations
 import mmap
 import struct
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple
-
-import trio
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
-from strands_actors.drivers.common.ports.tcp_port import ByteStream, TcpPort
-from strands_actors.kernel.clock import NS, Clock
+from strands_actors.drivers.common.ports.exchange import Exchange
+from strands_actors.drivers.common.ports.tcp_port import ByteStream
+from strands_actors.kernel.clock import Clock
 
 from . import protocol as p
 from .protocol import Call, Frame
@@ -34,6 +33,14 @@ MAX_OPEN = 256
 """Number of unanswered requests to remember. A new one replaces the oldest."""
 
 _PAGE = struct.Struct("<HH")
+
+
+@runtime_checkable
+class ResettableStream(ByteStream, Protocol):
+    """A connection that can be reset for every process that has it open. ``TcpPort`` is one."""
+
+    def reset_if_stalled(self) -> bool: ...
+    def reset(self) -> None: ...
 
 
 class Page:
@@ -95,17 +102,15 @@ class KortexClient:
         self._name = name
         self._clock = clock
         self._decoder = p.Decoder()
-        self._open: dict[int, int] = {}  # Requests without a response: request number -> function (``Call``).
-        self._awaited: dict[int, Frame | None] = {}  # Request number -> response, or None before it has arrived.
-        self._waiting_since_ns = 0  # Time of the last response, or of the first request after it.
-        self._last_request_ns = 0
+        # For each request its function (``Call``).
+        self._exchange: Exchange[int, int, Frame] = Exchange(MAX_OPEN)
 
     def tell(self, call: Call, payload: bytes = b"") -> None:
         """Send a request for which no caller waits. Raise ``WireDown`` if the connection is lost.
 
         If the base refuses joint speeds, a later ``listen`` stores the reason in ``refusal``.
         """
-        self._send(call, payload)
+        self._send(call, payload, awaited=False)
 
     def ask(self, call: Call, payload: bytes = b"") -> int:
         """Send a request without waiting. Raise ``WireDown`` if the connection is lost.
@@ -113,9 +118,7 @@ class KortexClient:
         Return the number of the request. Later pass it to ``answer`` or ``pop_response`` for the response, or to
         ``forget``.
         """
-        number = self._send(call, payload)
-        self._awaited[number] = None
-        return number
+        return self._send(call, payload, awaited=True)
 
     async def listen(self, number: int, within_s: float) -> None:
         """Read until the response with this number has arrived or ``within_s`` seconds have passed.
@@ -123,11 +126,9 @@ class KortexClient:
         Raises:
             WireDown: The base has not responded to any request for ``SILENT_S``, or the connection is lost.
         """
-        with trio.move_on_after(within_s):
-            while number in self._awaited and self._awaited[number] is None:
-                self._take(await self._stream.read())
-        silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
-        if self._open and silent_s > SILENT_S:
+        await self._exchange.wait(within_s, self._receive, number)
+        silent_s = self._exchange.silent_s(self._clock.now_ns())
+        if silent_s > SILENT_S:
             raise WireDown(
                 f"{self._name}: the base did not answer for {silent_s * 1e3:.0f} ms. "
                 "Check its power, then reconnect"
@@ -143,11 +144,11 @@ class KortexClient:
 
     def pop_response(self, number: int) -> Frame | None:
         """Return the response to a request if it has already arrived, else None. Never waits."""
-        return None if self._awaited.get(number) is None else self._awaited.pop(number)
+        return self._exchange.pop(number)
 
     def forget(self, number: int) -> None:
         """Discard the response to a request, whether it has arrived or arrives later."""
-        self._awaited.pop(number, None)
+        self._exchange.forget(number)
 
     async def call(self, call: Call, payload: bytes = b"", within_s: float = HANDSHAKE_S) -> Frame:
         """Send a request and wait for its response. Raise ``WireDown`` if the base refuses or does not
@@ -183,32 +184,29 @@ class KortexClient:
 
     def reset_if_stalled(self) -> bool:
         """Reset the connection if sent bytes are stuck in it. Return True if it was reset."""
-        return isinstance(self._stream, TcpPort) and self._stream.reset_if_stalled()
+        return isinstance(self._stream, ResettableStream) and self._stream.reset_if_stalled()
+
+    def reset(self) -> None:
+        """Reset the connection for every process that has it open. Requests that wait there are dropped."""
+        if isinstance(self._stream, ResettableStream):
+            self._stream.reset()
 
     def close(self) -> None:
         self._stream.close()
 
-    def _send(self, call: Call, payload: bytes) -> int:
-        now_ns = self._clock.now_ns()
-        if not self._open or now_ns - self._last_request_ns > SILENT_S * NS:
-            self._waiting_since_ns = now_ns  # The base had nothing to answer until now, so its silence starts here.
-        self._last_request_ns = now_ns
+    def _send(self, call: Call, payload: bytes, awaited: bool) -> int:
         number = self.page.next_number()
         self._stream.write(Frame(p.Kind.REQUEST, call, number, self.page.session, payload).encode())
-        if len(self._open) >= MAX_OPEN:
-            del self._open[next(iter(self._open))]
-        self._open[number] = call
+        self._exchange.sent(number, call, self._clock.now_ns(), awaited=awaited)
         return number
 
-    def _take(self, data: bytes) -> None:
-        for frame in self._decoder.feed(data):
-            requested = self._open.pop(frame.message, None) if frame.kind == p.Kind.RESPONSE else None
-            if requested != frame.call:
+    async def _receive(self) -> None:
+        for frame in self._decoder.feed(await self._stream.read()):
+            if frame.kind != p.Kind.RESPONSE or self._exchange.request(frame.message) != frame.call:
                 continue  # Ignore notifications, responses to an earlier client, and damaged frames.
-            self._waiting_since_ns = self._clock.now_ns()
-            if frame.message in self._awaited:
-                self._awaited[frame.message] = frame
-            elif frame.error and frame.call == Call.SEND_JOINT_SPEEDS:
+            self._exchange.received(self._clock.now_ns())
+            sent = self._exchange.take(frame.message, frame)
+            if sent and not sent.is_awaited and frame.error and frame.call == Call.SEND_JOINT_SPEEDS:
                 self.refusal = Refusal(frame.call, frame.sub_error)
 
 

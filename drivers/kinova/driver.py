@@ -52,8 +52,8 @@ class Kinova(Driver):
     unit = "radians"
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
-        "none: joint speeds never expire, and neither the end of a connection nor that of a session promises a "
-        "stop. When wire and root end at once the arm goes on until its own limits stop it"
+        "The firmware has no watchdog: joint speeds never expire, and neither the end of a connection nor that of "
+        "a session promises a stop. If wire and root end at once, the arm goes on until its own limits stop it"
     )
     conditions = CONDITIONS
 

@@ -50,7 +50,8 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
             axis, speed = axes[index], abs(candidate.values[len(axes) + index])
             if not speed <= axis.speed + _ROUNDING:
                 most = math.floor(axis.speed * period_s * 1e5) / 1e5
-                return refusals.too_fast(axis.key, speed, period_s * 1e3, most, axis.speed)
+                target = None if state.stream else candidate.values[index]
+                return refusals.too_fast(axis.key, speed, period_s * 1e3, most, axis.speed, target)
         return None
 
     return too_fast

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from strands_actors.contract.refusals import or_move_to
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code, RefusalCode
 
@@ -14,7 +15,14 @@ class KinovaCode(RefusalCode):
     BASE_IN_FAULT = "base_in_fault", "the base is in fault", "clear the fault, then reconnect"
 
 
-def too_fast(key: str, speed_rad_s: float, period_ms: float, most_rad: float, limit_rad_s: float) -> Refused:
+def too_fast(
+    key: str,
+    speed_rad_s: float,
+    period_ms: float,
+    most_rad: float,
+    limit_rad_s: float,
+    target: float | None = None,
+) -> Refused:
     """Return the refusal of a target that needs too high a speed.
 
     Args:
@@ -23,14 +31,11 @@ def too_fast(key: str, speed_rad_s: float, period_ms: float, most_rad: float, li
         period_ms: The control period.
         most_rad: The greatest distance of a target from the measured position.
         limit_rad_s: The greatest speed of the joint.
+        target: See ``or_move_to``.
     """
-    return Refused(
-        Code.TOO_FAST,
-        f"{key} needs {speed_rad_s:.4g} rad/s to reach the target within {period_ms:.3g} ms",
-        f"send a target at most {most_rad:.5f} rad from the measured position",
-        f"{speed_rad_s:.4g}",
-        f"{limit_rad_s:.4g}",
-    )
+    reason = f"{key} needs {speed_rad_s:.4g} rad/s to reach the target within {period_ms:.3g} ms"
+    remedy = or_move_to(f"send a target at most {most_rad:.5f} rad from the measured position", key, target)
+    return Refused(Code.TOO_FAST, reason, remedy, f"{speed_rad_s:.4g}", f"{limit_rad_s:.4g}")
 
 
 def base_in_fault(fault_bank: int, state: str, required: str) -> Refused:

@@ -7,7 +7,9 @@ the root process opens another session for the stop. If the base refuses a secon
 wire's session only.
 
 Joint speeds may be stuck in the wire's connection, because the base has not read them yet. They would take effect
-after a stop in the other session. So such a connection is reset first.
+after a stop in the other session. So such a connection is reset first. If only another session confirms the stop,
+the wire's connection is reset, too, which drops the speeds on it. Some may already be on their way, so the arm is
+then stopped once more.
 """
 
 from __future__ import annotations
@@ -78,9 +80,7 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
             self.replace(self._newest)
             self._newest = None
         if self._wires is not None and self._wires.reset_if_stalled():
-            if self._closes_wires:
-                self._wires.close()
-            self._wires = None
+            self._drop_wires()
         clients = [client for client in (self.session, self._wires) if client is not None]
         reason = "not connected"
 
@@ -93,9 +93,13 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
                 raise
             return self._newest
 
-        reports = await stop_arm(self.config.axes, clients, open_session)
+        reports, silent = await stop_arm(self.config.axes, clients, open_session)
         if not any(report.written for report in reports):
             return Outcome(False, False, reason).reports(self.config.axes)
+        if all_safe(reports) and self._wires in silent:
+            self._drop_wires()
+            others = [client for client in (self.session, self._newest) if client is not None]
+            reports, _ = await stop_arm(self.config.axes, others)
         if all_safe(reports):
             self._log_out()
         return reports
@@ -114,6 +118,14 @@ class KinovaStopChannel(KeptSession[KinovaConfig, KortexClient]):
             if client is not None:
                 client.close()
         self._newest = self._wires = None
+
+    def _drop_wires(self) -> None:
+        """Reset the connection of the wire process, and do not use it any more."""
+        if self._wires is not None:
+            self._wires.reset()
+            if self._closes_wires:
+                self._wires.close()
+        self._wires = None
 
     def _log_out(self) -> None:
         """Close all sessions, because a base may have room for only one. A later stop opens a new session."""

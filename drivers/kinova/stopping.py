@@ -17,6 +17,7 @@ joints are at rest.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Sequence
+from typing import NamedTuple
 
 import trio
 
@@ -57,7 +58,7 @@ class StopAttempt:
     """The stop on one connection, with the result observed on this connection."""
 
     def __init__(self, client: KortexClient) -> None:
-        self._client = client
+        self.client = client
         self._orders: list[int] = []  # Request numbers of the sent stop commands.
         self.written = self.refused = self.acknowledged = False
         self.feedback: Feedback | None = None  # The newest feedback since the stop command was answered.
@@ -66,6 +67,11 @@ class StopAttempt:
         self.received_s = 0.0  # Time at which the newest feedback was received.
         self.is_over = False  # True once ``follow`` has ended for the last stop command.
         self.detail = "silent"
+
+    @property
+    def answered(self) -> bool:
+        """True if the base has answered the stop, and so has read everything that was sent before it."""
+        return self.acknowledged or self.refused
 
     @property
     def will_stay_at_rest(self) -> bool:
@@ -81,7 +87,7 @@ class StopAttempt:
         """Send the stop command ``call``. Never raises."""
         try:
             self.is_over = False
-            self._orders = [self._client.ask(call)]
+            self._orders = [self.client.ask(call)]
             self.written = True
         except WireDown as down:
             self.detail = str(down)
@@ -92,7 +98,7 @@ class StopAttempt:
             return
         try:
             while (answer := await self._answer_to_order()) is None:
-                self._orders.append(self._client.ask(call))
+                self._orders.append(self.client.ask(call))
             if answer.error:
                 self.refused, self.detail = True, Refusal(call, answer.sub_error).text
             else:
@@ -106,7 +112,7 @@ class StopAttempt:
             self.detail = str(down)
         finally:
             for number in self._orders:
-                self._client.forget(number)
+                self.client.forget(number)
 
     @property
     def _detail(self) -> str:
@@ -116,13 +122,13 @@ class StopAttempt:
 
     async def _answer_to_order(self) -> Frame | None:
         """Wait briefly for the response to any stop command that was sent. Return it, or None."""
-        await self._client.listen(self._orders[-1], AGAIN_S)
-        return next((answer for number in self._orders if (answer := self._client.pop_response(number))), None)
+        await self.client.listen(self._orders[-1], AGAIN_S)
+        return next((answer for number in self._orders if (answer := self.client.pop_response(number))), None)
 
     async def _look(self) -> None:
-        number = self._client.ask(Call.REFRESH_FEEDBACK)
-        answer = await self._client.answer(number, LOOK_S)
-        self._client.forget(number)
+        number = self.client.ask(Call.REFRESH_FEEDBACK)
+        answer = await self.client.answer(number, LOOK_S)
+        self.client.forget(number)
         if answer is None or answer.error:
             return
         try:
@@ -144,12 +150,24 @@ OpenSession = Callable[[], Awaitable[KortexClient]]
 """Opens another session. Raises ``WireDown``."""
 
 
+class StopResult(NamedTuple):
+    """The result of a stop.
+
+    Attributes:
+        reports: A report per joint. A joint is safe if it was measured at rest after the stop command.
+        silent: The clients on which the base has not answered the stop. Earlier requests may still wait there.
+    """
+
+    reports: tuple[MotorReport, ...]
+    silent: tuple[KortexClient, ...]
+
+
 async def stop_arm(
     axes: Sequence[str],
     clients: Sequence[KortexClient],
     open_session: OpenSession | None = None,
     last_positions: Sequence[float] = (),
-) -> tuple[MotorReport, ...]:
+) -> StopResult:
     """Stop the arm, as described at the top of this module. Never raises.
 
     Args:
@@ -157,15 +175,13 @@ async def stop_arm(
         clients: The connections on which to send the stop.
         open_session: Opens an additional session if ``clients`` do not answer soon. None: use ``clients`` only.
         last_positions: The last joint positions in rad. If given, the report of a safe joint contains its position.
-
-    Returns:
-        A report per joint. A joint is safe if it was measured at rest after the stop command.
     """
     attempts = [StopAttempt(client) for client in clients]
     await _try(Call.STOP, attempts, open_session)
     if not any(attempt.confirmed for attempt in attempts):
         await _try(Call.APPLY_EMERGENCY_STOP, [attempt for attempt in attempts if attempt.refused])
-    return _reports(axes, attempts, last_positions)
+    silent = tuple(attempt.client for attempt in attempts if not attempt.answered)
+    return StopResult(_reports(axes, attempts, last_positions), silent)
 
 
 async def _try(call: Call, attempts: list[StopAttempt], open_session: OpenSession | None = None) -> None:

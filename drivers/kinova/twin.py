@@ -33,8 +33,10 @@ from strands_actors.drivers.common.twin import (
 )
 
 from . import protocol as p
-from .base import Base, Second
+from .base import CALLS, Base, Second
 from .robots import TABLES
+
+MODELLED = (CALLS,)
 
 
 class KinovaTwinOptions(NetworkOptions, frozen=True):

@@ -195,13 +195,14 @@ class KinovaWire(SessionWire[KinovaSession]):
         if session is None:
             return NOT_CONNECTED.reports(self._config.axes)
         session.course = None
-        reports = await stop_arm(self._config.axes, [session.client], last_positions=session.position)
+        reports, _ = await stop_arm(self._config.axes, [session.client], last_positions=session.position)
         if all(report.acknowledged for report in reports):
             session.turning = False
         return reports
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Stop the arm on a new session, and also on the lost connection if it still accepts bytes."""
+        """Stop the arm on a new session, and also on the lost connection if it still accepts bytes. If only the new
+        session confirms the stop, the lost connection is reset and the arm is stopped again."""
         session = self.session_or_none
         wires = None if session is None else session.client
         channel = KinovaStopChannel(self._config, (), self._clock, self._open_stream, wires)

@@ -35,7 +35,12 @@ from .robots import HEAD, HEAD_AT, MOUTH, OPEN, POSE, POSE_AT, TABLES, TWIST, ax
 
 class MicroduckOptions(DriverOptions, frozen=True):
     api_version: Annotated[
-        int, option("version of robotd's protocol that we say we speak; another one is a warning", ge=1, le=1000)
+        int,
+        option(
+            "version of robotd's protocol that this driver announces; another one of robotd is a warning",
+            ge=1,
+            le=1000,
+        ),
     ] = API_VERSION
     timeout: Annotated[
         float, option("seconds within which robotd must shake hands, and answer one request", gt=0, le=60)
@@ -87,8 +92,8 @@ class Microduck(Driver):
     )
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.ZERO, otherwise=SafeState.STOP)
     firmware_watchdog = (
-        "robotd zeroes the twist 0.5 s after the last one [assumed: it cannot be read back]; head, body and mouth "
-        "stay where they were told, torque stays on, and a skill plays to its end"
+        "robotd sets the twist to zero 0.5 s after the last one [assumed: it cannot be read back]. Head, body and "
+        "mouth keep their last targets, torque stays on, and a skill plays to its end"
     )
     conditions = CONDITIONS
 

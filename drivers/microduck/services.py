@@ -201,8 +201,10 @@ class Services:
             with trio.CancelScope(shield=True):
                 answer = await self.port.answer(number, self._config.timeout_s)
         except WireDown:
-            # The request stays counted in ``unanswered``, because it may still be carried out.
+            # The request stays counted in ``unanswered``, because it may still be carried out. The reset drops it
+            # if it has not arrived. Otherwise it could be carried out long after a stop on another connection.
             self.broken.set()
+            self.port.reset()
             raise
         except RequestFailed:
             self.unanswered -= 1

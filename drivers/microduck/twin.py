@@ -44,6 +44,7 @@ from strands_actors.drivers.common.twin import (
     read_twin_options,
     run_server,
 )
+from strands_actors.drivers.common.twin.modelled import Modelled
 
 from . import protocol as p
 from .body import DEADMAN_S, Duck
@@ -108,6 +109,39 @@ SINCE = {p.POLICIES: 18, p.LOAD_POLICY: 18, p.RELOAD_POLICIES: 19, p.MODEL: 24, 
 """First version with a method. The one of ``rebootMotors`` is [assumed]."""
 
 
+CALLS: Modelled[str] = Modelled(
+    "methods of robotd",
+    {
+        p.HELLO: "returns the versions",
+        p.MOVE: "walks with a velocity",
+        p.HEAD: "turns the head",
+        p.POSE: "moves the trunk",
+        p.MOUTH: "opens the beak",
+        p.LOOK: "turns the head to a point",
+        p.STOP: "stops walking",
+        p.ENABLE: "lets a policy drive the duck, or ends that",
+        p.INIT: "switches the motors on",
+        p.RELAX: "switches the motors off",
+        p.REBOOT_MOTORS: "switches the motors off",
+        p.DO: "plays a skill; not accepted for an unknown one",
+        p.SOUND: "keeps the tag, which nobody hears; an error for an unknown tag",
+        p.THEREMIN: "shows the theremin in the state",
+        p.GET_MODE: "returns the drive mode",
+        p.SET_MODE: "sets the drive mode; not accepted for an unknown one",
+        p.HEALTH: "returns battery, motors and loop",
+        p.MODEL: "returns the joints",
+        p.POLICIES: "returns the policies",
+        p.LOAD_POLICY: "puts a policy into a slot; not accepted for an unknown slot",
+        p.RELOAD_POLICIES: "puts the first policies back into the slots",
+        p.SUBSCRIBE: "sends states at a rate",
+        "robot.modelApi": "returns the version of the model",
+        "robot.remoteSessionActive": "returns that there is no remote session",
+    },
+    "the JSON-RPC error METHOD_NOT_FOUND; INVALID_PARAMS for an unknown field",
+)
+MODELLED = (CALLS,)
+
+
 class DuckTwin:
     """One simulated robotd (the duck's daemon), which all clients share."""
 
@@ -150,13 +184,14 @@ class DuckTwin:
         body.reset()
         body.mode, body.enabled = self._began
         self._theremin = False
+        self.sound = ""
 
     # -- calls
 
     def answer(self, call: Call) -> Any:
         """Carry out a call and return its result. Raise ``_No`` for an error."""
         declared = METHODS.get(call.method)
-        if declared is None or self.api_version < SINCE.get(call.method, 0):
+        if declared is None or call.method not in CALLS or self.api_version < SINCE.get(call.method, 0):
             raise _No(METHOD_NOT_FOUND, f"unknown method {call.method!r}")
         _check(call.params, declared)
         self.body.pass_time()
@@ -196,6 +231,10 @@ class DuckTwin:
                 return self._skill(params["skill"])
             case p.SOUND if params["tag"] not in (*p.SOUNDS, "wheee"):
                 raise _No(INVALID_PARAMS, f"unknown tag {params['tag']!r}")
+            case p.SOUND:
+                self.sound = params["tag"]
+            case p.RELOAD_POLICIES:
+                self._overridden.clear()
             case p.THEREMIN:
                 self._theremin = params["active"]
             case p.SET_MODE:
@@ -255,7 +294,7 @@ class DuckTwin:
                 return {"model_api": 1}
             case "robot.remoteSessionActive":
                 return {"active": False}
-        return dict(_ACCEPTED)
+        raise _No(METHOD_NOT_FOUND, f"unknown method {method!r}")
 
     def _skill(self, skill: str) -> dict[str, Any]:
         skills = self._table["skills"]

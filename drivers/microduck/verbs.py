@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Service
 from strands_actors.contract.refusals import bad_argument
@@ -51,40 +53,42 @@ def services_for(timeout_s: float) -> dict[str, Service]:
     def powers(about: str, within_s: float = ask_s, arguments: Mapping[str, Any] | None = None) -> Service:
         return Service(about, within_s, dict(arguments or {}), in_motion=True, powers=True, late_s=LATE_S)
 
+    def releases(about: str, arguments: Mapping[str, Any] | None = None) -> Service:
+        return replace(powers(about, arguments=arguments), releases=True)
+
     return {
         "enable": powers("hand the duck to its policy: it stands up and balances", rise_s),
-        "disable": powers("take it back from its policy: it holds its pose, and nothing balances it"),
+        "disable": releases("take it back from its policy: it holds its pose, and nothing balances it"),
         "do": moves("run a skill that the robot has, by name", ask_s, {"skill": ""}),
         "sit": moves("sit down, if it stands", ask_s),
         "stand": moves("stand up, if it sits", ask_s),
         "look_at": moves("turn the head towards a point", ask_s, {"x": 0.0, "y": 0.0, "z": 0.0, "neck_pitch": 0.0}),
-        "relax": powers("take the torque away: an unheld duck collapses", arguments={CONFIRM: False}),
+        "relax": releases("take the torque away: an unheld duck collapses", {CONFIRM: False}),
         "init": powers("power the joints and move all of them to the home pose", arguments={CONFIRM: False}),
-        "reboot_motors": powers(
-            "restart servos; torque goes off on all of them", arguments={"ids": "", CONFIRM: False}
-        ),
-        "skills": asks("tell the skills that the robot has"),
-        "sounds": asks("tell the sounds that it can play"),
+        "reboot_motors": releases("restart servos; torque goes off on all of them", {"ids": "", CONFIRM: False}),
+        "skills": asks("list the skills that the robot has"),
+        "sounds": asks("list the sounds that it can play"),
         "play_sound": asks("play a sound of its voice", {"tag": "chirp"}),
-        "theremin": powers(
-            "play by the depth sensor, the mouth moves along; or end that", arguments={"active": True}
+        "theremin": replace(
+            powers("play by the depth sensor, the mouth moves along; or end that", arguments={"active": True}),
+            releases={"active": False},
         ),
-        "mode": asks("tell the drive mode"),
+        "mode": asks("report the drive mode"),
         "set_mode": powers(
             "change the drive mode: it goes home, loads other policies, drives again", arguments={"mode": ""}
         ),
-        "policies": asks("tell what each policy slot runs"),
+        "policies": asks("list the policy of each slot"),
         "load_policy": powers(
             "put a file of the robot's into a policy slot; no path: back to its own",
             arguments={"slot": "", "path": ""},
         ),
         "reload_policies": powers("read all policy slots again"),
-        "health": asks("tell what robotd says of itself"),
-        "version": asks("tell the versions of robotd and of its protocol"),
-        "model": asks("tell the geometry of the robot"),
-        "odometry": asks("tell where the robot believes it is"),
-        "monitor": asks("tell the newest state as robotd tells it"),
-        "tof": asks("tell one frame of the depth sensor, 8 by 8 millimetres"),
+        "health": asks("report the health of robotd"),
+        "version": asks("report the versions of robotd and of its protocol"),
+        "model": asks("report the geometry of the robot"),
+        "odometry": asks("report the robot's estimate of its position"),
+        "monitor": asks("report the newest state of robotd, unchanged"),
+        "tof": asks("report one frame of the depth sensor: 8 by 8 distances in millimetres"),
     }
 
 

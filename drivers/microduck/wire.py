@@ -52,6 +52,8 @@ QUIET_S = 0.2
 OLD_S = 0.3
 """How long a stop is tried on the connection that counts as lost, before it uses a new one."""
 
+UNANSWERED = "robotd has not answered a request and may still carry it out. Check the robot"
+
 
 class _Walk(NamedTuple):
     """A twist in force: its values and its end."""
@@ -124,14 +126,20 @@ class MicroduckWire(Wire):
         services = self._services
         if services is None:
             raise WireDown("serve: not connected. Connect first")
-        async with trio.open_nursery() as nursery:
-            nursery.start_soon(self._link.hear)
-            nursery.start_soon(services.port.hear)
-            nursery.start_soon(self._end_when_broken, services)
-            task_status.started()
-            async with aclosing(self._clock.ticks(LOOK_S)) as ticks:
-                async for _ in ticks:
-                    await self._look(services)
+        try:
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._link.hear)
+                nursery.start_soon(services.port.hear)
+                nursery.start_soon(self._end_when_broken, services)
+                task_status.started()
+                async with aclosing(self._clock.ticks(LOOK_S)) as ticks:
+                    async for _ in ticks:
+                        await self._look(services)
+        except* WireDown:
+            if services.broken.is_set():
+                # Several tasks end with the connection of the services. Report why it was reset.
+                raise WireDown(UNANSWERED) from None
+            raise
 
     async def arm(self, permit: Permit) -> Observation:
         """Accept commands from now on. A zero twist is sent, so that the duck stands. Torque and policy keep
@@ -203,7 +211,11 @@ class MicroduckWire(Wire):
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Stop the duck after its link was lost: first on the old connection, then on a new one. The old one
-        may be dead without any sign."""
+        may be dead without any sign.
+
+        If only the new connection confirms the stop, intents may still wait on the old one. So the old one is
+        reset, which drops them. Some of them may already be on their way, so the duck is then stopped once more.
+        """
         self._disarm(safe_state)
         if self._link.is_open:
             outcome = await stop_by(self._link, safe_state, OLD_S)
@@ -215,7 +227,11 @@ class MicroduckWire(Wire):
             with suppress(WireDown):
                 Stopping(self._link, safe_state).zero()
         self._anew = self._anew or DuckLink(self._config, self._clock, self._connector)
-        return self._reports(await stop_by(self._anew, safe_state))
+        outcome = await stop_by(self._anew, safe_state)
+        if not outcome.detail and self._link.port.takes_stops:
+            self._link.port.reset()
+            outcome = await stop_by(self._anew, safe_state)
+        return self._reports(outcome)
 
     def _disarm(self, safe_state: SafeState) -> None:
         self._walk = None
@@ -284,7 +300,7 @@ class MicroduckWire(Wire):
 
     async def _end_when_broken(self, services: Services) -> None:
         await services.broken.wait()
-        raise WireDown("robotd has not answered a request and may still carry it out. Check the robot")
+        raise WireDown(UNANSWERED)
 
     def _sensors(self, state: p.State, now_ns: int) -> dict[str, tuple[float, ...]]:
         is_recent = now_ns - self._looked_ns <= LOOKED_S * NS

@@ -88,8 +88,8 @@ class Reachy(Driver):
         Reason.ESTOP: SafeState.LIMP,
     }
     firmware_watchdog = (
-        "none: left alone the daemon ends the move it plays, 10 s at most of ours, and holds the last target with "
-        "torque on; face tracking goes on"
+        "The firmware has no watchdog: the daemon ends the move that it plays (10 s at most of ours), and holds "
+        "the last target with torque on. Face tracking goes on"
     )
     # A WebSocket needs two round trips, and the computer on which the daemon runs is slow [assumed].
     bound_s = 0.2

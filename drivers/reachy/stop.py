@@ -126,7 +126,7 @@ class Stopper:
         self.written = self.acknowledged = False
         # True if the last attempt to connect was refused.
         self._is_refused = False
-        self.detail = f"not confirmed: {self._port.name} is silent"
+        self.detail = ""
 
     async def run(
         self, safe_state: SafeState, within_s: float, pending: Callable[[], bool] = nothing_pending
@@ -143,6 +143,7 @@ class Stopper:
         Returns:
             Why the safe state is not confirmed; empty if it is.
         """
+        self.detail = f"not confirmed: {self._port.name} is silent"
         self.written = send_at_once(safe_state, [self._socket], []) or self.written
         with trio.move_on_after(within_s):
             while True:

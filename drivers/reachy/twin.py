@@ -32,6 +32,7 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.http import Answer, HttpSession
+from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.common.twin.websocket import WebSocketClient, WebSocketHandler, serving_both
 
 from . import protocol as p
@@ -62,6 +63,54 @@ _PLACE = {"x": p.X, "y": p.Y, "z": p.Z}
 _JSON = msgspec.json.Decoder()
 
 
+REQUESTS: Modelled[str] = Modelled(
+    "requests to the daemon",
+    {
+        f"GET {p.STATUS}": "returns the state of the daemon",
+        f"GET {p.MOTORS}": "returns the mode of the motors",
+        f"GET {p.RUNNING}": "returns the running move",
+        f"GET {p.VOLUME}": "returns the volume",
+        f"GET {p.TRACKED_FACE}": "returns that there is no face",
+        f"GET {p.DIRECTION_OF_SOUND}": "returns a fixed direction; null without microphones",
+        f"GET {p.CAMERA}": "returns the resolution",
+        "GET /api/state/full": "returns head, antennas and body",
+        f"GET {p.LIST_MOVES}*": "returns the names of three moves",
+        f"POST {p.SET_TARGET}": "sets a target; ignored while a move runs",
+        f"POST {p.GOTO}": "begins a move to a target",
+        f"POST {p.WAKE_UP}": "begins the move of waking up",
+        f"POST {p.GOTO_SLEEP}": "begins the move of going to sleep",
+        f"POST {p.PLAY}*": "begins a recorded move, which is a nod; 404 for an unknown one",
+        f"POST {p.STOP}": "ends the running move; 500 for another one",
+        f"POST {p.TRACKING_ON}": "stores that the head follows a face; 'unavailable' without a camera",
+        f"POST {p.TRACKING_OFF}": "ends that",
+        f"POST {p.SET_VOLUME}": "stores the volume",
+        f"POST {p.PLAY_SOUND}": "keeps the request, which nobody hears",
+        f"POST {p.UPLOAD_SOUND}": "keeps the request",
+        f"POST {p.SET_MODE}*": "sets the mode of the motors; 422 for an unknown one",
+    },
+    "404, not found",
+)
+MESSAGES: Modelled[str] = Modelled(
+    f"messages on {p.SDK}",
+    {
+        "task": "begins a move to a target",
+        "stop_move": "ends the running move",
+        "set_motor_mode": "sets the mode of the motors",
+        "set_torque": "switches the motors on or off",
+        "set_head_tracking": "stores whether the head follows a face",
+        "set_full_target": "sets a target; ignored while a move runs",
+        "set_target": "sets the target of the head",
+        "set_antennas": "sets the target of the antennas",
+        "set_body_yaw": "sets the target of the body",
+        "goto_target": "begins a move to a target",
+    },
+    "silence, as to every message there",
+)
+MODELLED = (REQUESTS, MESSAGES)
+_PREFIXES = (p.LIST_MOVES, p.PLAY, p.SET_MODE)
+"""Targets that end with a name."""
+
+
 class ReachyTwin:
     """The simulated daemon, which all clients share."""
 
@@ -84,6 +133,8 @@ class ReachyTwin:
         self._wireless = wireless
         self._media = media
         self._volume = 50
+        self.sound = b""
+        """The last request to play or to store a sound."""
         self._listeners: set[WebSocketClient] = set()  # clients that receive the events of moves
         self._clients: set[WebSocketClient] = set()  # clients connected to ``/ws/sdk``
         self._stuck: Row | None = None
@@ -108,6 +159,8 @@ class ReachyTwin:
     def answer(self, request: Request) -> Answer:
         self.body.pass_time()
         target = request.target.partition("?")[0]
+        if _request_key(request.method, target) not in REQUESTS:
+            return _NOT_FOUND
         try:
             answer = self._read(target) if request.method == "GET" else self._write(target, request.body)
         except MalformedFrame as malformed:
@@ -138,9 +191,7 @@ class ReachyTwin:
                 )
             case "/api/state/full":
                 return _json_answer(self._full())
-        if target.startswith(p.LIST_MOVES):
-            return _json_answer(list(_MOVES))
-        return _json_answer({"detail": "Not Found"}, "other", p.NOT_FOUND)
+        return _json_answer(list(_MOVES))
 
     def _write(self, target: str, data: bytes) -> Answer:
         body = self.body
@@ -178,12 +229,11 @@ class ReachyTwin:
                 self._volume = round(_finite(_object(data), "volume"))
                 return _json_answer({"volume": self._volume, "platform": "Twin", "device": "none"}, "other")
             case p.PLAY_SOUND | p.UPLOAD_SOUND:
+                self.sound = data
                 return _json_answer({"status": "ok"}, "other")
         if target.startswith(p.SET_MODE):
             return self._set_mode(target.removeprefix(p.SET_MODE))
-        if target.startswith(p.PLAY):
-            return self._play_recorded(target.rpartition("/")[2])
-        return _json_answer({"detail": "Not Found"}, "other", p.NOT_FOUND)
+        return self._play_recorded(target.rpartition("/")[2])
 
     def _set_mode(self, mode: str) -> Answer:
         if mode not in p.MODES:
@@ -289,7 +339,9 @@ class ReachyTwin:
         """Carry out a message from ``/ws/sdk``. Return its kind and the safe state that it causes, for the
         log of messages."""
         body = self.body
-        match fields.get("type"):
+        if fields.get("type") not in MESSAGES.effects:
+            return "other", None
+        match fields["type"]:
             case "task" if isinstance(fields.get("req"), dict):
                 goto = fields["req"]
                 row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")
@@ -439,6 +491,16 @@ def _pose_of(matrix: object) -> dict[str, float] | None:
 
 def _json_answer(value: object, kind: str = "read", status: int = p.OK) -> Answer:
     return Answer(status, msgspec.json.encode(value), kind)
+
+
+_NOT_FOUND = _json_answer({"detail": "Not Found"}, "other", p.NOT_FOUND)
+
+
+def _request_key(method: str, target: str) -> str:
+    """Return the name of a request in the table of modelled ones."""
+    prefix = next((each for each in _PREFIXES if target.startswith(each) and len(target) > len(each)), "")
+    moves = (p.WAKE_UP, p.GOTO_SLEEP)
+    return f"{method} {target if target in moves or not prefix else f'{prefix}*'}"
 
 
 def _text(value: object) -> str:

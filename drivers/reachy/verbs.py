@@ -57,18 +57,19 @@ _SERVICES: Mapping[str, Service] = {
         moves=True,
         late_s=LATE_S,
     ),
-    "list_moves": Service("tell the recorded moves there are", 30.0, {"dataset": DATASET}, in_motion=True),
+    "list_moves": Service("list the recorded moves", 30.0, {"dataset": DATASET}, in_motion=True),
     "motors": Service(
         "give the motors torque where they are, take it away (the head drops), or let them float",
         2.0,
         {"mode": "enabled"},
         in_motion=True,
         powers=True,
+        releases={"mode": "disabled"},
         late_s=LATE_S,
     ),
     "say": Service("say a text by the speaker", 30.0, {"text": ""}, in_motion=True),
     "play_sound": Service("play a sound file of the robot's", 5.0, {"file": ""}, in_motion=True),
-    "volume": Service("tell the speaker's volume", 5.0, in_motion=True),
+    "volume": Service("report the speaker's volume", 5.0, in_motion=True),
     "set_volume": Service("set the speaker's volume", 5.0, {"volume": 50}, {"volume": 100}, in_motion=True),
     "track_face": Service(
         "let the daemon turn the head after a face, or end that; a stop ends it, too",
@@ -78,15 +79,15 @@ _SERVICES: Mapping[str, Service] = {
         moves=True,
         late_s=LATE_S,
     ),
-    "tracking_status": Service("tell the face that is seen", 5.0, in_motion=True),
-    "camera": Service("tell what the camera is and where its pictures are streamed", 5.0, in_motion=True),
+    "tracking_status": Service("report the face that the daemon tracks", 5.0, in_motion=True),
+    "camera": Service("report the camera, and the address at which it streams its pictures", 5.0, in_motion=True),
     "record_audio": Service(
-        "refused: the daemon gives sound over WebRTC alone", 1.0, {"duration": 5.0}, in_motion=True
+        "refused, because the daemon sends sound only over WebRTC", 1.0, {"duration": 5.0}, in_motion=True
     ),
     "turn_to_sound": Service(
         "turn the head towards what is heard now", 15.0, in_motion=True, moves=True, late_s=LATE_S
     ),
-    "turn_to_sound_status": Service("tell where sound comes from", 5.0, in_motion=True),
+    "turn_to_sound_status": Service("report where sound comes from", 5.0, in_motion=True),
 }
 
 SERVICES: Mapping[str, Service] = {**_SERVICES, **{also: _SERVICES[name] for also, name in ALSO.items()}}
@@ -166,7 +167,7 @@ _VERBS: tuple[ToolVerb, ...] = (
     ToolVerb(
         "record_audio",
         "service",
-        "What the microphones hear. Refused: it comes over WebRTC alone, at the address that camera tells.",
+        "Refused, because the daemon sends sound only over WebRTC, at the address that `camera` reports.",
         {"duration": {"type": "number", "description": "seconds"}},
     ),
     ToolVerb("turn_to_sound", "service", "Turn the head towards what is heard."),

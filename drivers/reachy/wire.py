@@ -53,6 +53,10 @@ UNANSWERED_S = 0.03
 could overtake that command. After this time the stop is sent on a new connection, which the daemon reads after
 those that wait."""
 
+CUT_OFF_S = 0.1
+"""After this time without a new connection, a stop is sent on the open WebSocket, too. The system of a frozen
+daemon accepts connections within milliseconds. So this daemon is not frozen, but its answers are cut off."""
+
 BATTERY_S = 5.0
 """How long a battery reading is valid. The daemon sends its status once per second."""
 
@@ -346,17 +350,37 @@ class ReachyWire(Wire):
 
     async def _stop(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Stop on the open connection. If a command may wait on another connection, use a new connection,
-        because the daemon could read the stop before that command."""
+        because the daemon could read the stop before that command.
+
+        If no new connection can be opened either, only the answers of the daemon may be cut off. So the stop is
+        then sent on the open connection, too.
+
+        If the daemon confirms the stop while a command is still not answered, the connection of the command is
+        reset, which drops it. The command may already be on its way, so the robot is then stopped once more.
+        """
         if not self._address[0]:
             return await stop_all_addresses(self._config, safe_state)
         socket = self._sdk if self._pending() is None and not self._abandoned else None
         stopper = Stopper(*self._address, socket, lambda: self._nursery is not None, lambda: self._moves.running)
         try:
-            detail = await stopper.run(safe_state, STOP_S, lambda: self._pending() is not None)
+            async with trio.open_nursery() as nursery:
+                nursery.start_soon(self._send_if_cut_off, stopper, safe_state)
+                detail = await stopper.run(safe_state, STOP_S, lambda: self._pending() is not None)
+                nursery.cancel_scope.cancel()
+            if not detail and (unanswered := self._unanswered_ports()):
+                for port in unanswered:
+                    port.reset()
+                self._unanswered = None
+                detail = await stopper.run(safe_state, STOP_S)
         finally:
             stopper.close()
         outcome = Outcome(stopper.written, stopper.acknowledged, detail)
         return outcome.reports(self._config.axes, self._config.ids)
+
+    async def _send_if_cut_off(self, stopper: Stopper, safe_state: SafeState) -> None:
+        await trio.sleep(CUT_OFF_S)
+        if not stopper.written:
+            stopper.written = send_at_once(safe_state, (self._sdk,), ())
 
     # -- the daemon
 

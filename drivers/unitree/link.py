@@ -13,6 +13,7 @@ from contextlib import suppress
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.stamps import Stamps
+from strands_actors.drivers.common.ports.exchange import Exchange
 from strands_actors.drivers.common.ports.network_interfaces import address_of
 from strands_actors.drivers.common.rtps import CDR, Participant, own_address
 from strands_actors.kernel.clock import NS, Clock
@@ -39,7 +40,7 @@ class Service:
     def __init__(self, participant: Participant, name: str, clock: Clock) -> None:
         self.name = name
         self._clock = clock
-        self._pending: dict[int, Callable[[rpc.Response], None]] = {}
+        self._exchange: Exchange[int, Callable[[rpc.Response], None], rpc.Response] = Exchange(MAX_PENDING)
         self._newest = 0
         self.unanswered: set[int] = set()
         """Ids of orders that have no answer yet. The robot may still carry them out, even much later: a service
@@ -84,9 +85,7 @@ class Service:
             stop: Also send the request to a service that has announced its end.
         """
         number = self._newest = max(self._clock.now_ns(), self._newest + 1)
-        if len(self._pending) >= MAX_PENDING:
-            del self._pending[next(iter(self._pending))]
-        self._pending[number] = on_response
+        self._exchange.sent(number, on_response)
         write = self._writer.write_stop if stop else self._writer.write
         write(CDR + rpc.encode_request(rpc.Request(number, api, parameter)))
         return number
@@ -97,10 +96,10 @@ class Service:
             if response.id in self.unanswered:
                 self.unanswered.remove(response.id)
                 self.settled_ns = t_ns
-            on_response = self._pending.pop(response.id, None)
-            if on_response is not None:
+            sent = self._exchange.take(response.id, response)
+            if sent is not None:
                 self.unanswered = {number for number in self.unanswered if response.id - number < LOST_NS}
-                on_response(response)
+                sent.request(response)
 
 
 class Network:

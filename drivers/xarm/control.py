@@ -11,6 +11,7 @@ import trio
 from strands_actors.contract.wire import Permit, WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.outcome import Outcome
+from strands_actors.drivers.common.ports.exchange import Exchange, numbers
 from strands_actors.drivers.common.ports.receive_budget import ReceiveBudget
 from strands_actors.drivers.common.ports.tcp_port import ByteStream
 from strands_actors.kernel.clock import NS, Clock
@@ -52,11 +53,9 @@ class Control:
         self._clock = clock
         self._budget = ReceiveBudget(name)
         self._decoder = p.Decoder()
-        self._number = 0
-        # For each unanswered request: number -> (register, time when it was sent).
-        self._open: dict[int, tuple[int, int]] = {}
-        self._awaited: dict[int, p.Reply | None] = {}
-        self._last_received_ns = 0
+        self._numbers = numbers(p.LAST_NUMBER)
+        # For each request its register.
+        self._exchange: Exchange[int, int, p.Reply] = Exchange()
         # Codes of the error and the warning, from the last reply to ``ERRORS``.
         self.errors: tuple[int, int] = (0, 0)
         self.error_pending = False  # the error bit in the state byte of the last reply
@@ -65,22 +64,19 @@ class Control:
     @property
     def idle(self) -> bool:
         """Return True if every request was answered."""
-        return not self._open
+        return self._exchange.unanswered == 0
 
     def silent_s(self, now_ns: int) -> float:
         """Return for how long the controller has sent nothing while a request waits for its reply; 0 if no request
         waits."""
-        if not self._open:
-            return 0.0
-        first_ns = next(iter(self._open.values()))[1]
-        return (now_ns - max(first_ns, self._last_received_ns)) / NS
+        return self._exchange.silent_s(now_ns)
 
-    def send(self, register: int, data: bytes = b"") -> int:
+    def send(self, register: int, data: bytes = b"", *, awaited: bool = False) -> int:
         """Send a request now. Return its number, which the reply repeats."""
-        self._number = self._number % p.LAST_NUMBER + 1
-        self._stream.write(p.request(self._number, register, data))
-        self._open[self._number] = register, self._clock.now_ns()
-        return self._number
+        number = next(self._numbers)
+        self._stream.write(p.request(number, register, data))
+        self._exchange.sent(number, register, self._clock.now_ns(), awaited=awaited)
+        return number
 
     async def ask(
         self, register: int, data: bytes = b"", *, within_s: float, permit: Permit | None = None
@@ -97,18 +93,16 @@ class Control:
         Returns:
             The reply; None if it did not arrive in time.
         """
-        number = self.send(register, data)
-        self._awaited[number] = None
+        number = self.send(register, data, awaited=True)
         end_s = trio.current_time() + within_s
         try:
-            while self._awaited[number] is None and (remaining_s := end_s - trio.current_time()) > 0:
+            while self._exchange.waits_for(number) and (remaining_s := end_s - trio.current_time()) > 0:
                 if permit is not None:
                     permit.check()
-                with trio.move_on_after(min(remaining_s, LOOK_S)):
-                    self._take(await self._stream.read())
-            return self._awaited[number]
+                await self._exchange.wait(min(remaining_s, LOOK_S), self._receive, number)
+            return self._exchange.pop(number)
         finally:
-            del self._awaited[number]
+            self._exchange.forget(number)
 
     def take_waiting(self) -> None:
         """Process received data, up to a limit for each call. Never waits."""
@@ -123,6 +117,9 @@ class Control:
         was sent before."""
         self._stream.close_in_order()
 
+    async def _receive(self) -> None:
+        self._take(await self._stream.read())
+
     def _take(self, data: bytes) -> None:
         now_ns = self._clock.now_ns()
         try:
@@ -130,25 +127,22 @@ class Control:
                 self._take_reply(p.reply_of(received))
         except MalformedFrame as malformed:
             raise WireDown(f"{self._name}: the controller sent invalid data ({malformed}). Reconnect") from None
-        self._last_received_ns = now_ns
-        late = [number for number, (_, sent_ns) in self._open.items() if now_ns - sent_ns > FORGET_S * NS]
-        for number in late:
-            del self._open[number]
+        self._exchange.received(now_ns)
+        self._exchange.expire(now_ns - round(FORGET_S * NS))
 
     def _take_reply(self, reply: p.Reply) -> None:
-        request = self._open.pop(reply.number, None)
-        if request is None:
+        register = self._exchange.request(reply.number)
+        if register is None:
             # The reply came so late that its request was deleted.
             return
-        if request[0] != reply.register:
-            raise MalformedFrame(f"register {reply.register} for {request[0]}")
+        if register != reply.register:
+            raise MalformedFrame(f"register {reply.register} for {register}")
+        self._exchange.take(reply.number, reply)
         self.error_pending = bool(reply.state & p.ERROR)
         if reply.register == Register.ERRORS:
             self.errors = p.errors_of(reply.data)
         if reply.register == Register.SET_STATE:
             self.state_set = reply.number
-        if reply.number in self._awaited:
-            self._awaited[reply.number] = reply
 
 
 async def open_control(config: XArmConfig, clock: Clock, open_stream: OpenStream) -> Control:

@@ -58,7 +58,7 @@ class YahboomOptions(DriverOptions, frozen=True):
         option("1.0 or -1.0 for each of arm1 to arm5: which way it turns", min_length=5, max_length=5),
     ] = (1.0, 1.0, 1.0, 1.0, 1.0)
     move_time_ms: Annotated[
-        int, option("milliseconds that an arm motion takes when the action does not say", ge=1, le=30_000)
+        int, option("milliseconds of an arm motion, if the action names no time", ge=1, le=30_000)
     ] = 1500
     transport: Annotated[
         Literal["rosbridge", "ros2"],
@@ -115,8 +115,8 @@ class YahboomM3Pro(Driver):
     )
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.ZERO)
     firmware_watchdog = (
-        "the base is zeroed after 200 to 500 ms without a command [assumed: 0.3 s], which can be neither armed nor "
-        "read back; the arm finishes its last motion and holds it"
+        "The base stops 200 to 500 ms after the last command [assumed: 0.3 s]. This can be neither armed nor read "
+        "back. The arm finishes its last motion and holds it"
     )
 
     @classmethod

@@ -6,7 +6,9 @@ connection has no old messages.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Awaitable, Callable, Sequence
+from itertools import count
 from typing import Any, Protocol
 
 import trio
@@ -14,6 +16,7 @@ import trio
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.kit.reporting_base import Report
+from strands_actors.drivers.common.ports.exchange import Exchange
 from strands_actors.drivers.common.ports.websocket import begin_websocket
 from strands_actors.kernel.clock import Clock
 
@@ -77,15 +80,13 @@ class RosbridgeLink:
         self._clock = clock
         self._open_socket = open_socket
         self._socket: Socket | None = None
-        self._numbers = 0  # number of the last service call
-        self._responses: dict[int, p.ServiceResponse] = {}
-        self._awaited: set[int] = set()  # numbers of the calls for which a caller waits
+        self._numbers = count(1)  # of the service calls
+        # For each call its service.
+        self._exchange: Exchange[int, str, p.ServiceResponse] = Exchange()
         # Numbers of the calls that follow commands and are not answered yet.
         self._unanswered: list[int] = []
         self._objection = ""  # the last error that rosbridge reported
         self._connecting = trio.Lock()
-        self._reads = False  # True while one task receives messages for all tasks
-        self._processed = trio.Event()
 
     @property
     def is_open(self) -> bool:
@@ -125,8 +126,7 @@ class RosbridgeLink:
                 await self._begin(CONNECT_S, _advertised(m.CMD_VEL), ZERO)
 
     async def receive_messages(self) -> None:
-        while True:
-            await self._receive_next()
+        await self._until(lambda: False)
 
     def zero(self) -> None:
         if self._socket is None:
@@ -171,8 +171,7 @@ class RosbridgeLink:
         if self._socket is not None:
             self._socket.close()
         self._socket = None
-        self._unanswered.clear()
-        self._wake()
+        self._forget_all()
 
     # -- the handshake
 
@@ -195,10 +194,12 @@ class RosbridgeLink:
         if before is not None:
             before.close()
         self._objection = ""
-        self._awaited.clear()
-        self._unanswered.clear()
-        self._responses.clear()
+        self._forget_all()
         return self._socket
+
+    def _forget_all(self) -> None:
+        self._unanswered.clear()
+        self._exchange.clear()
 
     async def _accept(self, socket: Socket, within_s: float) -> None:
         """Wait until rosbridge has answered the request that opens the WebSocket. Raise
@@ -248,48 +249,34 @@ class RosbridgeLink:
         """Send a command, then a service call. The answer to the call shows that the bridge has
         processed the command."""
         self._send(text)
-        number = self._next_number()
+        number = next(self._numbers)
         self._unanswered.append(number)
-        self._send(p.encode(p.CallService(p.TIME_SERVICE, id=str(number))))
+        self._ask(number, p.TIME_SERVICE)
 
-    def _next_number(self) -> int:
-        self._numbers += 1
-        return self._numbers
+    def _ask(self, number: int, service: str, awaited: bool = False) -> None:
+        self._send(p.encode(p.CallService(service, id=str(number))))
+        self._exchange.sent(number, service, awaited=awaited)
 
     async def _call(self, service: str) -> Any:
         """Call a service and return its answer. Raise ``WireDown`` if the answer reports a failure."""
-        number = self._next_number()
-        self._awaited.add(number)
+        number = next(self._numbers)
+        self._ask(number, service, awaited=True)
         try:
-            self._send(p.encode(p.CallService(service, id=str(number))))
-            await self._until(lambda: number in self._responses)
-            answer = self._responses[number]
+            answer = await self._exchange.answer(number, math.inf, self._receive)
         finally:
-            self._awaited.discard(number)
-            self._responses.pop(number, None)
+            self._exchange.forget(number)
+        assert answer is not None, "it waits without a deadline"
         if not answer.result:
             raise WireDown(f"{self._name}: {service} failed ({answer.values}). Check that rosapi runs")
         return answer.values
 
     async def _until(self, is_so: Callable[[], bool]) -> None:
-        while not is_so():
-            await self._receive_next()
+        await self._exchange.until(is_so, self._receive)
 
-    async def _receive_next(self) -> None:
-        """Process the next message. If another task is receiving, wait until that task has
-        processed a message."""
-        if self._reads:
-            await self._processed.wait()
-            return
-        socket = self._socket
-        if socket is None:
+    async def _receive(self) -> None:
+        if self._socket is None:
             raise WireDown("rosbridge: not connected. Reconnect")
-        self._reads = True
-        try:
-            self._take(await socket.receive())
-        finally:
-            self._reads = False
-            self._wake()
+        self._take(await self._socket.receive())
 
     def _take(self, message: str | bytes) -> None:
         try:
@@ -298,19 +285,14 @@ class RosbridgeLink:
                     self.news.take(topic, m.read_report(topic, content), self._clock.now_ns())
                 case p.ServiceResponse(id=str(text)) as answer if text.isdecimal() and len(text) < DIGITS:
                     number = int(text)
-                    # The bridge has processed all commands that were sent before this call.
-                    self._unanswered = [command for command in self._unanswered if command > number]
-                    if number in self._awaited:
-                        self._responses[number] = answer
+                    if self._exchange.take(number, answer) is not None:
+                        # The bridge has processed all commands that were sent before this call.
+                        self._unanswered = [command for command in self._unanswered if command > number]
                 case p.Status(level, text) if level == p.ERROR_LEVEL:
                     self._objection = text
         except MalformedFrame:
             # Only count the message. If a bridge sends nothing else, ``read`` reports it as silent.
             self.news.malformed += 1
-
-    def _wake(self) -> None:
-        processed, self._processed = self._processed, trio.Event()
-        processed.set()
 
 
 def _advertised(topic: str) -> str:

@@ -46,6 +46,13 @@ WIRES_OF_THE_KIT = (
     "earthrover.wire:EarthRoverWire",
     "kuka.wire:KukaWire",
     "crazyflie.wire:CrazyflieWire",
+    "kinova.wire:KinovaWire",
+    "reachy.wire:ReachyWire",
+    "microduck.wire:MicroduckWire",
+    "robotiq.wire:RobotiqWire",
+    "stretch.wire:StretchWire",
+    "booster.wire:BoosterWire",
+    "franka.wire:FrankaWire",
 )
 WAIT_S = 0.3
 
@@ -258,6 +265,13 @@ def answers_move_an_arm_until_its_stop_begins(patch: pytest.MonkeyPatch) -> None
     whether the setpoint is still permitted. So the arm moves on while the stop waits."""
     a_stop_waits_before_its_first_frame(patch)
     patch.setattr("strands_actors.drivers.kuka.wire.KukaWire._is_live", lambda self: self._permit is not None)
+
+
+def commands_move_an_arm_until_its_stop_begins(patch: pytest.MonkeyPatch) -> None:
+    """The process of a Franka arm brakes it 0.2 s after its last permitted setpoint. Here it does not. So the arm
+    moves on while the stop waits."""
+    a_stop_waits_before_its_first_frame(patch)
+    patch.setattr("strands_actors.drivers.franka.cycle.FEED_S", 10.0)
 
 
 def _waiting(make_safe: Callable[..., Awaitable[Any]]) -> Callable[..., Awaitable[Any]]:

@@ -52,6 +52,13 @@ FOUND: dict[tuple[Callable[[pytest.MonkeyPatch], None], str], tuple[int, str]] =
     (holes.a_stop_waits_before_its_first_frame, "earthrover"): (17, "SAF-020 an order to stop is written"),
     (holes.a_stop_waits_before_its_first_frame, "crazyflie"): (2, "SAF-020 an order to stop is written"),
     (holes.answers_move_an_arm_until_its_stop_begins, "kuka_iiwa"): (2, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "booster_t1"): (24, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "microduck"): (20, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "reachy_mini"): (19, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "kinova_gen3"): (19, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "robotiq_2f85"): (5, "SAF-020 an order to stop is written"),
+    (holes.a_stop_waits_before_its_first_frame, "stretch3"): (2, "SAF-020 an order to stop is written"),
+    (holes.commands_move_an_arm_until_its_stop_begins, "panda"): (42, "SAF-020 an order to stop is written"),
 }
 """For each bug, a seed below 2 000 that finds it (mostly the first), and the promise that it breaks."""
 

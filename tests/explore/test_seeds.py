@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from tests.explorer.kinds import TWIN_DATAGRAMS, TWIN_STREAMS
+from tests.explorer.kinds import TWIN_DATAGRAMS, TWIN_PORTS, TWIN_STREAMS
 from tests.explorer.plan import Plan, plan_of
 from tests.explorer.robots import ROBOTS
 from tests.explorer.search import run_apart, run_here, run_seeds
@@ -33,10 +33,17 @@ SEEDS = {
     "earthrover": 100,
     "kuka_iiwa": 100,
     "crazyflie": 100,
+    "booster_t1": 40,
+    "microduck": 60,
+    "reachy_mini": 50,
+    "kinova_gen3": 60,
+    "robotiq_2f85": 60,
+    "panda": 25,
+    "stretch3": 40,
 }
-"""Number of seeds: 2 720, which take 260 s of one core. A run of legs takes ten times as long as another. One of an
-SO-101 takes twice as long as a fake's, and one of the last six robots three times. A search for new failures takes
-any number."""
+"""Number of seeds: 3 055, which take 400 s of one core. A run of legs takes ten times as long as another. One of an
+SO-101 takes twice as long as a fake's, one of a panda ten times, and one of the other robots of the kit three
+times. A search for new failures takes any number."""
 QUICK = {
     "so101": 20,
     "xarm7": 20,
@@ -53,6 +60,13 @@ QUICK = {
     "earthrover": 6,
     "kuka_iiwa": 5,
     "crazyflie": 8,
+    "booster_t1": 3,
+    "microduck": 4,
+    "reachy_mini": 4,
+    "kinova_gen3": 4,
+    "robotiq_2f85": 5,
+    "panda": 2,
+    "stretch3": 3,
 }
 """Number of seeds in the ordinary run, a fifteenth of that time. The others belong to the long run."""
 DRAWN = [
@@ -62,7 +76,7 @@ DRAWN = [
         for robot in ROBOTS
     ),
 ]
-TWICE = {"so101": 3, **dict.fromkeys((*TWIN_STREAMS, *TWIN_DATAGRAMS), 1)}
+TWICE = {"so101": 3, **dict.fromkeys((*TWIN_STREAMS, *TWIN_DATAGRAMS, *TWIN_PORTS), 1)}
 """Number of seeds that are run in several processes."""
 HASH = f"""
 from tests.explorer.search import run_seeds

@@ -14,6 +14,7 @@ from .kinds import PEER
 from .plan import Event
 from .robot_model import Effect, Seam, put
 from .twin_robot import TwinRobot
+from .udp_network import UdpNetwork
 from .world import World
 
 TICK_S = 0.01
@@ -22,43 +23,16 @@ SHARE = 0.3
 """Share of the datagrams that are lost or doubled."""
 
 
-class DatagramRobot(TwinRobot):
-    """A robot at a UDP port.
+class NetworkRobot(TwinRobot):
+    """A robot on a network of datagrams.
 
     Attributes:
-        ADDRESS: Its host and port.
-        OPENERS: Modules with their own names for the functions of ``udp_port``.
-        ADOPTERS: Modules that make a socket of a descriptor.
+        network: The network.
+        stalled: True while the robot neither reads nor sends.
     """
 
-    ADDRESS: ClassVar[Address]
-    OPENERS: ClassVar[tuple[tuple[ModuleType, str], ...]]
-    ADOPTERS: ClassVar[tuple[ModuleType, ...]] = ()
-
-    def __init__(self, world: World, robot: str) -> None:
-        super().__init__(world, robot)
-        self.network = DatagramNetwork(world, self.ADDRESS, self._hear, self.sent)
-        self.stalled = False
-        self._unread: deque[Datagram] = deque()
-        world.after(TICK_S, self._tick)
-
-    @abstractmethod
-    def take(self, datagram: Datagram) -> None:
-        """Carry out a datagram of a process, and note its frame."""
-
-    def sent(self, datagram: Datagram) -> None:
-        """Note a datagram when a process sends it, even if it is lost."""
-
-    def send(self, data: bytes, to: Address) -> None:
-        self.network.send(Datagram(self.world.now_s, "", self.ADDRESS, self.spoil(data)), to)
-
-    def seams(self) -> tuple[Seam, ...]:
-        network = self.network
-        return (
-            *super().seams(),
-            *((module, name, getattr(network, name)) for module, name in self.OPENERS),
-            *((module, "socket", SimpleNamespace(socket=network.adopt)) for module in self.ADOPTERS),
-        )
+    network: UdpNetwork
+    stalled: bool
 
     def effect(self, event: Event) -> Effect | None:
         network = self.network
@@ -88,6 +62,47 @@ class DatagramRobot(TwinRobot):
         network.lost = network.late_s = network.doubled = 0.0
         network.peer.kind = ""
         self.stalled = False
+
+
+class DatagramRobot(NetworkRobot):
+    """A robot at a UDP port.
+
+    Attributes:
+        ADDRESS: Its host and port.
+        OPENERS: Modules with their own names for the functions of ``udp_port``.
+        ADOPTERS: Modules that make a socket of a descriptor.
+    """
+
+    network: DatagramNetwork
+
+    ADDRESS: ClassVar[Address]
+    OPENERS: ClassVar[tuple[tuple[ModuleType, str], ...]]
+    ADOPTERS: ClassVar[tuple[ModuleType, ...]] = ()
+
+    def __init__(self, world: World, robot: str) -> None:
+        super().__init__(world, robot)
+        self.network = DatagramNetwork(world, self.ADDRESS, self._hear, self.sent)
+        self.stalled = False
+        self._unread: deque[Datagram] = deque()
+        world.after(TICK_S, self._tick)
+
+    @abstractmethod
+    def take(self, datagram: Datagram) -> None:
+        """Carry out a datagram of a process, and note its frame."""
+
+    def sent(self, datagram: Datagram) -> None:
+        """Note a datagram when a process sends it, even if it is lost."""
+
+    def send(self, data: bytes, to: Address) -> None:
+        self.network.send(Datagram(self.world.now_s, "", self.ADDRESS, self.spoil(data)), to)
+
+    def seams(self) -> tuple[Seam, ...]:
+        network = self.network
+        return (
+            *super().seams(),
+            *((module, name, getattr(network, name)) for module, name in self.OPENERS),
+            *((module, "socket", SimpleNamespace(socket=network.adopt)) for module in self.ADOPTERS),
+        )
 
     def _hear(self, datagram: Datagram) -> None:
         if self.stalled:

@@ -10,7 +10,7 @@ import errno
 import itertools
 import os
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import trio
 
@@ -19,16 +19,22 @@ from strands_actors.drivers.common.ports.udp_port import UdpListener, UdpPort
 from tests.memory_udp import ROOM, Address, Datagram, MemorySocket
 
 from .exhaustion import open_file
+from .tcp_network import OURS
 from .udp_network import UdpNetwork
 from .world import Process, World
 
-OURS = "192.0.2.1"
 FIRST_PORT = 40_000
 """First port of the sockets that are bound to none."""
 
 
 class DatagramNetwork(UdpNetwork):
-    """The network of one robot, at ``address``."""
+    """The network of one robot, at ``address``.
+
+    Attributes:
+        SOCKET: The type of its sockets.
+    """
+
+    SOCKET: ClassVar[type[DatagramSocket]]
 
     def __init__(
         self,
@@ -52,7 +58,10 @@ class DatagramNetwork(UdpNetwork):
 
     def open_udp(self, host: str, port: int) -> UdpPort:
         """As the function of this name in ``udp_port``."""
-        return UdpPort(self._open(next(self._free_ports)), f"{host}:{port}")
+        return UdpPort(self.open_udp_socket(), f"{host}:{port}")
+
+    def open_udp_socket(self) -> Any:
+        return self._open(next(self._free_ports))
 
     async def listen_udp(self, port: int, host: str = "") -> UdpListener:
         """As the function of this name in ``udp_port``."""
@@ -63,14 +72,18 @@ class DatagramNetwork(UdpNetwork):
 
     def adopt(self, fileno: int) -> Any:
         """As ``socket.socket``, for the duplicate of a descriptor."""
-        return DatagramSocket(self._bound[os.fstat(fileno).st_ino], fileno, self.world.current)
+        return self.inherit(fileno, self.world.current)
+
+    def inherit(self, fileno: int, process: Process) -> DatagramSocket:
+        """Return a socket for the duplicate of a descriptor that a process has got at its start."""
+        return self.SOCKET(self._bound[os.fstat(fileno).st_ino], fileno, process)
 
     def _open(self, port: int) -> Any:
         process = self.world.current
         open_file(process, f"UDP port {port}")
         fd = os.memfd_create("datagrams")
         bound = self._bound[os.fstat(fd).st_ino] = _Bound(self, (OURS, port))
-        return DatagramSocket(bound, fd, process)
+        return self.SOCKET(bound, fd, process)
 
 
 class _RobotSocket(MemorySocket):
@@ -179,3 +192,6 @@ class DatagramSocket:
     def _check(self) -> None:
         if self._fd < 0:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+
+
+DatagramNetwork.SOCKET = DatagramSocket

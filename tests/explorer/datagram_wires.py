@@ -16,9 +16,9 @@ from strands_actors.drivers.kuka.twin import controller as kuka_controller
 from tests.memory_udp import Address, Datagram
 
 from .datagram_robot import DatagramRobot
-from .datagram_socket import OURS
 from .robot_model import Actions, Seam
 from .session_arm import SlowActions
+from .tcp_network import OURS
 
 SESSION_ANSWERS = {"FAIR_AFTER": 1, "GOOD_AFTER": 3, "EXCELLENT_AFTER": 6, "MIRRORED": 5}
 """Number of answers after which a KUKA controller enters each state of a session."""

@@ -102,9 +102,22 @@ PEER_TALKS = tuple(kind for kind in PEER if kind != "refuse")
 """The faults of a peer with which the robot still receives frames."""
 CONDITIONS = {"low battery": 2}
 SERVICE = {"slow service": 3, "out of reach": 3}
-TWIN_STREAMS = ("rby1", "spot", "yahboom_m3pro", "earthrover")
-TWIN_DATAGRAMS = ("kuka_iiwa", "crazyflie")
-"""The robots of ``stream_wires.py`` and ``datagram_wires.py``."""
+TWIN_STREAMS = (
+    "rby1",
+    "spot",
+    "yahboom_m3pro",
+    "earthrover",
+    "microduck",
+    "reachy_mini",
+    "kinova_gen3",
+    "robotiq_2f85",
+    "panda",
+)
+TWIN_DATAGRAMS = ("kuka_iiwa", "crazyflie", "booster_t1")
+TWIN_PORTS = ("stretch3",)
+"""The robots of the kit of ``twin_robot.py``: behind connections, at a UDP port, at serial ports."""
+PORTS = {kind: weight for kind, weight in BUS.items() if kind not in ("corrupt", "twice", "unload")} | {"garble": 2}
+"""Faults of several serial ports."""
 PLAIN_NETWORK = {kind: weight for kind, weight in NETWORK.items() if kind != "corrupt"}
 """Faults of datagrams whose protocol has no checksum of its own. That of UDP drops a spoiled one."""
 WIRE_FAULTS: dict[str, dict[str, int]] = {
@@ -119,6 +132,7 @@ WIRE_FAULTS: dict[str, dict[str, int]] = {
     "fake_queue": SERVICE,
     **{robot: {**SESSION, **STREAM_PEER} for robot in TWIN_STREAMS},
     **{robot: {**PLAIN_NETWORK, **NETWORK_PEER} for robot in TWIN_DATAGRAMS},
+    **{robot: {**PORTS, **BUS_PEER} for robot in TWIN_PORTS},
 }
 """By robot: the weights of the faults of its wire."""
 AT_A_POINT = ("unload", "brown out", "reset")

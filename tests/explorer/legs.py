@@ -222,7 +222,7 @@ class LeggedRobot(RobotModel):
         self.world.after(TICK_S, self._tick)
 
     def _join(self) -> None:
-        participant = self._participant = Participant(0, HOST, (), False, clock=_WorldClock(self.world))
+        participant = self._participant = Participant(0, HOST, (), False, clock=WorldClock(self.world))
         family = self.driver.config.model.family
         self._state_writer = participant.writer(protocol.STATE_TOPIC, protocol.state_type(family))
         participant.reader(protocol.COMMAND_TOPIC, protocol.command_type(family), self._on_command)
@@ -284,7 +284,7 @@ class LeggedRobot(RobotModel):
         self.log_energised(now)
 
 
-class _WorldClock:
+class WorldClock:
     def __init__(self, world: World) -> None:
         self._world = world
 

@@ -14,6 +14,7 @@ from .kinds import (
     OPERATORS,
     STREAM_PEER,
     TWIN_DATAGRAMS,
+    TWIN_PORTS,
     TWIN_STREAMS,
 )
 
@@ -111,6 +112,7 @@ _BUS: tuple[Recipe, ...] = (
     (Step("unload", ("",)), Step("oneshot", (CALLER,)), (0.05, 0.7)),
     (Step("unload", ("",)), Step("release", (CALLER,)), (0.0, 0.5)),
 )
+_PORTS = tuple(recipe for recipe in _BUS if recipe[0].kind != "unload")
 _OF_ANY_WIRE: tuple[Recipe, ...] = (
     (Step("cleanup", (CALLER,)), Step("resume", OPERATORS), (-0.01, 0.09)),
     (Step("kill", (CALLER,)), Step("resume", OPERATORS), (-0.01, 0.09)),
@@ -175,6 +177,8 @@ def groups_of(robot: str) -> tuple[tuple[Recipe, ...], ...]:
     match robot:
         case "so101":
             own, lost, peer = _BUS, "pull", BUS_PEER
+        case _ if robot in TWIN_PORTS:
+            own, lost, peer = _PORTS, "pull", BUS_PEER
         case "xarm7" | "ur5e" | "ur5e_script":
             own, lost, peer = _SESSION, "pull", STREAM_PEER
         case _ if robot in TWIN_STREAMS:

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from .datagram_wires import CycleArm, RadioDrone
+from .dds_wires import UpperBody
+from .fci_wires import FciArm
+from .json_wires import DeskRobot, Duck
 from .legs import LeggedRobot
 from .queued_robot import QueuedRobot
+from .register_wires import Fingers, SpeedArm
 from .robot_model import RobotModel
 from .script_arm import ScriptArm
+from .serial_wires import Boards
 from .service_robot import Base, Drone, SlowArm
 from .servo_arm import ServoArm
 from .session_arm import SessionArm
@@ -29,5 +34,12 @@ MODELS: dict[str, type[RobotModel]] = {
     "earthrover": Rover,
     "kuka_iiwa": CycleArm,
     "crazyflie": RadioDrone,
+    "booster_t1": UpperBody,
+    "microduck": Duck,
+    "reachy_mini": DeskRobot,
+    "kinova_gen3": SpeedArm,
+    "robotiq_2f85": Fingers,
+    "panda": FciArm,
+    "stretch3": Boards,
 }
 ROBOTS = tuple(MODELS)

@@ -52,24 +52,37 @@ class ArmPlant(Joints):
 
 class SlowActions:
     """Actions with a unique angle of the joint ``mark``, while the joint ``swing`` swings. Single commands
-    also move the joint ``third``."""
+    also move the joint ``third``.
+
+    Args:
+        unit: One radian in the unit of the joints.
+        far: Longest way of ``third`` from its middle, in radians.
+    """
 
     def __init__(
-        self, rng: random.Random, mark: str = "joint7", swing: str = "joint1", third: str = "joint3"
+        self,
+        rng: random.Random,
+        mark: str = "joint7",
+        swing: str = "joint1",
+        third: str = "joint3",
+        unit: float = 1.0,
+        far: float = 0.015,
     ) -> None:
         self._rng = rng
         self._keys = mark, swing, third
+        self._unit = unit
+        self._far = far
         self._given = 0
 
     def next(self, far: bool) -> dict[str, float]:
         self._given += 1
         mark, swing, third = self._keys
         action = {
-            mark: 1e-4 * self._given,
-            swing: abs((STEP_RAD * self._given + 0.4) % 1.6 - 0.8) - 0.4,
+            mark: self._unit * 1e-4 * self._given,
+            swing: self._unit * (abs((STEP_RAD * self._given + 0.4) % 1.6 - 0.8) - 0.4),
         }
         if far:
-            action[third] = self._rng.uniform(-0.015, 0.015)
+            action[third] = self._unit * self._rng.uniform(-self._far, self._far)
         return action
 
 

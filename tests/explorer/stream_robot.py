@@ -19,7 +19,7 @@ from strands_actors.drivers.common.twin.tcp import ClientGone, Connection, Handl
 
 from .plan import Event
 from .robot_model import Effect, Seam
-from .tcp_network import Piece, SimStream, TcpNetwork
+from .tcp_network import OURS, Piece, SimStream, TcpNetwork
 from .twin_robot import TwinRobot
 from .world import Process, World
 
@@ -59,7 +59,7 @@ class RobotEnd(Connection):
 
     @property
     def peer_host(self) -> str:
-        return "192.0.2.1"
+        return OURS
 
     @property
     def takes(self) -> bool:

@@ -9,6 +9,7 @@ end of the stream.
 from __future__ import annotations
 
 import heapq
+import os
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
@@ -16,6 +17,7 @@ from typing import NamedTuple, Protocol
 import trio
 
 from strands_actors.contract.wire import WireDown
+from strands_actors.drivers.common.ports.tcp_stall import STALLED_S
 
 from .exhaustion import open_file
 from .hostile_peer import HostilePeer
@@ -24,6 +26,7 @@ from .plan import Event
 from .robot_model import Effect, nothing, put
 from .world import Process, World
 
+OURS = "192.0.2.1"
 CONNECT_S = 0.5
 """The timeout of ``open_tcp``."""
 LATE_S = 0.06
@@ -64,6 +67,8 @@ class TcpNetwork:
         self._accept = accept
         self._cut: dict[str, bool] = {"out": False, "in": False}
         self._rng = world.rng("network")
+        self._descriptors: dict[SimStream, int] = {}
+        self._shared: dict[int, SimStream] = {}  # by inode
 
     async def open(self, host: str, port: int) -> SimStream:
         """Connect, as ``open_tcp`` does."""
@@ -87,6 +92,18 @@ class TcpNetwork:
         if stream.left == 0:
             stream.end_by_robot()
         return stream
+
+    def descriptor_of(self, stream: SimStream) -> int:
+        """Return a real descriptor (of an empty file in memory) that stands for a connection."""
+        if stream not in self._descriptors:
+            fd = self._descriptors[stream] = os.memfd_create("stream")
+            self._shared[os.fstat(fd).st_ino] = stream
+            self.world.descriptors.append(fd)
+        return self._descriptors[stream]
+
+    def stream_of(self, fileno: int) -> SimStream:
+        """Return the connection for which this descriptor, or a duplicate of it, stands."""
+        return self._shared[os.fstat(fileno).st_ino]
 
     def is_cut(self, way: str) -> bool:
         return self._cut[way]
@@ -178,10 +195,21 @@ class SimStream:
         self._arrives_s = self._comes_s = 0.0
         self._dropped_s = float("inf")  # when it was closed with a reset
         self._news = trio.Event()
-        self._waits = False
+        self._reader: Process | None = None  # the process that waits for data
+        self._resent = 0  # pieces that the system sends again, and that have not arrived yet
+        self._let_go = False  # this descriptor is closed
+        self._duplicates = 0
         process.at_end.append(self._die)
 
     # -- the side of the process
+
+    @property
+    def own_host(self) -> str:
+        return OURS
+
+    @property
+    def peer_host(self) -> str:
+        return self.name.rpartition(":")[0]
 
     def write(self, data: bytes, late_s: float = 0.0) -> None:
         """Write data.
@@ -189,25 +217,33 @@ class SimStream:
         Args:
             late_s: Time for which the system of either side delays the data.
         """
-        if self.process.dead:
+        self._check_descriptor()
+        self.write_by(self.process, data, late_s)
+
+    def write_by(self, process: Process, data: bytes, late_s: float = 0.0) -> None:
+        if process.dead:
             return
         self._check()
-        self._put(Piece(self.network.world.now_s, self.process.role, data), late_s)
+        self._put(Piece(self.network.world.now_s, process.role, data), late_s)
 
     async def read(self) -> bytes:
+        self._check_descriptor()
+        return await self.read_by(self.process)
+
+    async def read_by(self, process: Process) -> bytes:
         while True:
             await trio.lowlevel.checkpoint()
             data = self.read_waiting()
             if data is not None:
                 return data
             self._news = trio.Event()
-            self._waits = True
+            self._reader = process
             try:
                 if self._coming:
                     self.network.world.at(self._coming[0][0], self._wake)
                 await self._news.wait()
             finally:
-                self._waits = False
+                self._reader = None
 
     def read_waiting(self) -> bytes | None:
         data, coming, now_s = b"", self._coming, self.network.world.now_s
@@ -220,16 +256,26 @@ class SimStream:
 
     def close(self) -> None:
         """Close with a reset. Data that was not sent yet is discarded."""
-        if not self._closed and not self.process.dead:
-            self._drop()
+        if not self.process.dead:
+            self._release(self._drop)
 
     def close_in_order(self) -> None:
-        if not self._closed and not self.process.dead:
-            self._end()
+        if not self.process.dead:
+            self._release(self._end)
 
     def _die(self) -> None:
-        if not self._closed:
-            self._drop()
+        self._release(self._drop)
+
+    def _release(self, end: Callable[[], None]) -> None:
+        """Close this descriptor. With the last one the connection ends."""
+        if not self._let_go:
+            self._let_go = True
+            self.process.resources.close_file()
+            self._end_without_descriptors(end)
+
+    def _end_without_descriptors(self, end: Callable[[], None]) -> None:
+        if self._let_go and not self._duplicates and not self._closed:
+            end()
 
     def _drop(self) -> None:
         self._dropped_s = self.network.world.now_s
@@ -238,14 +284,19 @@ class SimStream:
 
     def _end(self) -> None:
         self._closed = True
-        self.process.resources.close_file()
-        if self._waits and not self.process.dead:
+        if self._reader is not None and self._reader is self.network.world.running:
             self._news.set()
+        else:
+            self._wake()
         if self._gone:
             self.network.forget(self)
         elif not self.network.is_cut("out") or self._unsent:
             self._put(None)
         # Otherwise the cable is cut and the end is lost. The controller keeps a half-open connection.
+
+    def _check_descriptor(self) -> None:
+        if self._let_go and not self.process.dead:
+            raise WireDown(f"{self.name}: the connection is closed. Reconnect")
 
     def _check(self) -> None:
         if self._closed or self._gone:
@@ -253,8 +304,35 @@ class SimStream:
             raise WireDown(f"{self.name}: {why}")
 
     def _wake(self) -> None:
-        if self._waits and not self.process.dead:
-            self.process.post(self._news.set)
+        if self._reader is not None and not self._reader.dead:
+            self._reader.post(self._news.set)
+
+    # -- descriptors that other processes share
+
+    def fileno(self) -> int:
+        """Return a descriptor that can be passed to another process, which adopts it."""
+        return self.network.descriptor_of(self)
+
+    def duplicate(self) -> None:
+        self._duplicates += 1
+
+    def close_duplicate(self) -> None:
+        self._duplicates -= 1
+        self._end_without_descriptors(self._drop)
+
+    def reset_if_stalled(self) -> bool:
+        """Reset the connection if the controller's system does not acknowledge its data."""
+        oldest = next((piece for piece in self._unsent if piece is not None), None)
+        late = oldest is not None and self.network.world.now_s - oldest.left_s >= STALLED_S
+        if self._closed or not (late or self._resent):
+            return False
+        self.reset()
+        return True
+
+    def reset(self) -> None:
+        """Reset the connection for every process that has it open."""
+        if not self._closed:
+            self._drop()
 
     # -- the cable
 
@@ -269,8 +347,10 @@ class SimStream:
             self._unsent.append(piece)
             return
         self._arrives_s = self.network.due_s(self._arrives_s, more_s)
+        self._resent += again_s > 0.0
 
         def arrive() -> None:
+            self._resent -= again_s > 0.0
             if piece is None or again_s <= self._dropped_s:
                 self._arrive(piece)
 
@@ -337,7 +417,7 @@ class SimStream:
             return
         self._number += 1
         heapq.heappush(self._coming, (self._comes_s, self._number, data))
-        if self._waits:
+        if self._reader is not None:
             network.world.at(self._comes_s, self._wake)
 
     def _lose(self) -> None:

@@ -67,6 +67,11 @@ class History(Generic[T]):
         at = bisect_right(self._times_s.get(role, []), t_s)
         return self._values[role][at - 1] if at else default
 
+    def since(self, role: str, t_s: float) -> float:
+        """Return when a process had its last value until this time; 0 if it had none."""
+        at = bisect_right(self._times_s.get(role, []), t_s)
+        return self._times_s[role][at - 1] if at else 0.0
+
 
 class TwinRobot(RobotModel):
     """A robot that counts as energised, as a whole, while ``follows_commands``.
@@ -95,6 +100,7 @@ class TwinRobot(RobotModel):
         self._goals: Mapping[int, float] = {}
         self._writes = History[tuple[float, ...]]()
         self._stops = History[str]()
+        self._services = History[int]()  # number of services that run
         self.make_twin()
 
     # -- the wire's part
@@ -139,6 +145,7 @@ class TwinRobot(RobotModel):
             (wire, "write", self._noting(self._writes, wire.write)),
             (wire, "make_safe", self._noting(self._stops, wire.make_safe)),
             (wire, "reach", self._noting(self._stops, wire.reach)),
+            (wire, "perform", self._noting_services(wire.perform)),
             *((module, "time", self.time) for module in self.TIMED),
         )
 
@@ -176,6 +183,9 @@ class TwinRobot(RobotModel):
         """
         if kind not in LOGGED:
             return
+        if kind == "setpoint" and self._is_of_a_service(role, left_s):
+            self.look()
+            return
         goals: Mapping[int, float] = {}
         if kind == "setpoint":
             goals = dict(zip(self._motors.values(), self._writes.last(role, left_s, ()), strict=False))
@@ -189,6 +199,12 @@ class TwinRobot(RobotModel):
         news = {motor: round(goal, 4) for motor, goal in goals.items() if goal != self._goals.get(motor)}
         self._goals = goals or self._goals
         self.world.note("wire", role, f"{kind} {state} {news}")
+
+    def _is_of_a_service(self, role: str, left_s: float) -> bool:
+        """Return whether a service of a process caused a motion. Then no setpoint belongs to it."""
+        services = self._services
+        runs = services.last(role, left_s, 0) > 0
+        return runs and self._writes.since(role, left_s) < services.since(role, left_s)
 
     def spoil(self, data: bytes) -> bytes:
         """Return an answer of the robot, garbled if this fault is on."""
@@ -206,3 +222,20 @@ class TwinRobot(RobotModel):
             return await method(wire, first, *others)
 
         return noting
+
+    def _noting_services(self, perform: Method) -> Method:
+        """Return the method of a wire, which notes the time in which a service runs."""
+
+        async def noting(wire: object, *args: Any) -> Any:
+            role = self.world.current.role
+            self._note_service(role, 1)
+            try:
+                return await perform(wire, *args)
+            finally:
+                self._note_service(role, -1)
+
+        return noting
+
+    def _note_service(self, role: str, more: int) -> None:
+        now_s = self.world.now_s
+        self._services.add(role, now_s, self._services.last(role, now_s, 0) + more)

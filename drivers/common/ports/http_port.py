@@ -205,6 +205,11 @@ class HttpPort:
         """Reset the connection. A second call does nothing."""
         self._stream.close()
 
+    def reset(self) -> None:
+        """Reset the connection, and drop all requests that have not arrived, even a stop. Use it after a stop was
+        confirmed on another connection."""
+        self._stream.reset()
+
     def close_in_order(self) -> None:
         """Close the connection, but let the sent data still arrive. Use it after a stop."""
         self._stream.close(in_order=True)

@@ -9,9 +9,8 @@ from the connection, but a stop can still be written to it until it is replaced 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
+from itertools import count
 from typing import Any
-
-import trio
 
 from strands_actors.contract.wire import WireDown
 
@@ -25,12 +24,11 @@ from ..codecs.json_rpc import (
     encode_request,
 )
 from ..codecs.malformed import MalformedFrame
+from .exchange import Exchange
 from .shared_stream import SharedStream
 from .tcp_port import OrderlyStream
 
 OpenStream = Callable[[], Awaitable[OrderlyStream]]
-
-_GONE = object()
 
 
 class RequestFailed(Exception):
@@ -54,9 +52,9 @@ class JsonRpcPort:
         self._notice = notice
         self._stream = SharedStream(self._forget_all)
         self._lines = LineDecoder()
-        self._number = 0
-        # The answers, by the number of their request. None stands for an answer that has not arrived.
-        self._waiting: dict[int, Result | Failure | None] = {}
+        self._numbers = count(1)
+        # For each request its method.
+        self._exchange: Exchange[int, str, Result | Failure] = Exchange()
         self.malformed = 0
 
     @property
@@ -85,18 +83,17 @@ class JsonRpcPort:
 
     def send_stop(self, method: str, params: Mapping[str, Any]) -> None:
         """Send the robot's stop command as a request, for a service that requires one. Its answer is dropped."""
-        self._number += 1
-        self._stream.write_stop(encode_request(self._number, method, params))
+        self._stream.write_stop(encode_request(next(self._numbers), method, params))
 
     def send(self, method: str, params: Mapping[str, Any]) -> int:
         """Send a request now and return its number. Its answer is kept until ``answer`` or ``forget`` is called."""
-        self._number += 1
-        self._stream.write(encode_request(self._number, method, params))
-        self._waiting[self._number] = None
-        return self._number
+        number = next(self._numbers)
+        self._stream.write(encode_request(number, method, params))
+        self._exchange.sent(number, method, awaited=True)
+        return number
 
     def forget(self, number: int) -> None:
-        self._waiting.pop(number, None)
+        self._exchange.drop(number)
 
     async def answer(self, number: int, within_s: float) -> Any:
         """Wait for the answer to a request, and return its result.
@@ -110,9 +107,7 @@ class JsonRpcPort:
             WireDown: There is no answer in time. The connection stays open.
         """
         try:
-            with trio.move_on_after(within_s):
-                await self.until(lambda: self._waiting.get(number, _GONE) is not None)
-            answer = self._waiting.get(number, _GONE)
+            answer = await self._exchange.answer(number, within_s, self._hear)
         finally:
             self.forget(number)
         match answer:
@@ -120,8 +115,6 @@ class JsonRpcPort:
                 return value
             case Failure(_, code, message):
                 raise RequestFailed(code, message)
-        if answer is _GONE:
-            raise WireDown("the connection was lost before the answer. Reconnect")
         raise WireDown(f"no answer within {within_s * 1e3:.0f} ms. Check that the service is alive")
 
     async def ask(self, method: str, params: Mapping[str, Any], within_s: float) -> Any:
@@ -133,16 +126,20 @@ class JsonRpcPort:
 
     async def until(self, is_so: Callable[[], bool]) -> None:
         """Receive messages until ``is_so()`` is true."""
-        while not is_so():
-            await self._hear()
+        await self._exchange.until(is_so, self._hear)
 
     def close(self) -> None:
         """Reset the connection. A second call does nothing."""
         self._stream.close()
 
+    def reset(self) -> None:
+        """Reset the connection, and drop all messages that have not arrived, even a stop. Use it after a stop was
+        confirmed on another connection."""
+        self._stream.reset()
+
     def _forget_all(self) -> None:
         self._lines = LineDecoder()
-        self._waiting.clear()
+        self._exchange.clear()
 
     async def _hear(self) -> None:
         """Receive data once. If another task receives already, wait for it."""
@@ -162,5 +159,5 @@ class JsonRpcPort:
             return
         if isinstance(message, Call):
             self._notice(message)
-        elif isinstance(message.id, int) and message.id in self._waiting:
-            self._waiting[message.id] = message
+        elif isinstance(message.id, int):
+            self._exchange.take(message.id, message)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Sequence
 
-import trio
 from pymodbus.constants import ExcCodes
 from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
@@ -24,9 +23,10 @@ from pymodbus.pdu.register_message import (
 )
 
 from strands_actors.contract.wire import WireDown
-from strands_actors.kernel.clock import NS, Clock
+from strands_actors.kernel.clock import Clock
 
 from ..codecs.malformed import MalformedFrame
+from .exchange import Exchange, numbers
 from .tcp_port import ByteStream
 
 # Without this handler pymodbus prints each malformed frame to stderr.
@@ -117,23 +117,18 @@ class ModbusClient:
         self._name = name
         self._clock = clock
         self._decoder = Decoder(requests=False)
-        self._number = 0
-        self._open: dict[int, ModbusPDU] = {}  # unanswered requests, by transaction id
-        # The registers that were read, by the number of the read request. None until its reply arrives.
-        self._answers: dict[int, list[int] | None] = {}
-        self._waiting_since_ns = 0  # time of the last reply, or of the first request since then
-        self._requested_ns = 0
+        self._numbers = numbers(_LAST_ID)  # the transaction ids
+        # The answer to a read request is its registers.
+        self._exchange: Exchange[int, ModbusPDU, list[int]] = Exchange(MAX_OPEN)
 
     def write_registers(self, address: int, values: Sequence[int]) -> None:
         """Send a write request now. If the peer refuses it, the next call of ``answer`` raises. Raise
         ``WireDown``."""
-        self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)))
+        self._ask(WriteMultipleRegistersRequest(address=address, registers=list(values)), awaited=False)
 
     def read_registers(self, address: int, count: int) -> int:
         """Send a read request now. Return its number, for ``answer`` or ``forget``. Raise ``WireDown``."""
-        number = self._ask(ReadInputRegistersRequest(address=address, count=count))
-        self._answers[number] = None
-        return number
+        return self._ask(ReadInputRegistersRequest(address=address, count=count), awaited=True)
 
     async def answer(self, number: int, within_s: float) -> list[int] | None:
         """Wait for the reply to a read request. Return the registers; None if they do not come in time.
@@ -152,13 +147,11 @@ class ModbusClient:
     async def first_answer(self, numbers: Sequence[int], within_s: float) -> list[int] | None:
         """Wait until one of several read requests is answered, and return its registers. Return None or raise as
         ``answer`` does."""
-        with trio.move_on_after(within_s):
-            while all(self._answers[number] is None for number in numbers):
-                self._take(await self._stream.read())
+        await self._exchange.wait(within_s, self._receive, *numbers)
         for number in numbers:
-            if self._answers[number] is not None:
-                return self._answers.pop(number)
-        silent_s = (self._clock.now_ns() - self._waiting_since_ns) / NS
+            if (registers := self._exchange.pop(number)) is not None:
+                return registers
+        silent_s = self._exchange.silent_s(self._clock.now_ns())
         if silent_s > SILENT_S:
             raise WireDown(
                 f"{self._name}: no answer for {silent_s * 1e3:.0f} ms. Check the device's power, then reconnect"
@@ -172,33 +165,27 @@ class ModbusClient:
 
     def forget(self, number: int) -> None:
         """Ignore the reply to a read request, which may still arrive."""
-        self._answers.pop(number, None)
+        self._exchange.forget(number)
 
     def close(self) -> None:
         self._stream.close()
 
-    def _ask(self, request: ModbusPDU) -> int:
-        if len(self._open) >= MAX_OPEN:
+    def _ask(self, request: ModbusPDU, awaited: bool) -> int:
+        if self._exchange.unanswered >= MAX_OPEN:
             raise WireDown(f"{self._name}: {MAX_OPEN} requests are unanswered. Check the device, then reconnect")
-        self._number = self._number % _LAST_ID + 1
-        request.dev_id, request.transaction_id = self._unit, self._number
-        now_ns = self._clock.now_ns()
-        if not self._open or now_ns - self._requested_ns > SILENT_S * NS:
-            # No request was unanswered, or none was sent for a while. So the peer's silence counts from now.
-            self._waiting_since_ns = now_ns
-        self._requested_ns = now_ns
+        number = next(self._numbers)
+        request.dev_id, request.transaction_id = self._unit, number
         self._stream.write(encode(request))
-        self._open[self._number] = request
-        return self._number
+        self._exchange.sent(number, request, self._clock.now_ns(), awaited=awaited)
+        return number
 
-    def _take(self, data: bytes) -> None:
+    async def _receive(self) -> None:
+        data = await self._stream.read()
         try:
             for reply, _ in self._decoder.feed(data):
-                self._waiting_since_ns = self._clock.now_ns()
-                request = self._open.pop(reply.transaction_id, None)
-                registers = self._registers(request, reply)
-                if reply.transaction_id in self._answers:
-                    self._answers[reply.transaction_id] = registers
+                self._exchange.received(self._clock.now_ns())
+                number = reply.transaction_id
+                self._exchange.take(number, self._registers(self._exchange.request(number), reply))
         except MalformedFrame as malformed:
             raise NotUnderstood(f"{self._name}: answers with no Modbus frame ({malformed}). Reconnect") from None
 

@@ -104,11 +104,19 @@ class SharedStream:
             in_order: Close in order instead, so that written data (a stop command) still arrives. A connection
                 with received data that could not be decoded is always closed in order.
         """
+        self._close(in_order or bool(self._deaf_reason))
+
+    def reset(self) -> None:
+        """Reset the connection even if received data could not be decoded. Written data that has not arrived is
+        dropped. Use it after a stop was confirmed on another connection."""
+        self._close(in_order=False)
+
+    def _close(self, in_order: bool) -> None:
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.cancel()
         if self._stream is not None:
-            if in_order or self._deaf_reason:
+            if in_order:
                 self._stream.close_in_order()
             else:
                 self._stream.close()

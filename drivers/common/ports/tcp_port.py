@@ -119,10 +119,15 @@ class TcpPort:
         """
         if self._sock.fileno() < 0 or not tcp_stall.is_stalled(self._sock):
             return False
+        self.reset()
+        return True
+
+    def reset(self) -> None:
+        """Reset the connection for every process that has it open, and drop all data that was not sent. The
+        descriptor stays open until ``close``."""
         # The reset fails only if the connection has already ended.
         with contextlib.suppress(OSError):
             tcp_stall.reset(self._sock)
-        return True
 
     @property
     def own_host(self) -> str:

@@ -24,8 +24,10 @@ from strands_actors.drivers.common.twin.websocket import serving_websocket
 from strands_actors.drivers.yahboom.messages import REST, Twist
 from strands_actors.drivers.yahboom.robots import ARM_JOINTS, BASE, TABLES, table_of
 
-from .bridge import BridgeSession, Graph, serving
+from .bridge import OPERATIONS, SERVICES, TOPICS, BridgeSession, Graph, serving
 from .mechanism import Mechanism
+
+MODELLED = (OPERATIONS, TOPICS, SERVICES)
 
 
 class M3ProTwinOptions(NetworkOptions, frozen=True):
@@ -149,4 +151,4 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     run_server(build, **start)
 
 
-__all__ = ["BridgeSession", "Graph", "M3ProTwin", "Mechanism", "main"]
+__all__ = ["MODELLED", "BridgeSession", "Graph", "M3ProTwin", "Mechanism", "main"]

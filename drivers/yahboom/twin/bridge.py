@@ -14,6 +14,7 @@ import trio
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import Fault, Faults, Reply
+from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.common.twin.websocket import WebSocketClient
 from strands_actors.drivers.yahboom import messages as m
 from strands_actors.drivers.yahboom import protocol as p
@@ -28,6 +29,32 @@ SCAN_M = 2.0
 """Distance of all obstacles from this robot."""
 
 SCAN_HZ = 7.0
+
+OPERATIONS: Modelled[str] = Modelled(
+    "operations of rosbridge",
+    {
+        "advertise": "checks the type of the topic",
+        "publish": "commands the robot on the topics of the next table",
+        "subscribe": "sends the messages of a topic",
+        "unsubscribe": "ends that",
+        "call_service": "calls a service",
+    },
+    "a status message with an error, or silence for the other operations of rosbridge",
+)
+TOPICS: Modelled[str] = Modelled(
+    "topics that the robot subscribes to",
+    {m.CMD_VEL: "drives the base", m.ARM: "moves the arm and the gripper"},
+    "a status message with an error, if no node has the topic; else nothing, as without a subscriber",
+)
+SERVICES: Modelled[str] = Modelled(
+    "services",
+    {
+        p.TOPICS_SERVICE: "returns the topics and their types",
+        p.TYPE_SERVICE: "returns the type of a topic",
+        p.TIME_SERVICE: "returns the time",
+    },
+    "a response with result false: the service does not exist",
+)
 
 _json = msgspec.json.Encoder()
 
@@ -101,7 +128,10 @@ class Graph:
         """Return the answer to a service call."""
         arguments = request.args if isinstance(request.args, dict) else {}
         # The npm package roslib omits the leading slash. ROS accepts that.
-        match "/" + request.service.removeprefix("/"):
+        service = "/" + request.service.removeprefix("/")
+        if service not in SERVICES:
+            return p.response(request, f"Service {request.service} does not exist", result=False)
+        match service:
             case p.TOPICS_SERVICE:
                 types = [type_name.replace("/", "/msg/") for type_name in self.types.values()]
                 return p.response(request, {"topics": list(self.types), "types": types})
@@ -109,10 +139,8 @@ class Graph:
                 return p.response(
                     request, {"type": self.types.get(str(arguments.get("topic")), "").replace("/", "/msg/")}
                 )
-            case p.TIME_SERVICE:
-                sec, nanosec = divmod(time.time_ns(), 10**9)
-                return p.response(request, {"time": {"sec": sec, "nanosec": nanosec}})
-        return p.response(request, f"Service {request.service} does not exist", result=False)
+        sec, nanosec = divmod(time.time_ns(), 10**9)
+        return p.response(request, {"time": {"sec": sec, "nanosec": nanosec}})
 
 
 def _odometry(head: Mapping[str, Any], odometry: m.Odometry) -> dict[str, Any]:

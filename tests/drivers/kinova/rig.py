@@ -82,6 +82,11 @@ class Rig:
 
     # -- results
 
+    def awaited(self) -> set[int]:
+        """Return the numbers of the wire's requests with an awaited response that was not fetched yet."""
+        exchange = self.wire.session.client._exchange
+        return {*filter(exchange.waits_for, exchange._sent), *exchange._answers}
+
     def calls(self, since_s: float = 0.0) -> list[int]:
         return [frame.call for at_s, frame in self.received if at_s >= since_s]
 

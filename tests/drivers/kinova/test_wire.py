@@ -294,7 +294,7 @@ def test_stops_that_are_answered_late_end_all_the_same_and_leave_nothing() -> No
         assert 1 < count < 8
         session = rig.wire.session
         assert not session.turning and session.stops == []
-        assert set(session.client._awaited) == set(session.requested_ns)
+        assert rig.awaited() == set(session.requested_ns)
         rig.delay_s = lambda call: 0.001
         await trio.sleep(0.1)
         await rig.wire.arm(Permission())
