@@ -124,7 +124,7 @@ DEFAULT_DRIVER = "lerobot"
 DRIVER_CHOICES = ("auto", DEFAULT_DRIVER, NATIVE_DRIVER)
 """Values of ``Robot(driver=)``."""
 
-OWN_KEYWORDS = ("cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
+OWN_KEYWORDS = ("cameras", "data_config", "id", "mesh", "port", "require_drill", "sim", "tool_name", "transport")
 """Keywords that ``Robot`` accepts for every driver that is a subclass of ``Driver``."""
 
 

@@ -48,5 +48,4 @@ def package_page(package: str) -> str:
 
 def navigation() -> list[object]:
     """Return the part of the navigation with the reference."""
-    packages = [{package: place_of(package)} for package in PACKAGES]
-    return [INDEX, {"Python": "python.md"}, {"Command line": "command-line.md"}, *packages]
+    return [INDEX, *({package: place_of(package)} for package in PACKAGES)]

@@ -105,7 +105,9 @@ def aliases(robot: str) -> list[str]:
 @functools.cache
 def _wires() -> dict[str, Wire]:
     rows = re.findall(
-        r"^\| (`.+`) \| (.+) \| \[[^]]+\]\(docs/([^)]+)\) \|$", (ROOT / "README.md").read_text(), re.M
+        r"^\|(?: <img [^>]+> \|)? (`.+`) \| (.+) \| \[[^]]+\]\(docs/([^)]+)\) \|$",
+        (ROOT / "README.md").read_text(),
+        re.M,
     )
     return {name: Wire(text, page) for names, text, page in rows for name in re.findall(r"`(\w+)`", names)}
 

@@ -17,6 +17,7 @@ from mkdocs.structure.pages import Page
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 from docs.site import api, diagrams, markdown, offline, robots, sources
+from strands_actors.surfaces.drill.report import BadReport
 
 LATER_IN_SEARCH = {"benchmarks.md": 0.1, "kill-matrix": 0.1, f"{api.FOLDER}/": 0.5}
 """Beginnings of places whose pages name every term many times. The search lists them after the pages that explain
@@ -26,6 +27,8 @@ the term. The number is the weight of a page; others have 1."""
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Add the robots and the public packages to the navigation, and let headings have the anchors of GitHub."""
     config.mdx_configs.setdefault("toc", {})["slugify"] = markdown.slug
+    # Only a server shows this page, and its links would work only in the server's root.
+    config.theme.static_templates.discard("404.html")
     for item in config.nav or ():
         for title, place in item.items():
             if place == robots.INDEX:
@@ -37,7 +40,10 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made, and the source files that pages link to."""
-    pages = sources.written_pages() | robots.pages() | api.pages()
+    try:
+        pages = sources.written_pages() | robots.pages() | api.pages()
+    except BadReport as reason:
+        raise PluginError(f"docs/reports: {reason}") from reason
     texts = {file.src_uri: file.content_string for file in files if file.is_documentation_page()} | pages
     linked = {path for place, text in texts.items() for path in sources.source_files(text, sources.origin(place))}
     pages |= {sources.place_of(path): sources.source_page(path) for path in sorted(linked)}

@@ -11,13 +11,16 @@ from strands_actors.contract.driver import Driver, Reason
 from strands_actors.drivers import list_driver_coverage
 from strands_actors.kernel.messages import sentence_case
 
-from . import facts
+from . import facts, reports
 from .build import ROOT
 from .sections import level_sections, matrix_section, names, options_section, table
+from .twins import twin_section
 
 FOLDER = "robot"
 INDEX = f"{FOLDER}/index.md"
 PICTURES = "pictures"
+THUMBNAIL_PIXELS = 120
+REPORTS = f"../{reports.PLACE}"
 
 
 def place_of(robot: str) -> str:
@@ -45,6 +48,7 @@ def index_page() -> str:
     """Return the page that lists all robots."""
     rows = [
         (
+            _thumbnail(robot),
             f"[`{robot}`]({robot}.md)",
             facts.product(robot),
             facts.wire(robot).text,
@@ -62,10 +66,9 @@ def index_page() -> str:
             "# Robots",
             "",
             f"These {len(rows)} robots have a driver, a twin (a simulated robot that speaks the robot's protocol) "
-            "and a page. `strands-actors list` prints their names. No page claims that a driver has moved a real "
-            "robot, because none has.",
+            f"and a page. `strands-actors list` prints their names. {_seen()}",
             "",
-            *table(("robot", "product", "wire", "axes", "`stop()` leads to", "bound"), rows),
+            *table(("", "robot", "product", "wire", "axes", "`stop()` leads to", "bound"), rows),
             "",
             "The **bound** is the longest time from the end of a process to the first frame of the safe state "
             "([glossary](../glossary.md)).",
@@ -82,6 +85,13 @@ def index_page() -> str:
             "",
         )
     )
+
+
+def _seen() -> str:
+    seen = sorted({sent.report.robot for sent in reports.reports()})
+    if not seen:
+        return f"No driver has been [seen to move a real robot]({REPORTS}) yet."
+    return f"These were [seen on a real robot]({REPORTS}): {names(seen)}."
 
 
 # -- a robot
@@ -108,7 +118,8 @@ def robot_page(robot: str) -> str:
             "",
             *level_sections(level.driver, "###"),
         ]
-    lines += [*options_section(robot), *matrix_section(robot)]
+    lines += [*options_section(robot), *twin_section(robot), *matrix_section(robot)]
+    lines += reports.section(robot, reports.reports(), REPORTS)
     return "\n".join(lines)
 
 
@@ -118,6 +129,12 @@ def _picture(robot: str) -> Iterator[str]:
         yield ""
 
 
+def _thumbnail(robot: str) -> str:
+    """Return the small picture of a robot, for a table."""
+    source = f"../{PICTURES}/{robot}.png"
+    return f'<img src="{source}" width="{THUMBNAIL_PIXELS}" alt="{facts.product(robot)}">'
+
+
 def _summary(robot: str, driver: Driver) -> Iterator[str]:
     wire, cls = facts.wire(robot), facts.driver_class(robot)
     rows = [("name", f'`Robot("{robot}")`')]
@@ -125,7 +142,7 @@ def _summary(robot: str, driver: Driver) -> Iterator[str]:
         rows.append(("other names", ", ".join(f"`{name}`" for name in others)))
     rows.append(("wire", f"{wire.text}: [{_page_title(wire.page)}](../{wire.page})"))
     rows.append(("`port`", _port(cls)))
-    rows.append(("seen on a real robot", "not yet"))
+    rows.append(("seen on a real robot", reports.summary(robot, reports.reports(), REPORTS)))
     if clients := facts.clients_of(robot):
         rows.append(
             ("clients that drive its twin unchanged", "<br>".join(_client(robot, each) for each in clients))

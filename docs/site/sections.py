@@ -55,16 +55,15 @@ def _joints(driver: Driver, heading: str) -> Iterator[str]:
 
 def _axis(row: tuple[str, Axis]) -> tuple[str, ...]:
     part, axis = row
-    speed = "no limit" if math.isinf(axis.speed) else number(axis.speed)
     kind = " (a speed)" if axis.mode is AxisMode.VELOCITY else ""
     optional = " (not on every robot)" if axis.optional else ""
-    low, high = number(axis.low), number(axis.high)
-    return f"`{axis.key}`{kind}{optional}", part, str(axis.id), axis.unit or "–", low, high, speed
+    limits = map(number, (axis.low, axis.high, axis.speed))
+    return f"`{axis.key}`{kind}{optional}", part, str(axis.id), axis.unit or "–", *limits
 
 
 def number(value: float) -> str:
     """Return a number of a driver's table with at most six digits."""
-    return f"{value:.6g}"
+    return "no limit" if math.isinf(value) else f"{value:.6g}"
 
 
 def _safe_states(driver: Driver, heading: str) -> Iterator[str]:
@@ -139,7 +138,8 @@ def _verbs(driver: Driver, heading: str) -> Iterator[str]:
     rows = []
     for verb in driver.TOOL_VERBS:
         inputs = ", ".join(f"`{name}`{'*' if name in verb.required else ''}" for name in verb.inputs) or "–"
-        approval = "with approval" if verb.name in driver.GUARDED else ""
+        asks = verb.name in driver.GUARDED or verb.does == "torque"
+        approval = "with approval" if asks else ""
         rows.append((f"`{verb.name}`", inputs, verb.description, approval))
     yield from table(("verb", "inputs", "what it does", ""), rows)
     yield ""
@@ -158,7 +158,8 @@ def _service(name: str, service: Service) -> tuple[str, ...]:
         note
         for applies, note in (
             (service.moves, "moves the robot"),
-            (service.powers, "switches power"),
+            (service.powers and service.arms({}), "energises, so not on a stopped robot"),
+            (service.powers and not service.arms({}), "takes power away"),
             (service.ends_motion, "ends a motion"),
             (service.stops is not None, "is a stop"),
         )

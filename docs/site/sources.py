@@ -14,7 +14,8 @@ from pathlib import Path
 
 from .build import ROOT
 
-LINK = re.compile(r"(?<=\]\()([^)\s]+)(?=\))")
+LINK = re.compile(r'(?<=\]\()([^)\s]+)(?=\))|(?<= src=")([^"]+)(?=")')
+"""The target of a link or picture in Markdown, or the file of an HTML picture."""
 FENCE = re.compile(r"^( *)(```+|~~~+).*?^\1\2 *$", re.DOTALL | re.MULTILINE)
 
 MOVED: Mapping[str, str] = {
@@ -45,7 +46,7 @@ def origin(place: str) -> str:
 
 def links(text: str) -> Iterator[str]:
     """Yield the targets of the links of a page, without those in examples."""
-    yield from LINK.findall(FENCE.sub("", text))
+    yield from (link[0] for link in LINK.finditer(FENCE.sub("", text)))
 
 
 def is_relative(link: str) -> bool:

@@ -146,7 +146,8 @@ class BoosterDriver(Driver):
         Reason.ESTOP: SafeState.DAMP,
     }
     firmware_watchdog = (
-        "none: left alone the robot holds its arms and keeps its last twist, it walks on. Nothing can be armed"
+        "The firmware has no watchdog that can be armed: the robot holds its arms and keeps its last twist, so it "
+        "walks on"
     )
     bound_s = 0.1
     """From a death to the safe frame. The base stops first, and is asked whether it has."""

@@ -108,7 +108,13 @@ def mode_in(observation: Observation) -> Mode | None:
 
 
 def gates(model: Model) -> tuple[GateCheck, ...]:
-    return (_state_fresh, _ready_lately, _enough_motors, _handed_over, *target_gates(model, CONTROL_S))
+    return (
+        _state_fresh,
+        _ready_lately,
+        _enough_motors,
+        _handed_over,
+        *target_gates(model, CONTROL_S, plans_motion=True),
+    )
 
 
 def _state_fresh(candidate: Candidate, state: GateState) -> Refused | None:

@@ -109,8 +109,8 @@ class Crazyflie(Driver):
         Reason.ESTOP: SafeState.OFF,
     }
     firmware_watchdog = (
-        "levels out 0.5 s after the last setpoint, cuts the motors after 2 s and locks itself; a landing that it "
-        "has taken it flies to the end. Nothing to arm, nothing to read back"
+        "The drone levels out 0.5 s after the last setpoint, and after 2 s it cuts its motors and locks itself. It "
+        "flies a landing that it has begun to the end. There is nothing to arm or to read back"
     )
 
     @classmethod

@@ -37,5 +37,5 @@ class Dynamixel(ServoDriver):
 
     firmware_watchdog = (
         f"bus watchdog (register 98) armed at {watchdog.SECONDS:g} s and read back whenever the arm is energised: "
-        "a servo that hears nothing for so long stops where it is, torque on, and takes no goal until resume()"
+        "a servo that receives nothing for this time stops where it is, torque on, and takes no goal until resume()"
     )

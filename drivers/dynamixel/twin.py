@@ -12,6 +12,8 @@ from strands_actors.drivers.common.twin.servo_bus import BusOptions, serve
 
 from .robots import LEADERS, TABLES
 
+MODELLED = (twin.INSTRUCTIONS,)
+
 
 class DynamixelBus(twin.DynamixelBus):
     @classmethod

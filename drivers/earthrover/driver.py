@@ -106,8 +106,8 @@ class EarthRover(Driver):
     )
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.ZERO)
     firmware_watchdog = (
-        "the rover runs its last command until a new one; the SDK process sends zero after 3 s without one, "
-        "unless its CONTROL_WATCHDOG_S says otherwise, which cannot be read back [assumed: 3 s]"
+        "The rover repeats its last command until a new one comes. Its SDK process sends zero after 3 s without a "
+        "command, unless its CONTROL_WATCHDOG_S has another value, which cannot be read back [assumed: 3 s]"
     )
 
     @classmethod

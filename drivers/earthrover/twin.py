@@ -29,6 +29,7 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.http import Answer, serving
+from strands_actors.drivers.common.twin.modelled import Modelled
 
 from . import protocol as p
 from .mechanism import Rover
@@ -54,6 +55,20 @@ _PICTURE = base64.b64decode(
 """A chessboard of 32 x 24 pixels, in grey."""
 
 
+REQUESTS: Modelled[str] = Modelled(
+    "requests to the SDK process",
+    {
+        f"POST {p.CONTROL}": "drives, turns, and switches the lamp",
+        f"POST {p.SPEAK}": "keeps the text, which nobody hears",
+        f"GET {p.DATA}": "returns battery, position, speed and the readings of the sensors",
+        "GET /v2/front": "returns a picture of a chessboard",
+        "GET /v2/rear": "returns a picture of a chessboard; status 404 without a rear camera",
+    },
+    "status 404, not found",
+)
+MODELLED = (REQUESTS,)
+
+
 class RoverTwin:
     """The simulated HTTP service. All clients control the same rover."""
 
@@ -73,6 +88,8 @@ class RoverTwin:
         self._fix = fix
         self._rear = rear
         self._stuck: bytes | None = None
+        self.spoken = b""
+        """The last request to speak."""
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
         """Simulate a fault of the whole rover. ``unit`` is not used."""
@@ -88,16 +105,17 @@ class RoverTwin:
 
     def answer(self, request: Request) -> Answer:
         self.rover.pass_time()
+        if f"{request.method} {request.target}" not in REQUESTS:
+            return Answer(p.NOT_FOUND, b'{"detail":"Not Found"}', "other")
         match request.method, request.target:
             case "POST", p.CONTROL:
                 return self._control(request.body)
             case "POST", p.SPEAK:
+                self.spoken = request.body
                 return Answer(p.OK, b'{"message":"Text sent"}', "other")
             case "GET", p.DATA:
                 return Answer(p.OK, self._stuck or self.data())
-            case "GET", ("/v2/front" | "/v2/rear") as target:
-                return self._picture(target.removeprefix("/v2/"))
-        return Answer(p.NOT_FOUND, b'{"detail":"Not Found"}', "other")
+        return self._picture(request.target.removeprefix("/v2/"))
 
     def _control(self, body: bytes) -> Answer:
         try:

@@ -35,4 +35,4 @@ class Feetech(ServoDriver):
     SETUP: ClassVar[str] = "strands_actors.drivers.feetech.setup:FeetechSetup"
     FAULT_CODES: ClassVar[Mapping[str, MotorCode]] = FAULT_CODES
 
-    firmware_watchdog = "none: a servo left alone holds its last goal with torque on, for ever"
+    firmware_watchdog = "The firmware has no watchdog: a servo holds its last goal with torque on, for ever"

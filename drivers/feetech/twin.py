@@ -9,11 +9,29 @@ from typing import Annotated, Any, Unpack
 from strands_actors.contract.options import option
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Exchange, Reply, Start, read_twin_options
+from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.common.twin.servo_bus import BusOptions, ServoBus, serve
 
 from . import protocol as p
 from .robots import LEADERS, TABLES
 from .servo import Servo
+
+INSTRUCTIONS: Modelled[int] = Modelled(
+    "instructions to the servos",
+    {
+        p.PING: "returns the error byte",
+        p.READ: "returns registers",
+        p.WRITE: "writes registers; read-only ones keep their value",
+        p.REG_WRITE: "keeps a write until the next action",
+        p.ACTION: "carries out the kept write",
+        p.RESET: "restores the values at delivery, except the id",
+        p.REBOOT: "restarts the servo",
+        p.SYNC_READ: "returns the same registers of several servos",
+        p.SYNC_WRITE: "writes the same registers of several servos",
+    },
+    "silence",
+)
+MODELLED = (INSTRUCTIONS,)
 
 
 class FeetechBus(ServoBus[Servo, p.Packet]):
@@ -64,6 +82,8 @@ class FeetechBus(ServoBus[Servo, p.Packet]):
         return Exchange(message_type, p.frame(*packet), replies, safe_state)
 
     def answer(self, packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> Iterable[Reply | None]:
+        if packet.code not in INSTRUCTIONS:
+            return ()
         if packet.code == p.SYNC_READ:
             return _sync_read(hearing, packet.params)
         if packet.code == p.SYNC_WRITE:

@@ -11,6 +11,8 @@ from typing import Any
 
 import msgspec
 
+from .looks import looks_of
+
 JOINTS = 7
 
 HOME_RAD = (0.0, -math.pi / 4, 0.0, -3 * math.pi / 4, 0.0, math.pi / 2, math.pi / 4)
@@ -97,6 +99,7 @@ def model_table(arm: Arm) -> dict[str, Any]:
         "joints": [{"key": key} for key in arm.keys],
         "base": {"geom": "y.07,.08@-.03,0,.08", "kg": 3.0},
         "model_rows": "\n".join(rows),
+        "looks": looks_of(arm.fci),
         "home_rad": HOME_RAD,
         "gravity_compensated": True,  # A real controller compensates gravity from its own model of the arm.
         "armature": 0.2,  # The real value is not published: [assumed].

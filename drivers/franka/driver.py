@@ -59,9 +59,9 @@ class Franka(Driver):
     unit = "radians"
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
-        f"always on: after {MISSED_TICKS} ms of a motion without a command the controller stops the arm by itself "
-        "(communication_constraints_violation) and holds it; when its client's connection ends, at once. what it "
-        "counts is sensor success_rate"
+        f"The watchdog is always on: after {MISSED_TICKS} ms of a motion without a command the controller stops "
+        "the arm by itself (communication_constraints_violation) and holds it. If its client's connection ends, it "
+        "does so at once. The sensor success_rate shows the share of commands that arrive"
     )
     bound_s = 0.1
     conditions = CONDITIONS

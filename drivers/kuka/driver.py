@@ -49,8 +49,8 @@ class Kuka(Driver):
     unit = "radians"
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.HOLD)
     firmware_watchdog = (
-        "the FRI session itself: after some missing answers the controller drops it to monitoring and the robot's "
-        "own program holds the arm [?]. Nothing is armed by us, and position control mode is required for it"
+        "The FRI session is the watchdog: after some missing answers the controller drops it to monitoring, and "
+        "the robot's own program holds the arm [?]. It needs no arming, and works only in position control mode"
     )
     bound_s = 0.05
 

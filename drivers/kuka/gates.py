@@ -127,7 +127,7 @@ def too_fast(axes: Sequence[Axis], oneshot_s: float) -> GateCheck:
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
         speeds = [axis.speed for axis in axes]
-        return refuse_step(axes, candidate, last_target(state), speeds, span_s(state, oneshot_s))
+        return refuse_step(axes, candidate, state, last_target(state), speeds, span_s(state, oneshot_s))
 
     return too_fast
 

@@ -33,7 +33,7 @@ class ModelDriver(Driver):
     unit = "radians (slides: metres)"
     timing = Timing(control_hz=CONTROL_HZ, keepalive_s=1.0, oneshot_ttl_s=None)
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP)
-    firmware_watchdog = "none: a simulation holds its last target"
+    firmware_watchdog = "A simulation holds its last target"
     gates = ()
 
     @classmethod

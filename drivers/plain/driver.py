@@ -60,7 +60,7 @@ class PlainDriver(Driver):
     }
     """``stop`` calls the class's ``stop()``. ``off`` also calls its ``cleanup()``, which ends its
     connection."""
-    firmware_watchdog = "not known: the class does not say"
+    firmware_watchdog = "Not known, because the class does not declare it"
     bound_s = 1.0
     """In seconds, without the times that the class takes to connect and to stop."""
     conditions = CONDITIONS

@@ -90,6 +90,7 @@ class Command(msgspec.Struct, frozen=True):
     parts: dict[str, JointPosition]
     priority: int = 0
     stops: bool = False  # True for a ``StopCommand`` to the whole body
+    has_others: bool = False  # True if it also has a command of another kind, such as a Cartesian pose
 
     @classmethod
     def decode(cls, data: bytes) -> Command:
@@ -102,7 +103,26 @@ class Command(msgspec.Struct, frozen=True):
         for name, part in parts.items():
             if len(part.position) != PARTS[name]:
                 raise MalformedFrame(f"rb.api: {len(part.position)} positions for {name}, which has {PARTS[name]}")
-        return cls(parts, pb.last_int(fields, 3), bool(pb.last_bytes(request, 2)))
+        whole = pb.message(pb.last_bytes(request, 2))
+        return cls(parts, pb.last_int(fields, 3), 2 in whole, _has_others(request, components))
+
+
+def _has_others(request: dict[int, list[pb.Value]], components: dict[int, list[pb.Value]]) -> bool:
+    """Return True if a request has a field for a command that ``Command`` does not decode. Field 1 is a header."""
+    body = pb.message(pb.last_bytes(components, 3))
+    by_part = pb.message(pb.last_bytes(body, 6))
+    parts = [pb.message(pb.last_bytes(by_part, number)) for number in _BODY.values()]
+    head = pb.message(pb.last_bytes(components, 4))
+    whole = pb.message(pb.last_bytes(request, 2))
+    decoded: list[tuple[Mapping[int, object], set[int]]] = [
+        (request, {1, 2, 3}),
+        (whole, {1, 2}),
+        (components, {1, 3, 4}),
+        (body, {1, 2, 6}),
+        (by_part, {1, *_BODY.values()}),
+        *((part, {1, 2}) for part in (*parts, head)),
+    ]
+    return any(set(fields) - numbers for fields, numbers in decoded)
 
 
 def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPosition]]:

@@ -71,9 +71,9 @@ class RBY1(Driver):
     config: RBY1Config
     unit = "radians"
     firmware_watchdog = (
-        f"control_hold_time, {HOLD_S * 1e3:g} ms in every command: without another one for so long, or without its "
-        "stream, the controller ends the command and holds the robot where it is. No register tells whether it is "
-        "armed"
+        f"control_hold_time, {HOLD_S * 1e3:g} ms in every command: without another command for this time, or "
+        "without its stream, the controller ends the command and holds the robot where it is. No register reports "
+        "whether it is armed"
     )
     conditions = CONDITIONS
 

@@ -125,7 +125,7 @@ def too_fast(axes: Sequence[Axis], period_s: float) -> GateCheck:
     is commanded to arrive within that period."""
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        return refuse_step(axes, candidate, state.target, own_speeds(axes, state.observation), period_s)
+        return refuse_step(axes, candidate, state, state.target, own_speeds(axes, state.observation), period_s)
 
     return too_fast
 

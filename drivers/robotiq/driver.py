@@ -97,7 +97,9 @@ class Robotiq(Driver):
         late_s=LATE_S,
     )
     fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState.HOLD)
-    firmware_watchdog = "none: left alone it keeps its grip and finishes its last motion [assumed]"
+    firmware_watchdog = (
+        "The firmware has no watchdog: the gripper keeps its grip and finishes its last motion [assumed]"
+    )
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -28,9 +28,22 @@ from pymodbus.pdu.register_message import (
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.ports import modbus, modbus_rtu
 from strands_actors.drivers.common.twin import ClientGone, Exchange, Fault, Reply
+from strands_actors.drivers.common.twin.modelled import Modelled
 
 from . import protocol as p
 from .unit import RobotiqTwin
+
+FUNCTIONS: Modelled[int] = Modelled(
+    "Modbus functions",
+    {
+        3: "returns registers of status or command",
+        4: "returns registers of status or command",
+        6: "writes one register of the command",
+        16: "writes registers of the command",
+        23: "writes registers of the command, then returns registers",
+    },
+    "exception 1, illegal function; 2, illegal address, for registers that the gripper has not",
+)
 
 
 class RegisterAccess(NamedTuple):
@@ -100,7 +113,7 @@ class ModbusSession(ABC):
         twin = self._twin
         twin.gripper.note_request()
         access = _access_of(request)
-        if access is None:
+        if access is None or request.function_code not in FUNCTIONS:
             return ExceptionResponse(request.function_code, ExcCodes.ILLEGAL_FUNCTION)
         first = access.write_address - p.OUTPUT
         read = self._read(access) if access.size or not access.values else []

@@ -29,10 +29,12 @@ from strands_actors.drivers.common.twin import (
 from .config import BAUD
 from .mechanism import Setup
 from .robots import TABLES, UNIT
-from .sessions import RtuSession, TcpSession
+from .sessions import FUNCTIONS, RtuSession, TcpSession
 from .unit import RobotiqTwin
+from .urcap import LINES, UrcapSession
 from .urcap import PORT as URCAP_PORT
-from .urcap import UrcapSession
+
+MODELLED = (FUNCTIONS, LINES)
 
 
 class RobotiqTwinOptions(NetworkOptions, frozen=True):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 
 from strands_actors.drivers.common.twin import Exchange, Fault, Reply
+from strands_actors.drivers.common.twin.modelled import Modelled
 
 from . import protocol as p
 from .protocol import Command, Status
@@ -41,6 +42,16 @@ _READ: Mapping[str, Callable[[Status, Command], int]] = {
     "POS": lambda status, command: status.position,
     "COU": lambda status, command: status.current,
 }
+
+
+LINES: Modelled[str] = Modelled(
+    "lines of the text port",
+    {
+        **{f"GET {name}": "returns the field" for name in (*_READ, "SID")},
+        **{f"SET {name}": "writes the field of the command" for name in _WRITTEN},
+    },
+    "?",
+)
 
 
 class UrcapSession:

@@ -72,7 +72,7 @@ class SimDriver(Driver):
     }
 
     config: SimConfig
-    firmware_watchdog = "none: a simulation holds its last target"
+    firmware_watchdog = "A simulation holds its last target"
 
     @classmethod
     def services(cls, options: Mapping[str, Any]) -> Mapping[str, Service]:

@@ -31,14 +31,25 @@ class Picture(NamedTuple):
     rgb: bytes
 
 
-async def render(control: str, width: int, height: int, camera: str) -> Picture:
-    """Draw one picture of the scene, as seen by ``camera``.
+async def render(control: str, width: int, height: int, camera: str, qpos: tuple[float, ...] = ()) -> Picture:
+    """Draw one picture of the scene, as seen by ``camera``: of the state ``qpos``, or without values of the present
+    state.
 
     Raises:
         RuntimeError: No picture could be drawn. The message has the reason.
     """
-    picture = await _ask(control, p.Render(0, width, height, camera), p.Picture, PICTURE_S)
+    picture = await _ask(control, p.Render(0, width, height, camera, qpos), p.Picture, PICTURE_S)
     return Picture(picture.width, picture.height, picture.rgb)
+
+
+async def pose(control: str) -> tuple[tuple[float, ...], int]:
+    """Return the present state ``qpos`` of the scene, and the number of the scene.
+
+    Raises:
+        RuntimeError: The simulation did not answer.
+    """
+    answer = await _ask(control, p.GetPose(0), p.Pose, RESET_S)
+    return answer.qpos, answer.scene
 
 
 async def reset(control: str) -> None:

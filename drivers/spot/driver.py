@@ -94,7 +94,6 @@ class Spot(Driver):
             within_s=STAND_S,
             in_motion=True,
             powers=True,
-            needs_armed=True,
             late_s=LATE_S,
         ),
         "set_twist": Service(
@@ -149,8 +148,8 @@ class Spot(Driver):
             Reason.ESTOP: estop_state,
         }
         self.firmware_watchdog = (
-            f"a twist ends {TWIST_S:g} s after it was sent; without a check-in of our e-stop endpoint for "
-            f"{read.estop_timeout_s:g} s the robot sits down and cuts its motors; resume() reads its time-out back"
+            f"A twist ends {TWIST_S:g} s after it was sent. Without a check-in of our e-stop endpoint for "
+            f"{read.estop_timeout_s:g} s the robot sits down and cuts its motors. resume() reads this time back"
         )
 
     def check_port(self) -> None:

@@ -102,7 +102,8 @@ TABLES: Mapping[str, str] = {
     "RobotStateRequest": _REQUEST,
     "RobotStateResponse": f"{_REPLY}, robot_state 2 RobotState",
     "RobotState": "power_state 1 PowerState, battery_states 2 Battery*, estop_states 5 EStopState*, "
-    "kinematic_state 6 Kinematics, behavior_fault_state 7 BehaviorFaults",
+    "kinematic_state 6 Kinematics, behavior_fault_state 7 BehaviorFaults, manipulator_state 11 Manipulator",
+    "Manipulator": "stow_state 9 uint, gripper_open_percentage 12 double",
     "PowerState": "timestamp 1 Timestamp, motor_power_state 2 uint, shore_power_state 3 uint, "
     "robot_power_state 6 uint",
     "Battery": "identifier 2 text, charge_percentage 3 Number, voltage 6 Number, status 8 uint",
@@ -125,16 +126,20 @@ TABLES: Mapping[str, str] = {
     "ClearBehaviorFaultResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint",
     "Command": "full_body_command 1 FullBody, synchronized_command 3 Synchronized",
     "FullBody": "stop_request 1 Empty, freeze_request 2 Empty, selfright_request 3 Empty, "
-    "safe_power_off_request 4 SafePowerOff",
+    "safe_power_off_request 4 SafePowerOff, battery_change_pose_request 5 Empty, "
+    "payload_estimation_request 6 Empty, constrained_manipulation_request 7 Empty, joint_request 8 Empty",
     "Empty": "",
     "SafePowerOff": "unsafe_action 1 uint",
     "Synchronized": "arm_command 1 Arm, mobility_command 2 Mobility, gripper_command 3 Gripper",
-    "Mobility": "se2_velocity_request 2 Velocity, sit_request 3 Empty, stand_request 4 Empty, "
-    "stop_request 6 Empty, params 100 Any",
+    "Mobility": "se2_trajectory_request 1 Empty, se2_velocity_request 2 Velocity, sit_request 3 Empty, "
+    "stand_request 4 Empty, stance_request 5 Empty, stop_request 6 Empty, follow_arm_request 7 Empty, "
+    "freeze_request 8 Empty, params 100 Any",
     "Any": "type_url 1 text, value 2 MobilityParams",
     "MobilityParams": "locomotion_hint 3 uint",
     "Velocity": "end_time 1 Timestamp, velocity 2 Twist2, se2_frame_name 5 text",
-    "Arm": "arm_joint_move_command 4 ArmJointMove, arm_stop_command 9 Empty",
+    "Arm": "arm_cartesian_command 3 Empty, arm_joint_move_command 4 ArmJointMove, "
+    "named_arm_position_command 5 Empty, arm_velocity_command 6 Empty, arm_gaze_command 8 Empty, "
+    "arm_stop_command 9 Empty, arm_drag_command 10 Empty, params 11 Empty, arm_impedance_command 12 Empty",
     "ArmJointMove": "trajectory 1 ArmTrajectory",
     "ArmTrajectory": "points 1 ArmPoint*, maximum_velocity 3 Number, maximum_acceleration 4 Number",
     "ArmPoint": "position 1 ArmPosition",

@@ -106,9 +106,9 @@ class Stretch(Driver):
         Reason.ESTOP: SafeState.STOP,
     }
     firmware_watchdog = (
-        "the wheels' velocity watchdog (bit 64 of their gains) is armed and acknowledged whenever the robot is "
-        "connected, and what is in flash is read back: without a command of velocity for 1.0 s they fall into "
-        "their safety mode, which lets them roll out. Lift and arm go to their last goal and hold. "
+        "The velocity watchdog of the wheels (bit 64 of their gains) is armed and acknowledged whenever the robot "
+        "is connected, and its setting in flash is read back: 1.0 s after the last velocity the wheels fall into "
+        "their safety mode, in which they roll out. Lift and arm go to their last goal and hold. "
         "Servos: bus watchdog (register 98), after 0.3 s they stop where they are, torque on"
     )
 

@@ -288,6 +288,8 @@ class State(enum.IntFlag):
 
     RUNSTOP = 16
     CLIFF = 32
+    FAN = 64
+    BUZZER = 128
     LOW_VOLTAGE = 256
     OVER_TILT = 512
     HIGH_CURRENT = 1024
@@ -405,9 +407,30 @@ _WACC_STATUS = struct.Struct("<3fh4BIIQI")
 WACC_STATUS_BYTES = _WACC_STATUS.size
 
 
-def pack_wacc_status(acceleration: tuple[float, float, float], timestamp_us: int) -> bytes:
-    """Encode a status of the wrist board: its accelerometer, with nothing connected to its inputs."""
-    return _WACC_STATUS.pack(*acceleration, 0, 0, 0, 0, 0, 0, 0, timestamp_us, 0)
+_WACC_CONFIG = struct.Struct("<Bff2Bf")
+_WACC_COMMAND = struct.Struct("<2BI")
+
+
+def pack_wacc_status(
+    acceleration: tuple[float, float, float], timestamp_us: int, outputs: tuple[int, int] = (0, 0)
+) -> bytes:
+    """Encode a status of the wrist board: its accelerometer and its two digital outputs, with nothing connected to
+    its inputs."""
+    return _WACC_STATUS.pack(*acceleration, 0, 0, 0, *outputs, 0, 0, timestamp_us, 0)
+
+
+def acceleration_scale(data: bytes) -> float:
+    """Return the factor of the acceleration in a configuration of the wrist board. Raise ``MalformedFrame``."""
+    return float(_unpack(_WACC_CONFIG, data, "a configuration of the wrist board")[-1])
+
+
+def wacc_outputs(data: bytes) -> tuple[int, int]:
+    """Return the two digital outputs in a command to the wrist board. Raise ``MalformedFrame``, also for a
+    trigger."""
+    first, second, trigger = _unpack(_WACC_COMMAND, data, "a command to the wrist board")
+    if trigger:
+        raise MalformedFrame(f"the trigger {trigger} of the wrist board")
+    return first, second
 
 
 def _unpack(layout: struct.Struct, data: bytes, subject: str) -> tuple[Any, ...]:

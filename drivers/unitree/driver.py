@@ -79,7 +79,7 @@ class _Legs(Driver):
         heartbeat_ttl_s=0.02,
     )
     firmware_watchdog = (
-        "none that can be armed or read back: left alone a robot keeps its last low-level command, "
+        "The firmware has no watchdog that can be armed or read back. The robot keeps its last low-level command, "
         "or falls to damping after 50 to 100 ms [assumed]"
     )
     bound_s = 0.01
@@ -111,7 +111,7 @@ class _Legs(Driver):
         self.declare(Part(PartKind.LEGS, model.table))
         self.fallbacks: Mapping[Reason, SafeState] = dict.fromkeys(Reason, SafeState(chosen.on_exit))
         self.conditions = conditions(model, chosen.battery_floor_pct, self.timing.state_ttl_s, simulator)
-        self.gates = target_gates(model, CONTROL_S)
+        self.gates = target_gates(model, CONTROL_S, plans_motion=False)
         self._parser = Parser(model)
 
     @classmethod

@@ -19,8 +19,8 @@ class LegsOptions(DriverOptions, frozen=True):
     level: Annotated[
         Literal["low", "sport"],
         option(
-            "who moves the joints: low, this program, 500 times a second; sport, the robot's own controller, "
-            "which walks and is told velocities and postures"
+            "what commands the joints. low: this program, 500 times a second. sport: the robot's own controller, "
+            "which walks, and takes velocities and postures"
         ),
     ] = "low"
     on_exit: Annotated[
@@ -60,6 +60,7 @@ OF_JOINTS: Mapping[str, Service] = {
         arguments={"attempts": ATTEMPTS},
         counts={"attempts": ATTEMPTS},
         powers=True,
+        releases=True,
         late_s=RELEASE_S,
     )
 }

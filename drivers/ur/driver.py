@@ -84,8 +84,8 @@ class UR(Driver):
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
     firmware_watchdog = (
         f"rtde_set_watchdog, {WATCHDOG_HZ:g} Hz: armed in the control script whenever the robot is armed; "
-        f"{1e3 / WATCHDOG_HZ:g} ms without a word from the wire process and the controller stops the program. "
-        "No register tells: whether it is armed is sensor watchdog_hz"
+        f"{1e3 / WATCHDOG_HZ:g} ms after the last message of the wire process the controller stops the program. "
+        "No register reports this: the sensor watchdog_hz shows whether it is armed"
     )
     bound_s = 0.1
     conditions = CONDITIONS

@@ -46,7 +46,10 @@ class XArm(Driver):
     config: XArmConfig
     unit = "radians"
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.STOP)
-    firmware_watchdog = "none: in servo mode the controller drives to the last target at full speed and holds it"
+    firmware_watchdog = (
+        "The firmware has no watchdog: in servo mode the controller drives to the last target at full speed and "
+        "holds it"
+    )
     conditions = CONDITIONS
 
     @classmethod

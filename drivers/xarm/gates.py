@@ -84,7 +84,7 @@ def too_fast(arm: Arm, axes: Axes, period_s: float) -> GateCheck:
     """
 
     def too_fast(candidate: Candidate, state: GateState) -> Refused | None:
-        return refuse_step(axes, candidate, state.target, [speed_limit(arm, state)] * len(axes), period_s)
+        return refuse_step(axes, candidate, state, state.target, [speed_limit(arm, state)] * len(axes), period_s)
 
     return too_fast
 

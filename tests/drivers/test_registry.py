@@ -68,7 +68,7 @@ def test_the_kind_of_a_port_is_known_by_name() -> None:
 
 
 def test_constructor_keywords_are_those_of_the_driver_and_ours() -> None:
-    ours = ["cameras", "data_config", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
+    ours = ["cameras", "data_config", "id", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
     assert constructor_keywords(UR) == sorted([*ours, "control", "control_frequency", "model", "rtde_frequency"])
     servos = ["baud", "baud_rate", "calibration", "max_jump", "max_relative_target", "motor_ids", "timeout"]
     assert constructor_keywords(Feetech) == sorted([*ours, *servos])

@@ -15,7 +15,10 @@ from typing import Any, Unpack
 from strands_actors.drivers.booster.robots import model_of
 from strands_actors.drivers.common.twin import Start, WireLog, read_twin_options, run_server
 
+from .requests import REQUESTS, TOPICS
 from .server import BoosterServer, BoosterTwinOptions
+
+MODELLED = (TOPICS, REQUESTS)
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:

@@ -18,6 +18,7 @@ from strands_actors.drivers.booster.rpc import STANDS, WALKS, Api, Mode, Request
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .body import body_of
+from .requests import REQUESTS
 
 STAND_KP, STAND_KD = 500.0, 10.0
 """Gains of the onboard controller for the legs. It only stands."""
@@ -208,6 +209,8 @@ class Onboard:
         return Response(request.id, status, "" if result is None else json.dumps(result))
 
     def _serve(self, api: int, body: dict[str, Any]) -> tuple[int, Any]:
+        if api not in REQUESTS:
+            return rpc.REFUSED, None
         match api:
             case Api.GET_MODE:
                 return rpc.OK, {"mode": int(self.mode)}
@@ -235,6 +238,9 @@ class Onboard:
                     return rpc.CONFLICT, None
                 self.get_up()
                 return rpc.OK, None
+            case Api.RESET_ODOMETRY if body:
+                # The vendor's client has another call for a pose, which is not modelled.
+                return rpc.BAD_REQUEST, None
             case Api.RESET_ODOMETRY:
                 self.odometer = Odometer(0.0, 0.0, 0.0)
                 return rpc.OK, None

@@ -8,11 +8,33 @@ from typing import Any, NamedTuple, Self
 
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Exchange, Reply
+from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.common.twin.servo_bus import ServoBus
 
 from . import protocol as p
 from . import table as t
 from .servo import Servo
+
+INSTRUCTIONS: Modelled[int] = Modelled(
+    "instructions to the servos",
+    {
+        p.PING: "returns model and firmware",
+        p.READ: "returns registers",
+        p.WRITE: "writes registers; the errors of the protocol for read-only ones and values out of range",
+        p.REG_WRITE: "keeps a write until the next action",
+        p.ACTION: "carries out the kept write",
+        p.FACTORY_RESET: "restores the values at delivery",
+        p.REBOOT: "restarts the servo",
+        p.CLEAR: "clears the turns of the encoder",
+        p.SYNC_READ: "returns the same registers of several servos",
+        p.SYNC_WRITE: "writes the same registers of several servos",
+        p.FAST_SYNC_READ: "returns the same registers of several servos in one frame",
+        p.BULK_READ: "returns registers of several servos",
+        p.BULK_WRITE: "writes registers of several servos",
+        p.FAST_BULK_READ: "returns registers of several servos in one frame",
+    },
+    "the error of the protocol for an unknown instruction (0x02); silence if it was sent to all servos",
+)
 
 
 class DynamixelBus(ServoBus[Servo, p.Packet]):
@@ -53,6 +75,9 @@ class DynamixelBus(ServoBus[Servo, p.Packet]):
 
     def answer(self, packet: p.Packet, hearing: Mapping[int, Sequence[Servo]]) -> Iterable[Reply | None]:
         parts = _split_request(packet, hearing)
+        if packet.code not in INSTRUCTIONS:
+            errors = [_refuse(each.servo) for each in parts]
+            return errors if packet.id != p.BROADCAST else ()
         for servo in {each.servo for each in parts}:
             servo.hear(self.now_s())
         match packet.code:
@@ -153,6 +178,11 @@ def _fast_read(rows: Sequence[tuple[int, int]], parts: Sequence[RequestPart]) ->
         return []
     first = parts[0].servo
     return [Reply(first.return_delay_s, p.fast_status(answers, [size for _, size in rows]), first.id)]
+
+
+def _refuse(servo: Servo) -> Reply | None:
+    """Return the servo's error for an instruction that it does not know; None if it does not reply to writes."""
+    return _status(servo, p.INSTRUCTION_ERROR, kind="other") if servo.get(t.STATUS_LEVEL) >= 2 else None
 
 
 def _answer(servo: Servo, packet: p.Packet) -> Reply | None:

@@ -177,8 +177,14 @@ def _spellings(key: str) -> tuple[str, ...]:
 # -- gates
 
 
-def target_gates(model: Motors, control_s: float) -> tuple[GateCheck, ...]:
-    """Return the checks of a target, in their order. If several checks refuse, the first refusal is reported."""
+def target_gates(model: Motors, control_s: float, plans_motion: bool) -> tuple[GateCheck, ...]:
+    """Return the checks of a target, in their order. If several checks refuse, the first refusal is reported.
+
+    Args:
+        model: The motors.
+        control_s: The period of the control loop.
+        plans_motion: As for ``too_fast``.
+    """
     in_range = past_range(_table(model), rounding=FLOAT32_ROUNDING)
     return (
         finite_rows(model),
@@ -186,7 +192,7 @@ def target_gates(model: Motors, control_s: float) -> tuple[GateCheck, ...]:
         within(model, DQ),
         within(model, TAU),
         gains(model),
-        steps(model, control_s),
+        steps(model, control_s, plans_motion),
     )
 
 
@@ -262,7 +268,7 @@ def gains(model: Motors) -> GateCheck:
     return gains
 
 
-def steps(model: Motors, control_s: float) -> GateCheck:
+def steps(model: Motors, control_s: float, plans_motion: bool) -> GateCheck:
     """Refuse a step from the last target that is longer than the joint turns in one period of the stream.
 
     A single command may step as far as the joint turns in one period of the control loop, because a motor would
@@ -274,6 +280,7 @@ def steps(model: Motors, control_s: float) -> GateCheck:
         oneshot_s=control_s * STEP_TOLERANCE,
         longest_s=LONGEST_STEP_S,
         pause_counts=False,
+        plans_motion=plans_motion,
     )
 
     def steps(candidate: Candidate, state: GateState) -> Refused | None:

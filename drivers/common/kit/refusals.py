@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from strands_actors.contract.refusals import stale_report
+from strands_actors.contract.refusals import or_move_to, stale_report
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code, RefusalCode
 
@@ -83,17 +83,21 @@ def gain_past_limit(key: str, gain: str, value: float, most: float) -> Refused:
 # -- targets of arms without a speed limit in their controller (``step_gates``)
 
 
-def step_too_long(key: str, step_rad: float, limit_rad: float, rate_hz: float) -> Refused:
+def step_too_long(
+    key: str, step_rad: float, limit_rad: float, rate_hz: float, target: float | None = None
+) -> Refused:
+    """Return the refusal of a step that is too long for one period. ``target``: see ``or_move_to``."""
     step, limit = f"{step_rad:.5g}", f"{limit_rad:.5g}"
     reason = f"{key} steps {step} rad at once, the limit is {limit} at {rate_hz:.4g} Hz"
-    return Refused(Code.TOO_FAST, reason, f"step at most {limit} rad", step, limit)
+    return Refused(Code.TOO_FAST, reason, or_move_to(f"step at most {limit} rad", key, target), step, limit)
 
 
-def target_ahead(key: str, lead_rad: float, limit_rad: float) -> Refused:
-    """Return the refusal of a target that is too far from the measured position."""
+def target_ahead(key: str, lead_rad: float, limit_rad: float, target: float | None = None) -> Refused:
+    """Return the refusal of a target that is too far from the measured position. ``target``: see ``or_move_to``."""
     lead, limit = f"{lead_rad:.4g}", f"{limit_rad:.4g}"
     reason = f"the target of {key} is {lead} rad from its position, the limit is {limit}"
-    return Refused(Code.RUNS_AHEAD, reason, "send targets no faster than the robot can follow", lead, limit)
+    remedy = or_move_to("send targets no faster than the robot can follow", key, target)
+    return Refused(Code.RUNS_AHEAD, reason, remedy, lead, limit)
 
 
 def jump(key: str, distance_deg: float, target_deg: float, limit_deg: float) -> Refused:

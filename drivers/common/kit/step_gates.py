@@ -19,13 +19,19 @@ _ROUNDING = 1e-9
 
 
 def refuse_step(
-    axes: Sequence[Axis], candidate: Candidate, before: Sequence[float], speeds: Sequence[float], period_s: float
+    axes: Sequence[Axis],
+    candidate: Candidate,
+    state: GateState,
+    before: Sequence[float],
+    speeds: Sequence[float],
+    period_s: float,
 ) -> Refused | None:
     """Refuse a step that is longer than the joint can turn in one period.
 
     Args:
         axes: The axes of the arm.
         candidate: The new target.
+        state: The robot's state.
         before: The last target, in axis order.
         speeds: Top speed of each joint, in rad/s.
         period_s: The time between two targets, in seconds.
@@ -35,7 +41,8 @@ def refuse_step(
         # The comparison is negated, so that it also refuses a NaN.
         if not step <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e5) / 1e5
-            return refusals.step_too_long(axes[index].key, step, shown, 1 / period_s)
+            target = _single(candidate, state, index)
+            return refusals.step_too_long(axes[index].key, step, shown, 1 / period_s, target)
     return None
 
 
@@ -58,8 +65,13 @@ def refuse_lead(
         lead, allowed = abs(candidate.values[index] - measured[index]), speeds[index] * lead_s
         if not lead <= allowed + _ROUNDING:
             shown = math.floor(allowed * 1e4) / 1e4
-            return refusals.target_ahead(axes[index].key, lead, shown)
+            return refusals.target_ahead(axes[index].key, lead, shown, _single(candidate, state, index))
     return None
+
+
+def _single(candidate: Candidate, state: GateState, index: int) -> float | None:
+    """Return the target that a single command names for an axis. None for a target of a stream."""
+    return candidate.values[index] if index in candidate.named and not state.stream else None
 
 
 def _sent(axes: Sequence[Axis], candidate: Candidate, reference: Sequence[float]) -> Iterator[int]:

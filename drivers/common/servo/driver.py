@@ -41,7 +41,7 @@ class ServoOptions(DriverOptions, frozen=True):
     calibration: Annotated[
         str | dict[str, Any] | None,
         option(
-            "path of a lerobot calibration file, or its content; None: lerobot's file of this tool_name, "
+            "path of a lerobot calibration file, or its content; None: lerobot's file of this id, "
             "else the travel of its model",
             is_path=True,
         ),

@@ -17,7 +17,7 @@ class Leader(ServoDriver):
     ``class FeetechLeader(Leader, Feetech)``."""
 
     CALIBRATIONS: ClassVar[str] = calibration.LEADERS
-    firmware_watchdog = "none is needed: a leader is never energised"
+    firmware_watchdog = "A leader is never energised, so it needs no watchdog"
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         super().__init__(robot, port, options)

@@ -20,6 +20,7 @@ from strands_actors.kernel.health.realtime import TWIN_PRIORITY, run_first
 
 from .lateness import Lateness
 from .line import Line
+from .orders import serve_orders
 from .server import Robot, Server
 from .wirelog import WireLog
 
@@ -85,6 +86,8 @@ class Start(TypedDict, total=False):
     """Pose of the robot's base in the simulation: ``position`` in metres, ``orientation`` as w x y z."""
     pictures: bool
     """Whether other processes draw the scene. They need it before anything moves."""
+    orders: str | None
+    """Path of the socket for control lines (see ``orders``)."""
     on_wire: bool
     """Whether only the wire drives the robot. The simulation control then serves viewers only."""
 
@@ -93,9 +96,9 @@ def run(robot: Robot, line: Line, *, wire_time: bool = True, **start: Unpack[Sta
     """Serve a simulated robot until SIGTERM or SIGINT. It also ends ``LINGER_S`` after the parent process has
     ended.
 
-    SIGUSR1 switches the robot's power off and on. If stdin is a pipe, control lines are read from it: ``fault
-    WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A robot with several clients also
-    accepts ``late PID SECONDS`` (see ``lateness``).
+    SIGUSR1 switches the robot's power off and on. Control lines are read from the socket ``orders``, and from stdin
+    if that is a pipe: ``fault WORD[:unit]``, ``power-cycle``, ``unplug``, ``plug``, ``freeze SECONDS``. A robot
+    with several clients also accepts ``late PID SECONDS`` (see ``lateness``).
 
     Args:
         robot: The robot.
@@ -135,6 +138,7 @@ async def _main(
     control: str | None = None,
     place: Mapping[str, Any] | None = None,
     pictures: bool = False,
+    orders: str | None = None,
     on_wire: bool = False,
 ) -> None:
     wire_log = WireLog(log)
@@ -155,6 +159,8 @@ async def _main(
                     nursery.start_soon(opened.serve)
                 if parent_fd is not None:
                     nursery.start_soon(_outlive_parent, parent_fd, nursery.cancel_scope)
+                if orders is not None:
+                    await nursery.start(serve_orders, orders, functools.partial(command, server))
                 if _is_pipe(_STDIN):
                     nursery.start_soon(_obey, server)
                 if port_file:

@@ -1,5 +1,6 @@
 """Simulate a Crazyflie: its firmware on UDP, TCP or a serial line, and a flying body."""
 
+from .packets import MODELLED
 from .server import main
 
-__all__ = ["main"]
+__all__ = ["MODELLED", "main"]

@@ -17,8 +17,9 @@ from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint
 
+from . import packets
 from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Target
-from .tables import LOG, LOG_LAYOUTS, PARAMETERS, Reading, checksum, packed
+from .tables import LOG, LOG_LAYOUTS, PARAMETERS, READ_ONLY, Reading, checksum, packed
 
 LEVEL_AFTER_S, CUT_AFTER_S = 0.5, 2.0
 """Timeouts of the firmware's commander."""
@@ -30,9 +31,9 @@ TUMBLED_RAD, TUMBLED_S = math.radians(70.0), 0.3
 LOW_V = 3.2
 USUAL_LANDING_M_S = 0.5
 """Mean speed of a landing without a given speed."""
-REFUSED, UNKNOWN, BLOCKED = 1, 8, 16
+REFUSED, BLOCKED = 1, 16
 """Status of the high-level commander. ``REFUSED``: not in this state of the planner (a landing during a landing, a
-takeoff in flight). ``UNKNOWN``: no such order. ``BLOCKED``: the supervisor does not permit a flight."""
+takeoff in flight). ``BLOCKED``: the supervisor does not permit a flight."""
 
 LOG_BYTES = 26
 HOVER_THRUST = 36000.0
@@ -268,6 +269,8 @@ class Firmware:
             return Reaction("poll", (p.encode(Port.LINK, 3),))
         try:
             port, channel, data = p.decode(packet)
+            if packets.key_of(port, channel) not in packets.PACKETS:
+                return Reaction("other")
             match port, channel:
                 case Port.SETPOINT, 0:
                     return self._set(data)
@@ -291,8 +294,8 @@ class Firmware:
                     return self._reply(Port.PLATFORM, 1, bytes((0, self._protocol)))
                 case Port.PLATFORM, 1 if data[:1] == b"\1":
                     return self._reply(Port.PLATFORM, 1, b"\1twin\0")
-                case Port.MEMORY, 0 if data[:1] == b"\1":
-                    return self._reply(Port.MEMORY, 0, b"\1\0")
+                case Port.MEMORY, _:
+                    return self._memory(channel, data)
                 case Port.LOG, _:
                     return self._log(channel, data)
                 case Port.PARAMETERS, _:
@@ -305,6 +308,8 @@ class Firmware:
         return Reaction(kind, (p.encode(port, channel, data),))
 
     def _set(self, data: bytes) -> Reaction:
+        if data[0] not in packets.SETPOINTS:
+            return Reaction("other")
         match data[0]:
             case Setpoint.STOP:
                 self._setpoint = self._plan = None
@@ -326,6 +331,8 @@ class Firmware:
 
     def _high_level(self, data: bytes) -> Reaction:
         height_m = self._planned_m()
+        if data[0] not in packets.ORDERS:
+            return Reaction("other", _answer(data, packets.ENOEXEC))
         match data[0]:
             case HighLevel.STOP:
                 self._plan = None
@@ -337,7 +344,7 @@ class Firmware:
                 to_m = height_m - to_m if relative else to_m
                 duration_s = abs(to_m - height_m) / (mean_m_s if mean_m_s > 0 else USUAL_LANDING_M_S)
             case _:
-                return Reaction("other", _answer(data, UNKNOWN))
+                return Reaction("other", _answer(data, packets.ENOEXEC))
         if not math.isfinite(to_m) or not 0 <= duration_s < 60:
             return Reaction("garbled")
         lands = data[0] != HighLevel.TAKEOFF
@@ -375,6 +382,18 @@ class Firmware:
 
     # -- tables
 
+    def _memory(self, channel: int, data: bytes) -> Reaction:
+        """Answer as a drone without memories."""
+        match channel, data[0]:
+            case 0, 1:
+                return self._reply(Port.MEMORY, 0, b"\1\0")
+            case 0, 2:
+                no_memory = bytes(1 + 4 + 8)  # type, size, and serial number
+                return self._reply(Port.MEMORY, 0, data[:2] + no_memory)
+            case 1 | 2, _:
+                return self._reply(Port.MEMORY, channel, data[:5].ljust(5, b"\0") + bytes((packets.EIO,)))
+        return Reaction("other")
+
     def _log(self, channel: int, data: bytes) -> Reaction:
         command = data[0]
         if channel == 0 and command == 3:
@@ -397,22 +416,24 @@ class Firmware:
         number, block = data[1], self.blocks.get(data[1])
         if command == 6:
             if block is not None:
-                return 17  # EEXIST: the block exists already
+                return packets.EEXIST
             items = [struct.unpack("<BH", data[index : index + 3]) for index in range(2, len(data), 3)]
             variables = [(index, type_code & 0x0F) for type_code, index in items]
             if any(index >= len(LOG) or type_code not in LOG_LAYOUTS for index, type_code in variables):
-                return 2  # ENOENT: no such block
+                return packets.ENOENT
             if sum(struct.calcsize(LOG_LAYOUTS[type_code]) for _, type_code in variables) > LOG_BYTES:
-                return 7  # E2BIG: the variables are too long for one block
+                return packets.E2BIG
             self.blocks[number] = RunningBlock(variables)
             return 0
+        if command not in (2, 3, 4):
+            return packets.ENOEXEC
         if block is None:
-            return 2
+            return packets.ENOENT
         if command == 3:
             block.period_s, block.due_s = data[2] / 100, self.time_s
         elif command == 4:
             block.period_s = 0.0
-        elif command == 2:
+        else:
             del self.blocks[number]
         return 0
 
@@ -427,7 +448,11 @@ class Firmware:
         if channel not in (1, 2):
             return Reaction("other")
         index = struct.unpack("<H", data[:2])[0]
+        if index >= len(PARAMETERS):
+            return self._reply(Port.PARAMETERS, channel, data[:2] + bytes((packets.ENOENT,)))
         layout = PARAMETERS[index].layout
+        if channel == 2 and PARAMETERS[index].type_code & READ_ONLY:
+            return Reaction("other")  # The firmware does not answer.
         if channel == 1:
             value = packed(layout, self.parameters[index])
             return self._reply(Port.PARAMETERS, 1, data[:2] + b"\0" + value)

@@ -16,7 +16,7 @@ PARAMETER_LAYOUTS = {0: "<b", 1: "<h", 2: "<i", 6: "<f", 8: "<B", 9: "<H", 10: "
 
 _U8, _U16, _U32, _FLOAT = 1, 2, 3, 7
 _PARAMETER_U8, _PARAMETER_FLOAT = 8, 6
-_READ_ONLY = 0x40
+READ_ONLY = 0x40
 
 
 class Reading(NamedTuple):
@@ -70,7 +70,7 @@ LOG: tuple[Variable, ...] = (
 class Parameter(NamedTuple):
     group: str
     name: str
-    type_code: int  # includes _READ_ONLY for a parameter that cannot be written
+    type_code: int  # includes READ_ONLY for a parameter that cannot be written
     value: float
 
     @property
@@ -84,7 +84,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("stabilizer", "stop", _PARAMETER_U8, 0),
     Parameter("commander", "enHighLevel", _PARAMETER_U8, 1),
     Parameter("kalman", "resetEstimation", _PARAMETER_U8, 0),
-    Parameter("deck", "bcFlow2", _PARAMETER_U8 | _READ_ONLY, 1),
+    Parameter("deck", "bcFlow2", _PARAMETER_U8 | READ_ONLY, 1),
     Parameter("posCtlPid", "xVelMax", _PARAMETER_FLOAT, 1.0),
     Parameter("posCtlPid", "zVelMax", _PARAMETER_FLOAT, 1.0),
     Parameter("imu_sensors", "imuPhi", _PARAMETER_FLOAT, 0.0),

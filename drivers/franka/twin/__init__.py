@@ -16,6 +16,7 @@ from strands_actors.drivers.common.twin import HostOption, Start, WireLog, read_
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.drivers.franka.protocol import DIALECTS
 
+from .requests import MODELLED
 from .server import FrankaServer
 
 
@@ -46,3 +47,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         return FrankaServer(robot, fci, wire_log, chosen.host, chosen.tick_wait_ms / 1e3)
 
     run_server(build, **start)
+
+
+__all__ = ["MODELLED", "FrankaServer", "FrankaTwinOptions", "main"]

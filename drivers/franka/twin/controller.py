@@ -16,6 +16,8 @@ from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import JOINTS, Arm, model_table
 
+from .requests import SETTINGS, numbers_of
+
 TICK_S = 1.0 / p.STATE_HZ
 START_RAD = 1e-3
 """Largest difference between the first command of a motion by positions and the commanded position [assumed]."""
@@ -69,6 +71,7 @@ class Controller:
         self._answered: deque[bool] = deque(maxlen=RATE_OVER)
         self._tau = (0.0,) * JOINTS
         self._shown = b""
+        self.settings: dict[str, tuple[float, ...]] = {}
         self._data = bytearray(self.dialect.state_bytes)
         identity = [float(row == column) for column in range(4) for row in range(4)]
         for name in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"):
@@ -121,6 +124,20 @@ class Controller:
             self.mode = p.RobotMode.IDLE
             self.reasons.clear()
         return self.mode == p.RobotMode.IDLE
+
+    def store(self, name: str, payload: bytes) -> bool:
+        """Store a setting, such as the payload. Return False if the request is invalid."""
+        numbers = numbers_of(name, payload)
+        if numbers is None or not all(map(math.isfinite, numbers)):
+            return False
+        self.settings[name] = numbers
+        for field, count in SETTINGS[name].items():
+            if field:
+                self.dialect.put(self._data, field, *numbers[:count])
+            numbers = numbers[count:]
+        if name == "ne_to_ee":
+            self.dialect.put(self._data, "F_T_EE", *self.settings[name])  # The nominal frame is the flange.
+        return True
 
     # -- reflexes, modes, and motion without a client
 

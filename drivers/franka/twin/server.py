@@ -26,6 +26,7 @@ from .body import FrankaBody
 from .controller import TICK_S, Controller
 from .description import urdf
 from .model_library import X86_64_LINUX, model_library
+from .requests import INVALID_ARGUMENT, NOT_POSSIBLE, REQUESTS, SETTINGS
 
 IDLE_TICKS = 4
 """Milliseconds between two wake-ups without a motion."""
@@ -35,6 +36,9 @@ LONGEST_TICKS = 20
 """Most milliseconds to catch up after a pause of this process. The rest is dropped."""
 LOGGED_BYTES = 64
 """Bytes of a command to log: its number and q. The log grows by this much per millisecond."""
+
+LIMIT_SIZE = 1 + 24 + 128 + 1
+"""Bytes of the reply to a request for a Cartesian limit."""
 
 KINDS = {"move": "enable", "stop": "safe", "recover": "enable"}
 
@@ -155,7 +159,13 @@ class FrankaServer(TcpServer):
     def _obey(self, connection: Connection, name: str, message: p.Message) -> None:
         controller, dialect = self.controller, self._dialect
         answer = b"\0"
+        if name == "?":
+            raise MalformedFrame(f"there is no command {message.code}")
         match name:
+            case _ if name not in REQUESTS:
+                answer = NOT_POSSIBLE.ljust(LIMIT_SIZE if name == "cartesian_limit" else 1, b"\0")
+            case _ if name in SETTINGS:
+                answer = b"\0" if controller.store(name, message.payload) else INVALID_ARGUMENT
             case "connect":
                 version, port = p.connect_request(message.payload)
                 matches = version == dialect.version
@@ -178,10 +188,6 @@ class FrankaServer(TcpServer):
                 answer = b"\0" + self._model
             case "model":
                 answer = b"\0" + model_library() if message.payload == X86_64_LINUX else b"\1"
-            case "cartesian_limit":
-                answer = bytes(1 + 24 + 128 + 1)
-            case "?":
-                raise MalformedFrame(f"there is no command {message.code}")
         connection.send_logged("read", p.Message(message.code, message.id, answer).raw)
 
     def _end(self, ended: tuple[int, str] | None) -> None:

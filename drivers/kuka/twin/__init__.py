@@ -46,9 +46,11 @@ from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, enco
 from strands_actors.drivers.kuka.robots import Arm, arm_of
 from strands_actors.kernel.clock import NS, MonotonicClock
 
-from .answers import Answers
+from .answers import FIELDS, Answers
 from .body import KukaBody
 from .controller import Controller
+
+MODELLED = (FIELDS,)
 
 
 class KukaTwinOptions(TwinOptions, frozen=True):

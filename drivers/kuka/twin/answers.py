@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
+from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.kuka.protocol import decode_command
 
 from .controller import Controller
+
+FIELDS: Modelled[str] = Modelled(
+    "parts of the client's answer",
+    {
+        "header": "names the message that it answers; a late answer counts as missed",
+        "joint positions": "moves the arm in the client mode POSITION; beyond the speed limit the session ends",
+    },
+    "ignored: the interface has no error answer. An answer without joint positions aborts the motion",
+)
 
 
 class Answers:

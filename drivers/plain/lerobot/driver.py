@@ -54,7 +54,9 @@ class LeRobotDriver(PlainDriver):
                 **dict.fromkeys(LEAVING, SafeState.OFF),
             }
         self.firmware_watchdog = (
-            "not known: LeRobot's class does not say" if self._own is None else self._own.firmware_watchdog
+            "Not known, because LeRobot's class does not declare it"
+            if self._own is None
+            else self._own.firmware_watchdog
         )
 
     @classmethod

@@ -26,6 +26,7 @@ from strands_actors.drivers.common.twin.grpc import GrpcHost
 from strands_actors.drivers.rby1.protocol import PORT, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
 
+from .calls import MODELLED
 from .controller import Controller
 from .service import RBY1Service
 
@@ -123,3 +124,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         return RBY1Server(controller, wire_log, twin_options.host, twin_options.port)
 
     run_server(build, **start)
+
+
+__all__ = ["MODELLED", "Machine", "RBY1Server", "RBY1TwinOptions", "main"]

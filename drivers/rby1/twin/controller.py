@@ -168,7 +168,7 @@ class Controller:
     def power(self, names: str, on: bool) -> bool:
         """Switch the power supplies that match ``names`` on or off. Return True if that succeeded."""
         indices = _matching(names, SUPPLIES)
-        if indices is None or (on and self.pressed):
+        if not indices or (on and self.pressed):
             return False
         for index in indices:
             self.supplies[SUPPLIES[index]] = on
@@ -179,7 +179,7 @@ class Controller:
     def servo(self, names: str, order: int) -> bool:
         """Switch the servos that match ``names`` on or off. Return True if that succeeded."""
         indices = _matching(names, self.info.joints)
-        if indices is None:
+        if not indices or order not in (JointOrder.SERVO_ON, JointOrder.BRAKE_ENGAGE):
             return False
         if order == JointOrder.SERVO_ON:
             if not self.supplies[MOTOR_SUPPLY]:
@@ -190,15 +190,15 @@ class Controller:
                 self.servos[index] = True
             self._rested = False
             self._set_brakes()
-        elif order == JointOrder.BRAKE_ENGAGE:
+        else:
             self._servos_off(indices)
         return True
 
     def servo_off(self, names: str) -> bool:
         indices = _matching(names, self.info.joints)
-        if indices is not None:
+        if indices:
             self._servos_off(indices)
-        return indices is not None
+        return bool(indices)
 
     def order_manager(self, order: int) -> None:
         match order:
@@ -226,6 +226,8 @@ class Controller:
         if self.manager != Manager.ENABLED:
             faulty = self.manager in (Manager.MINOR_FAULT, Manager.MAJOR_FAULT)
             return Finish.CONTROL_MANAGER_FAULT if faulty else Finish.CONTROL_MANAGER_IDLE
+        if command.has_others:
+            return Finish.INITIALIZED_FAILED
         if command.stops:
             self._end(Finish.CANCELED)
             return Finish.OK
@@ -335,14 +337,12 @@ class Controller:
             self.plant.set_target(joint, rad)
 
 
-def _matching(pattern: str, names: Sequence[str]) -> list[int] | None:
-    """Return the indices of the names that a regular expression matches completely.
-
-    None if the expression is invalid or too long.
-    """
+def _matching(pattern: str, names: Sequence[str]) -> list[int]:
+    """Return the indices of the names that a regular expression matches completely. An expression that is invalid
+    or too long matches no name."""
     if len(pattern) > 64:
-        return None
+        return []
     try:
         return [index for index, name in enumerate(names) if re.fullmatch(pattern, name)]
     except re.error:
-        return None
+        return []

@@ -11,6 +11,7 @@ from strands_actors.drivers.rby1.commands import Command, Feedback, Finish, Stat
 from strands_actors.drivers.rby1.protocol import Done, JointOrder, ManagerOrder, Method, PowerOrder
 from strands_actors.drivers.rby1.states import RobotState
 
+from .calls import CALLS
 from .controller import Controller
 
 MOST_HZ = 500.0
@@ -52,7 +53,7 @@ class RBY1Service:
     def called(self, call: ServerCall) -> bool:
         if call.path in (Method.COMMAND_STREAM, Method.COMMAND):
             self._commands[call] = CommandCall(call)
-        return call.path in tuple(Method)
+        return call.path in CALLS
 
     def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
         method = Method(call.path)
@@ -113,7 +114,7 @@ class RBY1Service:
                 return self._state().encode()
             case Method.POWER:
                 name, order = p.decode_order(message)
-                return _done(controller.power(name, order == PowerOrder.ON))
+                return _done(order in tuple(PowerOrder) and controller.power(name, order == PowerOrder.ON))
             case Method.JOINT:
                 return _done(controller.servo(*p.decode_order(message)))
             case Method.SERVO_ON:

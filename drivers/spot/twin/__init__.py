@@ -26,8 +26,11 @@ from strands_actors.drivers.common.twin import (
 from strands_actors.drivers.common.twin.grpc import GrpcHost
 
 from .mechanism import Mechanism
+from .requests import COMMANDS, METHODS
 from .services import SKEW_S, SpotTwin
 from .tls import TlsConnection, certificate, server_context
+
+MODELLED = (METHODS, COMMANDS)
 
 
 class SpotTwinOptions(NetworkOptions, frozen=True):
@@ -79,4 +82,4 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     run_server(lambda log: SpotServer(twin, settings.port, log, settings.host), **start)
 
 
-__all__ = ["Mechanism", "SpotServer", "SpotTwin", "main"]
+__all__ = ["MODELLED", "Mechanism", "SpotServer", "SpotTwin", "main"]

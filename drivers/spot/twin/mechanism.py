@@ -14,6 +14,9 @@ _STEP_S = 0.005
 _LONGEST_S = 0.25
 """Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
 
+STOWED, DEPLOYED = 1, 2
+"""Values of ``stow_state`` in the robot's state."""
+
 REST = (0.0, 0.0, 0.0)
 Twist = tuple[float, float, float]
 JOINTS = (*ARM, CLAW)
@@ -115,6 +118,16 @@ class Mechanism:
     def arrived(self) -> bool:
         """Return True if the arm is at its goal."""
         return self.joints == self._goal
+
+    def arm_state(self) -> dict[str, float]:
+        """Return the message with the state of arm and gripper. The claw opens towards its lower limit."""
+        *arm, claw = self.joints
+        *home, _ = self._table["home_rad"]
+        open_rad = next(reversed(self._table["joints_rad"].values()))[0]
+        return {
+            "stow_state": STOWED if arm == home else DEPLOYED,
+            "gripper_open_percentage": 100.0 * claw / open_rad,
+        }
 
     @property
     def walks(self) -> bool:

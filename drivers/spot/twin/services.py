@@ -18,6 +18,7 @@ from strands_actors.drivers.spot.robots import LEGS, TABLES, wire_name
 
 from .body import SpotBody
 from .mechanism import JOINTS, Mechanism
+from .requests import COMMANDS, METHODS, names_of
 from .safety import Estop, Leases
 
 SKEW_S = 123.456
@@ -29,6 +30,9 @@ WRONG_M_S = 0.5
 TOKEN = "twin-token"
 CLOCK = "twin-clock"
 _PATHS: Mapping[str, p.Method] = {method.path: method for method in p.METHODS.values()}
+
+NOT_CLEARED = 2
+"""Answer to a request to clear a fault of the behaviour, of which this robot has none."""
 
 _UNNAMED = "unnamed"
 Logged = tuple[str, str | None]
@@ -119,7 +123,8 @@ class SpotTwin:
     # -- methods that the gRPC server calls
 
     def called(self, call: ServerCall) -> bool:
-        return call.path in _PATHS
+        method = _PATHS.get(call.path)
+        return method is not None and method.name in METHODS
 
     def message(self, call: ServerCall, t_ns: int, message: bytes) -> None:
         if self.faults.of(None) is Fault.OFF:
@@ -174,7 +179,7 @@ class SpotTwin:
             case "RobotCommandFeedback":
                 return {"feedback": self._feedback(request), "lease_use_result": {"status": p.OK}}, ("read", None)
             case "ClearBehaviorFault":
-                return {"lease_use_result": self.leases.use(lease), "status": p.OK}, ("config", None)
+                return {"lease_use_result": self.leases.use(lease), "status": NOT_CLEARED}, ("config", None)
         return self._answer_estop(name, request)
 
     def _answer_estop(self, name: str, request: Message) -> tuple[Message, Logged]:
@@ -277,7 +282,8 @@ class SpotTwin:
             reply |= {"status": int(status), "robot_command_id": self._command}
         if kind == "safe" and reply.get("status") not in (p.Command.OK, p.Command.NOT_POWERED_ON):
             safe_state = ""
-        if kind == "enable" and reply.get("status") != p.Command.OK:
+        is_unsupported = reply.get("status") == p.Command.UNSUPPORTED
+        if is_unsupported or (kind == "enable" and reply.get("status") != p.Command.OK):
             # The robot has refused the command, so it enabled nothing.
             kind = "other"
         return reply, (kind, safe_state)
@@ -288,15 +294,26 @@ class SpotTwin:
             command.get("full_body_command", {}),
             command.get("synchronized_command", {}),
         )
+        names = list(names_of(command))
+        has_arm_command = "arm_command" in parts or "gripper_command" in parts
+        if any(name not in COMMANDS for name in names) or (has_arm_command and not self._has_arm):
+            return p.Command.UNSUPPORTED
+        if not names:
+            return p.Command.INVALID_REQUEST
         if "safe_power_off_request" in whole:
             mechanism.settle()
             return p.Command.OK
         if mechanism.motors is not Motors.ON or self.estop.level is not p.StopLevel.NONE:
             return p.Command.NOT_POWERED_ON
-        base = parts.get("mobility_command", {})
+        base, arm = parts.get("mobility_command", {}), parts.get("arm_command", {})
         if "stop_request" in whole or "stop_request" in base:
             mechanism.halt()
             return p.Command.OK
+        goals = self._goals(parts)
+        if "arm_stop_command" in arm:
+            goals = dict(enumerate(mechanism.joints[:-1])) | goals
+        if (arm or "gripper_command" in parts) and not goals:
+            return p.Command.INVALID_REQUEST
         if "stand_request" in base:
             mechanism.stand(Commander.WIRE)
         if "sit_request" in base:
@@ -305,12 +322,9 @@ class SpotTwin:
             status = self._walk(base["se2_velocity_request"], clock)
             if status is not p.Command.OK:
                 return status
-        goals = self._goals(parts)
-        if goals and not self._has_arm:
-            return p.Command.UNSUPPORTED
         if goals:
             mechanism.reach(goals, Commander.WIRE)
-        return p.Command.OK if parts else p.Command.INVALID_REQUEST
+        return p.Command.OK
 
     def _walk(self, request: Message, clock: str) -> p.Command:
         if clock != CLOCK:
@@ -401,6 +415,7 @@ class SpotTwin:
                 "velocity_of_body_in_odom": speed,
                 "transforms_snapshot": {"edges": edges},
             },
+            **({"manipulator_state": mechanism.arm_state()} if self._has_arm else {}),
         }
 
     def _joints(self) -> list[Message]:

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Unpack
 
 from strands_actors.contract.options import option
+from strands_actors.drivers.common.dynamixel.twin import INSTRUCTIONS
 from strands_actors.drivers.common.twin import Start, TwinOptions, WireLog, read_twin_options, run_server
 from strands_actors.drivers.stretch.robots import TABLES
 
+from .calls import PIMU_CALLS, STEPPER_CALLS, STEPPER_MODES, WACC_CALLS
 from .server import StretchServer
 from .world import World
+
+MODELLED = (STEPPER_CALLS, STEPPER_MODES, PIMU_CALLS, WACC_CALLS, INSTRUCTIONS)
 
 
 class StretchTwinOptions(TwinOptions, frozen=True):
@@ -29,4 +33,4 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     run_server(build, **start)
 
 
-__all__ = ["StretchServer", "World", "main"]
+__all__ = ["MODELLED", "StretchServer", "World", "main"]

@@ -12,10 +12,12 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.dynamixel import protocol as dxl
 from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
 from strands_actors.drivers.common.twin import Exchange, Fault, Reply
+from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, RIGHT
 
+from .calls import NO_REPLY, PIMU_CALLS, PIMU_TRIGGERS, STEPPER_CALLS, STEPPER_TRIGGERS, WACC_CALLS
 from .stepper import FIRMWARE, PROTOCOL, VARIANT, StepperMotor
 from .world import WACC_NUMBER, World
 
@@ -43,6 +45,7 @@ class BoardDecoder(ABC):
     """Decodes and answers the frames to one board: both transports, and the calls of its kind. ``number`` is
     the board's unit number for faults."""
 
+    CALLS: Modelled[int]
     INFO_CALL: int
     INFO: tuple[str, str]
     stepper_type: int | None = None
@@ -127,17 +130,18 @@ class BoardDecoder(ABC):
         return None
 
     def _reply(self, call: bytes) -> bytes:
-        if not call:
-            return b""
+        if not call or call[0] not in self.CALLS:
+            return NO_REPLY
         if call[0] == self.INFO_CALL:
             return bytes((call[0] + 1,)) + p.board_info_reply(*self.INFO, self.stepper_type)
         try:
-            return bytes((call[0] + 1 & 0xFF,)) + self.do(call[0], call[1:])
+            return bytes((call[0] + 1,)) + self.do(call[0], call[1:])
         except MalformedFrame:
-            return b""
+            return NO_REPLY
 
 
 class StepperDecoder(BoardDecoder):
+    CALLS = STEPPER_CALLS
     INFO_CALL = p.BOARD_INFO[p.Kind.STEPPER]
     INFO = (VARIANT, FIRMWARE)
 
@@ -164,7 +168,9 @@ class StepperDecoder(BoardDecoder):
             case p.GAINS:
                 motor.gains = p.parse_gains(data)
             case p.TRIGGER:
-                motor.trigger(*p.parse_trigger(data))
+                bits, value = p.parse_trigger(data)
+                _check_bits(bits, STEPPER_TRIGGERS)
+                motor.trigger(bits, value)
             case p.FLASH_GAINS:
                 return motor.flash.pack(PROTOCOL)
             case p.MOTION_LIMITS:
@@ -185,6 +191,7 @@ class StepperDecoder(BoardDecoder):
 
 
 class PimuDecoder(BoardDecoder):
+    CALLS = PIMU_CALLS
     INFO_CALL = p.BOARD_INFO[p.Kind.PIMU]
     INFO = ("Pimu.3", "Pimu.v0.7.2p6")
 
@@ -205,10 +212,8 @@ class PimuDecoder(BoardDecoder):
                 self.world.stops_at_runstop = p.stops_at_runstop(data)
             case p.PIMU_TRIGGER:
                 bits = p.parse_pimu_trigger(data)
-                if bits & p.RUNSTOP_RESET:
-                    self.world.set_runstop(False)
-                if bits & p.RUNSTOP_ON:
-                    self.world.set_runstop(True)
+                _check_bits(bits, PIMU_TRIGGERS)
+                self.world.trigger_pimu(bits)
                 return data
             case p.MOTOR_SYNC:
                 self.world.sync()
@@ -225,19 +230,34 @@ class PimuDecoder(BoardDecoder):
 
 
 class WaccDecoder(BoardDecoder):
+    CALLS = WACC_CALLS
     INFO_CALL = p.BOARD_INFO[p.Kind.WACC]
     INFO = ("Wacc.3", "Wacc.v0.7.2p3")
 
     def __init__(self, world: World) -> None:
         super().__init__(world, WACC_NUMBER)
+        self._scale = 1.0
+        self._outputs = (0, 0)
 
     def kind_of(self, call: int, data: bytes) -> str:
         return "config" if call in (p.WACC_CONFIG, p.WACC_COMMAND) else "other"
 
     def do(self, call: int, data: bytes) -> bytes:
-        if call == p.WACC_STATUS:
-            return p.pack_wacc_status((0.0, 0.0, 9.81), round(self.world.time_s * 1e6))
+        match call:
+            case p.WACC_CONFIG:
+                self._scale = p.acceleration_scale(data)
+            case p.WACC_COMMAND:
+                self._outputs = p.wacc_outputs(data)
+            case p.WACC_STATUS:
+                gravity = (0.0, 0.0, 9.81 * self._scale)
+                return p.pack_wacc_status(gravity, round(self.world.time_s * 1e6), self._outputs)
         return b""
+
+
+def _check_bits(bits: int, modelled: int) -> None:
+    """Raise ``MalformedFrame`` if a trigger has a bit that is not modelled."""
+    if bits & ~modelled:
+        raise MalformedFrame(f"the trigger {bits & ~modelled} is not modelled")
 
 
 class ChainDecoder:

@@ -7,6 +7,8 @@ import math
 from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.stretch import protocol as p
 
+from .calls import STEPPER_MODES, WRITE_GAINS_TO_FLASH
+
 PROTOCOL = 5
 FIRMWARE = "Stepper.v0.7.2p5"
 VARIANT = "Stepper.3"
@@ -68,6 +70,8 @@ class StepperMotor:
 
     def take(self, command: p.Command) -> None:
         """Store a command, and carry it out at once or at the next sync pulse of the power board."""
+        if command.mode not in STEPPER_MODES:
+            return
         self.is_dirty = command.kind == "setpoint" and not self.is_stopped
         if self.has(p.Config.SYNC):
             self.waiting = command
@@ -119,6 +123,8 @@ class StepperMotor:
             self.homed = True
         if bits & p.MARK_POSITION:
             self.position = self._goal = value
+        if bits & WRITE_GAINS_TO_FLASH:
+            self.flash = self.gains
         if bits & p.BOARD_RESET:
             self.power_cycle()
 

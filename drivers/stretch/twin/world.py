@@ -25,6 +25,7 @@ from strands_actors.drivers.stretch.parameters import Chain, Joint, parameters_o
 from strands_actors.drivers.stretch.robots import robot_of
 from strands_actors.drivers.stretch.safing import number_of
 
+from .calls import BOARD_RESET, BUZZER_OFF, BUZZER_ON, FAN_OFF, FAN_ON
 from .stepper import StepperMotor
 
 STEP_S = 0.002
@@ -98,6 +99,8 @@ class World:
         """Servos that got a goal since they were last held."""
         self.runstop = False
         self.alerts = p.State(0)
+        self.switched = p.State(0)
+        """Fan and buzzer, if they are on."""
         self.stops_at_runstop = True
         self.syncs = 0
         self.pose = START
@@ -144,10 +147,25 @@ class World:
         for motor in self.steppers.values():
             motor.sync()
 
+    def trigger_pimu(self, bits: int) -> None:
+        """Carry out the triggers of the power board."""
+        if bits & p.RUNSTOP_RESET:
+            self.set_runstop(False)
+        if bits & p.RUNSTOP_ON:
+            self.set_runstop(True)
+        if bits & p.CLIFF_RESET:
+            self.set_alert(p.State.CLIFF, False)
+        if bits & BOARD_RESET:
+            self.reset_pimu()
+        for on, off, flag in ((FAN_ON, FAN_OFF, p.State.FAN), (BUZZER_ON, BUZZER_OFF, p.State.BUZZER)):
+            if bits & (on | off):
+                self.switched = self.switched | flag if bits & on else self.switched & ~flag
+
     def reset_pimu(self) -> None:
         """Restart the power board. Its clock begins again at zero. Its configuration stays in flash memory
         [assumed]."""
         self._pimu_began_s = self.time_s
+        self.switched = p.State(0)
 
     def set_fault(self, fault: Fault, unit: int | None) -> None:
         self.pass_time()
@@ -220,7 +238,7 @@ class World:
     def pimu_status(self) -> p.PimuStatus:
         wheels = [self.metres_per_s(name) for name in (LEFT, RIGHT)]
         half_rad = self.pose.yaw_rad / 2
-        state = self.alerts | (p.State.RUNSTOP if self.runstop else p.State(0))
+        state = self.alerts | self.switched | (p.State.RUNSTOP if self.runstop else p.State(0))
         return p.PimuStatus(
             acceleration=(0.0, 0.0, 9.81),
             gyro=(0.0, 0.0, self.config.twist(*wheels)[1]),

@@ -43,6 +43,7 @@ from strands_actors.drivers.unitree.walking.states import STATE_TYPE, encode_sta
 from strands_actors.kernel.clock import NS
 
 from .onboard import Onboard
+from .requests import MODELLED
 from .standing import StandingBody
 
 
@@ -235,3 +236,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         return UnitreeServer(model, wire_log, twin_options)
 
     run_server(build, **start)
+
+
+__all__ = ["MODELLED", "Onboard", "UnitreeServer", "UnitreeTwinOptions", "main", "safe_state_of"]

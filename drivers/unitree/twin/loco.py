@@ -15,6 +15,7 @@ from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.walking.loco import DAMP, ZERO_TORQUE, LocoDialect
 
 from .gait import POSTURE_S, REST, Gait, Pose
+from .requests import ASK_BALANCE
 
 
 class LocoGait(Gait):
@@ -29,6 +30,7 @@ class LocoGait(Gait):
         self.tells_pose = (
             not self._words.opening_orders
         )  # True if the service answers requests for the robot's pose.
+        self.balance_mode = 0
 
     @property
     def first_mode(self) -> int:
@@ -65,7 +67,10 @@ class LocoGait(Gait):
             self._move((vx, vy, wz), float(parameter["duration"]))
             return rpc.OK, None
         if api == words.set_balance:
+            self.balance_mode = int(parameter["data"])
             return rpc.OK, None
+        if api == ASK_BALANCE[words.set_balance]:
+            return rpc.OK, {"data": self.balance_mode}
         if words.ask_odometry and api == words.ask_odometry and self.tells_pose:
             heading = math.remainder(self.heading_rad, math.tau)
             return rpc.OK, {"x": self.position[0], "y": self.position[1], "z": heading}

@@ -24,6 +24,7 @@ from strands_actors.drivers.unitree.walking.states import SportState
 from .body import body_of
 from .gait import Gait, Pose
 from .loco import LocoGait
+from .requests import NO_SUCH_MODE, SWITCHER, requests_of
 from .sport import SportGait
 
 STAND_KP, STAND_KD = 1000.0, 20.0
@@ -256,10 +257,13 @@ class Onboard:
         """Return the response to a request. None if the service does not answer."""
         try:
             parameter = rpc.parsed(request.parameter)
-            if service == rpc.MOTION_SWITCHER:
-                answer = self._switch(request.api, parameter)
-            elif not self.mode:
+            modelled = SWITCHER if service == rpc.MOTION_SWITCHER else requests_of(self.model)
+            if service != rpc.MOTION_SWITCHER and not self.mode:
                 return None  # The onboard mode was released, and this service has ended with it.
+            if request.api not in modelled:
+                answer = rpc.NOT_IMPLEMENTED, None
+            elif service == rpc.MOTION_SWITCHER:
+                answer = self._switch(request.api, parameter)
             else:
                 answer = self._sport(request.api, parameter)
         except (MalformedFrame, KeyError, TypeError, ValueError):
@@ -274,7 +278,9 @@ class Onboard:
             case rpc.CHECK_MODE:
                 return rpc.OK, {"form": "0", "name": self.mode}
             case rpc.SELECT_MODE:
-                self.set_mode(str(parameter["name"]))
+                if parameter["name"] != self.model.sport_mode:
+                    return NO_SUCH_MODE, None
+                self.set_mode(self.model.sport_mode)
                 return rpc.OK, None
             case rpc.RELEASE_MODE:
                 self.set_mode("")

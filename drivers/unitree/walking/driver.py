@@ -82,8 +82,9 @@ class _Walking(Driver):
         Reason.ESTOP: SafeState.DAMP,
     }
     firmware_watchdog = (
-        "a velocity is kept for 1 s, then the robot stands by itself (Go2 of software 1.1.6 and later; before "
-        "that, and by a B2 [assumed], for ever). It can be neither armed nor read back"
+        "The robot keeps a velocity for 1 s, then it stands by itself (a Go2 with software 1.1.6 or later). With "
+        "older software, and on a B2 [assumed], it keeps the velocity for ever. This can be neither armed nor read "
+        "back"
     )
     bound_s = 0.05
 
@@ -154,8 +155,8 @@ class B2Walking(_Walking):
 
 class _Loco(_Walking):
     firmware_watchdog = (
-        "each velocity is sent with its duration of 0.3 s: the robot ends it by itself, its vendor says. It can be "
-        "neither armed nor read back"
+        "Each velocity is sent with its duration of 0.3 s, and the robot ends it by itself, as its vendor states. "
+        "This can be neither armed nor read back"
     )
 
 

@@ -20,14 +20,13 @@ _SPEEDS = {"vx": "m/s forward", "vy": "m/s to the left", "wz": "rad/s to the lef
 def services_of(dialect: Dialect) -> dict[str, Service]:
     """Return the services of a robot: its changes of posture, and ``select_sport_mode``."""
     postures = {
-        name: Service(posture.about, within_s=dialect.posture_s, powers=True, needs_armed=True, late_s=LATE_S)
+        name: Service(posture.about, within_s=dialect.posture_s, powers=True, late_s=LATE_S)
         for name, posture in dialect.postures.items()
     }
     select = Service(
         "give the joints back to the onboard controller after they were commanded one by one (level='low')",
         within_s=SELECT_S,
         powers=True,
-        needs_armed=True,
         late_s=LATE_S,
     )
     return {**postures, "select_sport_mode": select}

@@ -32,6 +32,7 @@ from . import state_packets
 from .body import URBody
 from .controller import TICK_HZ, Controller
 from .outputs import Sample
+from .requests import MODELLED
 from .rtde import RtdeServer
 from .text_ports import Dashboard, ScriptPort
 
@@ -159,3 +160,6 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         return URServer(robot, wire_log, chosen)
 
     run_server(build, **start)
+
+
+__all__ = ["MODELLED", "Machine", "URServer", "URTwinOptions", "main"]

@@ -9,6 +9,7 @@ from .controller import Controller
 from .functions import ScriptError
 from .motion import Free, Servo, Speed, ToolSpeed, Unreachable
 from .pose import Frame, frame_of
+from .requests import COMMANDS
 from .urscript import Script, Statement
 
 RUNNING_BIT, COUNT_BITS, OPERATION_BITS = 1 << 15, 16, 24
@@ -73,14 +74,14 @@ class ControlScript:
                 self._answer(c.DONE)
 
     def _do(self, number: int) -> None:
-        if number in c.REFUSED:
-            self._controller.fail(f"{c.REFUSED[number]} is not available on this controller")
+        if number not in COMMANDS:
+            function = c.REFUSED.get(number, f"the command {number}")
+            self._controller.fail(f"{function} is not available on this controller")
             return
         act = _ACTS.get(number)
-        if act is None:
-            return  # Ignore an unknown number. The real script also answers it as done.
         try:
-            act(self)
+            if act is not None:
+                act(self)
         except Unreachable as unreachable:
             if number in c.MOTION:
                 self._controller.protect(str(unreachable))

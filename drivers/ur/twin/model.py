@@ -7,6 +7,8 @@ from typing import Any
 
 from strands_actors.drivers.ur.arms import JOINTS, Arm
 
+from .looks import looks_of
+
 HOME_RAD = (0.0, -math.pi / 2, math.pi / 2, -math.pi / 2, -math.pi / 2, 0.0)
 """Joint positions of the simulated arm at its start in rad: upright, with a bent elbow."""
 
@@ -59,6 +61,7 @@ def model_table(arm: Arm) -> dict[str, Any]:
     return {
         "joints": [{"key": joint} for joint in JOINTS],
         "model_rows": "\n".join(rows),
+        "looks": looks_of(arm.dh_m, radius),
         "home_rad": HOME_RAD,
         "gravity_compensated": True,  # The controller compensates gravity, or the brakes hold the arm.
         "armature": 0.1 * arm.effort_nm[0] / 150,  # The real value is not published: [assumed].

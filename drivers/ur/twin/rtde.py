@@ -17,6 +17,7 @@ from strands_actors.drivers.ur import protocol as p
 from . import commands as c
 from .controller import TICK_HZ, Controller
 from .outputs import INPUT_TYPES, OUTPUTS, Sample
+from .requests import PACKETS
 
 VERSION = struct.pack(">4I", 5, 13, 1, 0)
 WRONG_BY_RAD = 0.5
@@ -119,6 +120,8 @@ class Client:
 
     def _handle(self, t_ns: int, packet: p.Packet) -> None:
         raw = p.frame(*packet)
+        if packet.kind not in PACKETS:
+            raise MalformedFrame(f"a packet of kind {packet.kind}, which no client sends")
         if packet.kind == p.Kind.DATA:
             self._take(t_ns, raw, packet.payload)
             return
@@ -154,9 +157,7 @@ class Client:
             case p.Kind.PAUSE:
                 self._started = False
                 return b"\x01"
-            case p.Kind.TEXT:
-                return None  # A controller does not answer a text message.
-        raise MalformedFrame(f"a packet of kind {packet.kind}, which no client sends")
+        return None  # A controller does not answer a text message.
 
     def _agree_outputs(self, payload: bytes) -> bytes:
         if len(payload) < 8:

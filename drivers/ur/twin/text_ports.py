@@ -13,6 +13,7 @@ from strands_actors.drivers.ur import protocol as p
 from . import commands as c
 from .controller import TICK_HZ, Controller
 from .outputs import Sample
+from .requests import DASHBOARD
 from .script import Standing, run_text
 
 VERSION = "5.13.1.1253"
@@ -20,7 +21,6 @@ PROGRAMS = frozenset({"rtde_control.urp", "hold.urp"})
 """Names of programs that are stored on the simulated controller. Such a program runs, but moves nothing."""
 INSTALLATIONS = frozenset({"default.installation"})
 MODES = ("manual", "automatic")
-SUPPORT_FOLDER_ID = "1"
 
 BANNER = "Connected: Universal Robots Dashboard Server"
 POLYSCOPE = "URSoftware 5.13.1.0 (Nov 21 2023)"
@@ -61,6 +61,8 @@ class Dashboard:
     def answer(self, line: str) -> str:
         """Carry out a line of a dashboard client, and return the answer."""
         controller = self._controller
+        if _line_key(line) not in DASHBOARD:
+            return f"could not understand: '{line}'"
         match line.lower():
             case "polyscopeversion":
                 return POLYSCOPE
@@ -106,6 +108,7 @@ class Dashboard:
                     controller.set_safety(p.SafetyMode.NORMAL)
                 return "Protective stop releasing"
             case "close popup" | "close safety popup":
+                controller.log.append(line)
                 return line.replace("close", "closing")
             case "quit":
                 return "Disconnected"
@@ -151,12 +154,6 @@ class Dashboard:
                     return f"Failed setting operational mode '{mode}'"
                 self._mode = mode.lower()
                 return f"Operational mode '{self._mode}' is set"
-            case "setuserrole", role:
-                return f"Setting user role: {role}"
-            case "generate", "flight", "report", *_:
-                return f"Flight Report generated with id: {SUPPORT_FOLDER_ID}"
-            case "generate", "support", "file", *_:
-                return f"Completed successfully: /programs/{SUPPORT_FOLDER_ID}.zip"
         return f"could not understand: '{line}'"
 
     def _play(self) -> str:
@@ -236,6 +233,14 @@ class ScriptPort:
                     if self._load_s and kind == "enable":
                         await trio.sleep(self._load_s)
                     run_text(text, self._controller)
+
+
+def _line_key(line: str) -> str:
+    """Return the name of a dashboard line in the table of modelled ones: the line without its argument."""
+    words = line.lower().split()
+    if words[:1] in (["load"], ["popup"], ["addtolog"]):
+        return words[0]
+    return " ".join(words[:3] if words[:3] == ["set", "operational", "mode"] else words)
 
 
 def _complete(text: bytes) -> int:

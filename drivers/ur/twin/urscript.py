@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 from .controller import Controller
 from .functions import Functions, Pose, ScriptError, Waits
 from .motion import Unreachable
+from .requests import FUNCTIONS
 
 STEPS_A_TICK = 200
 """Most statements that a program runs in one tick. After that it continues in the next tick."""
@@ -344,7 +345,7 @@ class Script:
     def _called(
         self, name: str, arguments: Sequence[ast.expr], keywords: Sequence[ast.keyword], names: dict[str, Any]
     ) -> Any:
-        function = None if name.startswith("_") else getattr(self._functions, name, None)
+        function = getattr(self._functions, name) if name in FUNCTIONS else None
         if function is None:
             raise ScriptError(f"{name} is not available on this controller")
         if name not in self._signatures:

@@ -40,6 +40,9 @@ from strands_actors.drivers.xarm.arms import arm_of
 
 from .controller import TICK_HZ, Controller
 from .publisher import HZ, Publisher
+from .registers import REGISTERS
+
+MODELLED = (REGISTERS,)
 
 
 class XArmTwinOptions(HostOption, frozen=True):

@@ -19,6 +19,8 @@ from strands_actors.drivers.xarm import reports as r
 from strands_actors.drivers.xarm.arms import ArmType, arm_of, model_table
 from strands_actors.drivers.xarm.protocol import ERROR, INVALID, NOT_READY, WARNING, Mode, Register, State
 
+from .registers import ANSWER_SIZE, CHECK_JOINTS, MODES, REGISTERS, REPORT_CURRENTS, SETTINGS
+
 TICK_HZ = 250.0
 """Control rate of these controllers."""
 
@@ -36,8 +38,6 @@ SLOWEST_RAD_S = 0.01
 SPEED_EXCEEDED, JOINT_PAST_LIMIT = 24, 23
 
 _RUNNING = (State.MOVING, State.READY)
-_ACKNOWLEDGED = frozenset({18, *range(31, 39), 70, 253, 254})
-"""Registers of settings that the simulated controller accepts without effect."""
 
 
 class Controller:
@@ -75,6 +75,7 @@ class Controller:
         self.mode: int = Mode.POSITION
         self.error = self.warning = 0
         self.enabled = 0  # enabled motors, one bit per joint
+        self.settings: dict[int, bytes] = {}  # what clients wrote into the registers of settings
         # True while the simulation moves the arm, until a client of the real protocol enables a motor.
         self.simulation_moves = False
         self._queue: deque[tuple[Sequence[float], float]] = deque()
@@ -139,53 +140,56 @@ class Controller:
     def obey(self, register: int, data: bytes) -> tuple[int, bytes]:
         """Carry out a request. Return the state byte and the data of the reply."""
         try:
-            invalid, answer = self._obey(register, data)
+            if register not in REGISTERS:
+                raise MalformedFrame(f"no register {register}")
+            answer = self._obey(register, data)
         except (MalformedFrame, IndexError):
-            invalid, answer = True, b""
-        return self.flags | INVALID * invalid, answer
+            return self.flags | INVALID, bytes(ANSWER_SIZE)
+        return self.flags, answer
 
-    def _obey(self, register: int, data: bytes) -> tuple[bool, bytes]:
-        """Carry out a request. Return True if it is invalid, and the data of the reply."""
+    def _obey(self, register: int, data: bytes) -> bytes:
+        """Carry out a request to a register of the table. Return the data of the reply. Raise ``MalformedFrame`` or
+        ``IndexError`` if the request is invalid."""
         plant = self.plant
         match register:
             case Register.VERSION:
-                return False, self.version_text.encode().ljust(p.TEXT_SIZE, b"\0")
+                return self.version_text.encode().ljust(p.TEXT_SIZE, b"\0")
             case Register.SERIAL:
-                return False, self.version.serial.encode().ljust(14, b"\0").ljust(p.TEXT_SIZE, b"\0")
-            case Register.MOTION_ENABLE:
-                if not 1 <= data[0] <= p.ALL_JOINTS:
-                    return True, b""
+                return self.version.serial.encode().ljust(14, b"\0").ljust(p.TEXT_SIZE, b"\0")
+            case Register.MOTION_ENABLE if 1 <= data[0] <= p.ALL_JOINTS:
                 self._enable(data[0], bool(data[1]))
-            case Register.SET_STATE:
+            case Register.SET_STATE if data[0] in (State.GO, State.PAUSED, State.STOPPED):
                 self.set_state(data[0])
             case Register.GET_STATE:
-                return False, bytes((self.state,))
+                return bytes((self.state,))
             case Register.QUEUE:
-                return False, struct.pack(">H", len(self._queue))
+                return struct.pack(">H", len(self._queue))
             case Register.ERRORS:
-                return False, bytes((self.error, self.warning))
+                return bytes((self.error, self.warning))
             case Register.CLEAR_ERROR:
                 self.error = 0
             case Register.CLEAR_WARNING:
                 self.warning = 0
-            case Register.SET_MODE:
+            case Register.SET_MODE if data[0] in MODES:
                 self.set_mode(data[0])
             case Register.MOVE_JOINT | Register.SERVO_JOINT | Register.JOINT_VELOCITY | Register.MOVE_HOME:
                 self._move(register, data)
             case Register.TCP_POSE:
-                return False, p.floats(self._pose())
+                return p.floats(self._pose())
             case Register.JOINT_STATES:
                 rows = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm)
-                return False, b"".join(p.floats(row) for row in rows[: data[0] & 0x0F if data else 1])
+                return b"".join(p.floats(row) for row in rows[: data[0] & 0x0F if data else 1])
             case Register.JOINT_TORQUE:
-                return False, p.floats(plant.effort_nm)
-            case 45 | 46:
-                return False, b"\0"  # the reply 0: no value is outside a limit
-            case 233:
-                return False, bytes(8)
+                return p.floats(plant.effort_nm)
+            case _ if register == CHECK_JOINTS:
+                return bytes((not self._in_range(_finite(p.unpack_floats(data, p.JOINTS))),))
+            case _ if register == REPORT_CURRENTS and data[0] == 0:
+                pass
+            case _ if register in SETTINGS and len(data) == SETTINGS[register].size:
+                self.settings[register] = data
             case _:
-                return register not in _ACKNOWLEDGED, b""
-        return False, b""
+                raise MalformedFrame(f"register {register} with {data.hex()}")
+        return b""
 
     def _enable(self, joint: int, on: bool) -> None:
         bits = (1 << p.JOINTS) - 1 if joint == p.ALL_JOINTS else 1 << joint - 1
@@ -197,27 +201,36 @@ class Controller:
         self._set_brakes()
 
     def _move(self, register: int, data: bytes) -> None:
-        """Accept a target if its register fits the mode. A paused arm stores the target and moves there later."""
+        """Accept a target if its register fits the mode. A paused arm stores the target and moves there later. The
+        flags of the reply say whether the arm is not ready."""
+        home = register == Register.MOVE_HOME
+        numbers = _finite((0.0,) * p.JOINTS if home else p.unpack_floats(data, p.JOINTS))
+        mode = {Register.SERVO_JOINT: Mode.SERVO, Register.JOINT_VELOCITY: Mode.VELOCITY}.get(
+            Register(register), Mode.POSITION
+        )
         if not self.runs or self.error:
             return
-        numbers = p.unpack_floats(data, p.JOINTS)
-        if not all(map(math.isfinite, numbers)):
-            raise MalformedFrame(f"joints at {numbers}")
-        match register, self.mode:
-            case Register.SERVO_JOINT, Mode.SERVO:
-                self._servo(numbers)
-            case Register.MOVE_JOINT, Mode.POSITION:
-                (speed,) = p.unpack_floats(data, 1, 4 * p.JOINTS)
-                self._queue.append((numbers, max(SLOWEST_RAD_S, min(self._top_rad_s, speed))))
-            case Register.JOINT_VELOCITY, Mode.VELOCITY:
-                duration_s = p.unpack_floats(data, 1, 4 * p.JOINTS + 1)[0] if len(data) > 4 * p.JOINTS + 1 else -1.0
-                until_s = self._now_s() + duration_s if duration_s >= 0 else math.inf
-                self._rates = numbers, until_s
+        if self.mode != mode:
+            raise MalformedFrame(f"register {register} in mode {self.mode}")
+        if mode == Mode.SERVO:
+            self._servo(numbers)
+        elif mode == Mode.VELOCITY:
+            duration_s = p.unpack_floats(data, 1, 4 * p.JOINTS + 1)[0] if len(data) > 4 * p.JOINTS + 1 else -1.0
+            until_s = self._now_s() + duration_s if duration_s >= 0 else math.inf
+            self._rates = numbers, until_s
+        elif self._in_range(numbers):
+            (speed,) = _finite(p.unpack_floats(data, 1, 0 if home else 4 * p.JOINTS))
+            self._queue.append((numbers, max(SLOWEST_RAD_S, min(self._top_rad_s, speed))))
+        else:
+            self.fail(JOINT_PAST_LIMIT)
+
+    def _in_range(self, goal: Sequence[float]) -> bool:
+        ranges = self._arm_type.range_rad
+        return all(low - 1e-3 <= rad <= high + 1e-3 for rad, (low, high) in zip(goal, ranges, strict=True))
 
     def _servo(self, goal: Sequence[float]) -> None:
         before = self._goal or self._target
-        ranges = self._arm_type.range_rad
-        if any(not low - 1e-3 <= rad <= high + 1e-3 for rad, (low, high) in zip(goal, ranges, strict=True)):
+        if not self._in_range(goal):
             self.fail(JOINT_PAST_LIMIT)
         elif max(abs(rad - was) for rad, was in zip(goal, before, strict=True)) > STEP_RAD:
             self.fail(SPEED_EXCEEDED)
@@ -309,3 +322,9 @@ class Controller:
         m = flange.xmat
         roll, pitch = math.atan2(m[7], m[8]), math.asin(max(-1.0, min(1.0, -m[6])))
         return (*(1e3 * metres for metres in flange.xpos.tolist()), roll, pitch, math.atan2(m[3], m[0]))
+
+
+def _finite(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    if not all(map(math.isfinite, numbers)):
+        raise MalformedFrame(f"not finite: {numbers}")
+    return numbers

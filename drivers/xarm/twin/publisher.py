@@ -9,6 +9,7 @@ from strands_actors.drivers.common.twin import Connection, Fault, Faults, Reply
 from strands_actors.drivers.xarm import reports as r
 
 from .controller import TICK_HZ, Controller
+from .registers import SETTINGS
 
 HZ = {r.NORMAL_PORT: 5.0, r.RICH_PORT: 5.0, r.REAL_PORT: 100.0}
 WRONG_BY_RAD = 0.5
@@ -67,6 +68,10 @@ class Publisher:
         r.pack_details(data, controller.details)
         if port == r.RICH_PORT:
             r.pack_rich(data, controller.version, controller.version_text, controller.speed_limit_rad_s, ROOM_C)
+        for register, value in controller.settings.items():
+            setting = SETTINGS[register]
+            if setting.place + setting.size <= len(data):
+                data[setting.place : setting.place + setting.size] = value
         return bytes(data)
 
     def _report(self) -> r.Report:

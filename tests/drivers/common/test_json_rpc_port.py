@@ -91,6 +91,31 @@ def test_a_late_answer_is_dropped() -> None:
     trio.run(main)
 
 
+def test_an_answer_without_a_caller_is_not_kept() -> None:
+    async def main() -> None:
+        port, peer = await connected()
+        for _ in range(3):
+            forgotten = port.send("a", {})
+            port.forget(forgotten)
+            peer.say(id=forgotten, result="late")
+        assert await _asked(port, peer, "b") == "b"
+        assert port._exchange.unanswered == 0 and port._exchange.pop(forgotten) is None
+
+    trio.run(main)
+
+
+def test_a_new_connection_does_not_answer_the_requests_of_the_old() -> None:
+    async def main() -> None:
+        port, peer = await connected()
+        number = port.send("a", {})
+        await port.open()
+        peer.say(id=number, result="of the old connection")
+        with pytest.raises(WireDown, match="lost before the answer"):
+            await port.answer(number, 1.0)
+
+    trio.run(main)
+
+
 async def _asked(port: JsonRpcPort, peer: Peer, name: str) -> Any:
     number = port.send(name, {})
     peer.say(id=number, result=name)
@@ -206,5 +231,19 @@ def test_saf_022_a_stop_is_written_on_a_connection_that_is_not_understood() -> N
         assert peer.closed_in_order and not peer.closed
         with pytest.raises(WireDown, match="not connected"):
             port.send_stop("stop", {})
+
+    trio.run(main)
+
+
+def test_saf_021_a_reset_drops_what_waits_on_a_connection_that_is_not_understood() -> None:
+    async def main() -> None:
+        port, peer = await connected()
+        port.notify("move", {})
+        peer.say_bytes(b"x" * 2_000_000)
+        with pytest.raises(WireDown, match="a line of more than"):
+            await port.hear()
+        port.reset()
+        assert peer.closed and not peer.closed_in_order
+        assert not port.takes_stops
 
     trio.run(main)

@@ -169,6 +169,29 @@ def test_silence_ends_the_connection_within_its_bound() -> None:
     virtual(main)
 
 
+def test_a_peer_that_answers_some_requests_is_not_silent() -> None:
+    async def main() -> None:
+        client = Server([None, 0.001] * 20).client
+        for _ in range(20):
+            assert (await ask(client))[1] is None
+            number, answer = await ask(client)
+            assert answer == [number]
+
+    virtual(main)
+
+
+def test_the_answer_to_a_forgotten_request_is_dropped() -> None:
+    async def main() -> None:
+        client = Server([0.05, 0.1]).client
+        forgotten = client.read_registers(2000, 1)
+        client.forget(forgotten)
+        number = client.read_registers(2000, 1)
+        assert await client.answer(number, 0.2) == [number]
+        assert await client.answer(forgotten, 0.2) is None
+
+    virtual(main)
+
+
 def test_a_pause_of_this_process_does_not_count_as_silence_of_the_peer() -> None:
     async def main() -> None:
         client = Server([0.001, None, 0.001, 0.15]).client
@@ -184,7 +207,8 @@ def test_a_pause_of_this_process_does_not_count_as_silence_of_the_peer() -> None
 def test_transaction_ids_wrap_and_are_never_zero() -> None:
     async def main() -> None:
         server = Server()
-        server.client._number = 0xFFFE
+        for _ in range(0xFFFE):
+            next(server.client._numbers)
         assert [(await ask(server.client))[0] for _ in range(3)] == [0xFFFF, 1, 2]
 
     virtual(main)

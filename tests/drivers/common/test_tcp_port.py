@@ -156,6 +156,23 @@ def test_saf_010_a_peer_that_reads_nothing_is_given_up_although_another_process_
     trio.run(main)
 
 
+def test_saf_021_a_reset_ends_a_connection_for_every_process_that_has_it(listener: socket.socket) -> None:
+    async def main() -> None:
+        wires = await open_tcp("127.0.0.1", listener.getsockname()[1])
+        peer, _ = listener.accept()
+        roots = TcpPort(socket.socket(fileno=os.dup(wires.fileno())), "of the root")
+        wires.write(SETPOINT)
+        roots.reset()
+        assert take_all(peer) == (SETPOINT, True), "the bytes that had arrived, then the reset"
+        with pytest.raises(WireDown):
+            wires.write(SETPOINT)
+        assert wires.fileno() >= 0, "the descriptor stays open until it is closed"
+        roots.close()
+        wires.close()
+
+    trio.run(main)
+
+
 def test_a_connection_with_a_reading_peer_is_left_alone(listener: socket.socket) -> None:
     async def main() -> None:
         port = await open_tcp("127.0.0.1", listener.getsockname()[1])

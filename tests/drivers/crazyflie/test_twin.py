@@ -265,7 +265,7 @@ def test_it_notices_that_it_lies_on_its_back() -> None:
 
 
 @pytest.mark.parametrize(
-    "packet", [b"", bytes(40), b"\x7c\x0a\0", b"\x7c", b"\x9c", b"\x8c\x08", b"\x5c\x02", b"\x2d\xff\xff"]
+    "packet", [b"", bytes(40), b"\x7c\x0a\0", b"\x7c", b"\x9c", b"\x8c\x08", b"\x5c\x02", b"\x2d\xff"]
 )
 def test_a_malformed_packet_is_logged_as_such_and_not_obeyed(packet: bytes) -> None:
     bench = Bench()

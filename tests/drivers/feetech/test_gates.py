@@ -349,7 +349,7 @@ def test_every_robot_is_declared_whole(robot: str) -> None:
     assert set(driver.fallbacks) == set(Reason)
     assert {reason for reason, safe_state in driver.fallbacks.items() if safe_state == "hold"} == HOLDING_REASONS
     assert driver.energised("hold") and not driver.energised("limp")
-    assert "none" in driver.firmware_watchdog and "for ever" in driver.firmware_watchdog
+    assert "no watchdog" in driver.firmware_watchdog and "for ever" in driver.firmware_watchdog
     for axis in driver.joints:
         low, high = axis.limits
         assert low < high and axis.speed > 0

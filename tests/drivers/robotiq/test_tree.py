@@ -96,7 +96,7 @@ def test_connect_observe_act_refuse_stop_resume(tmp_path: Path, monkeypatch: pyt
     with Robot("robotiq_2f85", mode="real", transport="twin") as robot:
         reported = status(robot)
         assert (reported["state"], reported["connected"], reported["unit_id"]) == ("armed", True, 9)
-        assert reported["firmware_watchdog"].startswith("none")
+        assert reported["firmware_watchdog"].startswith("The firmware has no watchdog")
         assert set(reported["fallbacks"].values()) == {"hold"}
         assert reported["sensors"]["activation"] == [3.0]
         assert [entry.kind for entry in log.entries() if entry.sender == "host" and entry.kind != "read"] == [

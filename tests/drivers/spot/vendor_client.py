@@ -60,6 +60,12 @@ def main(port: str) -> dict[str, Any]:
     reported["arrived"] = block_until_arm_arrives(commands, arm, 10)
     joints = {joint.name: joint.position.value for joint in states.get_robot_state().kinematic_state.joint_states}
     reported["joints"] = {name: round(joints[name], 3) for name in ("arm0.sh0", "arm0.sh1", "arm0.el0", "arm0.wr0")}
+    reported["has_arm"] = robot.has_arm()
+    reported["stow"] = failure(lambda: commands.robot_command(RobotCommandBuilder.arm_stow_command()))
+    pose = RobotCommandBuilder.arm_pose_command(0.8, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, "body")
+    reported["pose"] = failure(lambda: commands.robot_command(pose))
+    there = RobotCommandBuilder.synchro_se2_trajectory_point_command(1.0, 0.0, 0.0, "odom")
+    reported["trajectory"] = failure(lambda: commands.robot_command(there, end_time_secs=time.time() + 5))
     reported["legs"] = sum(name[:2] in ("fl", "fr", "hl", "hr") for name in joints)
     blocking_sit(commands, timeout_sec=10)
     blocking_stand(commands, timeout_sec=10)

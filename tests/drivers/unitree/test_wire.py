@@ -84,7 +84,7 @@ class Rig:
         """Let the session send its request of ten times a second. Return the id of that request."""
         self.clock.passes(0.1)
         self.session.poll(self.clock.at_ns)
-        return list(self._service._pending)[-1]
+        return list(self._service._exchange._sent)[-1]
 
     def answers(self, number: int, api: int, data: str = "", code: int = rpc.OK) -> None:
         body = rpc.encode_response(rpc.Response(number, api, code, data))
@@ -173,7 +173,7 @@ def test_two_questions_of_one_moment_are_answered_each() -> None:
         answers: list[str] = []
         go2.session.modes.ask(rpc.CHECK_MODE, lambda response: answers.append("first " + response.data))
         go2.session.modes.ask(rpc.CHECK_MODE, lambda response: answers.append("second " + response.data))
-        for number, data in zip(list(go2.session.modes._pending), ("{}", '{"name": ""}'), strict=True):
+        for number, data in zip(list(go2.session.modes._exchange._sent), ("{}", '{"name": ""}'), strict=True):
             go2.answers(number, rpc.CHECK_MODE, data)
         assert answers == ["first {}", 'second {"name": ""}']
 

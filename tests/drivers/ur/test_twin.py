@@ -194,9 +194,8 @@ def test_the_dashboard_answers_its_other_lines(world: World) -> None:
     assert "NONE" in dashboard.answer("clear operational mode")
     assert dashboard.answer("load installation default.installation").startswith("Loading installation")
     assert dashboard.answer("version").startswith("5.")
-    assert dashboard.answer("setUserRole operator") == "Setting user role: operator"
-    assert dashboard.answer("generate flight report all").startswith("Flight Report generated")
-    assert dashboard.answer("generate support file /programs").startswith("Completed successfully")
+    for line in ("setUserRole operator", "generate flight report all", "generate support file /programs"):
+        assert dashboard.answer(line) == f"could not understand: '{line}'"
     assert dashboard.answer("restart safety") == "Restarting safety"
     assert dashboard.answer("robotmode") == "Robotmode: POWER_OFF"
     assert dashboard.answer("shutdown") == "Shutting down"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, cast
 
 import pytest
+import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.control import FORGET_S, Control
 from strands_actors.drivers.xarm.protocol import Register
-from strands_actors.kernel.clock import NS
+from strands_actors.kernel.clock import NS, VirtualClock
+from tests.drivers.common.memory_port import MemoryPort, virtual
 
 
 class Line:
@@ -74,5 +77,35 @@ def test_an_answer_to_another_question_is_not_understood() -> None:
 
 def test_numbers_restart_after_the_last() -> None:
     _, control = opened()
-    control._number = p.LAST_NUMBER - 1
+    for _ in range(p.LAST_NUMBER - 1):
+        next(control._numbers)
     assert [control.send(Register.GET_STATE) for _ in range(2)] == [p.LAST_NUMBER, 1]
+
+
+class SlowController:
+    """Answers a request to enable the motors after two seconds, and all others at once."""
+
+    def __init__(self) -> None:
+        self.control = Control(cast(Any, MemoryPort(self._hear)), "the arm", VirtualClock())
+
+    def _hear(self, data: bytes) -> Iterable[tuple[float, bytes]]:
+        number, register = int.from_bytes(data[:2], "big"), data[6]
+        yield 2.0 if register == Register.MOTION_ENABLE else 0.001, p.frame(number, bytes((register, 0)))
+
+
+def test_an_awaited_answer_is_not_forgotten_while_others_come() -> None:
+    async def main() -> None:
+        control, replies = SlowController().control, list[p.Reply | None]()
+
+        async def enable() -> None:
+            replies.append(await control.ask(Register.MOTION_ENABLE, within_s=5.0))
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(enable)
+            await trio.sleep(1.5)
+            assert await control.ask(Register.GET_STATE, within_s=0.1) is not None
+            assert not control.idle
+        assert [reply and reply.register for reply in replies] == [Register.MOTION_ENABLE]
+        assert control.idle
+
+    virtual(main)

@@ -80,7 +80,7 @@ def test_connect_observe_act_stop_resume(arm: RealRobot, twin: Twin) -> None:
     reported = status(arm)
     assert (reported["state"], reported["firmware"], reported["arm_type"]) == ("armed", "1.12.10", 7)
     assert reported["speed_limit"] == "the controller's"
-    assert reported["firmware_watchdog"].startswith("none")
+    assert reported["firmware_watchdog"].startswith("The firmware has no watchdog")
     assert reported["sensors"]["tcp_xyz_m"] == pytest.approx([0.4, 0.0, 0.4], abs=0.1), "the position is in metres"
     seen = arm.get_observation()
     assert list(seen) == JOINTS

@@ -118,6 +118,35 @@ end(jumped=jumped, again=again, codes=codes, cleared=xarm.get_err_warn_code(), s
     assert reported["state"] == 4
 
 
+def test_what_it_does_not_model_is_code_10_and_never_an_exception(twin: TwinProcess) -> None:
+    reported = run(
+        twin,
+        """
+xarm = arm(report_type="real")
+q = servo(xarm)
+codes = dict(
+    ik=xarm.get_inverse_kinematics([300, 0, 300, 3.14, 0, 0])[0],
+    fk=xarm.get_forward_kinematics(q)[0],
+    tgpio=xarm.get_tgpio_digital()[0],
+    cgpio=xarm.get_cgpio_analog()[0],
+    line=xarm.set_position(x=300, y=0, z=300, roll=3.14, pitch=0, yaw=0, wait=False),
+    record=xarm.start_record_trajectory(),
+    wrong_mode=xarm._arm.arm_cmd.move_joint(q, 0.5, 10, 0)[0],
+)
+xarm.set_mode(0)
+xarm.set_state(0)
+until(lambda: xarm.mode == 0 and xarm.state == 2)
+limits = [xarm.is_joint_limit(q), xarm.is_joint_limit([*q[:3], -1.0, *q[4:]])]
+home = xarm.move_gohome(speed=1.0, wait=True, timeout=20)
+xarm.set_state(4)
+end(codes=codes, limits=limits, home=home, at=xarm.get_servo_angle()[1])
+""",
+    )
+    assert set(reported["codes"].values()) == {10}, reported
+    assert reported["limits"] == [[0, False], [0, True]]
+    assert reported["home"] == 0 and max(map(abs, reported["at"])) < 0.01
+
+
 def test_a_velocity_ends_with_its_duration(twin: TwinProcess) -> None:
     reported = run(
         twin,

@@ -11,6 +11,7 @@ from strands_actors.contract.driver import Candidate
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.yahboom import messages as m
+from strands_actors.drivers.yahboom import protocol as p
 from strands_actors.drivers.yahboom.rosbridge import MAX_UNANSWERED
 from strands_actors.drivers.yahboom.wire import QUIET_S, SILENT_S
 from tests.drivers.common.memory_port import Permission, virtual
@@ -261,6 +262,71 @@ def test_saf_010_a_bridge_that_reads_nothing_is_sent_only_a_few_commands() -> No
             await trio.sleep(0.02)
             await wire.write(target(world, linear_x=0.5), Permission())
             assert world.kinds() == ["setpoint"] * (MAX_UNANSWERED + 1)
+
+    virtual(test)
+
+
+def test_an_answer_that_was_not_requested_acknowledges_no_command() -> None:
+    async def test() -> None:
+        world = World()
+        link = world.link()
+        await link.open()
+        world.frozen = True
+        for _ in range(MAX_UNANSWERED):
+            link.drive(m.Twist(0.1, 0.0, 0.0))
+        (socket,) = world.sockets
+        for number in (10**6, 0, 1):
+            socket._say(p.response(p.CallService(p.TIME_SERVICE, id=str(number)), {}))
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(link.receive_messages)
+            world.frozen = False
+            await trio.sleep(0.05)
+            assert link.is_behind, "the bridge has not read the commands"
+            world.thaw()
+            await trio.sleep(0.05)
+            assert not link.has_unacknowledged
+            nursery.cancel_scope.cancel()
+
+    virtual(test)
+
+
+def test_a_late_answer_to_a_call_that_was_given_up_is_not_kept() -> None:
+    async def test() -> None:
+        world = World()
+        link = world.link()
+        await link.open()
+        world.frozen = True
+        link.drive(m.Twist(0.1, 0.0, 0.0))
+        with pytest.raises(WireDown, match="no answer within 20 ms"):
+            await link.acknowledged(0.02)
+        world.thaw()
+        await link.acknowledged(0.5)
+        assert not link.has_unacknowledged
+        assert link._exchange.unanswered == 0 and not link._exchange._answers
+
+    virtual(test)
+
+
+def test_a_call_on_a_connection_that_is_replaced_fails_at_once() -> None:
+    async def test() -> None:
+        world = World()
+        link = world.link()
+        await link.open()
+        world.frozen = True
+        began_s = trio.current_time()
+
+        async def wait() -> None:
+            with pytest.raises(WireDown):
+                await link.acknowledged(10.0)
+
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(wait)
+            nursery.start_soon(wait)
+            await trio.sleep(0.1)
+            world.frozen = False
+            nursery.start_soon(link.listen)
+        assert trio.current_time() - began_s < 0.3
+        link.close()
 
     virtual(test)
 

@@ -1,0 +1,366 @@
+"""Walks of the arms and grippers."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import trio
+
+from strands_actors.drivers.common.dynamixel import protocol as dxl
+from strands_actors.drivers.common.dynamixel.twin import INSTRUCTIONS
+from strands_actors.drivers.common.twin import ClientGone, WireLog
+from strands_actors.drivers.dynamixel.twin import DynamixelBus
+from strands_actors.drivers.feetech import protocol as feetech
+from strands_actors.drivers.feetech.twin import INSTRUCTIONS as FEETECH
+from strands_actors.drivers.feetech.twin import FeetechBus
+from strands_actors.drivers.franka import protocol as franka
+from strands_actors.drivers.franka.twin import FrankaServer
+from strands_actors.drivers.franka.twin.requests import REQUESTS as FRANKA
+from strands_actors.drivers.kinova import protocol as kinova
+from strands_actors.drivers.kinova.base import CALLS as KINOVA
+from strands_actors.drivers.kinova.base import Base
+from strands_actors.drivers.kinova.protocol import ArmState, Call
+from strands_actors.drivers.kinova.robots import TABLES as KINOVA_TABLES
+from strands_actors.drivers.robotiq.protocol import INPUT, OUTPUT
+from strands_actors.drivers.robotiq.sessions import FUNCTIONS, TcpSession
+from strands_actors.drivers.robotiq.twin import twin_of
+from strands_actors.drivers.robotiq.unit import RobotiqTwin
+from strands_actors.drivers.robotiq.urcap import LINES, UrcapSession
+from strands_actors.drivers.xarm import protocol as xarm
+from strands_actors.drivers.xarm.protocol import Mode, Register
+from strands_actors.drivers.xarm.twin import controller_of
+from strands_actors.drivers.xarm.twin.controller import Controller
+from strands_actors.drivers.xarm.twin.registers import CHECK_JOINTS, REPORT_CURRENTS, SETTINGS
+from strands_actors.drivers.xarm.twin.registers import REGISTERS as XARM
+
+from .walk import Answer, Walk
+
+
+def still() -> float:
+    return 100.0
+
+
+# -- xArm
+
+
+def ask_xarm(twin: Controller, register: int, data: bytes) -> Answer:
+    flags, content = twin.obey(register, data)
+    return Answer(not flags & xarm.INVALID, content)
+
+
+def ready(mode: int) -> Callable[[Controller], None]:
+    def act(twin: Controller) -> None:
+        twin.obey(Register.MOTION_ENABLE, b"\x08\x01")
+        twin.obey(Register.SET_MODE, bytes((mode,)))
+        twin.obey(Register.SET_STATE, b"\0")
+
+    return act
+
+
+def warn(twin: Controller) -> None:
+    twin.warning = 11
+
+
+JOINTS = xarm.floats((0.1, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 10.0, 0.0))
+XARM_WALK = Walk(
+    "xarm",
+    XARM,
+    range(256),
+    lambda: controller_of("xarm7", now_s=still),
+    ask_xarm,
+    {
+        **dict.fromkeys(XARM.effects, b""),
+        Register.MOTION_ENABLE: b"\x08\x01",
+        Register.SET_STATE: b"\0",
+        Register.SET_MODE: bytes((Mode.SERVO,)),
+        Register.MOVE_JOINT: JOINTS,
+        Register.SERVO_JOINT: JOINTS,
+        Register.JOINT_VELOCITY: JOINTS[:28] + b"\1",
+        Register.MOVE_HOME: xarm.floats((0.5, 10.0, 0.0)),
+        Register.JOINT_STATES: b"\3",
+        CHECK_JOINTS: JOINTS[:28],
+        REPORT_CURRENTS: b"\0",
+        **{register: bytes(setting.size) for register, setting in SETTINGS.items()},
+    },
+    (b"", b"\0", b"\1", bytes(28), bytes(64)),
+    {
+        Register.SET_STATE: lambda twin: twin.obey(Register.MOTION_ENABLE, b"\x08\x01"),
+        Register.CLEAR_ERROR: lambda twin: twin.fail(24),
+        Register.CLEAR_WARNING: warn,
+        Register.MOVE_JOINT: ready(Mode.POSITION),
+        Register.MOVE_HOME: ready(Mode.POSITION),
+        Register.SERVO_JOINT: ready(Mode.SERVO),
+        Register.JOINT_VELOCITY: ready(Mode.VELOCITY),
+    },
+    frozenset((REPORT_CURRENTS,)),  # the reports have torques already
+)
+
+
+# -- servo buses
+
+
+def ask_dynamixel(bus: DynamixelBus, code: int, params: bytes) -> Answer:
+    target = dxl.BROADCAST if code in GROUPS else 1
+    replies = bus.handle(dxl.Packet(target, code, params))
+    packets = [packet for reply in replies for packet in dxl.Decoder().feed(reply.data)]
+    if code in GROUPS:
+        return Answer(True, b"".join(reply.data for reply in replies))
+    return Answer(bool(packets) and not packets[0].failure, packets[0].params if packets else b"")
+
+
+GROUPS = (dxl.SYNC_READ, dxl.SYNC_WRITE, dxl.FAST_SYNC_READ, dxl.BULK_READ, dxl.BULK_WRITE, dxl.FAST_BULK_READ)
+LED = 65
+ONE_LED = struct.pack("<H", LED) + b"\1"
+
+
+def keep_dynamixel(bus: DynamixelBus) -> None:
+    bus.handle(dxl.Packet(1, dxl.REG_WRITE, ONE_LED))
+
+
+def light_dynamixel(bus: DynamixelBus) -> None:
+    bus.handle(dxl.Packet(1, dxl.WRITE, ONE_LED))
+
+
+def ask_feetech(bus: FeetechBus, code: int, params: bytes) -> Answer:
+    target = feetech.BROADCAST if code in (feetech.SYNC_READ, feetech.SYNC_WRITE) else 1
+    replies = bus.handle(feetech.Packet(target, code, params))
+    return Answer(bool(replies) or code == feetech.SYNC_WRITE, b"".join(reply.data[5:-1] for reply in replies))
+
+
+ACCELERATION = 41
+
+
+def change_feetech(code: int) -> Callable[[FeetechBus], None]:
+    def act(bus: FeetechBus) -> None:
+        bus.handle(feetech.Packet(1, code, bytes((ACCELERATION, 7))))
+
+    return act
+
+
+# -- Kinova
+
+
+def ask_kinova(base: Base, call: int, payload: bytes) -> Answer:
+    login = kinova.Login("admin", "admin").encode()
+    session = base.answer("client", kinova.Frame(kinova.Kind.REQUEST, Call.CREATE_SESSION, 1, 0, login)).session
+    frame = base.answer("client", kinova.Frame(kinova.Kind.REQUEST, call, 2, session, payload))
+    # Each question opens a session of its own, which is closed so that it does not count as an effect.
+    if call != Call.CREATE_SESSION:
+        base.answer("client", kinova.Frame(kinova.Kind.REQUEST, Call.CLOSE_SESSION, 3, session))
+    base._number = 0
+    return Answer(frame.error == 0, frame.payload)
+
+
+def fault(base: Base) -> None:
+    base.set_state(ArmState.IN_FAULT)
+
+
+def speeds() -> bytes:
+    return kinova.encode_speeds((5.0, *[0.0] * 6))
+
+
+def move_kinova(base: Base) -> None:
+    ask_kinova(base, Call.SEND_JOINT_SPEEDS, speeds())
+
+
+# -- Robotiq
+
+
+def ask_modbus(twin: RobotiqTwin, function: int, data: bytes) -> Answer:
+    frame = struct.pack(">HHHBB", 1, 0, 2 + len(data), twin.unit, function) + data
+    try:
+        replies = [reply for each in TcpSession(twin).receive(frame, None) for reply in each.replies]
+    except ClientGone:
+        return Answer(False)
+    reply = replies[0].data if replies else b""
+    return Answer(bool(reply) and not reply[7] & 0x80, reply[8:])
+
+
+def ask_line(twin: RobotiqTwin, line: str, value: str) -> Answer:
+    text = f"{line}{value}\n".encode()
+    (exchange,) = UrcapSession(twin).receive(text, None)
+    said = exchange.replies[0].data
+    return Answer(said != b"?", b"" if said == b"ack" else said)
+
+
+COMMAND = struct.pack(">HHB", OUTPUT, 1, 2) + b"\1\0"
+BLOCK = struct.pack(">HH", INPUT, 3)
+BOTH = BLOCK + COMMAND
+
+
+# -- Franka
+
+
+class Client:
+    """The client's end of a connection."""
+
+    peer_host = "127.0.0.1"
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+
+    def send_logged(self, kind: str, data: bytes) -> None:
+        self.sent.append(data)
+
+
+def franka_server() -> FrankaServer:
+    async def build() -> FrankaServer:
+        return FrankaServer("panda", 5, WireLog(None), None, 0.01)
+
+    server = trio.run(build)
+    server._udp.close()  # It needs no socket here.
+    return server
+
+
+def ask_franka(server: FrankaServer, name: str, payload: bytes) -> Answer:
+    client: Any = Client()
+    if name == "move":
+        server._obey(client, "connect", franka.Message(0, 1, struct.pack("<HH", 5, 1)))
+        client.sent.clear()
+    code = franka.DIALECTS[5].commands.index(name)
+    server._obey(client, name, franka.Message(code, 2, payload))
+    reply = client.sent[0][franka.HEADER.size :]
+    accepted = reply[0] == (1 if name == "move" else 0)
+    server._listeners_of_state.clear()
+    return Answer(accepted, reply[1:] if name in ("connect", "model") else b"")
+
+
+def reflex(server: FrankaServer) -> None:
+    server.controller.reflex("joint_reflex")
+
+
+def moves(server: FrankaServer) -> None:
+    ask_franka(server, "move", franka.DIALECTS[5].start_joint_motion(1)[franka.HEADER.size :])
+
+
+def walks() -> Iterator[Walk]:
+    """Yield the walks of this module."""
+    yield XARM_WALK
+    read = struct.pack("<HH", 0, 2)
+    yield Walk(
+        "dynamixel",
+        INSTRUCTIONS,
+        range(256),
+        lambda: DynamixelBus.for_robot("koch", still),
+        ask_dynamixel,
+        {
+            dxl.PING: b"",
+            dxl.READ: read,
+            dxl.WRITE: ONE_LED,
+            dxl.REG_WRITE: ONE_LED,
+            dxl.ACTION: b"",
+            dxl.FACTORY_RESET: b"\x02",
+            dxl.REBOOT: b"",
+            dxl.CLEAR: b"\x01\x44\x58\x4c\x22",
+            dxl.SYNC_READ: read + b"\1",
+            dxl.FAST_SYNC_READ: read + b"\1",
+            dxl.SYNC_WRITE: struct.pack("<HH", LED, 1) + b"\1\1",
+            dxl.BULK_READ: b"\1" + read,
+            dxl.FAST_BULK_READ: b"\1" + read,
+            dxl.BULK_WRITE: b"\1" + struct.pack("<HH", LED, 1) + b"\1",
+        },
+        (b"", ONE_LED, bytes(5)),
+        {dxl.ACTION: keep_dynamixel, dxl.REBOOT: light_dynamixel, dxl.FACTORY_RESET: light_dynamixel},
+        frozenset((dxl.CLEAR,)),  # tests/drivers/dynamixel/test_twin.py turns a servo more than once
+    )
+    yield Walk(
+        "feetech",
+        FEETECH,
+        range(256),
+        lambda: FeetechBus.for_robot("so101", still),
+        ask_feetech,
+        {
+            feetech.PING: b"",
+            feetech.READ: b"\3\2",
+            feetech.WRITE: bytes((ACCELERATION, 7)),
+            feetech.REG_WRITE: bytes((ACCELERATION, 7)),
+            feetech.ACTION: b"",
+            feetech.RESET: b"",
+            feetech.REBOOT: b"",
+            feetech.SYNC_READ: b"\3\2\1",
+            feetech.SYNC_WRITE: bytes((ACCELERATION, 1, 1, 7)),
+        },
+        (b"", bytes((ACCELERATION, 7)), bytes(5)),
+        {
+            feetech.ACTION: change_feetech(feetech.REG_WRITE),
+            feetech.RESET: change_feetech(feetech.WRITE),
+            feetech.REBOOT: change_feetech(feetech.WRITE),
+        },
+        frozenset((feetech.PING,)),  # its reply is the error byte alone
+    )
+    yield Walk(
+        "kinova",
+        KINOVA,
+        [service << 16 | function for service in (1, 2, 3) for function in range(256)],
+        lambda: Base(KINOVA_TABLES.table("kinova_gen3"), now_s=still),
+        ask_kinova,
+        {
+            **dict.fromkeys(KINOVA.effects, b""),
+            Call.CREATE_SESSION: kinova.Login("admin", "admin").encode(),
+            Call.SEND_JOINT_SPEEDS: speeds(),
+            Call.SET_SERVOING_MODE: kinova.encode_number(kinova.ServoingMode.LOW_LEVEL),
+        },
+        (b"", b"\x08\x01"),
+        {Call.CLEAR_FAULTS: fault, Call.STOP: move_kinova},
+        frozenset((Call.CLOSE_SESSION, Call.KEEP_ALIVE)),  # tests/drivers/kinova/test_twin.py closes and keeps one
+    )
+    yield Walk(
+        "robotiq",
+        FUNCTIONS,
+        range(1, 128),
+        lambda: twin_of("robotiq_2f85", still),
+        ask_modbus,
+        {3: BLOCK, 4: BLOCK, 6: struct.pack(">HH", OUTPUT, 0x0100), 16: COMMAND, 23: BOTH},
+        (b"", bytes(4), struct.pack(">HH", OUTPUT, 1), COMMAND),
+    )
+    names = (
+        "ACT",
+        "GTO",
+        "ATR",
+        "POS",
+        "SPE",
+        "FOR",
+        "STA",
+        "OBJ",
+        "FLT",
+        "PRE",
+        "COU",
+        "SID",
+        "MOD",
+        "VER",
+        "ARD",
+    )
+    yield Walk(
+        "urcap",
+        LINES,
+        [f"{word} {name}" for word in ("GET", "SET", "PUT") for name in names],
+        lambda: twin_of("robotiq_2f85", still),
+        ask_line,
+        {line: " 1" if line.startswith("SET") else "" for line in LINES.effects},
+        ("", " 1"),
+    )
+    yield Walk(
+        "franka",
+        FRANKA,
+        franka.DIALECTS[5].commands,
+        franka_server,
+        ask_franka,
+        {
+            "connect": struct.pack("<HH", 5, 40000),
+            "move": franka.DIALECTS[5].start_joint_motion(1)[franka.HEADER.size :],
+            "stop": b"",
+            "recover": b"",
+            "model": b"\0\0",
+            "load": struct.pack("<13d", 1.0, *[0.0] * 12),
+            "ee_to_k": struct.pack("<16d", *[2.0] * 16),
+            "ne_to_ee": struct.pack("<16d", *[2.0] * 16),
+            "collision": struct.pack("<52d", *[20.0] * 52),
+        },
+        (b"", struct.pack("<7d", *[100.0] * 7), bytes(13 * 8)),
+        {"stop": moves, "recover": reflex},
+    )
+
+
+__all__ = ["walks"]
