@@ -18,7 +18,7 @@ SCRIPT = [
     # The robot refuses 400 degrees, which is beyond the joint's range.
     {"action": "move_to", "targets": {"shoulder_pan": 400.0}},
     {"action": "move_to", "targets": {"shoulder_pan": 20.0}},
-    # This action needs the operator's approval (``guarded`` below), and the operator refuses.
+    # This action energises the robot, so it needs the operator's approval, and the operator refuses.
     {"action": "set_torque", "enabled": True},
     {"action": "stop"},  # A stop needs no approval.
 ]
@@ -71,6 +71,6 @@ def approve(request):
     return False
 
 
-# The robot is a tool of the agent. Actions listed in ``guarded`` run only if ``approve`` returns True.
-with Robot("so101", mode="real", transport="twin", guarded=("set_torque",), approve=approve) as arm:
+# The robot is a tool of the agent. Actions that need an approval run only if ``approve`` returns True.
+with Robot("so101", mode="real", transport="twin", approve=approve) as arm:
     Agent(model=Scripted(SCRIPT), tools=[arm], callback_handler=None)("wave at me")

@@ -5,7 +5,8 @@ Three tests run at the same time, because most tests wait for processes. Tests t
 more, one at a time, and pytest prints their names: on a machine that pauses, two robots may be late
 where one is not. A test that fails again fails the run.
 
-``coverage``: run the tests of the ordinary run, and print how much of each file they ran, in all processes.
+``coverage``: run the tests of the ordinary run, and print how much of each file they ran, in all processes. A run
+without further arguments also records the figure (``tests/covered.py``).
 
 ``lerobot``: only the tests that need LeRobot itself (``tests/lerobot``).
 
@@ -27,6 +28,8 @@ import contextlib
 import os
 import subprocess
 import sys
+
+from tests import covered
 
 # The tests start thousands of processes. With this variable each would compile all its modules again,
 # which is half of the time that a robot takes to start.
@@ -59,9 +62,10 @@ STEPS = (
 )
 MEASURED = (
     ("coverage", "erase"),
-    ("coverage", "run", "-m", *PARALLEL, *ARGUMENTS),
+    ("coverage", "run", "-m", *PARALLEL, f"--junitxml={covered.TESTS}", *ARGUMENTS),
     ("coverage", "combine", "--quiet"),
     ("coverage", "report"),
+    ("coverage", "json", "--quiet", "-o", str(covered.MEASURED)),
 )
 """Tests of milliseconds may fail here, because a process is slower and saves its data when it ends."""
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
@@ -83,7 +87,12 @@ def run(step: tuple[str, ...]) -> int:
 if sys.argv[1:2] and sys.argv[1] in SUITES:
     sys.exit(run(("pytest", *SUITES[sys.argv[1]], *sys.argv[2:])))
 if COVERAGE:
-    sys.exit(max([run(step) for step in MEASURED]))
+    codes = [run(step) for step in MEASURED]
+    if sys.argv[2:]:
+        print("not recorded, because only a run of all tests counts")
+    elif set(codes) <= {0, SOME_FAILED} and not any(codes[2:]):
+        covered.record()
+    sys.exit(max(codes))
 for step in STEPS:
     with contextlib.ExitStack() as beside:
         if step[0] == "mypy":

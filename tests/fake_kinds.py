@@ -126,7 +126,7 @@ class _Kind(Driver):
     TWIN: ClassVar[str] = ""
     PARTS: ClassVar[tuple[Part, ...]]
     config: KindConfig
-    firmware_watchdog = "none: it goes on as it was last told"
+    firmware_watchdog = "The robot goes on with its last command"
 
     @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:

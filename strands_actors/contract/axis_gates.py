@@ -222,6 +222,7 @@ def too_fast(
     oneshot_s: float | None = None,
     longest_s: float = math.inf,
     pause_counts: bool = True,
+    plans_motion: bool = True,
 ) -> GateCheck:
     """Return a gate that refuses a step that the axis cannot follow.
 
@@ -236,6 +237,7 @@ def too_fast(
         longest_s: The longest pause of a stream for which a longer step is allowed, in seconds.
         pause_counts: False if a pause never allows a longer step, for a controller that goes to each target in one
             period.
+        plans_motion: False for a robot without ``move_to``, which is otherwise a remedy for a single command.
     """
     speeds = tuple(axis.speed for axis in axes)
 
@@ -255,7 +257,10 @@ def too_fast(
             if not step <= allowed + _ROUNDING:
                 axis = axes[index]
                 most = show(allowed, axis.unit, inwards=math.floor)
-                return refusals.too_fast(axis.key, show(step, axis.unit), unit_of(axis), period_s * 1e3, most)
+                is_planned = plans_motion and not state.stream and axis.mode is AxisMode.POSITION
+                target_or_none = values[index] if is_planned else None
+                shown, unit = show(step, axis.unit), unit_of(axis)
+                return refusals.too_fast(axis.key, shown, unit, period_s * 1e3, most, target_or_none)
         return None
 
     return too_fast

@@ -112,12 +112,13 @@ class Service(msgspec.Struct, frozen=True):
     # The service ends the present motion, so it may be requested while the robot moves. Earlier targets are not
     # sent again. No condition refuses it: a drone must be able to land with a low battery.
     ends_motion: bool = False
-    # The service switches motor power on or off, or lets motors move afterwards. If an agent or another computer
-    # requests it, it counts as motion, even when the robot is not armed.
+    # The service switches motor power, or lets motors move afterwards. If an agent or another computer requests it,
+    # it counts as motion. Like a setpoint it needs a robot that ``resume()`` has armed, so that no service
+    # energises a stopped robot. Declare exceptions in ``releases``.
     powers: bool = False
-    # The service is refused when the robot is not armed, even if the stopped robot is still energised. A service
-    # with ``moves`` is always refused then.
-    needs_armed: bool = False
+    # True if a service with ``powers`` only takes power away, so that a stopped robot may run it, too. If that
+    # depends on an argument: a mapping from its name to the value with which the service only takes power away.
+    releases: bool | Mapping[str, Any] = False
     # Longest time after a cut-off for which the service can still power or move the robot (see ``Timing.late_s``).
     late_s: float = 0.0
     # The service is sent as an action. Its arguments are the action's values, with the lifetime and the checks of
@@ -126,6 +127,13 @@ class Service(msgspec.Struct, frozen=True):
     # If this is set, the service is a stop, and this is the reason that the stop gives. It locks the robot as an
     # e-stop does, is never refused, and is handled before all other messages.
     stops: Reason | None = None
+
+    def arms(self, arguments: Mapping[str, Any]) -> bool:
+        """Return True if a call with these arguments may energise the robot. It then needs an armed robot."""
+        if not isinstance(self.releases, Mapping):
+            return self.powers and not self.releases
+        values = {**self.arguments, **arguments}
+        return self.powers and not any(values.get(name) == value for name, value in self.releases.items())
 
 
 class Live(msgspec.Struct, frozen=True, gc=False):

@@ -75,9 +75,22 @@ def past_travel(key: str, offered: str, unit: str, end: str, limit: str) -> Refu
     return Refused(Code.PAST_TRAVEL, f"{key} {offered}{unit} is past {end}", f"stay within {limit}", offered, limit)
 
 
-def too_fast(key: str, step: str, unit: str, period_ms: float, limit: str) -> Refused:
+def too_fast(key: str, step: str, unit: str, period_ms: float, limit: str, target: float | None = None) -> Refused:
+    """Return the refusal of a step that is too long for its time. ``target``: see ``or_move_to``."""
     reason = f"{key} steps {step}{unit} in {period_ms:.3g} ms"
-    return Refused(Code.TOO_FAST, reason, f"step at most {limit}{unit}", step, limit)
+    return Refused(Code.TOO_FAST, reason, or_move_to(f"step at most {limit}{unit}", key, target), step, limit)
+
+
+def or_move_to(remedy: str, key: str, target: float | None) -> str:
+    """Return a remedy that also names ``move_to``, which plans the steps to the target.
+
+    Args:
+        remedy: The remedy of a stream of targets.
+        key: The axis.
+        target: The target of a single command. None if ``move_to`` is no remedy: for a target of a stream, and for
+            a robot that runs no planned motion. Then ``remedy`` is returned unchanged.
+    """
+    return remedy if target is None else f'{remedy}, or use move_to({{"{key}": {target:.4g}}}, seconds=2)'
 
 
 # -- services

@@ -473,19 +473,27 @@ class Teleoperation(Actor):
         )
 
     def _teleop_status(self) -> dict[str, Any]:
-        machine, newest = self._machine, self._newest
-        age_ms = (self.context.clock.now_ns() - newest.t_ns) / 1e6 if newest.t_ns else None
-        return {
-            "state": str(machine.state),
-            "why": machine.reason,
-            "leader": self._leader,
-            "leader_age_ms": None if age_ms is None else round(age_ms, 1),
-            "held": newest.held,
-            "values": {key: round(value, 2) for key, value in newest.values.items()},
-            "refused": machine.refused,
-            "differs": {key: round(value, 1) for key, value in machine.differs.items()},
-            "at_end": list(machine.limited_axes),
-        }
+        return _teleop_json(self._machine, self._newest, self._leader, self.context.clock.now_ns())
+
+
+def first_status(axes: tuple[Axis, ...], kind: Kind) -> dict[str, Any]:
+    """Return the state that ``get_task_status`` shows until the process of the teleoperation reports one."""
+    return _teleop_json(Machine(axes, kind), Frame(0, False, {}), CONNECTING, 0)
+
+
+def _teleop_json(machine: Machine, newest: Frame, leader: str, now_ns: int) -> dict[str, Any]:
+    age_ms = (now_ns - newest.t_ns) / 1e6 if newest.t_ns else None
+    return {
+        "state": str(machine.state),
+        "why": machine.reason,
+        "leader": leader,
+        "leader_age_ms": None if age_ms is None else round(age_ms, 1),
+        "held": newest.held,
+        "values": {key: round(value, 2) for key, value in newest.values.items()},
+        "refused": machine.refused,
+        "differs": {key: round(value, 1) for key, value in machine.differs.items()},
+        "at_end": list(machine.limited_axes),
+    }
 
 
 def _text(answer: Message | None) -> str:

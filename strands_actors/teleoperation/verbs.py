@@ -22,7 +22,7 @@ from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.root.messages import Operate
 
 from . import refusals
-from .actor import GRIPPER, KEY
+from .actor import GRIPPER, KEY, first_status
 from .machine import Kind
 from .teleoperator import Teleoperator, place_of_map
 
@@ -79,8 +79,9 @@ def attach(
             "map_fn": place,
             **speed,
         }
+        instruction, first = f"teleoperation by {leader.name}", first_status(driver.table, leader.kind)
         begun = await tree.rollouts.start_task(
-            ACTOR, options, f"teleoperation by {leader.name}", duration or FOR_EVER_S, hz, is_actor=True
+            ACTOR, options, instruction, duration or FOR_EVER_S, hz, is_actor=True, teleop=first
         )
         if isinstance(begun, Refused):
             return answers.refused(begun)

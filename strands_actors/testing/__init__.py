@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from .fake import FakeDriver, FakeHardware, Written
     from .faults import Cell, Faults, Victims, cells_of
     from .inline import InlineTree, open_inline_tree, run_virtual
-    from .twin import Twin
+    from .twin import Twin, move_by_hand
     from .wirelog import Entry, WireLog
 
 # These modules are imported at their first use, because the processes of a bench (``testing.bench``) import this
@@ -33,7 +33,7 @@ _MODULES = {
     "fake": ("FakeDriver", "FakeHardware", "Written"),
     "faults": ("Cell", "Faults", "Victims", "cells_of"),
     "inline": ("InlineTree", "open_inline_tree", "run_virtual"),
-    "twin": ("Twin",),
+    "twin": ("Twin", "move_by_hand"),
     "wirelog": ("Entry", "WireLog"),
 }
 
@@ -56,6 +56,7 @@ __all__ = [
     "cells_of",
     "check_driver",
     "conformance",
+    "move_by_hand",
     "open_inline_tree",
     "run_cell",
     "run_virtual",

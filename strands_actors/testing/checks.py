@@ -313,7 +313,8 @@ class _Subject:
         assert 0 < self.driver.bound_s <= MAX_BOUND_S, f"bound_s is {self.driver.bound_s}"
 
     def firmware(self) -> str:
-        assert self.driver.firmware_watchdog, "firmware_watchdog is empty: say `none: ...`, and what happens then"
+        remedy = "Write what the firmware does when all processes have ended"
+        assert self.driver.firmware_watchdog, f"firmware_watchdog is empty. {remedy}"
         return self.driver.firmware_watchdog
 
     def options(self) -> None:

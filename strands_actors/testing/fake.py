@@ -130,7 +130,7 @@ class FakeDriver(Driver):
     unit = "units"
     timing = Timing(control_hz=50.0, keepalive_s=0.02, stream_ttl_s=0.1)
     fallbacks: Mapping[Reason, SafeState] = fallbacks_for(late=SafeState.HOLD, otherwise=SafeState.LIMP)
-    firmware_watchdog = "none"
+    firmware_watchdog = "The fake robot has no firmware"
     gates = ()
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:

@@ -144,7 +144,7 @@ class Twin:
         The positions are angles of the model (radians). Joints from earlier calls keep their angles. This function
         returns when the joints have begun to move.
         """
-        self._hand = trio.run(load(_BY_HAND), str(self._control), {**self._hand, **radians})
+        self._hand = move_by_hand(str(self._control), **{**self._hand, **radians})
 
     def order(self, line: str) -> None:
         """Send an order that only the simulation of this robot (twin) knows, as a line of text."""
@@ -183,6 +183,23 @@ class Twin:
             with contextlib.suppress(BrokenPipeError):  # closing sends the orders that are not sent yet
                 self._lines.close()
             os.close(self._ours)
+
+
+def move_by_hand(control: str | os.PathLike[str], **radians: float) -> dict[str, float]:
+    """Move joints of a running twin, as a person's hand would. Joints that the motors hold do not follow.
+
+    Args:
+        control: The socket that was given to ``strands-actors twin --control``.
+        radians: Angles of the model by joint. Other joints stay where they are.
+
+    Returns:
+        The target of every joint.
+
+    Raises:
+        RuntimeError: The robot has no such joint, or no twin serves the socket.
+    """
+    moved: dict[str, float] = trio.run(load(_BY_HAND), os.fspath(control), radians)
+    return moved
 
 
 def serve(driver: str, robot: str, **options: Any) -> None:

@@ -106,8 +106,11 @@ class Admission:
         return Admitted(candidate.values, until_ns, min(message.deadline_ns, until_ns or message.deadline_ns))
 
     def service(self, message: Perform, snapshot: GateSnapshot, now_ns: int) -> Refused | None:
-        """Return a refusal for a service of the driver; None if it may run. A service that moves the robot is
-        refused whenever a setpoint would be refused."""
+        """Return a refusal for a service of the driver; None if it may run.
+
+        A service that moves the robot is refused whenever a setpoint would be refused. A service that energises the
+        robot is refused until a resume has armed it.
+        """
         refusal = self._refuse_service(message, snapshot, now_ns)
         return None if refusal is None else refusal.about(message.service)
 
@@ -129,10 +132,11 @@ class Admission:
         refusal = _refuse_by_lease(message, snapshot)
         if refusal is not None:
             return refusal
-        refusal = self._refuse_by_mode(snapshot) if self._driver.SERVICES[service].needs_armed else None
+        declared = self._driver.SERVICES[service]
+        # Only a resume arms a robot. So a service that energises is refused on a stopped robot, as a setpoint is.
+        refusal = self._refuse_by_mode(snapshot) if declared.arms(message.arguments) else None
         if refusal is not None:
             return refusal
-        declared = self._driver.SERVICES[service]
         moves = snapshot.live is not None or message.first is not None
         if moves and not (declared.in_motion or declared.ends_motion):
             return refusals.in_motion()

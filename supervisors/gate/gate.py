@@ -132,6 +132,7 @@ class Gate(Actor):
         self._services: dict[int, Deferred] = {}
         self._service = 0
         self._cause = Cause(cause)
+        self._last_cause = ""  # the cause of the stop before the last arming
         self._connect_error = "not connected yet"
         self._facts: dict[str, object] = {}
         self._last_stop: StopReport | None = None
@@ -707,7 +708,7 @@ class Gate(Actor):
             cause = f"arming failed: {message.error}"
             self._step(Event.ARM_FAILED, self._driver.fallbacks[Reason.STOP], Reason.FAULT, cause)
             return
-        self._cause = Cause()
+        self._last_cause, self._cause = self._cause.text or self._last_cause, Cause()
         self._report_stands = False
         self._advance(Event.ARM_DONE)
         self._aim_at_measured(message.observation)
@@ -760,7 +761,13 @@ class Gate(Actor):
 
     def _tell_state(self) -> None:
         state = self._state
-        self._guardian.tell(StateIs(state.mode, state.epoch, state.locked_by, self._cause.text))
+        self._guardian.tell(StateIs(state.mode, state.epoch, state.locked_by, self._present_cause))
+
+    @property
+    def _present_cause(self) -> str:
+        """Return why the robot is in its present mode; empty if it is armed. A setpoint arms a robot that holds,
+        and the gate keeps the cause of the hold for the refusals of older commands."""
+        return "" if self._state.mode in (Mode.ARMING, Mode.ARMED) else self._cause.text
 
     def _status(self) -> Status:
         observation = self._observation
@@ -771,7 +778,7 @@ class Gate(Actor):
             self._state.mode in failsafe.LINKED,
             self._connect_error,
             self._state.locked_by,
-            self._cause.text,
+            self._present_cause,
             self._leases.held.holder if self._leases.held else "",
             observation,
             age_s,
@@ -787,6 +794,7 @@ class Gate(Actor):
             self._no_motion(),
             self._leases.rollout(self.context.received_ns),
             self._cause.lapse,
+            self._cause.text or self._last_cause,
         )
 
     def _no_motion(self) -> Refused | None:

@@ -57,3 +57,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     stopped_ns: int = 0
     report_stands: bool = False
     rearming: list[Deferred] = []
+    last_cause: str = ""

@@ -247,7 +247,7 @@ class Status(Message, frozen=True):
     connected: bool
     connect_error: str
     locked_by: str
-    cause: str  # why the robot is in its safe state, for people
+    cause: str  # why the robot is in its safe state, for people; empty while it is armed
     holder: str
     observation: Observation | None
     age_s: float  # age of the observation in seconds; -1 without an observation
@@ -264,6 +264,7 @@ class Status(Message, frozen=True):
     no_motion: Refused | None = None  # refusal that every setpoint would get now; None if setpoints are possible
     rollout: Writing | None = None
     lapse: str = ""  # how the last command ended (``cause.Lapse``), if no stop or fault ended it; otherwise empty
+    last_stop_cause: str = ""  # why the robot last stopped or held, for people, also while it is armed again
 
 
 BROUGHT = 0

@@ -344,6 +344,7 @@ class Commands(Actor):
             "connect_error": status.connect_error,
             "locked_by": status.locked_by,
             "cause": status.cause,
+            "last_stop_cause": status.last_stop_cause,
             "lease": status.holder,
             "age_s": status.age_s,
             "refusals": status.refusals,

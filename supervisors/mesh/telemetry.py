@@ -188,6 +188,7 @@ class Telemetry(Actor):
         if status is not None:
             health |= {
                 "cause": status.cause,
+                "last_stop_cause": status.last_stop_cause,
                 "connect_error": status.connect_error,
                 "faults": _faults(status),
                 "refusals": status.refusals,

@@ -126,6 +126,7 @@ class StartTask(Message, frozen=True):
         deadline_ns: The process does nothing if it has not begun by this time; 0 for no deadline.
         is_actor: True if the factory makes an actor that sends the setpoints itself. It is called as
             ``factory(rollout, report, **options)``.
+        teleop: For a teleoperation: its state as JSON, until its process reports one.
     """
 
     provider: str
@@ -133,6 +134,7 @@ class StartTask(Message, frozen=True):
     rollout: Rollout
     deadline_ns: int = 0
     is_actor: bool = False
+    teleop: dict[str, Any] = msgspec.field(default_factory=dict)
 
 
 class Operate(Message, frozen=True):

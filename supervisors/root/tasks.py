@@ -146,6 +146,7 @@ class Tasks(Actor):
             "rollout": msgspec.to_builtins(message.rollout),
             "deadline_ns": message.deadline_ns,
             "is_actor": message.is_actor,
+            "teleop": message.teleop,
             "limits": self._limits,
         }
         if (late := self._refuse_late(message)) is not None:
@@ -163,7 +164,7 @@ class Tasks(Actor):
         self._process_ended = trio.Event()
         late = self._refuse_late(message)
         if late is None:
-            self.status = TaskStatus(running=True, instruction=message.rollout.instruction)
+            self.status = TaskStatus(running=True, instruction=message.rollout.instruction, teleop=message.teleop)
         else:
             process.kill()
         self.context.start_soon(self._attend, process)
@@ -269,6 +270,17 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         if not status.running:
             ended.set()
 
+    def refuse(detail: str) -> None:
+        report(
+            TaskStatus(
+                False,
+                exit_reason="refused",
+                exit_detail=detail,
+                instruction=rollout.instruction,
+                teleop=args["teleop"],
+            )
+        )
+
     def make() -> Any:
         return load(args["provider"])(**args["options"])
 
@@ -284,8 +296,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         link = Link(node, sock, on_closed=lambda: os._exit(0))
         await nursery.start(link.run)
         if 0 < args["deadline_ns"] <= node.clock.now_ns():
-            detail = "its process began after the deadline of the request"
-            report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
+            refuse("its process began after the deadline of the request")
             await trio.sleep(LAST_WORDS_S)
             os._exit(0)
         mesh = await ZenohMesh.open(connect=[args["gate"]], secret=args["secret"])
@@ -296,8 +307,7 @@ async def _main(args: dict[str, Any], sock: socket.socket) -> None:
         try:
             msgspec.convert(args["limits"], PolicyLimits).apply()
         except (OSError, ValueError, KeyError) as error:
-            detail = f"policy_limits cannot be applied: {error}"
-            report(TaskStatus(False, exit_reason="refused", exit_detail=detail, instruction=rollout.instruction))
+            refuse(f"policy_limits cannot be applied: {error}")
             await trio.sleep(LAST_WORDS_S)
             os._exit(0)
         nursery.start_soon(node.cell(actors.introspection("policy"), Introspector, "introspection").run)

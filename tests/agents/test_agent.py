@@ -120,7 +120,7 @@ def test_a_refusal_reaches_the_model_as_a_typed_result_and_the_next_call_moves(a
     assert model.offered[0]["name"] == "so101"
 
 
-def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
+def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin, monkeypatch: pytest.MonkeyPatch) -> None:
     assert call(arm, {"action": "status"})["content"][0]["json"]["state"] == "armed"
     sensors = json_of(call(arm, {"action": "sensors"}))
     assert list(sensors["positions"]) == list(arm.get_observation())
@@ -131,7 +131,8 @@ def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin) -> None:
     assert set(torque_now(twin.log).values()) == {0}
     refused = why(call(arm, moves(gripper=40.0)[1]))
     assert refused.startswith("move_to: the robot is disarmed"), refused
-    assert refused.endswith("set_torque with enabled=true energises it"), "the message names verbs of an agent"
+    assert refused.endswith("set_torque with enabled=true energises it, which an operator has to approve"), refused
+    monkeypatch.setenv(ALLOW, "set_torque")
     assert json_of(call(arm, {"action": "set_torque", "enabled": True}))["armed"] is True
     json_of(call(arm, moves(gripper=40.0)[1]))
     assert json_of(call(arm, {"action": "stop", "targets": "at once"}))["safe_state"] == "limp"
@@ -159,7 +160,26 @@ def test_an_undeclared_input_is_never_written(arm: RealRobot, twin: Twin) -> Non
     assert state(arm) == "armed"
 
 
-def test_an_agent_does_not_lift_an_operators_lockout(arm: RealRobot, twin: Twin) -> None:
+def test_saf_014_an_agent_does_not_energise_a_stopped_robot_without_an_operator(
+    arm: RealRobot, twin: Twin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is named in ``guarded=`` here. The operator's own ``resume()`` needs no approval."""
+    monkeypatch.delenv(ALLOW, raising=False)
+    json_of(arm.stop())
+    stopped_ns = time.monotonic_ns()
+    refused = call(arm, {"action": "set_torque", "enabled": True})
+    assert why(refused).startswith("set_torque: set_torque needs an operator's approval: no operator can be asked")
+    assert refused["content"][1]["json"]["refused"]["code"] == "not_approved"
+    assert state(arm) == "disarmed" and not twin.log.host("enable", stopped_ns)
+    json_of(arm.resume())
+    json_of(call(arm, {"action": "set_torque", "enabled": False}))  # a stop needs no approval
+
+
+def test_an_agent_does_not_lift_an_operators_lockout(
+    arm: RealRobot, twin: Twin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not even if the operator allows the agent to energise the arm."""
+    monkeypatch.setenv(ALLOW, "set_torque")
     from strands_actors.caller.session.portal import portal
     from strands_actors.contract.driver import Reason
 

@@ -137,7 +137,7 @@ def test_status_has_the_same_keys_in_every_state(twin: Twin, new_arm: NewArm) ->
 
 def test_a_trio_program_has_every_verb(twin: Twin) -> None:
     async def main() -> None:
-        async with open_robot("so101", mode="real", port=twin.port, guarded=("set_torque",)) as robot:
+        async with open_robot("so101", mode="real", port=twin.port) as robot:
             assert (robot.tool_name, robot.name, robot.tool_spec["name"]) == ("so101",) * 3
             moved = json_of(await robot.send_action({"shoulder_pan": 10.0}))
             assert moved == {"commanded": {"shoulder_pan": 10.0}, "unit": "degrees (gripper: percent open)"}

@@ -80,6 +80,21 @@ def test_inputs_become_an_action() -> None:
 
 
 @pytest.mark.parametrize(
+    ("given", "needs_approval"),
+    [
+        ({"action": "set_torque", "enabled": True}, True),
+        ({"action": "set_torque", "enabled": False}, False),
+        ({"action": "stop"}, False),
+        ({"action": "move_to", "targets": {}}, False),
+    ],
+)
+def test_saf_014_energising_needs_an_approval_and_releasing_needs_none(
+    given: dict[str, Any], needs_approval: bool
+) -> None:
+    assert called(ARM, given).needs_approval is needs_approval
+
+
+@pytest.mark.parametrize(
     ("given", "kind"),
     [
         ({"action": "status"}, "read"),

@@ -98,6 +98,11 @@ def test_with_allow_motion_it_moves_within_limits_and_is_safe_at_the_end(twin: T
             code, output = await command(run_dir, "--port", twin.port)  # a second server for the same robot
             assert (code, output.count("\n")) == (2, 1), output
             assert "in use by" in output
+            json_of(await use(client, action="stop"))
+            # The server has no terminal on which a person could approve it.
+            refusal = await use(client, action="set_torque", enabled=True)
+            assert "set_torque needs an operator's approval" in why(refusal)
+            assert json_of(await use(client, action="status"))["state"] == "disarmed"
 
     run(main)
     until(lambda: goals(twin.log.host("setpoint")[-1])[1] == 2161, "it goes there, and no further")

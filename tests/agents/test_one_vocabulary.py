@@ -157,6 +157,8 @@ def test_a_simulation_needs_no_approval() -> None:
     assert sims and all(isinstance(driver, SimDriver) for driver in sims)
     assert not any(asked(driver, name).needs_approval for driver in sims for name in undeclared(driver))
     assert asked(REAL["crazyflie"], "takeoff").needs_approval
+    assert not asked(DRIVERS["so101:sim"], "set_torque").needs_approval
+    assert asked(REAL["so101"], "set_torque").needs_approval and asked(REAL["koch"], "set_torque").needs_approval
 
 
 def test_the_refusal_of_a_service_names_the_level_that_has_it() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from strands_actors.drivers import list_native_drivers
 from strands_actors.surfaces.cli import run
+from strands_actors.surfaces.cli.packages import missing_extras
 from strands_actors.version import __version__
 
 from .command import Command
@@ -38,6 +40,9 @@ from .command import Command
         (["drill", "nope", "--twin", "--yes"], "`strands-actors list` has them all"),
         (["twin", "so101", "--port-file", "port", "--fault", "off:99"], "Use one of 1, 2, 3, 4, 5, 6"),
         (["send", "nobody", "x=1"], "nobody is not on the mesh"),
+        (["mcp", "so101", "--id", "my arm"], "mcp: Robot: id is 'my arm'"),
+        (["drill", "so101", "--twin", "--yes", "--id", "my arm"], "drill: Robot: id is 'my arm'"),
+        (["drill", "so101", "--twin", "--yes", "--id", ""], "drill: Robot: id is ''"),
         (["record", "one", "-o", "a", "--dataset", "b"], "one of the two"),
         (["record", "one", "-o", "a", "--fps", "7", "--camera", "eye"], "--fps, --camera: of a dataset's episodes"),
         (["teleop", "so101", "--twin", "--port", "P", "--from", "keyboard"], "--port and --twin are both given"),
@@ -103,10 +108,11 @@ def test_help_names_every_command(cli: Command) -> None:
 def test_list_shows_the_driver_of_each_robot(cli: Command) -> None:
     rows = {row["robot"]: row for row in cli.json("list", "--all")["robots"]}
     needed = "pip install 'lerobot[feetech]'"
-    both = {"robot": "so101", "driver": "FeetechDriver", "coverage": ["lerobot", "strands"], "missing": needed}
-    assert rows["so101"] == {**both, "experimental": {}}
-    nobody = {"robot": "ability_hand", "driver": None, "coverage": [], "missing": None}
-    assert rows["ability_hand"] == {**nobody, "experimental": {}}
+    both = {"driver": "FeetechDriver", "coverage": ["lerobot", "strands"], "missing": needed}
+    wire = {"wire": "feetech", "port": "serial", "twin": True}
+    assert rows["so101"] == {"robot": "so101", **both, **wire, "experimental": {}}
+    nobody = {"driver": None, "coverage": [], "missing": None, "wire": None, "port": None, "twin": False}
+    assert rows["ability_hand"] == {"robot": "ability_hand", **nobody, "experimental": {}}
     drawn = cli.run("list", "--all").stdout
     assert all(robot in drawn for robot in rows)
     assert "lerobot: pip install" in drawn  # LeRobot could drive it, but is not installed here
@@ -115,10 +121,21 @@ def test_list_shows_the_driver_of_each_robot(cli: Command) -> None:
 def test_list_shows_first_the_robots_that_work_here(cli: Command) -> None:
     robots = {row["robot"] for row in cli.json("list")["robots"]}
     assert robots == set(list_native_drivers())
-    left = len(cli.json("list", "--all")["robots"]) - len(robots)
+    others = [row for row in cli.json("list", "--all")["robots"] if row["robot"] not in robots]
+    by_lerobot = sum(bool(row["coverage"]) for row in others)
     drawn = cli.run("list").stdout
-    assert "ability_hand" not in drawn and "so101" in drawn
-    assert f"{left} more" in drawn and "--all" in drawn
+    assert "ability_hand" not in drawn and "omx" not in drawn
+    assert re.search(r"^ *so101 +feetech +serial +yes +strands *$", drawn, re.MULTILINE)
+    assert f"\n{by_lerobot} more are driven by LeRobot, which is not installed: --all shows them\n" in drawn
+    assert f"\n{len(others) - by_lerobot} more are known by name and have no driver: --all shows them\n" in drawn
+
+
+def test_list_names_the_extras_that_are_not_installed(cli: Command) -> None:
+    absent = cli.json("list")["not_installed"]
+    assert absent == missing_extras()
+    drawn = cli.run("list").stdout
+    named = re.findall(r"^extra (\w+) is not installed: (.+)$", drawn, re.MULTILINE)
+    assert dict(named) == absent
 
 
 def test_list_names_the_experimental_ways_to_connect(cli: Command) -> None:
@@ -176,7 +193,7 @@ def test_with_json_a_problem_is_an_object_too(
 @pytest.mark.parametrize(
     ("arguments", "keys"),
     [
-        (["list"], {"robots", "experimental"}),
+        (["list"], {"robots", "experimental", "not_installed"}),
         (["tree"], {"robots"}),
         (["mesh", "status"], {"robots"}),
         (["doctor"], {"ok", "checks"}),

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 FENCE = re.compile(r"^( *)```(\w+)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
+NEEDS_LEROBOT = "<!-- needs LeRobot -->"
 ANYTHING = "..."
 NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?!\w|\.[\d.])")
 TOLERANCE = 2.0
@@ -31,12 +32,15 @@ class Block(NamedTuple):
     line: int
     language: str
     source: str
+    needs_lerobot: bool = False
+    """True if the comment ``NEEDS_LEROBOT`` stands above it. ``tests/lerobot`` runs it."""
 
 
 def blocks_of(page: Path) -> Iterator[Block]:
     text = page.read_text()
     for fence in FENCE.finditer(text):
-        yield Block(text.count("\n", 0, fence.start()) + 2, fence[2], textwrap.dedent(fence[3]))
+        marked = text[: fence.start()].rstrip().endswith(NEEDS_LEROBOT)
+        yield Block(text.count("\n", 0, fence.start()) + 2, fence[2], textwrap.dedent(fence[3]), marked)
 
 
 def announced(source: str) -> list[str]:

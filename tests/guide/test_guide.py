@@ -25,6 +25,8 @@ __all__ = ["cli"]
 PAGES = sorted((ROOT / "docs" / "guide").glob("*.md"))
 LONG = {"first-arm", "from-a-vendors-sdk", "from-ros2"}
 """Pages that would make the ordinary run longer than half a minute for all pages."""
+TITLE = ["so101", "wire"]
+"""Behind ``strands-actors`` this is the title of a process, in docs/architecture.md."""
 INLINE = re.compile(r"`(strands-actors\s[^`]+)`")
 
 CASES = [pytest.param(page, id=page.stem, marks=[pytest.mark.long] if page.stem in LONG else []) for page in PAGES]
@@ -57,6 +59,8 @@ def commands(page: Path) -> Iterator[list[str]]:
     shell = [block.source.replace("\\\n", " ") for block in blocks_of(page) if block.language == "sh"]
     inline = [code.replace("\n", " ") for code in INLINE.findall(FENCE.sub("", page.read_text()))]
     for line in "\n".join((*shell, *inline)).splitlines():
+        if "strands-actors" not in line:
+            continue
         parts = shlex.shlex(line, posix=True, punctuation_chars=True)
         parts.whitespace_split = True
         words = list(parts)
@@ -82,10 +86,19 @@ def problem(words: list[str]) -> str:
     return ""
 
 
-def test_the_commands_and_options_of_the_pages_exist() -> None:
-    used = [(page.name, words) for page in PAGES for words in commands(page)]
+def test_the_commands_and_options_of_all_pages_exist() -> None:
+    pages = (*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"))
+    used = [(page.name, words) for page in pages for words in commands(page)]
     assert {words[0] for _, words in used} >= {"demo", "tree", "calibrate", "drill", "mcp"}
-    assert [f"{page}: {why}" for page, words in used if (why := problem(words))] == []
+    assert [f"{page}: {why}" for page, words in used if words != TITLE and (why := problem(words))] == []
+
+
+def test_only_the_last_block_of_the_first_arm_needs_lerobot() -> None:
+    marked = {page.stem: [block.needs_lerobot for block in blocks_of(page)] for page in PAGES}
+    assert [name for name, blocks in marked.items() if any(blocks)] == ["first-arm"]
+    assert marked["first-arm"].index(True) == len(marked["first-arm"]) - 1, (
+        "tests/lerobot/test_first_arm.py runs it"
+    )
 
 
 # -- the rules themselves

@@ -9,11 +9,13 @@ import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import pytest
+import yaml
 
-from docs.site import diagrams, docstrings, facts, gates, markdown, offline, robots, sources
+from docs.site import api, diagrams, docstrings, facts, gates, markdown, offline, robots, sources
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.drivers.spot.driver import Spot
@@ -55,6 +57,26 @@ def test_every_robot_has_a_page_with_its_joints_and_a_place_in_the_navigation() 
     }
     assert lacking == {}
     assert [robot for robot in list_native_drivers() if f"[`{robot}`]({robot}.md)" not in pages[robots.INDEX]] == []
+    for robot in list_native_drivers():
+        page = pages[robots.place_of(robot)]
+        assert "\n## What has been seen on a real one\n" in page and "(../seen-on-real-robots.md#" in page
+
+
+def test_no_page_is_twice_in_the_navigation() -> None:
+    _, _, navigation = (ROOT / "docs" / "site" / "mkdocs.yml").read_text().partition("\nnav:\n")
+    written = [*places(yaml.safe_load(navigation)), *places(robots.navigation()), *places(api.navigation())]
+    twice = {place for place in written if written.count(place) > 1}
+    assert twice == {robots.INDEX, api.INDEX}, "the hook replaces these two"
+
+
+def places(entries: list[Any]) -> Iterator[str]:
+    """Yield the places of a navigation."""
+    for entry in entries:
+        if isinstance(entry, str):
+            yield entry
+        else:
+            for value in entry.values():
+                yield from places(value if isinstance(value, list) else [value])
 
 
 @pytest.mark.parametrize("robot", ["so101", "unitree_g1"])
@@ -80,6 +102,12 @@ def test_a_page_agrees_with_the_table_of_the_driver(robot: str) -> None:
     assert [row[0].strip("`") for row in rows(page, "Verbs and services")] == [
         verb.name for verb in driver.TOOL_VERBS
     ]
+
+
+def test_a_joint_that_turns_without_end_has_no_limit_on_its_page() -> None:
+    joints = {row[0]: row[4:6] for row in rows(robots.robot_page("kinova_gen3"), "Joints")}
+    assert joints["`joint_1`"] == ["no limit", "no limit"]
+    assert joints["`joint_2`"] == ["-2.24", "2.24"]
 
 
 def test_a_page_has_the_worst_time_of_each_victim_in_the_kill_matrix() -> None:
@@ -237,7 +265,7 @@ def broken_links(site: Path) -> Iterator[str]:
     for path, page in pages.items():
         for link in page.links:
             target, _, anchor = link.partition("#")
-            if re.match(r"[a-z]+:", link) or path.name == "404.html":
+            if re.match(r"[a-z]+:", link):
                 continue
             file = (path.parent / target.partition("?")[0]).resolve() if target else path
             if not file.is_file() or (anchor and file in pages and anchor not in pages[file].anchors):
@@ -253,6 +281,7 @@ def test_the_site_is_built_without_a_warning_and_works_from_a_folder(tmp_path: P
         page = (site / "robot" / f"{robot}.html").read_text()
         assert [key for key in built(robot).axes if f"<code>{key}</code>" not in page] == [], robot
     assert list(broken_links(site)) == []
+    assert not (site / "404.html").exists()
     assert offline.foreign_resources(site) == []
     assert (site / "search" / "search_index.js").read_text().startswith("var __index = {")
     assert (site / "api" / "strands_actors.contract.html").read_text().count("doc-class") > 20

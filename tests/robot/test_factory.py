@@ -19,8 +19,8 @@ PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
 KEYWORDS = (
-    "It takes baud, baud_rate, calibration, cameras, data_config, max_jump, max_relative_target, mesh, motor_ids, "
-    "port, require_drill, sim, timeout, tool_name, transport"
+    "It takes baud, baud_rate, calibration, cameras, data_config, id, max_jump, max_relative_target, mesh, "
+    "motor_ids, port, require_drill, sim, timeout, tool_name, transport"
 )
 SERVOS = "Give 6 different ids, 0 to 252, in the order shoulder_pan, shoulder_lift, elbow_flex, wrist_flex"
 
@@ -57,6 +57,11 @@ REFUSALS: list[tuple[str, dict[str, Any], tuple[str, ...]]] = [
     ("so101", {**PORT, "tool_name": ""}, ("tool_name is ''",)),
     ("so101", {**PORT, "tool_name": "arm\n"}, ("tool_name is",)),
     ("so101", {"tool_name": "my arm"}, ("tool_name is 'my arm'",)),
+    ("so101", {"id": "my arm"}, ("id is 'my arm'", "1 to 64 of A-Z a-z 0-9 _ -")),
+    ("so101", {"peer_id": "my arm"}, ("peer_id is 'my arm'",)),
+    ("so101", {"id": 7}, ("id is 7",)),
+    ("so101", {"id": "left", "tool_name": "right"}, ("id and tool_name are both given", "Give one of them")),
+    ("so101", {"id": "left", "peer_id": "right"}, ("id and peer_id are both given",)),
     ("so101", {"mode": "dream", "port": "x"}, ("mode is 'dream'", "'sim', 'real', 'auto'", "upper or lower case")),
     ("so101", {"mode": None}, ("mode is None", "'sim', 'real', 'auto'")),
     ("so101", {**PORT, "baud": 9600}, ("baud is 9600", "1000000, 500000")),
@@ -253,6 +258,14 @@ def test_the_refusal_of_a_missing_port_names_the_serial_devices(
         Robot("so101", mode="real")
     for part in ("so101 needs 'port'", "port='/dev/ttyACM0'", text, "a path is not an identity"):
         assert part in str(refusal.value)
+
+
+@pytest.mark.parametrize("keyword", ["id", "tool_name", "peer_id"])
+def test_the_id_of_a_robot_has_the_names_of_lerobot_and_of_strands_robots(keyword: str) -> None:
+    for made in (Robot("so101", **{keyword: "left"}), Robot("so101", **PORT, **{keyword: "left"}, mesh=False)):
+        assert made.id == made.tool_name == made.name == made.peer_id == "left"
+    assert Robot("so101", id="left", tool_name="left").id == "left", "the same id may be given twice"
+    assert Robot("so101").id == "so101"
 
 
 def test_a_robot_can_be_made_by_any_of_its_names_and_starts_nothing() -> None:

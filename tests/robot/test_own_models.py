@@ -185,16 +185,16 @@ def test_objects_are_drawn_fall_and_can_be_removed(arm: SimRobot) -> None:
     json_of(arm.step(500))
     json_of(arm.add_camera("front", position=[1.2, 0.3, 0.2], target=[0.2, 0.3, 0.2], fov=50))
     cube: dict[str, Any] = {"size": [0.05, 0.05, 0.05], "mass": 0.05}
-    red = {"position": [0.2, 0.4, 0.4], "color": [1, 0, 0], "is_static": True}
-    assert json_of(arm.add_object("red", **cube, **red)) == {"added": "red"}
+    green = {"position": [0.2, 0.4, 0.4], "color": [0, 1, 0], "is_static": True}
+    assert json_of(arm.add_object("green", **cube, **green)) == {"added": "green"}
     json_of(arm.add_object("blue", position=[0.2, 0.2, 0.4], color=[0, 0, 1, 1], **cube))
     assert after(arm, 500)["shoulder_pan"] == pytest.approx(20.0, abs=1.0), "the arm keeps its target"
     picture = arm.render(96, 72, "front").astype(int)
-    high, low = rows_of(picture, 0), rows_of(picture, 2)
+    high, low = rows_of(picture, 1), rows_of(picture, 2)
     assert len(high) > 4 and len(low) > 4
-    assert low.mean() > high.mean() + 15, "the red cube is fixed, and the blue one has fallen"
-    json_of(arm.remove_object("red"))
-    assert len(rows_of(arm.render(96, 72, "front").astype(int), 0)) < 3
+    assert low.mean() > high.mean() + 15, "the green cube is fixed, and the blue one has fallen"
+    json_of(arm.remove_object("green"))
+    assert len(rows_of(arm.render(96, 72, "front").astype(int), 1)) < 3
     json_of(arm.send_action({"shoulder_pan": 0.0}))
     until(lambda: abs(arm.get_observation()["shoulder_pan"]) < 1.5, "the arm still moves")
 

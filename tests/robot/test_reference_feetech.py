@@ -15,6 +15,7 @@ import pytest
 
 from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
+from strands_actors.kernel.processes.guard import ALLOW
 from strands_actors.testing import Twin
 from tests.answers import json_of, status, task, task_ended, until, why
 from tests.trees import connected
@@ -217,7 +218,11 @@ def test_a_value_that_is_not_a_boolean_neither_energises_nor_releases(bench: Rea
     assert status(bench)["epoch"] == before
 
 
-def test_an_agents_stop_releases_every_motor_and_may_be_awaited(bench: RealRobot) -> None:
+def test_an_agents_stop_releases_every_motor_and_may_be_awaited(
+    bench: RealRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "operator's approval" in why(ask(bench, action="set_torque", enabled=True)), "not so in the reference"
+    monkeypatch.setenv(ALLOW, "set_torque")
     assert json_of(ask(bench, action="set_torque", enabled=True))["armed"] is True
     stopped = json_of(ask(bench, action="stop"))
     assert stopped["safe_state"] == "limp" and stopped["unconfirmed"] == []

@@ -41,7 +41,7 @@ class Blinky(Driver):
     fallbacks: Mapping[Reason, str] = {  # never changed
         reason: "hold" if reason in HOLDING_REASONS else "limp" for reason in Reason
     }
-    firmware_watchdog = "none: it holds its last goal"
+    firmware_watchdog = "The robot holds its last goal"
     gates = (fresh,)
 
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:

@@ -10,17 +10,19 @@ import pytest
 from strands_actors.kernel.health import busy
 from strands_actors.surfaces.cli.doctor import (
     BROKEN,
+    NOTE,
     OK,
     WEAK,
     Check,
     _show,
     check_directory,
     check_drivers,
+    check_extras,
     check_load,
     check_python,
     examine,
-    missing_requirements,
 )
+from strands_actors.surfaces.cli.packages import missing_requirements
 from tests.cli.command import Command
 
 
@@ -36,7 +38,8 @@ def test_a_machine_on_which_the_tests_run_is_healthy(cli: Command) -> None:
     assert needed | {"load"} <= names
     for check in done["checks"]:
         assert list(check) == ["name", "state", "found", "remedy"]
-        assert check["state"] in (OK, WEAK), check
+        assert check["state"] in (OK, NOTE, WEAK), check
+        assert check["state"] != WEAK or not check["name"].startswith("extra"), check
         assert bool(check["remedy"]) == (check["state"] != OK), check
     printed = cli.run("doctor")
     assert printed.returncode == 0
@@ -108,6 +111,26 @@ def test_a_part_that_cannot_be_examined_is_a_finding_not_a_crash(monkeypatch: py
     assert (check.state, check.text) == (BROKEN, "OSError: no such bus")
 
 
+def test_a_missing_extra_is_a_note_of_one_line_with_its_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    requirements = ["trio>=0.30", "no-such-package-1; extra == 'spot'", "no-such-package-2; extra == 'docs'"]
+    monkeypatch.setattr("strands_actors.surfaces.cli.doctor.metadata.requires", lambda _: requirements)
+    checks = list(check_extras())
+    assert [(check.name, check.state) for check in checks] == [("packages", OK), ("extra spot", NOTE)]
+    assert checks[1].as_json()["remedy"] == "pip install 'strands-actors[spot]'"
+    _show(checks)
+    lines = capsys.readouterr().out.splitlines()
+    assert " ".join(lines[1].split()) == "note extra spot not installed: pip install 'strands-actors[spot]'"
+    assert lines[2:] == ["everything a robot needs is here"]
+
+
+def test_a_missing_package_that_every_robot_needs_is_a_defect(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("strands_actors.surfaces.cli.doctor.metadata.requires", lambda _: ["no-such-package-1"])
+    (check,) = check_extras()
+    assert (check.state, check.text) == (BROKEN, "missing: no-such-package-1")
+
+
 def test_missing_requirements_are_listed_by_extra() -> None:
     requirements = [
         "trio>=0.30",
@@ -117,6 +140,7 @@ def test_missing_requirements_are_listed_by_extra() -> None:
         "no-such-package-3; python_version < '3.0'",
         "no-such-package-4; python_version < '3.0' and extra == 'agent'",
         "no-such-package-5; extra == 'test'",
+        "no-such-package-7; extra == 'bench'",
         f"no-such-package-6; platform_machine != '{os.uname().machine}' and extra == 'agent'",
         "strands-actors[agent]; extra == 'all'",
     ]

@@ -29,6 +29,7 @@ from strands_actors.surfaces.drill.certificate import (
     parse_age_s,
     path_of,
 )
+from strands_actors.surfaces.drill.report import Peer, parse
 from strands_actors.surfaces.drill.steps import Drill
 from strands_actors.testing.bench import driver_of
 from tests.cli.command import Command
@@ -118,6 +119,9 @@ def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robo
     assert set(kept.versions) == {"strands-actors", "python", "system"}
     assert len(kept.results) == len(STEPS[robot])
     assert find(robot, config(robot)) == kept
+    report = parse(json.dumps(done["report"]).encode())
+    assert (report.peer, report.robot, report.passed) == (Peer.TWIN, robot, True)
+    assert [each.step for each in report.steps] == STEPS[robot]
 
 
 def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tmp_path: Path) -> None:

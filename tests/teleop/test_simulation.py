@@ -88,6 +88,28 @@ def test_wrong_arguments_are_refused(sim: SimRobot) -> None:
     assert "deadman is 'foot'" in why(sim.attach_teleop(leader, deadman="foot"))
 
 
+def test_the_status_has_every_key_of_a_teleoperation_from_its_start_to_its_end(sim: SimRobot) -> None:
+    begun = json_of(sim.attach_teleop(Teleoperator("keyboard")))
+    first = task(sim)
+    assert first["running"] and begun["teleop"].keys() == first["teleop"].keys()
+    assert begun["teleop"] == {
+        "state": "idle",
+        "why": "the dead-man is not held",
+        "leader": "connecting",
+        "leader_age_ms": None,
+        "held": False,
+        "values": {},
+        "refused": 0,
+        "differs": {},
+        "at_end": [],
+    }
+    led = until(lambda: now if (now := task(sim))["teleop"]["leader"] == "connected" else None, "it is led")
+    assert led["teleop"].keys() == first["teleop"].keys()
+    json_of(sim.stop())
+    ended = task(sim)
+    assert ended["exit_reason"] and ended["teleop"].keys() == first["teleop"].keys()
+
+
 SLIPS: list[tuple[dict[str, Any], str]] = [
     ({"held": "False", "shoulder_pan": 0.5}, "held is 'False'. Give True or False"),
     ({"held": 1}, "held is 1. Give True or False"),

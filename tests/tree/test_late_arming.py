@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+import msgspec
 import pytest
 import trio
 
@@ -32,7 +33,7 @@ from strands_actors.supervisors.wire.transport import Transport
 from strands_actors.testing import FakeHardware, InlineTree, open_inline_tree, run_virtual
 from strands_actors.testing.fake import AXES, HARDWARE, FakeDriver, FakeWire
 
-from .writer import Writer
+from .writer import Writer, armed
 
 LATE_S = 0.2
 MOMENTS = [n * LATE_S / 6 for n in range(1, 7)]
@@ -65,6 +66,8 @@ class LateWire(FakeWire):
 
     hangs = False
     """Whether arming hangs in a call of an SDK that cannot be cancelled."""
+    energises = True
+    """Whether arming energises the robot. If not, a service does, as a Spot's ``stand``."""
 
     def _late(self) -> LateHardware:
         assert isinstance(self._hardware, LateHardware)
@@ -75,7 +78,8 @@ class LateWire(FakeWire):
         if self.hangs:
             trio.lowlevel.spawn_system_task(self._late().carry_out, self._clock)
             raise ProcessSpent("the SDK did not return")
-        await self._late().carry_out(self._clock)
+        if self.energises:
+            await self._late().carry_out(self._clock)
         return self._observe()
 
     async def perform(self, service: str, arguments: Mapping[str, Any], permit: Permit) -> dict[str, Any] | Refused:
@@ -106,6 +110,13 @@ def robot(port: str) -> tuple[LateHardware, LateDriver]:
     return hardware, driver
 
 
+@pytest.fixture
+def runs_when_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a stopped robot run the service, as it may run a service that only takes power away."""
+    released = msgspec.structs.replace(LateDriver.SERVICES["power"], releases=True)
+    monkeypatch.setattr(LateDriver, "SERVICES", {"power": released})
+
+
 def transport_of(tree: InlineTree) -> Transport:
     actor = tree.node.cells[tree.gate.address.replace("gate", "transport")].actor
     assert isinstance(actor, Transport)
@@ -133,15 +144,25 @@ async def arm(tree: InlineTree) -> Message | None:
 
 
 async def power(tree: InlineTree, **arguments: Any) -> Message | None:
-    """Ask for the service that powers the motors, while the robot is not armed."""
+    """Ask for the service that powers the motors of an armed robot. Its arming takes no time."""
+    return await powered_by(await armed(tree), **arguments)
+
+
+async def power_as_is(tree: InlineTree) -> Message | None:
+    """Ask for the service that switches the motors' power, without arming the robot first."""
     writer = Writer(tree)
     await writer.acquire()
+    return await powered_by(writer)
+
+
+async def powered_by(writer: Writer, **arguments: Any) -> Message | None:
     return await writer.ref.ask(Perform(writer.lease.id, writer.lease.epoch, "power", arguments), 5.0)
 
 
 @pytest.fixture(params=["resume", "power"])
-def begin(request: pytest.FixtureRequest) -> Begin:
+def begin(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Begin:
     """Ask for an arming, or for a service that powers the motors."""
+    monkeypatch.setattr(LateWire, "energises", request.param == "resume")
 
     async def ask(tree: InlineTree) -> Any:
         return await (arm(tree) if request.param == "resume" else power(tree))
@@ -318,7 +339,9 @@ def test_saf_021_a_wire_whose_sdk_hangs_while_arming_confirms_nothing(
     run_virtual(run)
 
 
-def test_saf_021_a_service_that_timed_out_may_still_take_effect() -> None:
+def test_saf_021_a_service_that_timed_out_may_still_take_effect(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(LateWire, "energises", False)
+
     async def run() -> None:
         hardware, driver = robot("gives-up")
         async with open_inline_tree(hardware, driver=driver) as tree:
@@ -332,13 +355,14 @@ def test_saf_021_a_service_that_timed_out_may_still_take_effect() -> None:
     run_virtual(run)
 
 
+@pytest.mark.usefixtures("runs_when_stopped")
 def test_saf_021_a_link_lost_during_a_service_is_confirmed_when_nothing_can_take_effect_any_more() -> None:
     """Every motor confirms the first safe frame on the new link, and the robot is energised after it."""
 
     async def run() -> None:
         hardware, driver = robot("lost")
         async with open_inline_tree(hardware, driver=driver) as tree, trio.open_nursery() as nursery:
-            nursery.start_soon(power, tree)
+            nursery.start_soon(power_as_is, tree)
             await trio.sleep(LATE_S / 4)
             hardware.plugged = False
             await tree.until("down")
@@ -354,6 +378,7 @@ def test_saf_021_a_link_lost_during_a_service_is_confirmed_when_nothing_can_take
     run_virtual(run)
 
 
+@pytest.mark.usefixtures("runs_when_stopped")
 def test_saf_021_a_robot_that_a_service_has_powered_must_be_made_safe() -> None:
     """If root and wire end then, the standby acts, although the robot was never armed."""
 
@@ -362,7 +387,7 @@ def test_saf_021_a_robot_that_a_service_has_powered_must_be_made_safe() -> None:
         async with open_inline_tree(hardware, driver=driver) as tree:
             safety_page = transport_of(tree)._safety_page
             assert not safety_page.may_be_energised
-            await power(tree)
+            await power_as_is(tree)
             assert hardware.energised == ON and safety_page.may_be_energised
             report = await tree.gate.ask(Stop(Reason.STOP, "test"), 5.0)
             assert isinstance(report, StopReport) and report.confirmed
@@ -377,8 +402,9 @@ def test_saf_021_a_stop_does_not_wait_for_requests_that_were_answered() -> None:
     async def run() -> None:
         hardware, driver = robot("armed")
         async with open_inline_tree(hardware, driver=driver) as tree:
-            for begin in (arm, power):
-                await begin(tree)
+            for services in (False, True):
+                assert isinstance(await arm(tree), Resumed)
+                assert not services or not isinstance(await power_as_is(tree), Refused)
                 assert hardware.energised == ON
                 stopped_ns = tree.node.clock.now_ns()
                 report = await tree.gate.ask(Stop(Reason.STOP, "test"), 5.0)

@@ -82,11 +82,11 @@ def test_saf_014_a_service_that_is_refused_or_fails(service: str, arguments: dic
     run_virtual(run)
 
 
-def test_saf_002_a_service_that_needs_an_armed_robot_is_refused_between_a_stop_and_a_resume(
+def test_saf_002_a_service_that_powers_motors_is_refused_between_a_stop_and_a_resume(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also if the wire of a stopped robot could perform it, because the motors may still have power."""
-    powers = Service("stand up", within_s=1.0, arguments={"times": 3}, powers=True, needs_armed=True)
+    powers = Service("stand up", within_s=1.0, arguments={"times": 3}, powers=True)
     monkeypatch.setattr(FakeDriver, "SERVICES", {"wave": powers})
 
     async def run() -> None:
@@ -102,6 +102,31 @@ def test_saf_002_a_service_that_needs_an_armed_robot_is_refused_between_a_stop_a
             await tree.gate.ask(Resume(), 1.0)
             await writer.acquire()
             assert await ask(writer, times=1) == Performed({"waved": 1})
+
+    run_virtual(run)
+
+
+@pytest.mark.parametrize(("releases", "times", "runs"), [
+    (True, 1, True),
+    ({"times": 1}, 1, True),
+    ({"times": 1}, 2, False),
+    ({"times": 3}, None, True),  # the default of the service
+    ({"times": 1}, None, False),
+])  # fmt: skip
+def test_a_service_that_only_takes_power_away_runs_on_a_stopped_robot(
+    releases: bool | dict[str, Any], times: int | None, runs: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    relax = Service("relax", within_s=1.0, arguments={"times": 3}, powers=True, releases=releases)
+    monkeypatch.setattr(FakeDriver, "SERVICES", {"relax": relax})
+
+    async def run() -> None:
+        async with open_inline_tree() as tree:
+            writer = await armed(tree)
+            await tree.gate.ask(Stop(Reason.STOP), 1.0)
+            await writer.acquire()
+            answer = await ask(writer, "relax", **({} if times is None else {"times": times}))
+            assert isinstance(answer, Performed) is runs, answer
+            assert bool(DONE) is runs
 
     run_virtual(run)
 

@@ -70,15 +70,20 @@ class AsyncRobot:
         self.driver = tree.driver
 
     @property
+    def id(self) -> str:
+        """The robot's id, as it was given by ``id=``."""
+        return self._plan.tool_name
+
+    @property
     def tool_name(self) -> str:
-        """The name of the handle, which is also the name of the tool for agents."""
+        """The robot's id, under its name in strands-robots. It is also the name of the tool for agents."""
         return self._plan.tool_name
 
     @property
     def name(self) -> str:
         """The robot's name among the robots that run.
 
-        It is ``tool_name``, with a number if another robot has that name.
+        It is ``id``, with a number if another robot has that id.
         """
         return self._tree.robot
 

@@ -293,6 +293,7 @@ def status(
         "locked_by": None if gate_status is None else gate_status.locked_by or None,
         "locked_since": None if gate_status is None else gate_status.locked_since or None,
         "cause": None if gate_status is None else gate_status.cause or None,
+        "last_stop_cause": None if gate_status is None else gate_status.last_stop_cause or None,
         "lease": None if gate_status is None else gate_status.holder or None,
         "observation_age_s": None if gate_status is None or gate_status.age_s < 0 else round(gate_status.age_s, 4),
         "writes": 0 if gate_status is None else gate_status.writes,

@@ -29,6 +29,7 @@ def Robot(
     port: str | os.PathLike[str] | None = None,
     transport: str | None = None,
     sim: SimRobot | None = None,
+    id: str | None = None,  # the name of this parameter in LeRobot
     tool_name: str | None = None,
     peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None,
@@ -66,9 +67,10 @@ def Robot(
         transport: ``"twin"``: in place of a port, start a simulated robot (twin) that speaks the real protocol.
             A driver may offer other transports.
         sim: A simulation of the same robot that the real driver connects to (with ``transport="twin"``).
-        tool_name: Name of the handle on this computer and on the mesh, 1 to 64 of A-Z a-z 0-9 _ -.
-            None: the name of the robot.
-        peer_id: The same as ``tool_name``, under its name in strands-robots.
+        id: Id of this robot: its name on this computer, on the mesh and for agents, and the name of its calibration
+            file. 1 to 64 of A-Z a-z 0-9 _ -. None: the name of the robot.
+        tool_name: The same as ``id``, under its name in strands-robots.
+        peer_id: The same as ``id``, under its name in strands-robots.
         cameras: Camera settings by camera name, with LeRobot's keys. For a simulated robot ``{"wrist": {},
             "front": {}}`` gives drawn pictures.
         data_config: Kept unchanged for code that builds a policy.
@@ -76,7 +78,7 @@ def Robot(
             cannot reach it. None: ``MeshConfig`` from the environment.
         require_drill: Refuse motion unless a stop drill was passed within this time, such as ``"30d"``.
         at: The address of another host that runs the robot, such as ``"tls/arm.example:7447"``. Then
-            ``mesh`` has the certificate, and ``tool_name`` is the robot's name there.
+            ``mesh`` has the certificate, and ``id`` is the robot's id there.
         lifetime: Least lifetime of a policy's setpoint in seconds, for a slow network.
         policy_limits: Limits of the process of a named policy: ``memory_mb``, ``cpu_s``,
             ``processors``, ``user``.
@@ -114,6 +116,7 @@ def Robot(
         port=port,
         transport=transport,
         sim=sim,
+        id=id,
         tool_name=tool_name,
         peer_id=peer_id,
         cameras=cameras,

@@ -105,8 +105,13 @@ class RealRobot(RobotTool):
         self._completing = trio.Lock()
 
     @property
+    def id(self) -> str:
+        """The robot's id, as it was given by ``id=``."""
+        return self._plan.tool_name
+
+    @property
     def tool_name(self) -> str:
-        """The name of the handle, which is also the name of the tool for agents."""
+        """The robot's id, under its name in strands-robots. It is also the name of the tool for agents."""
         return self._plan.tool_name
 
     @property
@@ -118,7 +123,7 @@ class RealRobot(RobotTool):
     def name(self) -> str:
         """The robot's name among the robots that run.
 
-        It is ``tool_name``, with a number if another robot has that name.
+        It is ``id``, with a number if another robot has that id.
         """
         return self.tool_name if self._tree is None else self._tree.robot
 
@@ -565,7 +570,8 @@ class RealRobot(RobotTool):
 
         Returns:
             A success, also if the robot does not answer. Keys, among others: ``connected``, ``connect_error``,
-            ``state`` (such as ``armed``, or ``unreachable``), ``cause`` (why the robot is in this state),
+            ``state`` (such as ``armed``, or ``unreachable``), ``cause`` (why the robot is in this state; None while
+            it is armed), ``last_stop_cause`` (why it last stopped or held, also while it is armed again),
             ``locked_by`` (the sender of an e-stop), ``lease`` (the holder of the right to command),
             ``observation_age_s``, ``last_refusal``, ``faults`` by joint, ``sensors``, ``fallbacks`` (safe state by
             reason), ``unit``.

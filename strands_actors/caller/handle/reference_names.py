@@ -33,7 +33,7 @@ ALIASES: Mapping[str, str] = {
 _SCENE = "put it into a model file: Robot(name, urdf_path='scene.xml')"
 _PHYSICS = "state(), save_state() and load_state() give and set what moves"
 _FILE = "load the model file with MuJoCo itself: the simulation runs in a process"
-_FILM = "call start_recording(), or render() in a loop"
+_FILM = "call video(path), or start_recording()"
 _RECORD = "use record_dataset() of strands_actors"
 _CAMERA = "make the robot with cameras= and call read_camera(name)"
 _TELEOP = "one leader at a time: call attach_teleop() and stop_task()"

@@ -463,35 +463,35 @@ class Microduck(RealRobot):
     def reboot_motors(self, ids: str = "", confirm: bool = False) -> Answer:
         """Restart servos; torque goes off on all of them."""
     def skills(self) -> Answer:
-        """Tell the skills that the robot has."""
+        """List the skills that the robot has."""
     def sounds(self) -> Answer:
-        """Tell the sounds that it can play."""
+        """List the sounds that it can play."""
     def play_sound(self, tag: str = "chirp") -> Answer:
         """Play a sound of its voice."""
     def theremin(self, active: bool = True) -> Answer:
         """Play by the depth sensor, the mouth moves along; or end that."""
     def mode(self) -> Answer:
-        """Tell the drive mode."""
+        """Report the drive mode."""
     def set_mode(self, mode: str = "") -> Answer:
         """Change the drive mode: it goes home, loads other policies, drives again."""
     def policies(self) -> Answer:
-        """Tell what each policy slot runs."""
+        """List the policy of each slot."""
     def load_policy(self, slot: str = "", path: str = "") -> Answer:
         """Put a file of the robot's into a policy slot; no path: back to its own."""
     def reload_policies(self) -> Answer:
         """Read all policy slots again."""
     def health(self) -> Answer:
-        """Tell what robotd says of itself."""
+        """Report the health of robotd."""
     def version(self) -> Answer:
-        """Tell the versions of robotd and of its protocol."""
+        """Report the versions of robotd and of its protocol."""
     def model(self) -> Answer:
-        """Tell the geometry of the robot."""
+        """Report the geometry of the robot."""
     def odometry(self) -> Answer:
-        """Tell where the robot believes it is."""
+        """Report the robot's estimate of its position."""
     def monitor(self) -> Answer:
-        """Tell the newest state as robotd tells it."""
+        """Report the newest state of robotd, unchanged."""
     def tof(self) -> Answer:
-        """Tell one frame of the depth sensor, 8 by 8 millimetres."""
+        """Report one frame of the depth sensor: 8 by 8 distances in millimetres."""
     def sensors(self) -> Answer:
         """Measured positions, sensors and faults."""
     def status(self) -> Answer:
@@ -618,7 +618,7 @@ class Reachy(RealRobot):
     def express(self, move: str = "", dataset: str = ...) -> Answer:
         """Play a recorded move, an emotion or a dance, to its end."""
     def list_moves(self, dataset: str = ...) -> Answer:
-        """Tell the recorded moves there are."""
+        """List the recorded moves."""
     def motors(self, mode: str = "enabled") -> Answer:
         """Give the motors torque where they are, take it away (the head drops), or let them float."""
     def say(self, text: str = "") -> Answer:
@@ -626,21 +626,21 @@ class Reachy(RealRobot):
     def play_sound(self, file: str = "") -> Answer:
         """Play a sound file of the robot's."""
     def volume(self) -> Answer:
-        """Tell the speaker's volume."""
+        """Report the speaker's volume."""
     def set_volume(self, volume: int = 50) -> Answer:
         """Set the speaker's volume."""
     def track_face(self, enabled: bool = True, weight: float = 1.0) -> Answer:
         """Let the daemon turn the head after a face, or end that; a stop ends it, too."""
     def tracking_status(self) -> Answer:
-        """Tell the face that is seen."""
+        """Report the face that the daemon tracks."""
     def camera(self) -> Answer:
-        """Tell what the camera is and where its pictures are streamed."""
+        """Report the camera, and the address at which it streams its pictures."""
     def record_audio(self, duration: float = 5.0) -> Answer:
-        """Refused: the daemon gives sound over WebRTC alone."""
+        """Refused, because the daemon sends sound only over WebRTC."""
     def turn_to_sound(self) -> Answer:
         """Turn the head towards what is heard now."""
     def turn_to_sound_status(self) -> Answer:
-        """Tell where sound comes from."""
+        """Report where sound comes from."""
     def wake_up(self) -> Answer:
         """Wake up: the head rises and nods."""
     def goto_sleep(self) -> Answer:
@@ -1040,7 +1040,7 @@ class AsyncSimulatedYahboomM3Pro(AsyncSimulation):
 def Robot(
     name: BoosterName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1052,7 +1052,7 @@ def Robot(
 def Robot(
     name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1062,7 +1062,7 @@ def Robot(
 def Robot(
     name: DynamixelName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1075,7 +1075,7 @@ def Robot(
 def Robot(
     name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1086,7 +1086,7 @@ def Robot(
 def Robot(
     name: FeetechName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1099,7 +1099,7 @@ def Robot(
 def Robot(
     name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1110,7 +1110,7 @@ def Robot(
 def Robot(
     name: G1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1122,7 +1122,7 @@ def Robot(
 def Robot(
     name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1134,7 +1134,7 @@ def Robot(
 def Robot(
     name: KinovaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1145,7 +1145,7 @@ def Robot(
 def Robot(
     name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1156,7 +1156,7 @@ def Robot(
 def Robot(
     name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1167,7 +1167,7 @@ def Robot(
 def Robot(
     name: RBY1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1178,7 +1178,7 @@ def Robot(
 def Robot(
     name: ReachyName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1189,7 +1189,7 @@ def Robot(
 def Robot(
     name: RobotiqName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1201,7 +1201,7 @@ def Robot(
 def Robot(
     name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1212,7 +1212,7 @@ def Robot(
 def Robot(
     name: StretchName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1222,7 +1222,7 @@ def Robot(
 def Robot(
     name: URName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1234,7 +1234,7 @@ def Robot(
 def Robot(
     name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1244,7 +1244,7 @@ def Robot(
 def Robot(
     name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1255,217 +1255,235 @@ def Robot(
 def Robot(
     name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, **fields: Any,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, **fields: Any,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None,
     transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> RealRobot: ...
 @overload
 def Robot(
     name: BoosterName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedBooster: ...
 @overload
 def Robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedCrazyflie: ...
 @overload
 def Robot(
     name: DynamixelName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedDynamixel: ...
 @overload
 def Robot(
     name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedEarthRover: ...
 @overload
 def Robot(
     name: FeetechName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedFeetech: ...
 @overload
 def Robot(
     name: FrankaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedFranka: ...
 @overload
 def Robot(
     name: G1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedG1: ...
 @overload
 def Robot(
     name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedGo2: ...
 @overload
 def Robot(
     name: KinovaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedKinova: ...
 @overload
 def Robot(
     name: KukaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedKuka: ...
 @overload
 def Robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedMicroduck: ...
 @overload
 def Robot(
     name: RBY1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedRBY1: ...
 @overload
 def Robot(
     name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedReachy: ...
 @overload
 def Robot(
     name: RobotiqName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedRobotiq: ...
 @overload
 def Robot(
     name: SpotName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedSpot: ...
 @overload
 def Robot(
     name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedStretch: ...
 @overload
 def Robot(
     name: URName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedUR: ...
 @overload
 def Robot(
     name: XArmName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimulatedXArm: ...
 @overload
 def Robot(
     name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
-    driver: Literal["auto", "strands", "lerobot"] = "auto", tool_name: str | None = None,
+    driver: Literal["auto", "strands", "lerobot"] = "auto", id: str | None = None, tool_name: str | None = None,
     peer_id: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
@@ -1476,19 +1494,20 @@ def Robot(
 @overload
 def Robot(
     name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> SimRobot: ...
 
 @overload
 def open_robot(
     name: BoosterName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1500,7 +1519,7 @@ def open_robot(
 def open_robot(
     name: CrazyflieName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1510,7 +1529,7 @@ def open_robot(
 def open_robot(
     name: DynamixelName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1523,7 +1542,7 @@ def open_robot(
 def open_robot(
     name: EarthRoverName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1534,7 +1553,7 @@ def open_robot(
 def open_robot(
     name: FeetechName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1547,7 +1566,7 @@ def open_robot(
 def open_robot(
     name: FrankaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1558,7 +1577,7 @@ def open_robot(
 def open_robot(
     name: G1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1570,7 +1589,7 @@ def open_robot(
 def open_robot(
     name: Go2Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1582,7 +1601,7 @@ def open_robot(
 def open_robot(
     name: KinovaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1593,7 +1612,7 @@ def open_robot(
 def open_robot(
     name: KukaName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1604,7 +1623,7 @@ def open_robot(
 def open_robot(
     name: MicroduckName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1615,7 +1634,7 @@ def open_robot(
 def open_robot(
     name: RBY1Name, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1626,7 +1645,7 @@ def open_robot(
 def open_robot(
     name: ReachyName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1637,7 +1656,7 @@ def open_robot(
 def open_robot(
     name: RobotiqName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1649,7 +1668,7 @@ def open_robot(
 def open_robot(
     name: SpotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1660,7 +1679,7 @@ def open_robot(
 def open_robot(
     name: StretchName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin", "serial"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1670,7 +1689,7 @@ def open_robot(
 def open_robot(
     name: URName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1682,7 +1701,7 @@ def open_robot(
 def open_robot(
     name: XArmName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1692,7 +1711,7 @@ def open_robot(
 def open_robot(
     name: YahboomM3ProName, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: Literal["rosbridge", "ros2", "twin"] | None = None,
-    sim: SimRobot | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    sim: SimRobot | None = None, id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
     cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
     require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
     policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
@@ -1703,217 +1722,235 @@ def open_robot(
 def open_robot(
     name: LeRobotName, mode: Literal["real", "auto"], *, driver: Literal["auto", "lerobot"] = "auto",
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, **fields: Any,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["lerobot"],
     port: str | os.PathLike[str] | None = None, transport: None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0, **fields: Any,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0, **fields: Any,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: str, mode: Literal["real", "auto"], *, driver: Literal["auto", "strands"] = "auto",
     port: str | os.PathLike[str] | None = None,
     transport: Literal["twin", "serial", "ros2", "rosbridge"] | None = None, sim: SimRobot | None = None,
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, require_drill: str | None = None,
-    at: str | None = None, lifetime: float | None = None, policy_limits: Mapping[str, Any] | None = None,
-    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
-    approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    require_drill: str | None = None, at: str | None = None, lifetime: float | None = None,
+    policy_limits: Mapping[str, Any] | None = None, arm: bool = True, approve: Approve | None = None,
+    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncRobot]: ...
 @overload
 def open_robot(
     name: BoosterName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedBooster]: ...
 @overload
 def open_robot(
     name: CrazyflieName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedCrazyflie]: ...
 @overload
 def open_robot(
     name: DynamixelName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedDynamixel]: ...
 @overload
 def open_robot(
     name: EarthRoverName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedEarthRover]: ...
 @overload
 def open_robot(
     name: FeetechName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFeetech]: ...
 @overload
 def open_robot(
     name: FrankaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedFranka]: ...
 @overload
 def open_robot(
     name: G1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedG1]: ...
 @overload
 def open_robot(
     name: Go2Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedGo2]: ...
 @overload
 def open_robot(
     name: KinovaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKinova]: ...
 @overload
 def open_robot(
     name: KukaName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedKuka]: ...
 @overload
 def open_robot(
     name: MicroduckName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedMicroduck]: ...
 @overload
 def open_robot(
     name: RBY1Name, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRBY1]: ...
 @overload
 def open_robot(
     name: ReachyName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedReachy]: ...
 @overload
 def open_robot(
     name: RobotiqName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedRobotiq]: ...
 @overload
 def open_robot(
     name: SpotName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedSpot]: ...
 @overload
 def open_robot(
     name: StretchName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedStretch]: ...
 @overload
 def open_robot(
     name: URName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedUR]: ...
 @overload
 def open_robot(
     name: XArmName, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulatedXArm]: ...
 @overload
 def open_robot(
     name: YahboomM3ProName, mode: Literal["sim"] = "sim", *,
-    driver: Literal["auto", "strands", "lerobot"] = "auto", tool_name: str | None = None,
+    driver: Literal["auto", "strands", "lerobot"] = "auto", id: str | None = None, tool_name: str | None = None,
     peer_id: str | None = None, cameras: Mapping[str, Any] | None = None, data_config: Any = None,
     mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
     backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
@@ -1924,10 +1961,11 @@ def open_robot(
 @overload
 def open_robot(
     name: str, mode: Literal["sim"] = "sim", *, driver: Literal["auto", "strands", "lerobot"] = "auto",
-    tool_name: str | None = None, peer_id: str | None = None, cameras: Mapping[str, Any] | None = None,
-    data_config: Any = None, mesh: MeshConfig | bool | None = None, policy_limits: Mapping[str, Any] | None = None,
-    backend: Literal["mujoco", "newton", "isaac"] = "mujoco", urdf_path: str | os.PathLike[str] | None = None,
-    position: Sequence[float] | None = None, orientation: Sequence[float] | None = None,
-    keyframe: str | int | None = None, gated: bool = True, arm: bool = True, approve: Approve | None = None,
-    guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
+    id: str | None = None, tool_name: str | None = None, peer_id: str | None = None,
+    cameras: Mapping[str, Any] | None = None, data_config: Any = None, mesh: MeshConfig | bool | None = None,
+    policy_limits: Mapping[str, Any] | None = None, backend: Literal["mujoco", "newton", "isaac"] = "mujoco",
+    urdf_path: str | os.PathLike[str] | None = None, position: Sequence[float] | None = None,
+    orientation: Sequence[float] | None = None, keyframe: str | int | None = None, gated: bool = True,
+    arm: bool = True, approve: Approve | None = None, guarded: tuple[str, ...] = ...,
+    approve_within_s: float = 30.0,
 ) -> AbstractAsyncContextManager[AsyncSimulation]: ...

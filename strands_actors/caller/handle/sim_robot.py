@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
 import os
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 from strands_actors.kernel.messages import Refused
-from strands_actors.simulation import evaluation, scene
+from strands_actors.simulation import evaluation, film, scene
+from strands_actors.simulation.film import Video
 from strands_actors.simulation.handle import SimulationError, World
 from strands_actors.simulation.png import encode_png
 from strands_actors.supervisors import stop_result
@@ -23,8 +25,7 @@ from .real_robot import RealRobot
 from .sim_recording import SimRecording
 
 if TYPE_CHECKING:
-    import numpy
-    from numpy.typing import NDArray
+    from strands_actors.simulation.picture import RenderedPicture
 
 
 PICTURE = (640, 480)
@@ -78,7 +79,7 @@ class SimRobot(RealRobot):
     @overload
     def render(
         self, width: int | None = None, height: int | None = None, camera: str | None = None
-    ) -> NDArray[numpy.uint8]: ...
+    ) -> RenderedPicture: ...
     @overload
     def render(self, width: int | None = None, height: int | None = None, *, camera_name: str) -> Answer: ...
     def render(
@@ -100,8 +101,9 @@ class SimRobot(RealRobot):
                 whole robot.
 
         Returns:
-            The picture, RGB, of shape (height, width, 3). With ``camera_name`` an envelope with a PNG,
-            and the keys ``camera``, ``width``, ``height``; a failure is an error envelope.
+            The picture, RGB, of shape (height, width, 3): an array that a notebook shows as a picture. With
+            ``camera_name`` an envelope with a PNG, and the keys ``camera``, ``width``, ``height``; a failure is
+            an error envelope.
 
         Raises:
             SimulationError: It cannot be drawn, for example because neither EGL nor OSMesa is there.
@@ -119,11 +121,52 @@ class SimRobot(RealRobot):
         down, across, _ = picture.shape
         return answers.picture(encode_png(picture), {"camera": camera_name, "width": across, "height": down})
 
-    def _render(self, width: int | None, height: int | None, camera: str | None) -> NDArray[numpy.uint8]:
+    def _render(self, width: int | None, height: int | None, camera: str | None) -> RenderedPicture:
         across, down = self._sizes.get(camera or "", PICTURE)
         return self._call(
             self._world.render, across if width is None else width, down if height is None else height, camera
         )
+
+    def video(
+        self,
+        path: str | os.PathLike[str],
+        seconds: float | None = None,
+        *,
+        fps: int = 25,
+        width: int | None = None,
+        height: int | None = None,
+        camera: str | None = None,
+    ) -> Video:
+        """Film the simulation into a file.
+
+        ``with sim.video("run.mp4"):`` films while the block runs. ``sim.video("run.mp4", seconds=5)`` films for
+        five seconds, for example of a policy that runs in the background. The pictures are drawn when the film
+        ends, which takes about as long as the film.
+
+        Args:
+            path: The file. ``.mp4`` needs the extra ``dataset``, ``.gif`` needs nothing.
+            seconds: How long to film. None: use the result in a ``with`` statement.
+            fps: Pictures per second, 1 to 50.
+            width: As in ``render``.
+            height: As in ``render``.
+            camera: As in ``render``.
+
+        Returns:
+            The film, which has the file (``path``) and the number of its pictures (``frames``).
+
+        Raises:
+            SimulationError: The film cannot be drawn or written. The text has the reason.
+            TypeError, ValueError: An argument is wrong.
+        """
+        across, down = self._sizes.get(camera or "", PICTURE)
+        with _named("video"):
+            file, rate, size = film.checked(path, fps, width or across, height or down)
+        video = film.Video(self._world, self._call, file, rate, size, camera)
+        if seconds is None:
+            return video
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 < seconds < math.inf:
+            raise ValueError(f"seconds is {seconds!r}. Give a number above 0")
+        return video.wait(seconds)
 
     def view(self) -> None:
         """Open MuJoCo's viewer, which shows the robot until the window is closed.

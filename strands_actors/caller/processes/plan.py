@@ -19,7 +19,7 @@ class Plan:
 
     Attributes:
         robot: Name of the robot.
-        tool_name: Name of the handle.
+        tool_name: Id of the robot.
         driver_class: The driver.
         port: Port or address; empty for a simulated robot, or a robot of another host.
         transport: ``twin``, ``sim``, or a transport of the driver; None if ``port`` is used.

@@ -201,7 +201,7 @@ class Name:
                 (directory / f"{self.name}.json").unlink(missing_ok=True)
                 return
             self._lock.close()
-        raise RuntimeError(f"999 robots named {requested} run already. End some of them, or give another tool_name")
+        raise RuntimeError(f"999 robots named {requested} run already. End some of them, or give another id")
 
     @property
     def lock_fd(self) -> int:

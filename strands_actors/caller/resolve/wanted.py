@@ -87,6 +87,7 @@ def read(
     port: str | os.PathLike[str] | None = None,
     transport: str | None = None,
     sim: Any = None,
+    id: str | None = None,  # the name of this parameter in LeRobot
     tool_name: str | None = None,
     peer_id: str | None = None,
     cameras: Any = None,
@@ -122,14 +123,7 @@ def read(
         )
     check_backend(backend)
     driver_class = _driver_class(name, robot, driver, scene.model(robot) is not None and chosen_mode != "real")
-    # strands-robots names this option ``peer_id``, since it is the name on the mesh.
-    if peer_id is not None:
-        if tool_name not in (None, peer_id):
-            raise ValueError("Robot: tool_name and peer_id are both given, and mean the same. Give one of them")
-        tool_name = peer_id
-    chosen = robot if tool_name is None else tool_name
-    if not isinstance(chosen, str) or not is_tool_name(chosen):
-        raise ValueError(f"Robot: tool_name is {chosen!r}. Use {TOOL_NAMES}")
+    tool_name = _id(robot, {"id": id, "tool_name": tool_name, "peer_id": peer_id})
     _check_keywords(driver_class, options)
     options, spelled = _spelled(driver_class, options)
     if mesh is False:
@@ -164,7 +158,7 @@ def read(
             name,
             robot,
             chosen_mode,
-            chosen,
+            tool_name,
             port_text,
             transport,
             sim,
@@ -181,6 +175,21 @@ def read(
         ),
         driver_class,
     )
+
+
+def _id(robot: str, spellings: Mapping[str, Any]) -> str:
+    """Return the id of the robot, from the keyword that was given.
+
+    strands-robots names it ``tool_name`` (of the tool for agents), and ``peer_id`` (on the mesh).
+    """
+    given = {keyword: value for keyword, value in spellings.items() if value is not None}
+    keyword, chosen = next(iter(given.items()), ("id", robot))
+    for other, value in given.items():
+        if value != chosen:
+            raise ValueError(f"Robot: {keyword} and {other} are both given, and mean the same. Give one of them")
+    if not isinstance(chosen, str) or not is_tool_name(chosen):
+        raise ValueError(f"Robot: {keyword} is {chosen!r}. Use {TOOL_NAMES}")
+    return chosen
 
 
 def _driver_class(name: str, robot: str, driver: str, has_model: bool) -> type[Any]:

@@ -137,6 +137,7 @@ class Rollouts:
         duration_s: float,
         hz: float | None,
         is_actor: bool = False,
+        teleop: dict[str, Any] | None = None,
     ) -> TaskStatus | Refused:
         """Run a named policy in a separate process, and return at once. For a robot of another host it
         runs in this process.
@@ -148,6 +149,7 @@ class Rollouts:
             duration_s: Longest time in seconds.
             hz: Actions per second; None for the driver's control rate.
             is_actor: As in ``StartTask``.
+            teleop: As in ``StartTask``; None for no teleoperation.
         """
         async with self._writer.turn:
             refusal = await self._may_start(START_TASK)
@@ -157,8 +159,9 @@ class Rollouts:
             if tasks is None:
                 return self._begin(rollout, lambda: load(provider)(**options))
             deadline_ns = self._processes.node.clock.now_ns() + round(START_S * 1e9)
+            order = StartTask(provider, options, rollout, deadline_ns, is_actor, teleop or {})
             try:
-                answer = await tasks.ask(StartTask(provider, options, rollout, deadline_ns, is_actor), START_S)
+                answer = await tasks.ask(order, START_S)
             except (AskTimeout, Unreachable) as failure:
                 return await self._never_started(tasks, failure)
             if isinstance(answer, TaskStatus):
@@ -363,4 +366,4 @@ class Rollouts:
             self._scope = None
         task = self._task
         if task.running:
-            self._task = TaskStatus(False, task.steps, task.elapsed_s, reason, "", "", task.instruction, task.hz)
+            self._task = replace(task, running=False, exit_reason=reason, exit_detail="", refusal="")

@@ -2,8 +2,8 @@
 
 A name is a verb of the robot's tool, or a key of an action. The robot's own program needs no approval.
 
-These names are guarded: the names in ``Driver.GUARDED``, the names in ``Robot(guarded=...)``, and each
-service of a real robot that its driver does not declare for agents.
+These names are guarded: the names in ``Driver.GUARDED``, the names in ``Robot(guarded=...)``, and of a real robot
+the verb that energises it, and each service that its driver does not declare for agents.
 
 A name is approved if it is in ``STRANDS_ACTORS_ALLOW``, if its ROS topic is in
 ``STRANDS_ROS2_COMMAND_ALLOW``, or if ``approve`` returns ``True``. The three are checked in this order. The

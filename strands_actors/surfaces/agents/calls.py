@@ -40,8 +40,8 @@ class Call:
         verb: The verb, such as ``move_to``.
         inputs: The inputs of the verb, by name.
         moves: True if the call runs a service that moves the robot.
-        needs_approval: True if the call runs a service that its driver does not declare for agents. Then an
-            operator is asked.
+        needs_approval: True if an operator is asked, whatever ``guarded`` names: the call energises a real robot,
+            or runs a service that its driver does not declare for agents.
         targets: The targets by axis, if the driver has translated the inputs of an action. Otherwise None.
     """
 
@@ -119,8 +119,10 @@ def read(driver: Driver, tool_input: object, tool_name: str = "") -> Call | Refu
     if verb.does == "action":
         action = driver.action_of(verb, inputs)
         return action.about(verb.name) if isinstance(action, Refused) else Call(verb, inputs, targets=action)
-    needs_approval = verb.does == "service" and verb.name in undeclared(driver)
-    moves = verb.does == "service" and (needs_approval or is_motion(driver.SERVICES[verb.name]))
+    is_undeclared = verb.does == "service" and verb.name in undeclared(driver)
+    moves = verb.does == "service" and (is_undeclared or is_motion(driver.SERVICES[verb.name]))
+    # Energising is a resume. A person may have stopped the robot, so an agent does not decide about it alone.
+    needs_approval = is_undeclared or verb.does == "torque"
     return Call(verb, inputs, moves, needs_approval and not driver.SIMULATED)
 
 

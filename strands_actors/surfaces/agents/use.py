@@ -68,7 +68,8 @@ def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
     """Return the answer with remedies that an agent can follow: they name verbs of the tool, not methods of the
     robot's handle."""
     torque = next((verb.name for verb in driver.TOOL_VERBS if verb.does == "torque"), "")
-    resume = f"{torque} with enabled=true energises it" if torque else NOBODY
+    asks = "" if driver.SIMULATED else ", which an operator has to approve"
+    resume = f"{torque} with enabled=true energises it{asks}" if torque else NOBODY
     return answers.with_remedy(answer, {Code.DISARMED: resume, Code.FAULTED: resume, Code.LOCKED_OUT: LIFT})
 
 

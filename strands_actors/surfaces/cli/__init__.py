@@ -16,7 +16,7 @@ from strands_actors.contract.extras import MissingExtra
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .errors import Problem
-from .options import All, Every, Json, Kind, Mesh, What, Which, finite, one_or_all
+from .options import All, Cameras, Every, Id, Json, Kind, Mesh, What, Which, cameras_of, finite, one_or_all
 from .stop_forms import spelled
 
 USAGE = 2
@@ -177,7 +177,9 @@ def send(
             "--for", min=0.0, callback=finite, help="Command the robot for this many seconds. Then it holds."
         ),
     ] = 2.0,
-    resume: Annotated[bool, typer.Option("--resume", help="Energise the robot first.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Energise the robot first, also after an e-stop.")
+    ] = False,
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
@@ -191,9 +193,7 @@ def send(
 def calibrate(
     robot: Kind,
     port: Annotated[str, typer.Option(help="The robot's serial port.")],
-    id_: Annotated[
-        str | None, typer.Option("--id", help="The name of the robot and of its calibration file.")
-    ] = None,
+    id_: Id = None,
     json: Json = False,
 ) -> None:
     """Calibrate the joints of a robot or a leader, by moving them by hand."""
@@ -264,17 +264,20 @@ def teleop(
         float | None,
         typer.Option(min=0.0, callback=finite, help="Duration in seconds. Default: until a key is pressed."),
     ] = None,
-    id_: Annotated[str | None, typer.Option("--id", help="The name of the robot and of its calibration.")] = None,
+    camera: Cameras = None,
+    id_: Id = None,
     leader_id: Annotated[
-        str | None, typer.Option(help="The name of the leader's calibration (`calibrate --id`).")
+        str | None, typer.Option(help="The leader's id, under which it was calibrated (`calibrate --id`).")
     ] = None,
     json: Json = False,
 ) -> None:
     """Teleoperate a robot by a leader arm or by keys. It moves only while you hold the dead-man switch."""
+    from .teleop import Follower
     from .teleop import teleop as run
 
+    follower = Follower(robot, port, twin, id_, cameras_of("teleop", camera or ()))
     led_by = leader, leader_id
-    raise typer.Exit(run(robot, led_by, port, twin, deadman, relative, hz, max_speed, map_, seconds, id_, json))
+    raise typer.Exit(run(follower, led_by, deadman, relative, hz, max_speed, map_, seconds, json))
 
 
 meshes = typer.Typer(
@@ -395,7 +398,9 @@ def play_dataset(
     units: Annotated[
         str, typer.Option(metavar="UNIT|normalized", help="Unit of the numbers, if the dataset states none.")
     ] = "",
-    resume: Annotated[bool, typer.Option("--resume", help="Energise the robot first.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Energise the robot first, also after an e-stop.")
+    ] = False,
     mesh: Mesh = None,
     json: Json = False,
 ) -> None:
@@ -457,7 +462,9 @@ def replay(
 @app.command()
 def twin(
     robot: Kind,
-    port_file: Annotated[Path, typer.Option(help="The twin writes its port or address into this file.")],
+    port_file: Annotated[
+        Path | None, typer.Option(help="The twin writes its port or address into this file.")
+    ] = None,
     log: Annotated[Path | None, typer.Option(help="File for the frames on the wire, one JSON line each.")] = None,
     fault: Annotated[
         str | None, typer.Option(metavar="WORD[:servo]", help="A fault that the twin has from the beginning.")
@@ -466,14 +473,42 @@ def twin(
         list[str] | None, typer.Option(metavar="KEY=VALUE", help="An option of the twin. Can be repeated.")
     ] = None,
     control: Annotated[
-        Path | None, typer.Option(help="Path of a socket that moves the joints, as if by hand.")
+        Path | None,
+        typer.Option(help="Path of a socket for `move_by_hand` of strands_actors.testing, which moves the joints."),
     ] = None,
     parent_fd: Annotated[int | None, typer.Option(hidden=True, help="Ends with the twin's parent.")] = None,
+    about: Annotated[
+        bool, typer.Option("--about", help="Print what the twin models of the robot's protocol, and do not run it.")
+    ] = False,
 ) -> None:
-    """Run a simulated robot, which drivers can connect to, until interrupted."""
+    """Run a simulated robot, which drivers can connect to, until interrupted. `twin-order` changes it."""
+    if about:
+        from .about import show_twin
+
+        show_twin(robot)
+        return
+    if port_file is None:
+        raise typer.BadParameter("give a file for the twin's port", param_hint="--port-file")
     from .robots import serve_twin
 
-    serve_twin(robot, port_file, log, fault, parent_fd, control, option or [])
+    serve_twin(robot, port_file, log, fault, parent_fd, control, option or [], takes_orders=True)
+
+
+@app.command("twin-order")
+def twin_order(
+    port_file: Annotated[Path, typer.Argument(help="The file that was given to `twin --port-file`.")],
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="ORDER...",
+            help="`unplug`, `plug`, `power-cycle`, `freeze SECONDS`, `fault WORD`, or an order of this twin alone.",
+        ),
+    ],
+) -> None:
+    """Pull the cable of a running twin, switch its power, or give it a fault."""
+    from .robots import order_twin
+
+    order_twin(port_file, words)
 
 
 @app.command()
@@ -481,6 +516,7 @@ def mcp(
     robot: Annotated[str, typer.Argument(help="The robot's type, as `list` shows it.")],
     port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
     transport: Annotated[str | None, typer.Option(help="`twin`: the robot's twin, behind its real driver.")] = None,
+    id_: Id = None,
     allow_motion: Annotated[
         bool, typer.Option("--allow-motion", help="Energise the robot, and accept motion.")
     ] = False,
@@ -488,7 +524,7 @@ def mcp(
     """Serve a robot as a tool over MCP, on standard input and output."""
     from .mcp import serve_mcp
 
-    serve_mcp(robot, port, transport, allow_motion)
+    serve_mcp(robot, port, transport, id_, allow_motion)
 
 
 @app.command()
@@ -500,12 +536,20 @@ def drill(
     option: Annotated[
         list[str] | None, typer.Option(metavar="KEY=VALUE", help="A keyword of Robot(). Can be repeated.")
     ] = None,
+    id_: Id = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Write a report without personal data, which you may send to the project."
+        ),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Test on your robot that each kind of fault stops it, and keep a certificate."""
     from .drill import run as drill_robot
 
-    raise typer.Exit(drill_robot(robot, port, twin, yes, option or [], as_json=json))
+    options = [*(option or []), *([] if id_ is None else [f"id={json_of(id_)}"])]
+    raise typer.Exit(drill_robot(robot, port, twin, yes, options, as_json=json, report=report))
 
 
 @app.command()

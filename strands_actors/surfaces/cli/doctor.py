@@ -1,7 +1,8 @@
 """``doctor``: check whether this computer can run robots. Each finding has its remedy in one line.
 
 * ``ok``: nothing to do.
-* ``weak``: robots run, but something works less well, or an optional feature is missing.
+* ``note``: nothing to repair. An extra, which is optional, is not installed.
+* ``weak``: robots run, but something works less well.
 * ``broken``: something is missing that every robot needs. The exit code is 1.
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 import grp
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -24,18 +24,19 @@ from strands_actors.caller.processes.run_directory import MAX_SOCKET_PATH, notes
 from strands_actors.contract.extras import missing
 from strands_actors.kernel.processes.interpreter import PYTHON
 
-OK, WEAK, BROKEN = "ok", "weak", "broken"
+from .packages import DISTRIBUTION, install_command, missing_requirements
+
+OK, NOTE, WEAK, BROKEN = "ok", "note", "weak", "broken"
 PYTHONS = ((3, 11), (3, 14))
 """The oldest and newest version that this package is tested with."""
 GL_S = 20.0
 """Timeout for making a picture, in seconds. A GL driver that hangs is as bad as a missing one."""
-DISTRIBUTION = "strands-actors"
 LOAD = "load"
 
 
 @dataclass(frozen=True)
 class Check:
-    """One finding. ``state`` is ``ok``, ``weak`` or ``broken``, and ``text`` describes it."""
+    """One finding. ``state`` is ``ok``, ``note``, ``weak`` or ``broken``, and ``text`` describes it."""
 
     name: str
     state: str
@@ -285,7 +286,7 @@ def check_gl() -> Iterator[Check]:
     cannot be replaced once it is loaded, and may crash."""
     if lacking := missing("pictures", "render()"):
         absent, _, remedy = lacking.partition(". ")
-        yield Check("gl", WEAK, absent, remedy)
+        yield Check("gl", NOTE, absent, remedy)
         return
     requested = os.environ.get("MUJOCO_GL")
     problems = []
@@ -345,50 +346,13 @@ def check_extras() -> Iterator[Check]:
         return
     for extra, absent in missing_requirements(requirements).items():
         name = f"extra {extra}" if extra else "packages"
-        package = f"'{DISTRIBUTION}[{extra}]'" if extra else f"--force-reinstall {DISTRIBUTION}"
         if not absent:
             yield Check(name, OK, "installed")
         elif extra:
-            yield Check(name, WEAK, f"not installed: {', '.join(absent)}", f"pip install {package}")
+            yield Check(name, NOTE, "not installed", install_command(extra))
         else:
-            yield Check(name, BROKEN, f"missing: {', '.join(absent)}", f"pip install {package}")
-
-
-def missing_requirements(requirements: Sequence[str]) -> dict[str, list[str]]:
-    """Return the packages that are not installed, by extra. The key "" has the required packages. The extra
-    ``test`` is left out."""
-    missing_packages: dict[str, list[str]] = {"": []}
-    for requirement in requirements:
-        spec, _, marker = requirement.partition(";")
-        extra = re.search(r"extra\s*==\s*['\"]([^'\"]+)['\"]", marker)
-        name = re.match(r"[A-Za-z0-9._-]+", spec.strip())
-        if name is None or name[0] == DISTRIBUTION or (extra and extra[1] == "test"):
-            continue  # The extra [all] lists this package, with its other extras.
-        if not (_is_for_this_python(marker) and _is_for_this_machine(marker)):
-            continue
-        absent = missing_packages.setdefault(extra[1] if extra else "", [])
-        try:
-            metadata.version(name[0])
-        except metadata.PackageNotFoundError:
-            absent.append(name[0])
-    return missing_packages
-
-
-def _is_for_this_python(marker: str) -> bool:
-    version = sys.version_info[:2]
-    for operator, major, minor in re.findall(r"python_version\s*(<=|>=|<|>)\s*['\"](\d+)\.(\d+)['\"]", marker):
-        limit = (int(major), int(minor))
-        holds = {"<": version < limit, "<=": version <= limit, ">": version > limit, ">=": version >= limit}[
-            operator
-        ]
-        if not holds:
-            return False
-    return True
-
-
-def _is_for_this_machine(marker: str) -> bool:
-    others: list[str] = re.findall(r"platform_machine\s*!=\s*['\"]([^'\"]+)['\"]", marker)
-    return os.uname().machine not in others
+            remedy = f"pip install --force-reinstall {DISTRIBUTION}"
+            yield Check(name, BROKEN, f"missing: {', '.join(absent)}", remedy)
 
 
 def check_robots() -> Iterator[Check]:
@@ -403,13 +367,15 @@ def _show(checks: list[Check]) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    styles = {OK: "green", WEAK: "yellow", BROKEN: "bold red"}
+    styles = {OK: "green", NOTE: "cyan", WEAK: "yellow", BROKEN: "bold red"}
     console = Console()
     width = max(len(check.name) for check in checks)
     for check in checks:
-        line = Text.assemble((f"{check.state:<7}", styles[check.state]), f"{check.name:<{width}}  {check.text}")
+        # A note is one line: it needs no remedy, and there may be many.
+        text = f"{check.text}: {check.remedy}" if check.state == NOTE else check.text
+        line = Text.assemble((f"{check.state:<7}", styles[check.state]), f"{check.name:<{width}}  {text}")
         console.print(line, soft_wrap=True)
-        if check.remedy:
+        if check.remedy and check.state != NOTE:
             console.print(Text(f"{'':<7}{'':<{width}}  remedy: {check.remedy}", "dim"), soft_wrap=True)
     count = sum(check.state == BROKEN for check in checks)
     console.print(f"{count} broken" if count else _verdict(checks), style="bold")

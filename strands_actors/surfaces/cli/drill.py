@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 
 import msgspec
 import trio
 
+from strands_actors.caller.processes.plan import Plan
 from strands_actors.surfaces.drill.certificate import StepResult
 from strands_actors.surfaces.drill.run import Outcome, run_drill
 from strands_actors.surfaces.drill.steps import Failed, runs_policies
 
+from . import drill_report
 from .errors import Problem
 
 CONSENT = """\
@@ -24,7 +27,15 @@ Have it at rest on its support, hands off, your hand near its power switch.
 """
 
 
-def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str], as_json: bool) -> int:
+def run(
+    robot: str,
+    port: str | None,
+    twin: bool,
+    yes: bool,
+    options: list[str],
+    as_json: bool,
+    report: Path | None = None,
+) -> int:
     """Run the drill after the user's consent.
 
     Args:
@@ -34,6 +45,7 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
         yes: Do not ask for consent, because the user has consented in another way.
         options: ``KEY=VALUE`` keywords of ``Robot``.
         as_json: Print JSON.
+        report: Write a report of the drill to this new file. None writes no report.
 
     Returns:
         The exit code: 0 if the drill was passed, else 1.
@@ -41,6 +53,8 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
     if (port is None) != twin:
         raise Problem("drill: no robot is chosen. Give --port PORT for a real robot, or --twin for a simulated one")
     keywords = _keywords(options)
+    if report is not None:
+        drill_report.check(report, _planned(robot, port, keywords))
     if not twin and not yes:
         _consent(robot, str(port), keywords)
 
@@ -56,7 +70,12 @@ def run(robot: str, port: str | None, twin: bool, yes: bool, options: list[str],
         outcome = trio.run(run_drill, robot, port, keywords, tell, show)
     except (ValueError, TypeError, ConnectionError, Failed) as refusal:
         raise Problem(f"drill: {refusal}") from refusal
+    problem = drill_report.write(outcome, report)
     _print(robot, outcome, as_json)
+    if problem:
+        raise Problem(problem)
+    if report is not None and not as_json:
+        drill_report.show(outcome, report)
     return 0 if outcome.passed else 1
 
 
@@ -75,11 +94,18 @@ def _keywords(options: list[str]) -> dict[str, str]:
     return keywords
 
 
-def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
+def _planned(robot: str, port: str | None, keywords: dict[str, str]) -> Plan:
     from strands_actors.caller.resolve.planning import plan
 
     try:
-        planned = plan(robot, "real", port=port, **keywords)
+        return plan(robot, "real", port=port, transport="twin" if port is None else None, **keywords)
+    except (ValueError, TypeError) as refusal:
+        raise Problem(f"drill: {refusal}") from refusal
+
+
+def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
+    planned = _planned(robot, port, keywords)
+    try:
         driver = planned.driver_class(planned.robot, port, planned.options)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"drill: {refusal}") from refusal
@@ -101,9 +127,15 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
 
 def _print(robot: str, outcome: Outcome, as_json: bool) -> None:
     if as_json:
-        results = [msgspec.to_builtins(result) for result in outcome.results]
-        report = {"robot": robot, "passed": outcome.passed, "figures": results}
-        print(json.dumps(report | {"certificate": None if outcome.path is None else str(outcome.path)}))
+        certificate = None if outcome.path is None else str(outcome.path)
+        answer = {
+            "robot": robot,
+            "passed": outcome.passed,
+            "figures": [msgspec.to_builtins(result) for result in outcome.results],
+            "certificate": certificate,
+            "report": msgspec.to_builtins(outcome.report),
+        }
+        print(json.dumps(answer))
         return
     from rich import box
     from rich.console import Console

@@ -17,7 +17,9 @@ from strands_actors.surfaces.agents.approval import APPROVE_S, approval_of, ask_
 from .errors import Problem
 
 
-def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion: bool) -> None:
+def serve_mcp(
+    robot: str, port: str | None, transport: str | None, robot_id: str | None, allow_motion: bool
+) -> None:
     """Serve a robot until the client closes standard input.
 
     Args:
@@ -25,6 +27,8 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
         port: The port or address of a real robot.
         transport: ``twin`` for a simulated robot behind its real driver. Without ``transport`` and ``port``, a
             simulation is served.
+        robot_id: The robot's id, which is also the name of the tool and of the robot's calibration. None: the type
+            of the robot.
         allow_motion: Energise the robot, and accept commands that move it.
 
     Raises:
@@ -34,7 +38,7 @@ def serve_mcp(robot: str, port: str | None, transport: str | None, allow_motion:
     require("mcp", "mcp")
     options = {name: value for name, value in (("port", port), ("transport", transport)) if value is not None}
     try:
-        planned = plan(robot, "real" if options else "sim", **options)
+        planned = plan(robot, "real" if options else "sim", id=robot_id, **options)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"mcp: {refusal}") from refusal
     interrupted, problem = False, ""

@@ -19,6 +19,8 @@ from strands_actors.supervisors.gate.messages import Resumed, StopReport
 from strands_actors.supervisors.root.locks import Locks, locked_robots
 from strands_actors.supervisors.stop_result import Confirmed, StopResult, Unconfirmed, Unreachable
 
+from .remedies import OF_RESUME, with_remedy
+
 Verb = Callable[[Directory, Note], Awaitable[tuple[bool, str]]]
 """Carries out a verb on one robot. Returns whether it was confirmed, and a line for the user."""
 
@@ -47,7 +49,7 @@ async def resume(joined: Directory, note: Note) -> tuple[bool, str]:
     answer = await joined.resume(note, by())
     if isinstance(answer, Resumed):
         return True, f"armed at the measured position, epoch {answer.epoch}"
-    return False, answer.text
+    return False, with_remedy(answer, OF_RESUME).text
 
 
 VERBS: dict[str, Verb] = {"stop": stop, "e-stop": estop, "resume": resume}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -22,6 +24,40 @@ def one_or_all(verb: str, robot: str | None, every: bool) -> None:
     """Raise ``Problem`` if a robot and --all are both given, because it is not clear which of them is meant."""
     if robot is not None and every:
         raise Problem(f"{verb}: {robot} and --all are both given. Give only one of them")
+
+
+def cameras_of(verb: str, texts: Sequence[str]) -> dict[str, dict[str, Any]] | None:
+    """Return the cameras that the option ``--camera`` declares, in the form of ``Robot(cameras=...)``; None for no
+    cameras.
+
+    Args:
+        verb: The command, for the error.
+        texts: ``NAME``, or ``NAME:KEY=VALUE,KEY=VALUE`` with the keys of docs/cameras.md.
+
+    Raises:
+        Problem: A text has another form, or two have the same name.
+    """
+    cameras: dict[str, dict[str, Any]] = {}
+    for text in texts:
+        # Only the first colon ends the name, since the path of a device may contain colons.
+        name, _, settings = text.partition(":")
+        if name in cameras:
+            raise Problem(f"{verb}: two cameras are named {name}. Use different names")
+        cameras[name] = dict(_setting(verb, text, setting) for setting in settings.split(",") if settings)
+    return cameras or None
+
+
+def _setting(verb: str, text: str, setting: str) -> tuple[str, Any]:
+    key, equals, value = setting.partition("=")
+    if not equals:
+        raise Problem(
+            f"{verb}: --camera {text}: {setting!r} is not KEY=VALUE. "
+            "Give NAME, or NAME:index_or_path=0,fps=30,width=640,height=480"
+        )
+    try:
+        return key, json.loads(value)
+    except ValueError:
+        return key, value
 
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
@@ -46,6 +82,19 @@ Which = Annotated[
 ]
 Kind = Annotated[
     str, typer.Argument(metavar="ROBOT", help="The robot's type, as `list` shows it.", autocompletion=_robot_types)
+]
+Id = Annotated[
+    str | None,
+    typer.Option("--id", help="The robot's id: its name here, and that of its calibration (LeRobot's `id`)."),
+]
+Cameras = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera",
+        metavar="NAME[:KEY=VALUE,...]",
+        help="A camera of the robot: wrist:index_or_path=0,fps=30,width=640,height=480. Of a twin or a "
+        "simulation: wrist. Can be repeated.",
+    ),
 ]
 What = Annotated[str, typer.Argument(metavar="ROBOT|KEY", help="A robot's name, or a key with wildcards.")]
 Mesh = Annotated[

@@ -27,6 +27,7 @@ from strands_actors.surfaces.mesh.outcome import Outcome
 
 from . import operate
 from .errors import Problem
+from .remedies import OF_RESUME, with_remedy
 
 NOT_CONFIRMED = 1
 
@@ -112,6 +113,7 @@ async def _resume(client: MeshClient, robots: list[str] | None) -> list[RobotRes
             return _lift(robot)
         answer = await client.resume(robot, operate.by())
         if isinstance(answer, Refused):
+            answer = with_remedy(answer, OF_RESUME)
             return RobotResult(robot, False, answer.text, {"code": str(answer.code), "detail": answer.text})
         return RobotResult(robot, True, f"armed at the measured position, epoch {answer['epoch']}", answer)
 

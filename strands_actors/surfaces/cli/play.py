@@ -8,7 +8,7 @@ from typing import Any
 
 import trio
 
-from strands_actors.caller.handle import moving
+from strands_actors.caller.handle import envelopes, moving
 from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.shown import harmless
 from strands_actors.kernel.messages import Refused
@@ -17,6 +17,7 @@ from strands_actors.surfaces.dataset.played import Played, read_episode, rows_fo
 
 from .borrow import borrow, refuse
 from .errors import Problem
+from .remedies import of_motion, with_remedy
 
 
 def play(root: Path, robot: str, episode: int, units: str, resume: bool, mesh: Path | None, as_json: bool) -> int:
@@ -47,11 +48,12 @@ async def _move(
     if resume:
         resumed = await tree.resume()
         if isinstance(resumed, Refused):
-            return resumed.text
+            return with_remedy(resumed, of_motion(tree.robot, resume)).text
     if not as_json:
         task = f": {harmless(played.task)}" if played.task else ""
         print(f"{tree.robot}: {len(rows)} frames at {played.hz:g} fps{task}", flush=True)
-    answer = await moving.move_along(tree, rows, played.hz, wait=True)
+    moved = await moving.move_along(tree, rows, played.hz, wait=True)
+    answer = envelopes.with_remedy(moved, of_motion(tree.robot, resume))
     (content, *_) = answer["content"]
     if answer["status"] != "success":
         return str(content["text"])

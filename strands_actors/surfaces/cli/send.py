@@ -15,6 +15,7 @@ from strands_actors.supervisors.gate.messages import Accepted
 
 from .borrow import borrow, refuse
 from .errors import Problem
+from .remedies import of_motion, with_remedy
 
 
 def send(robot: str, pairs: Sequence[str], seconds: float, resume: bool, mesh: Path | None, as_json: bool) -> int:
@@ -65,7 +66,9 @@ async def _keep(tree: RobotTree, targets: dict[str, float], seconds: float, resu
         await trio.sleep(left_s if ttl_s is None else min(left_s, ttl_s / 2))
         if ttl_s is not None:
             answer = await tree.send_action(targets)
-    return answer.text if isinstance(answer, Refused) else ""
+    if isinstance(answer, Refused):
+        return with_remedy(answer, of_motion(tree.robot, resume)).text
+    return ""
 
 
 def _tell(robot: str, answer: dict[str, Any], seconds: float, as_json: bool) -> None:

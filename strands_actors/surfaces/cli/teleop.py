@@ -10,7 +10,7 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from strands_actors.caller.handle.envelopes import warn_unless_safe
 from strands_actors.caller.handle.factory import Robot
@@ -29,27 +29,40 @@ QUIT = ("x", "\x1b")
 TWIN = "twin"
 
 
+class Follower(NamedTuple):
+    """The robot that is led, and how to connect it.
+
+    Attributes:
+        robot: The robot's type.
+        port: The port or address of a real robot. None for a simulated robot.
+        twin: Use the real driver with a simulated robot.
+        id: The robot's id, which is also the name of its calibration. None: its type.
+        cameras: The settings of its cameras, as for ``Robot``; None for no cameras.
+    """
+
+    robot: str
+    port: str | None
+    twin: bool
+    id: str | None
+    cameras: dict[str, dict[str, Any]] | None
+
+
 def teleop(
-    robot: str,
+    follower: Follower,
     leader: tuple[str, str | None],
-    port: str | None,
-    twin: bool,
     deadman: str | None,
     relative: bool,
     hz: float,
     max_speed: float | None,
     map_fn: str | None,
     seconds: float | None,
-    robot_id: str | None,
     as_json: bool,
 ) -> int:
     """Teleoperate a robot until a key is pressed, the duration has passed, or the robot has ended.
 
     Args:
-        robot: The robot's type.
-        leader: The leader in the form of ``leader_of``, and the name of its calibration.
-        port: The port or address of a real robot. None for a simulated robot.
-        twin: Use the real driver with a simulated robot.
+        follower: The robot that is led.
+        leader: The leader in the form of ``leader_of``, and its id.
         deadman: The dead-man switch: ``key``, ``gripper``, or None for the default.
         relative: True: the robot repeats the leader's movements since the operator engaged. False: the robot goes
             to the leader's position.
@@ -57,7 +70,6 @@ def teleop(
         max_speed: Largest speed in degrees per second. Faster setpoints are refused.
         map_fn: ``module:function`` that converts the leader's positions to the robot's. None for no conversion.
         seconds: Duration; None for no limit.
-        robot_id: The robot's name, which is also the name of its calibration.
         as_json: Print JSON.
 
     Returns:
@@ -71,7 +83,7 @@ def teleop(
         raise Problem(f"teleop: --map {map_fn}: {failure}. Give module:function") from failure
     try:
         led_by = leader_of(*leader, relative)
-        arm = _robot(robot, port, twin, robot_id)
+        arm = _robot(follower)
     except (ValueError, TypeError) as refusal:
         raise Problem(f"teleop: {refusal}") from refusal
     if led_by.name == KEYBOARD and not is_terminal:
@@ -93,7 +105,7 @@ def teleop(
         print(json.dumps(status))
     else:
         detail = f" ({status['exit_detail']})" if status["exit_detail"] else ""
-        refused = status["teleop"].get("refused", 0)
+        refused = status["teleop"]["refused"]
         print(f"{status['steps']} setpoints, {refused} frames refused; ended: {status['exit_reason']}{detail}")
         if is_lost(status):
             print(f"the leader is not connected: {status['teleop']['leader']}", file=sys.stderr)
@@ -102,7 +114,7 @@ def teleop(
 
 def is_lost(status: dict[str, Any]) -> bool:
     """Return True if a status reports that the leader is not connected."""
-    return status["teleop"].get("leader", CONNECTED) not in (CONNECTED, CONNECTING)
+    return status["teleop"]["leader"] not in (CONNECTED, CONNECTING)
 
 
 def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -> Teleoperator:
@@ -110,7 +122,7 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
 
     Args:
         text: ``NAME:PORT``, ``NAME:PORT:ID``, ``NAME:twin``, ``keyboard``, ``module:Class``, ``lerobot:TYPE``.
-        leader_id: The name of a leader arm's calibration, LeRobot's ``id``.
+        leader_id: The id of a leader arm, which is the name of its calibration.
         relative: True: the robot repeats the leader's movements since the operator engaged. False: the robot goes
             to the leader's position.
 
@@ -136,14 +148,15 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
     return Teleoperator(name, port=place, relative=relative, id=leader_id)
 
 
-def _robot(robot: str, port: str | None, twin: bool, robot_id: str | None) -> RealRobot:
+def _robot(follower: Follower) -> RealRobot:
+    robot, port, twin, robot_id, cameras = follower
     if port is not None and twin:
         raise Problem("teleop: --port and --twin are both given. Choose one")
     if port is not None:
-        return Robot(robot, mode="real", port=port, tool_name=robot_id)
+        return Robot(robot, mode="real", port=port, id=robot_id, cameras=cameras)
     if twin:
-        return Robot(robot, mode="real", transport=TWIN, tool_name=robot_id)
-    return Robot(robot, tool_name=robot_id)
+        return Robot(robot, mode="real", transport=TWIN, id=robot_id, cameras=cameras)
+    return Robot(robot, id=robot_id, cameras=cameras)
 
 
 @contextlib.contextmanager
@@ -206,15 +219,13 @@ def _read(arm: RealRobot, keys: Keys | None) -> bool:
 
 def _status(arm: RealRobot) -> dict[str, Any]:
     status: dict[str, Any] = arm.get_task_status()["content"][0]["json"]
-    return {"teleop": {}, **status}
+    return status
 
 
 def _show(status: dict[str, Any], shown: tuple[str, ...]) -> tuple[str, ...]:
     """Print a status. If stderr is not a terminal, print it only if it differs from ``shown``, the last printed
     status. Return the last printed status."""
     teleop = status["teleop"]
-    if not teleop:
-        return shown
     ends = f"; at its end: {', '.join(teleop['at_end'])}" if teleop["at_end"] else ""
     line = f"{teleop['state']:9} {status['steps']:6} setpoints {teleop['refused']:4} refused  {teleop['why']}{ends}"
     if is_lost(status):

@@ -25,6 +25,8 @@ from strands_actors.testing.twin import Twin
 from strands_actors.version import __version__
 
 from .certificate import TWIN, Certificate, StepResult, config_of, keep, revoke
+from .connection import Connection, connection_of
+from .report import Report, is_reportable, report_of
 from .steps import Drill, Failed
 
 REST_S = 0.5
@@ -43,11 +45,13 @@ class Outcome(NamedTuple):
         results: The results of the steps.
         certificate: The certificate; None if the drill was not passed.
         path: The file of the certificate; None if the drill was not passed.
+        report: The report that the user may send to the project; None if the driver is not of this package.
     """
 
     results: list[StepResult]
     certificate: Certificate | None
     path: Path | None
+    report: Report | None = None
 
     @property
     def passed(self) -> bool:
@@ -86,14 +90,20 @@ async def run_drill(
         results: list[StepResult] = []
         async with open_tree(drilled) as tree:
             await _must_rest(tree, tell)
+            await tree.status()
+            facts = tree.facts
             for step in Drill(tree, twin, tell).steps.values():
                 results.append(await _try(step, tree.driver))
                 done(results[-1])
+    report = None
+    if is_reportable(drilled.robot, drilled.driver_class):
+        connection = Connection.TWIN if twin else connection_of(address)
+        report = report_of(drilled.robot, drilled.driver_class, connection, facts, results)
     if not all(result.passed for result in results):
         revoke(drilled.robot, config)
-        return Outcome(results, None, None)
+        return Outcome(results, None, None, report)
     certificate = _certificate(drilled, TWIN if twin else address, config, results)
-    return Outcome(results, certificate, keep(certificate))
+    return Outcome(results, certificate, keep(certificate), report)
 
 
 @contextlib.contextmanager
