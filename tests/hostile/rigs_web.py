@@ -45,6 +45,17 @@ def _digits(before: bytes, digit: bytes) -> Change:
     return lambda data: number.sub(replaced, data)
 
 
+def _constant(before: bytes) -> Change:
+    """Return a change that replaces a number by 1, with spaces in front, so that lengths stay the same.
+
+    A number of which only the digits change would still grow when it gets one digit more.
+    """
+    number = re.compile(before + rb"(\s*:\s*)([0-9.]+)")
+    return lambda data: number.sub(
+        lambda match: data[match.start() : match.start(2)] + b"1".rjust(len(match[2])), data
+    )
+
+
 def _one_too_many(data: bytes) -> bytes:
     """Return the answer with an unrequested one in front. From then on each request gets the answer to an older
     one."""
@@ -72,7 +83,7 @@ RIGS: Mapping[str, Rig] = {
         bombs=_WEBSOCKET_BOMBS,
         wrong_ids={
             "id": _digits(rb'"id"', b"9"),
-            "stamp": _digits(rb'"(?:nano)?sec"', b"1"),
+            "stamp": _constant(rb'"(?:nano)?sec"'),
             "topic": lambda data: data.replace(b"/odom", b"/mood"),
             **_ACCEPT,
         },
