@@ -19,6 +19,13 @@ QUESTION = Question(
             Goal(f"{prefix}_ended_early", "", at_most=0.0),
         )
     ),
-    limit="",
+    limit="""A policy that computes for 0.2 ms and returns one action at a time needs an observation for every
+step. A step takes 1.1 ms of the processor in the script's process, of which the policy takes 0.2 ms. The rest
+is spent in task switches of trio and in waiting for the interpreter's lock, which the threads of the script
+share. The simulated robot and the wire process run on the same two cores. So the process is often late, and a
+period that has passed is not made up for. With 25 actions at a time the rate is 477 to 488 steps per second.
+
+A rollout ends early if no setpoint comes for 0.1 s. On a computer with other work the process of the policy
+waited 40 to 80 ms for a processor, and sometimes longer.""",
     rounds=7,
 )

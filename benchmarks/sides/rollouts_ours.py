@@ -20,8 +20,6 @@ ROLLOUTS = {"short": (1, 2.0), "long": (10, 10.0)}
 """Number of rollouts, and the duration of each (s)."""
 COMPUTES_S = 0.0002
 ENDS_WITHIN_S = 30.0
-BALANCED = {"unitree_go2", "unitree_h1"}
-"""Robots that an onboard controller balances until it is released. A G1 starts in a mode for low-level commands."""
 
 
 class OneAtATime:
@@ -40,13 +38,11 @@ class OneAtATime:
 
 
 def make_ready(robot: RealRobot) -> None:
-    """Arm the robot, and release its onboard controller, if one balances it."""
+    """Arm the robot, and release its onboard controller, if it has one that moves the joints."""
     robot.resume()
-    if robot.tool_name not in BALANCED:
-        return
-    released = robot.service("release_sport_mode")
-    if released["status"] != "success":
-        raise RuntimeError(f"the onboard controller was not released: {released}")
+    service = robot.driver.BEFORE_MOTION
+    if service and (answer := robot.service(service))["status"] != "success":
+        raise RuntimeError(f"{service}: {answer}")
 
 
 def rollout(robot: RealRobot, duration_s: float) -> tuple[float, str]:

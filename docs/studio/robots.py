@@ -47,20 +47,21 @@ def poses() -> Mapping[str, Any]:
     return tomllib.loads(_POSES.read_text())
 
 
+async def scene_at(control: str) -> Scene:
+    """Return the scene of a running twin, by the path of its control socket."""
+    client = SimulationClient(control)
+    try:
+        model = await client.call(p.GetModel(0), p.Model, _ANSWER_S)
+        pose = await client.call(p.GetPose(0), p.Pose, _ANSWER_S)
+    finally:
+        client.close()
+    return Scene(model.binary, pose.qpos)
+
+
 def scene_of(robot: str) -> Scene:
     """Start the twin of a robot, and return its scene."""
-
-    async def ask(control: str) -> Scene:
-        client = SimulationClient(control)
-        try:
-            model = await client.call(p.GetModel(0), p.Model, _ANSWER_S)
-            pose = await client.call(p.GetPose(0), p.Pose, _ANSWER_S)
-        finally:
-            client.close()
-        return Scene(model.binary, pose.qpos)
-
     with tempfile.TemporaryDirectory() as folder, Twin(robot, Path(folder), by_hand=True):
-        return trio.run(ask, str(Path(folder) / "control"))
+        return trio.run(scene_at, str(Path(folder) / "control"))
 
 
 def picture_of(robot: str, samples: int = SAMPLES, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uint8]:

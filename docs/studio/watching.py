@@ -25,6 +25,8 @@ from strands_actors.surfaces.cli.demo.scenario import FAULTS, Failed, Outcome, S
 from strands_actors.surfaces.cli.demo.watch import Sample, Watch
 from strands_actors.testing import Twin
 
+from .robots import scene_at
+
 ROBOT = "so101"
 SECONDS = 13.0
 """Length of the demo, without the time in which processes start."""
@@ -76,13 +78,6 @@ def _poses(control: str) -> Iterator[tuple[bytes, list[Sample]]]:
     poses: list[Sample] = []
     ended = threading.Event()
 
-    async def model() -> bytes:
-        client = SimulationClient(control)
-        try:
-            return (await client.call(p.GetModel(0), p.Model, _ANSWER_S)).binary
-        finally:
-            client.close()
-
     async def sample() -> None:
         client = SimulationClient(control)
         try:
@@ -93,7 +88,7 @@ def _poses(control: str) -> Iterator[tuple[bytes, list[Sample]]]:
         finally:
             client.close()
 
-    scene = trio.run(model)
+    scene = trio.run(scene_at, control).file
     sampler = threading.Thread(target=trio.run, args=(sample,))
     sampler.start()
     try:

@@ -339,9 +339,10 @@ class ReachyTwin:
         """Carry out a message from ``/ws/sdk``. Return its kind and the safe state that it causes, for the
         log of messages."""
         body = self.body
-        if fields.get("type") not in MESSAGES.effects:
+        message = fields.get("type")
+        if not isinstance(message, str) or message not in MESSAGES:
             return "other", None
-        match fields["type"]:
+        match message:
             case "task" if isinstance(fields.get("req"), dict):
                 goto = fields["req"]
                 row = self._target({**goto, "head": _pose_of(goto.get("head"))}, "head", "antennas", "body_yaw")

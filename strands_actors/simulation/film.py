@@ -7,7 +7,6 @@ while it is filmed. Drawing takes its time when the film ends.
 from __future__ import annotations
 
 import base64
-import contextlib
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ import trio
 from strands_actors.caller.session.portal import portal
 from strands_actors.contract.extras import missing
 
-from .handle import Pose, SimulationError, World
+from .handle import Pose, SimulationError, World, named
 from .scene import check_size
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ class Video:
 
     def __enter__(self) -> Video:
         # This picture shows before the film begins that it can be drawn. It also starts the simulation.
-        with _named():
+        with named("video"):
             self._call(self._world.render, *self._size, self._camera)
         self._poses, self._ended = [], False
         self._filming = portal().submit(self._film)
@@ -75,7 +74,7 @@ class Video:
 
     def __exit__(self, *exception: object) -> None:
         self._ended = True
-        with _named():
+        with named("video"):
             self._filming.result()
             write(self.path, self._pictures(), self._fps, self._size)
         self.frames = len(self._poses)
@@ -106,15 +105,6 @@ class Video:
             )
         for pose in self._poses:
             yield self._call(self._world.render, *self._size, self._camera, pose.qpos)
-
-
-@contextlib.contextmanager
-def _named() -> Iterator[None]:
-    """Put the name of the verb before the text of a ``SimulationError``."""
-    try:
-        yield
-    except SimulationError as failure:
-        raise SimulationError(f"video: {failure}") from None
 
 
 def checked(path: object, fps: object, width: object, height: object) -> tuple[Path, int, Size]:

@@ -11,9 +11,10 @@ driver. The other joints follow the direct control.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import trio
@@ -38,6 +39,15 @@ WINDOW_S = 20.0
 
 class SimulationError(RuntimeError):
     """The simulation cannot carry out a request. The exception's text is the reason."""
+
+
+@contextlib.contextmanager
+def named(verb: str) -> Iterator[None]:
+    """Put the name of the verb before the text of a ``SimulationError``."""
+    try:
+        yield
+    except SimulationError as failure:
+        raise SimulationError(f"{verb}: {failure}") from None
 
 
 class Pose(NamedTuple):

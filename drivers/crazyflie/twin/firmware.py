@@ -339,12 +339,10 @@ class Firmware:
                 return Reaction("safe", _answer(data, 0), "limp")
             case HighLevel.TAKEOFF | HighLevel.LAND:
                 _, to_m, _, _, duration_s = struct.unpack("<Bff?f", data[1:])
-            case HighLevel.LAND_WITH_VELOCITY:
+            case _:  # LAND_WITH_VELOCITY, the last one of the table
                 _, to_m, relative, _, _, mean_m_s = struct.unpack("<Bf?f?f", data[1:])
                 to_m = height_m - to_m if relative else to_m
                 duration_s = abs(to_m - height_m) / (mean_m_s if mean_m_s > 0 else USUAL_LANDING_M_S)
-            case _:
-                return Reaction("other", _answer(data, packets.ENOEXEC))
         if not math.isfinite(to_m) or not 0 <= duration_s < 60:
             return Reaction("garbled")
         lands = data[0] != HighLevel.TAKEOFF

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import math
 import os
-from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 from strands_actors.kernel.messages import Refused
 from strands_actors.simulation import evaluation, film, scene
 from strands_actors.simulation.film import Video
-from strands_actors.simulation.handle import SimulationError, World
+from strands_actors.simulation.handle import SimulationError, World, named
 from strands_actors.simulation.png import encode_png
 from strands_actors.supervisors import stop_result
 from strands_actors.surfaces.agents.approval import Approval
@@ -112,7 +111,7 @@ class SimRobot(RealRobot):
         if isinstance(width, str):
             width, height, camera_name = height, camera, width
         elif camera_name is None:
-            with _named("render"):
+            with named("render"):
                 return self._render(width, height, camera)
         try:
             picture = self._render(width, height, None if camera_name in WHOLE else camera_name)
@@ -159,7 +158,7 @@ class SimRobot(RealRobot):
             TypeError, ValueError: An argument is wrong.
         """
         across, down = self._sizes.get(camera or "", PICTURE)
-        with _named("video"):
+        with named("video"):
             file, rate, size = film.checked(path, fps, width or across, height or down)
         video = film.Video(self._world, self._call, file, rate, size, camera)
         if seconds is None:
@@ -174,7 +173,7 @@ class SimRobot(RealRobot):
         Raises:
             SimulationError: There is no display, a package is missing, or the window did not open.
         """
-        with _named("view"):
+        with named("view"):
             self._call(self._world.view)
 
     def get_observation(
@@ -528,12 +527,3 @@ class SimRobot(RealRobot):
         answer = super().cleanup()
         self._call(self._world.close)
         return answer
-
-
-@contextlib.contextmanager
-def _named(verb: str) -> Iterator[None]:
-    """Put the name of the verb before the text of a ``SimulationError``."""
-    try:
-        yield
-    except SimulationError as failure:
-        raise SimulationError(f"{verb}: {failure}") from None

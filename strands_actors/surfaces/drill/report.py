@@ -154,12 +154,7 @@ def report_of(
             Step(each.step, each.passed, each.safe_state, _rounded(each.confirmed_ms), round(each.bound_ms, 1))
             for each in results
         ],
-        computer=Computer(
-            platform.system(),
-            platform.machine(),
-            os.cpu_count() or 1,
-            ".".join(platform.python_version_tuple()[:2]),
-        ),
+        computer=_computer(),
     )
 
 

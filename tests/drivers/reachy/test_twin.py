@@ -76,6 +76,15 @@ def test_clients_of_another_make_move_look_and_stop(client: httpx.Client, twin: 
         assert client.post(p.STOP, json=long).status_code == 500
 
 
+@pytest.mark.parametrize("kind", ["[]", "{}", "null", "7", '"unknown"'])
+def test_a_message_without_a_known_type_is_dropped_and_the_connection_stays(kind: str, twin: Twin) -> None:
+    with listening(twin, p.SDK) as sdk:
+        sdk.send(f'{{"type": {kind}}}')
+        told(sdk, "joint_positions")
+        sdk.send('{"type": "stop_move"}')
+        told(sdk, "joint_positions")
+
+
 def test_targets_and_states_over_their_own_websockets(client: httpx.Client, twin: Twin) -> None:
     with (
         listening(twin, "/api/state/ws/full?frequency=50") as states,
