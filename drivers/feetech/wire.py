@@ -70,6 +70,13 @@ class FeetechWire(ServoWire[protocol.Packet]):
             await lift_speed_limit(self.session.bus, self._limited[-1])
             self._limited.pop()
 
+    async def after_arming(self, permit: Permit) -> None:
+        """Read the faults again. Torque on clears the error of a servo that had switched itself off, and with the
+        earlier reading the first setpoint would be refused for it. The positions stay those that became the
+        goals."""
+        replies = await self.ask_all(*self.FEEDBACK, "whether it has a fault")
+        self.session.readings.store_faults(replies, self.FEEDBACK[0])
+
 
 class FeetechStopChannel(ServoStopChannel[protocol.Packet]):
     CODEC = protocol

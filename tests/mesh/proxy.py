@@ -68,9 +68,3 @@ class Cable:
             pass
         for end in (source, target):
             end.close()
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-        return port

@@ -29,8 +29,8 @@ from strands_actors.surfaces.mesh import TLS, Access, MeshConfig, control, open_
 from strands_actors.surfaces.mesh.keys import make
 from strands_actors.surfaces.mesh.outcome import outcome_of
 from strands_actors.testing import FakeHardware, Twin
+from tests.ports import free_port
 
-from .proxy import free_port
 from .world import Samples, code, robot_on_mesh, run, tls, until
 
 

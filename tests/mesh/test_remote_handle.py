@@ -16,9 +16,10 @@ from strands_actors.surfaces.mesh import MeshConfig
 from strands_actors.surfaces.mesh.keys import make
 from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, until, why
+from tests.ports import free_port
 from tests.trees import first_safe
 
-from .proxy import Cable, free_port
+from .proxy import Cable
 from .world import tls
 
 LIFETIME_S = 0.6

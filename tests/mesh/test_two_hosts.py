@@ -14,8 +14,9 @@ from strands_actors.surfaces.mesh import MeshConfig, control, open_mesh
 from strands_actors.surfaces.mesh.keys import make
 from strands_actors.surfaces.mesh.remote import RemoteRobot
 from strands_actors.testing import Twin
+from tests.ports import free_port
 
-from .proxy import Cable, free_port
+from .proxy import Cable
 from .world import code, run, tls, until
 
 TTL_S = 0.2

@@ -11,7 +11,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import threading
 import time
@@ -31,6 +30,7 @@ from strands_actors.testing import Twin
 from tests.answers import json_of, pids, state, status, until, why
 from tests.drivers.reachy.test_cameras import Media
 from tests.drivers.yahboom.rig import judge_client
+from tests.ports import free_port
 
 HERE = Path(__file__).parent
 POSE = "/api/state/present_head_pose"
@@ -107,12 +107,6 @@ class Daemon:
             return bool(self.get(p.STATUS)["state"] == "running")
         except httpx.HTTPError:
             return False
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="module", params=["--mockup-sim", "--sim"])

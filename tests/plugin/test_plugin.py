@@ -216,7 +216,7 @@ def test_a_failed_connection_gives_its_reason_and_leaves_no_process(twin: Twin, 
 
 
 def test_a_robot_of_another_host_is_stopped_and_goes_on_there(twin: Twin, make: Make, tmp_path: Path) -> None:
-    from tests.mesh.proxy import free_port
+    from tests.ports import free_port
 
     at = f"tcp/127.0.0.1:{free_port()}"
     here = Robot("so101", mode="real", port=twin.port, mesh=MeshConfig(listen=at, insecure=True), tool_name="lent")

@@ -22,7 +22,7 @@ from tests.answers import json_of, task_ended
 from tests.trees import begin_moving
 
 from .curious import Curious
-from .helpers import limps
+from .helpers import at, limps
 
 WHERE = f"{Curious.__module__}:{Curious.__qualname__}"
 SECRET = "so101.key"
@@ -57,6 +57,8 @@ def test_saf_017_a_policy_process_has_no_descriptor_no_link_and_no_key_of_others
     (tmp_path / "mesh.toml").write_text("")
     with Robot("so101", mode="real", port=twin.port, mesh=MeshConfig(listen="tls/127.0.0.1:0", tls=keys)) as arm:
         json_of(arm.send_action({"shoulder_pan": 0.0}))
+        # The policy sends what it observes. While the joint still moved, this would be a jump from the target.
+        at(arm, "shoulder_pan", 0.0)
         others = sockets_of_the_tree(arm)
         report = look(arm, tmp_path / "found.json")
     targets = report["descriptors"]

@@ -112,6 +112,13 @@ class Readings(ABC, Generic[PacketT]):
             if sample.energised is not None:
                 (self.limp.discard if sample.energised else self.limp.add)(axis.id)
 
+    def store_faults(self, replies: Mapping[int, PacketT], base: int) -> None:
+        """Store the faults that the replies report, and no other value. ``base`` is the address of the first
+        register that was read."""
+        for axis in self._axes:
+            if axis.id in replies:
+                self._words[axis.id] = self.sample(axis, replies[axis.id], base).words
+
     def recent_positions(
         self, since_ns: int, now_ns: int, goals: Mapping[int, int], aimed_ns: int
     ) -> dict[int, int]:

@@ -255,7 +255,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self.session.torque_due_ns = 0
 
     async def ask_all(self, address: int, size: int, label: str) -> dict[int, PacketT]:
-        """Read a block of registers from every servo, before any servo is energised.
+        """Read a block of registers from every servo.
 
         Args:
             address: The address of the first register.

@@ -138,7 +138,7 @@ class TwinServo(ABC):
     @abstractmethod
     def protect(self, now_s: float) -> None:
         """Do the protective actions that the firmware does without a request, as far as they are due at this
-        time."""
+        time. ``now_s`` is the plant's time."""
 
     def get(self, register: Register) -> int:
         end = register.address + register.size
@@ -246,7 +246,9 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         columns = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm, plant.effort_limit_nm)
         for servo, rad, rad_s, nm, limit_nm in zip(self.servos, *columns, strict=True):
             servo.reading = Reading(rad, rad_s, nm / limit_nm)
-            servo.protect(now_s)
+            # A load counts for as long as it is simulated. After a long silence of the bus, the plant skips most of
+            # that time, and the load of a moment must not become an overload of seconds.
+            servo.protect(plant.data.time)
 
     def _move_targets(self, now_s: float) -> None:
         """Advance the moving targets of the joints to the time ``now_s``."""

@@ -97,7 +97,7 @@ class RemoteProcesses(Processes):
 
     async def _reach(self) -> None:
         """Wait until the robot's clock was read. Raise ``NotConnected`` if the robot does not answer."""
-        failure = "no robot of this name runs there, or this certificate may not command"
+        failure = "no robot of this name runs there, or this is not the certificate of an operator"
         with trio.move_on_after(REACH_S):
             while True:
                 try:

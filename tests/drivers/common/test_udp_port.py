@@ -9,6 +9,7 @@ import trio
 
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.common.ports.udp_port import listen_udp, open_udp
+from tests.ports import free_port
 
 
 def robot() -> socket.socket:
@@ -61,14 +62,9 @@ def test_a_used_port_and_an_unknown_name() -> None:
 # -- a peer that speaks first
 
 
-def free_port() -> int:
-    with robot() as sock:
-        return int(sock.getsockname()[1])
-
-
 def test_the_first_valid_sender_is_the_peer_and_others_are_ignored() -> None:
     async def main() -> None:
-        number = free_port()
+        number = free_port(socket.SOCK_DGRAM)
         port = await listen_udp(number)
         with robot() as peer, robot() as stranger, trio.fail_after(5):
             with pytest.raises(WireDown, match="no datagram has arrived yet"):
@@ -92,7 +88,7 @@ def test_the_first_valid_sender_is_the_peer_and_others_are_ignored() -> None:
 
 def test_only_datagrams_of_the_named_host_are_read() -> None:
     async def main() -> None:
-        number = free_port()
+        number = free_port(socket.SOCK_DGRAM)
         port = await listen_udp(number, "127.0.0.9")
         with robot() as stranger:
             stranger.sendto(b"robot", ("127.0.0.1", number))
@@ -106,7 +102,7 @@ def test_only_datagrams_of_the_named_host_are_read() -> None:
 
 def test_a_peer_that_is_gone_is_looked_for_again_on_the_same_socket() -> None:
     async def main() -> None:
-        number = free_port()
+        number = free_port(socket.SOCK_DGRAM)
         port = await listen_udp(number)
         for _ in range(2):
             with robot() as peer, trio.fail_after(5):
@@ -123,7 +119,7 @@ def test_a_peer_that_is_gone_is_looked_for_again_on_the_same_socket() -> None:
 
 def test_a_port_with_a_listener() -> None:
     async def main() -> None:
-        number = free_port()
+        number = free_port(socket.SOCK_DGRAM)
         port = await listen_udp(number)
         with pytest.raises(WireDown, match=rf"UDP port {number} cannot be opened .* Another program may use it"):
             await listen_udp(number)
@@ -139,7 +135,7 @@ def test_a_flood_takes_no_turn_from_others() -> None:
     once."""
 
     async def main() -> None:
-        number = free_port()
+        number = free_port(socket.SOCK_DGRAM)
         port = await listen_udp(number)
         with robot() as peer, robot() as stranger:
             peer.sendto(b"robot", ("127.0.0.1", number))

@@ -153,7 +153,7 @@ def test_the_calibrated_robot_is_accepted() -> None:
         assert facts["calibration_source"] == "given as a dict"
         seen = await rig.wire.arm(Permission())
         for axis, value, servo in zip(rig.driver.joints, seen.position, rig.bus.servos, strict=True):
-            assert axis.count(value) == servo.get(protocol.POSITION)
+            assert axis.count(value) == servo.get(protocol.GOAL_POSITION)
 
     virtual(main)
 

@@ -255,6 +255,19 @@ def test_an_overload_releases_the_servo_until_torque_is_written() -> None:
     assert abs(bench.get(6, p.POSITION) - 2048) < 10
 
 
+def test_the_load_of_two_moments_with_silence_between_is_no_overload() -> None:
+    bench = Bench()
+    bench.energise()
+    bench.put(1, p.GOAL_POSITION, 800)
+    bench.wait(0.05)
+    assert abs(bench.get(1, p.LOAD)) > 900, "it accelerates"
+    bench.now_s += 10.0  # of which the plant simulates 0.25 s
+    assert abs(bench.get(1, p.LOAD)) > 900, "it still does"
+    assert bench.status(p.ping(1)).code == 0
+    bench.wait(1)
+    assert bench.get(1, p.TORQUE_ENABLE) == 1 and abs(bench.get(1, p.POSITION) - 800) < 10
+
+
 def test_the_torque_limit_limits() -> None:
     bench = Bench()
     bench.put(6, p.TORQUE_LIMIT, 300)

@@ -35,6 +35,20 @@ def test_read_gives_every_row_in_the_drivers_units() -> None:
     virtual(main)
 
 
+def test_an_overload_that_arming_clears_does_not_refuse_the_first_setpoint() -> None:
+    async def main() -> None:
+        rig = FeetechRig()
+        servo = rig.bus.servos[VICTIM - 1]
+        servo._tripped = overload = 32
+        await rig.wire.open()
+        assert servo.error == overload, "connecting energises nothing, so the error stays"
+        seen = await rig.wire.arm(Permission())
+        assert servo.error == 0
+        assert seen.faults == {}
+
+    virtual(main)
+
+
 def test_write_checks_the_permit_last_and_writes_one_frame() -> None:
     async def main() -> None:
         rig = await FeetechRig().armed()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import socket
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -157,9 +156,3 @@ def on_a_twin(
 def all_safe(reports: tuple[MotorReport, ...]) -> bool:
     assert [report.axis for report in reports] == [f"joint{number}" for number in range(1, 8)]
     return all(report.safe for report in reports)
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("0.0.0.0", 0))
-        return int(sock.getsockname()[1])

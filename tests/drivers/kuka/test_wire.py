@@ -12,8 +12,9 @@ import trio
 from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.kuka.driver import Kuka
 from strands_actors.drivers.kuka.protocol import Monitoring, State, decode_command, encode_monitoring
+from tests.ports import free_port
 
-from .rig import PATIENCE_S, SLACK_S, TTL_S, Rig, all_safe, free_port, on_a_twin
+from .rig import PATIENCE_S, SLACK_S, TTL_S, Rig, all_safe, on_a_twin
 
 # -- motion lives as long as its setpoint
 
@@ -164,7 +165,7 @@ def test_only_messages_of_the_named_controller_are_read(tmp_path: Path) -> None:
     def another(server_port: str) -> str:
         return f"127.0.0.9:{server_port}"
 
-    port = free_port()
+    port = free_port(socket.SOCK_DGRAM)
     on_a_twin(tmp_path, test, {"port": port}, port=another(str(port)), connect_timeout=0.3)
 
 
@@ -173,8 +174,8 @@ def test_without_a_port_the_first_sender_is_the_controller(tmp_path: Path) -> No
         await rig.connect()
         assert (await rig.wire.read()).sensors["fri_state"] == (State.COMMANDING_ACTIVE,)
 
-    port = free_port()
-    on_a_twin(tmp_path, test, {"port": port, "from_port": free_port()}, port="", fri_port=port)
+    port = free_port(socket.SOCK_DGRAM)
+    on_a_twin(tmp_path, test, {"port": port, "from_port": free_port(socket.SOCK_DGRAM)}, port="", fri_port=port)
 
 
 def test_a_later_foreign_sender_is_not_answered(tmp_path: Path) -> None:
