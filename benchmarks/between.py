@@ -17,6 +17,8 @@ QUESTION = Question(
         Goal("ask_p50_us", "ray", at_most=0.35),
         Goal("tell_per_s", "ray", at_least=10.0),
     ),
+    notice="""Nothing at a control rate of 50 Hz. Each question to the robot's process delays a script by a
+third of a millisecond, so a loop that asks a thousand times in a second leaves no time for anything else.""",
     limit="""An ask is a request with an answer, a tell a message without an answer. The side `zenoh` answers
 inside zenoh's callback, on a thread of zenoh. A process that keeps its state in one event loop has to pass each
 message from zenoh's thread to that loop, and the answer back. `zenoh into trio` is the smallest program that

@@ -26,6 +26,8 @@ from typing import Any
 
 HOUSE = Path(__file__).resolve().parent
 RESULTS = HOUSE / "results"
+HIGHER_IS_BETTER = ("_per_s", "_hz", "_x")
+"""Units of figures of which more is better. Of times, shares of a processor and memory, less is better."""
 OURS = "ours"
 """The side that the goals judge. Every question has it."""
 
@@ -67,6 +69,8 @@ class Question:
     goals: tuple[Goal, ...]
     limit: str
     """The text on what limits our figure at present, with the evidence, in Markdown."""
+    notice: str
+    """What the result means to a person who uses a robot, in Markdown."""
     rounds: int = 5
     short: bool = True
     """True if its short form runs in CI."""
@@ -85,6 +89,13 @@ class Question:
             raise ValueError(
                 f"{self.name}: its goals name {', '.join(unknown)}. Name only some of its sides: {names}"
             )
+
+    def lower_is_better(self, figure: str) -> bool:
+        """Return True if a lower value of the figure is better: by its goal, or by its unit if it has none."""
+        for goal in self.goals:
+            if goal.figure == figure:
+                return goal.at_most is not None
+        return not figure.endswith(HIGHER_IS_BETTER)
 
     def among(self, *sides: str) -> Question:
         """Return a copy of the question with only the given sides (programs) and the side of this package, and

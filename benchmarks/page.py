@@ -154,6 +154,8 @@ def section(question: Question, result: Result) -> str:
     )
     lines = [f"## {question.title}", "", paragraph(conditions), "", *table(result), *goals(question, result), ""]
     lines += [
+        paragraph(f"**What a person notices.** {question.notice}"),
+        "",
         "\n\n".join(paragraph(part) for part in f"**What limits it.** {question.limit}".split("\n\n")),
         "",
         f"![{question.title}](benchmarks/{question.name}.svg)",
@@ -199,7 +201,9 @@ def plot(question: Question, result: Result, path: Path) -> None:
     )[:, 0]
     for panel, (figure, each) in zip(panels, spreads.items(), strict=True):
         far_apart = _draw(panel, each)
-        panel.set_title(label(figure) + (" (logarithmic axis)" if far_apart else ""), fontsize=10, loc="left")
+        better = "lower is better" if question.lower_is_better(figure) else "higher is better"
+        axis = ", logarithmic axis" if far_apart else ""
+        panel.set_title(f"{label(figure)} ({better}{axis})", fontsize=10, loc="left")
     path.parent.mkdir(parents=True, exist_ok=True)
     drawing.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
 

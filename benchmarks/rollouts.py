@@ -19,6 +19,9 @@ QUESTION = Question(
             Goal(f"{prefix}_ended_early", "", at_most=0.0),
         )
     ),
+    notice="""With a policy that returns one action at a time the robot moves a little slower than the policy
+intends, since each action lasts longer than 2 ms. A robot whose rollout ends early stands still until it is
+started again.""",
     limit="""A policy that computes for 0.2 ms and returns one action at a time needs an observation for every
 step. A step takes 1.1 ms of the processor in the script's process, of which the policy takes 0.2 ms. The rest
 is spent in task switches of trio and in waiting for the interpreter's lock, which the threads of the script

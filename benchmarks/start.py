@@ -24,6 +24,7 @@ QUESTION = Question(
         Goal("armed_ms", "", at_most=800.0),
         Goal("armed_on_wire_ms", "", at_most=800.0),
     ),
+    notice="""A script has an armed robot after half a second.""",
     limit="""trio and msgspec take 93 to 95 ms of the import's 113 to 119 ms of processor time. zenoh takes 2.4 ms,
 json 1.2 ms, and nearly all of the rest are our own modules (`-X importtime`). asyncio, entry points and the code
 of the root process are imported only when they are needed. Before the robot is armed, three processes start: first

@@ -15,6 +15,8 @@ QUESTION = Question(
     goals=tuple(
         Goal(f"{each}_per_s", "mj_step", at_least=0.8) for each in ("control_period", "second", "ten_seconds")
     ),
+    notice="""Nothing with a policy, which asks once in 20 ms. A program that asks after every control period is
+nine times slower than with MuJoCo itself, so it should compute many periods with each `step`.""",
     limit="""A call of `step` with an action takes 0.45 to 0.55 ms besides its physics, independent of the number
 of physics steps. The call goes from the caller's thread to the wire process (checks, the driver's names and
 units), from there to the process of the simulation, and back: four wake-ups. These 0.5 ms are negligible in calls

@@ -23,6 +23,7 @@ QUESTION = Question(
         Goal("bounded_per_s", "trio", at_least=13.0),
     ),
     ground="a deque and a call",
+    notice="""Nothing: a robot needs some thousand messages in a second, and this is a thousand times as many.""",
     limit="""A message costs 125 ns to send and 195 ns to handle (measured separately in groups of 1000, Python
 3.11, on the computer of the table). 45 ns of that is a reading of the clock, which recordings need, and the call
 of the handler takes another 45 ns. The rest is work for each message, in steps of some 20 bytecodes of this

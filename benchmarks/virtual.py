@@ -17,6 +17,7 @@ QUESTION = Question(
         Goal("same_trace", "", at_least=1.0),
     ),
     ground="its passes and physics",
+    notice="""A test that takes a minute on a robot takes 2 s, and an hour of a recording is replayed in 9 s.""",
     limit="""A simulated second of an SO-101 takes 26 ms (470 passes of trio's loop). trio and its virtual clock
 take a third of these 26 ms, the simulated servos with 500 steps of MuJoCo a sixth, actors and messages a fifth,
 and the driver's codec and checks a tenth (cProfile; the flame graph shows the same). With a driver without bus and

@@ -219,6 +219,9 @@ QUESTION = Question(
     title="A command, a stop and the processor on the wires that came later",
     sides={OURS: side(OURS), OTHERS: side("other")},
     goals=tuple(goal for robot in WIRES for goal in goals_of(robot)),
+    notice="""Nothing on most robots: a command leaves some 0.5 ms later than with the usual client, and the
+processor does 5 to 20 % of a core more. A stop leaves within 4 ms. It takes up to 11 ms on a KUKA, which
+listens once in 5 ms, and 340 ms on a Reachy that answers late.""",
     limit=LIMIT,
     rounds=1,
 )

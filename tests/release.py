@@ -7,6 +7,9 @@ Only files of the commit are used, so changes that are not committed have no eff
 distribution are built twice, in two folders, and have to be equal byte by byte. All times in them are
 the time of the commit. So with the same commit, Python and hatchling everyone gets the same files.
 
+The files name the public address of the project (``[project.urls]``). It is that of the git remote
+``origin``, which is known where a release is made, and not in the files of a commit.
+
 It needs the extra ``release``, git, and the package index for the SBOM.
 """
 
@@ -43,8 +46,10 @@ def main(arguments: Sequence[str]) -> int:
         tags = git("tag", "--points-at", commit).split()
         epoch = git("log", "-1", "--format=%ct", commit)
         print(f"commit {commit}, time {epoch}, Python {sys.version.split()[0]}, {tools()}", flush=True)
+        address = public_address()
+        print(f"address {address}" if address else "no address: git has no remote `origin` on a public host")
         with tempfile.TemporaryDirectory(prefix="release-") as folder:
-            release(commit, tags, epoch, Path(folder))
+            release(commit, tags, epoch, address, Path(folder))
     except NotReleased as problem:
         print(f"release: {problem}", file=sys.stderr)
         return 1
@@ -52,7 +57,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def release(commit: str, tags: Sequence[str], epoch: str, folder: Path) -> None:
+def release(commit: str, tags: Sequence[str], epoch: str, address: str, folder: Path) -> None:
     """Write the files to ``DIST``.
 
     Raises:
@@ -62,6 +67,7 @@ def release(commit: str, tags: Sequence[str], epoch: str, folder: Path) -> None:
     sources = [folder / "first", folder / "the second"]
     for source in sources:
         export(commit, source)
+        name_address(source / "pyproject.toml", address)
     source = sources[0]
     project = tomllib.loads((source / "pyproject.toml").read_text())["project"]
     name, version = project["name"], project["version"]
@@ -106,6 +112,34 @@ def problems(version: str, module: str, changelog: str, tags: Sequence[str]) -> 
         yield f"the commit has the tag {', '.join(releases)}, and pyproject.toml has the version {version}"
     if releases and heading is not None and not re.fullmatch(r" \(\d{4}-\d\d-\d\d\)", heading[2]):
         yield f"CHANGELOG.md has no date. Write '## {version} (YYYY-MM-DD)'"
+
+
+def public_address() -> str:
+    """Return the address of the project's page on its public host, from the git remote ``origin``. Return an empty
+    string if there is no such remote."""
+    remotes = git("remote").split()
+    return address_of(git("remote", "get-url", "origin")) if "origin" in remotes else ""
+
+
+def address_of(remote: str) -> str:
+    """Return the address of the page of a git remote; empty if the remote is on no public host."""
+    found = re.fullmatch(r"(?:https://(?:[^/@]+@)?|ssh://[^/@]+@|[^/@:]+@)([\w-]+(?:\.[\w-]+)+)[:/](.+)", remote)
+    return f"https://{found[1]}/{found[2].removesuffix('/').removesuffix('.git')}" if found else ""
+
+
+def name_address(project: Path, address: str) -> None:
+    """Add the pages of the project's address to ``pyproject.toml``. Without an address nothing is added."""
+    if not address:
+        return
+    version = tomllib.loads(project.read_text())["project"]["version"]
+    pages = {
+        "Source": address,
+        "Documentation": f"{address}/tree/v{version}/docs",
+        "Changelog": f"{address}/blob/v{version}/CHANGELOG.md",
+        "Issues": f"{address}/issues",
+    }
+    rows = "".join(f'{name} = "{page}"\n' for name, page in pages.items())
+    project.write_text(f"{project.read_text()}\n[project.urls]\n{rows}")
 
 
 def tools() -> str:

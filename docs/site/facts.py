@@ -39,6 +39,8 @@ class Wire(NamedTuple):
     """The protocol of a robot, as the README's table of robots names it."""
 
     text: str
+    tested_with: str
+    """Names of the clients that drive its twin, with commas; "–" if there are none."""
     page: str
     """The path of its page in ``docs/``."""
 
@@ -105,11 +107,15 @@ def aliases(robot: str) -> list[str]:
 @functools.cache
 def _wires() -> dict[str, Wire]:
     rows = re.findall(
-        r"^\|(?: <img [^>]+> \|)? (`.+`) \| (.+) \| \[[^]]+\]\(docs/([^)]+)\) \|$",
+        r"^\|(?: <img [^>]+> \|)? (`[^|]+`) \| ([^|]+) \| ([^|]+) \| \[[^]]+\]\(docs/([^)]+)\) \|$",
         (ROOT / "README.md").read_text(),
         re.M,
     )
-    return {name: Wire(text, page) for names, text, page in rows for name in re.findall(r"`(\w+)`", names)}
+    return {
+        name: Wire(text, tested_with, page)
+        for names, text, tested_with, page in rows
+        for name in re.findall(r"`(\w+)`", names)
+    }
 
 
 def wire(robot: str) -> Wire:

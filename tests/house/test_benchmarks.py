@@ -51,6 +51,7 @@ def test_rounds_are_interleaved_and_ratios_are_taken_within_a_round() -> None:
         {"ours": side("ours", 1.0, 10.0, 3.0), "theirs": side("theirs", 2.0, 100.0, 6.0)},
         (Goal("took_us", "theirs", at_most=0.5), Goal("took_us", "", at_most=2.0)),
         "",
+        "",
     )
     result = house.run(question, rounds=3, short=True)
     assert [sorted(calls[at : at + 2]) for at in (0, 2, 4)] == [["ours", "theirs"]] * 3
@@ -69,11 +70,13 @@ def test_a_goal_has_one_bound_and_a_side_that_exists() -> None:
     with pytest.raises(ValueError, match="Give one"):
         Goal("took_us", "")
     with pytest.raises(ValueError, match="its goals name theirs"):
-        Question("q", "?", {"ours": lambda short: {}}, (Goal("took_us", "theirs", at_most=1.0),), "")
+        Question("q", "?", {"ours": lambda short: {}}, (Goal("took_us", "theirs", at_most=1.0),), "", "")
 
 
 def test_a_result_reads_back_and_its_section_names_missed_goals(tmp_path: Path) -> None:
-    question = Question("q", "How?", {"ours": lambda short: {}}, (Goal("took_us", "", at_most=1.0),), "A *limit*.")
+    question = Question(
+        "q", "How?", {"ours": lambda short: {}}, (Goal("took_us", "", at_most=1.0),), "A *limit*.", "Nothing."
+    )
     rounds = ({"ours": {"took_us": 2.0}}, {"ours": {"took_us": 4.0}})
     result = Result("q", False, Machine("cpu", 2, "Linux", "3.11", "2026-01-01T00:00+00:00", 0.1), rounds)
     kept = tmp_path / "q.json"
@@ -81,6 +84,13 @@ def test_a_result_reads_back_and_its_section_names_missed_goals(tmp_path: Path) 
     assert Result.read(kept) == result
     section = page.section(question, result)
     assert "| took, µs | ≤ 1.00 | 3.00 [2.00..4.00] | **missed** |" in section
-    assert "A *limit*." in section
+    assert "A *limit*." in section and "**What a person notices.** Nothing." in section
     page.plot(question, result, tmp_path / "q.svg")
     assert (tmp_path / "q.svg").stat().st_size > 1000
+
+
+def test_a_chart_names_the_better_direction() -> None:
+    goals = (Goal("lost", "", at_most=0.0), Goal("robots", "", at_least=1.0))
+    question = Question("q", "?", {"ours": lambda short: {}}, goals, "", "")
+    assert question.lower_is_better("lost") and not question.lower_is_better("robots")
+    assert question.lower_is_better("cpu_pct") and not question.lower_is_better("tell_per_s")

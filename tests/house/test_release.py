@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from strands_actors.version import __version__
-from tests.release import differences, problems
+from tests.release import address_of, differences, name_address, problems
 
 from .test_imports import ROOT
 
@@ -42,6 +43,36 @@ def test_a_trial_needs_no_date_and_a_release_needs_a_tag_and_a_date(changelog: s
 def test_what_does_not_agree_is_named(version: str, changelog: str, tags: list[str], reason: str) -> None:
     found = list(problems(version, MODULE, changelog, tags))
     assert len(found) == 1 and reason in found[0]
+
+
+@pytest.mark.parametrize(
+    ("remote", "address"),
+    [
+        ("https://host.example/robots/actors.git", "https://host.example/robots/actors"),
+        ("https://robot:token@host.example/robots/actors/", "https://host.example/robots/actors"),
+        ("git@host.example:robots/actors.git", "https://host.example/robots/actors"),
+        ("ssh://git@host.example/robots/actors", "https://host.example/robots/actors"),
+        ("/srv/git/actors", ""),
+        ("file:///srv/git/actors", ""),
+        ("../actors", ""),
+    ],
+)
+def test_the_address_is_that_of_a_remote_on_a_public_host(remote: str, address: str) -> None:
+    assert address_of(remote) == address
+
+
+def test_a_release_names_its_address(tmp_path: Path) -> None:
+    project = tmp_path / "pyproject.toml"
+    own = (ROOT / "pyproject.toml").read_text()
+    project.write_text(own)
+    name_address(project, "")
+    assert project.read_text() == own
+    name_address(project, "https://host.example/robots/actors")
+    named = tomllib.loads(project.read_text())
+    urls = named["project"].pop("urls")
+    assert named == tomllib.loads(own)
+    assert urls["Changelog"] == f"https://host.example/robots/actors/blob/v{__version__}/CHANGELOG.md"
+    assert set(urls) == {"Source", "Documentation", "Changelog", "Issues"}
 
 
 def test_builds_that_are_not_equal_are_found(tmp_path: Path) -> None:

@@ -151,6 +151,16 @@ def test_every_client_is_run_by_its_test_at_the_version_that_is_shown() -> None:
 # -- text
 
 
+def test_the_readme_names_the_clients_of_each_robot() -> None:
+    shown = {robot: facts.wire(robot).tested_with for robot in list_native_drivers()}
+    assert shown.pop("reachy_mini") == "the vendor's daemon", "tests/peers"
+    of_row: dict[str, set[str]] = {}
+    for robot, text in shown.items():
+        of_row.setdefault(text, set()).update(client.name for client in facts.clients_of(robot))
+    assert of_row.pop("–") == set()
+    assert of_row == {text: set(text.split(", ")) for text in of_row}
+
+
 def test_links_lead_to_the_places_of_the_site() -> None:
     code = "```\n[d](docs/safety.md)\n```\n"
     text = "[a](docs/safety.md) [b](CONTRIBUTING.md#add-a-wire) [c](examples/policy.py)\n"
