@@ -96,7 +96,7 @@ async def hold(gripper: GripperClient, last_status: Status | None, config: Robot
             for _ in range(ATTEMPTS):
                 # Without an answer, send a reset (the command for the empty status). It stops a gripper that moves,
                 # and changes nothing if the gripper was already reset.
-                last_status = last_status or await gripper.status(CONFIRM_S) or Status()
+                last_status = last_status or await _settled_status(gripper) or Status()
                 # After a reset send only resets. A hold after a reset would set the bit rACT again, and that would
                 # start an activation.
                 if command is None or command.activate:
@@ -120,3 +120,15 @@ async def hold(gripper: GripperClient, last_status: Status | None, config: Robot
     except WireDown as error:
         detail = str(error)
     return config.report(written, answered, detail)
+
+
+async def _settled_status(gripper: GripperClient) -> Status | None:
+    """Read the status twice, and return the second; None if the gripper does not answer.
+
+    After a pause the gripper reads what waits on all its connections, in any order. So a reset on another
+    connection may follow the first answer, and a hold after that reset would activate the gripper. The second
+    request is read after everything that waited.
+    """
+    if await gripper.status(CONFIRM_S) is None:
+        return None
+    return await gripper.status(CONFIRM_S)

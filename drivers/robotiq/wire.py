@@ -58,6 +58,7 @@ class RobotiqSession:
         self.requested_ns = 0
         self.sent_position: int | None = None  # Position in the last setpoint, in register counts.
         self.misses = 0  # Number of consecutive readings that do not repeat the position of the last setpoint.
+        self.has_unanswered_stop = False  # The last stop was sent, and the gripper did not answer.
 
 
 class RobotiqWire(SessionWire[RobotiqSession]):
@@ -117,7 +118,7 @@ class RobotiqWire(SessionWire[RobotiqSession]):
                 f"arming: the gripper does not confirm the hold (sent {command.position}, it repeats "
                 f"{status.request}). Check whether another program writes to it, then try again"
             )
-        session.sent_position = None
+        session.sent_position, session.has_unanswered_stop = None, False
         return self._observation(session)
 
     async def read(self) -> Observation:
@@ -167,20 +168,42 @@ class RobotiqWire(SessionWire[RobotiqSession]):
             last_status = None
             with contextlib.suppress(WireDown):  # If the connection is lost, ``hold`` below reports it.
                 last_status = await self._soonest(session)
-        return (await hold(session.gripper, last_status or Status(), self._config),)
+        report = await hold(session.gripper, last_status or Status(), self._config)
+        session.has_unanswered_stop = report.written and not report.safe
+        return (report,)
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
-        """Hold the gripper on a new connection, after reading its status there.
+        """Stop the gripper on the old connection, which may still carry commands to it, and hold it on a new one,
+        after reading its status there.
 
         Without the status, a hold would activate a gripper that has lost its power, and the fingers would move. If
         the gripper's answers are unreadable, it has power, and the command for its last valid status is sent. If it
         does not answer, a reset is sent, as in ``make_safe``.
+
+        A gripper that has not answered a stop on the old connection may carry out a reset at any moment. A hold on
+        the new connection would then activate it again, so only resets are sent there.
         """
+        session = self.session_or_none
+        resets_only = session is not None and await self._stop_unanswered(session)
         self.close()  # This discards bytes on the old connection that were not sent to the gripper yet.
         if self._last is None:
             return ()
-        report = await self._hold_anew(self._last)
+        report = None if resets_only else await self._hold_anew(self._last)
         return (report or await self._hold_anew(None) or self._config.report(False, False, "silent"),)
+
+    async def _stop_unanswered(self, session: RobotiqSession) -> bool:
+        """Send a stop on a connection that is given up, and wait up to ``SOON_S`` for an answer.
+
+        Return True if the gripper may still carry out a reset that it has not answered.
+        """
+        command = protocol.safe_command(session.status if self._fresh(session) else Status())
+        answered = False
+        with contextlib.suppress(WireDown), trio.move_on_after(SOON_S):
+            await session.gripper.wait_until_ready()
+            session.gripper.write(command)
+            session.has_unanswered_stop = session.has_unanswered_stop or not command.activate
+            answered = await session.gripper.status(SOON_S) is not None
+        return session.has_unanswered_stop and not answered
 
     async def _hold_anew(self, last_status: Status | None) -> MotorReport | None:
         """Open a new connection and hold the gripper on it.
@@ -200,8 +223,10 @@ class RobotiqWire(SessionWire[RobotiqSession]):
                 with contextlib.suppress(NotUnderstood):
                     status = await gripper.status(READ_S)
                     if status is not None or not gripper.has_partial_answer:
-                        last_status = status or Status()
-            return await hold(gripper, last_status or Status(), self._config)
+                        last_status = status
+            # If a reset is sent, the last valid status is out of date, and must not lead to a hold later.
+            self._last = last_status or Status()
+            return await hold(gripper, self._last, self._config)
         except WireDown:
             return None
         finally:

@@ -37,7 +37,7 @@ SEEDS = {
     "microduck": 60,
     "reachy_mini": 50,
     "kinova_gen3": 60,
-    "robotiq_2f85": 60,
+    "robotiq_2f85": 200,
     "panda": 25,
     "stretch3": 40,
 }

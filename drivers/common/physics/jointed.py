@@ -68,6 +68,11 @@ class Jointed:
         self._dof = np.array([int(model.jnt_dofadr[joint]) for joint in self._joint])
 
     @property
+    def time_s(self) -> float:
+        """Return the time that was simulated."""
+        return float(self.data.time)
+
+    @property
     def position_rad(self) -> tuple[float, ...]:
         return tuple(self.data.qpos[self._qpos].tolist())
 

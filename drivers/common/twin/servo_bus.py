@@ -248,7 +248,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             servo.reading = Reading(rad, rad_s, nm / limit_nm)
             # A load counts for as long as it is simulated. After a long silence of the bus, the plant skips most of
             # that time, and the load of a moment must not become an overload of seconds.
-            servo.protect(plant.data.time)
+            servo.protect(plant.time_s)
 
     def _move_targets(self, now_s: float) -> None:
         """Advance the moving targets of the joints to the time ``now_s``."""

@@ -32,6 +32,7 @@ class Rig:
         self.written: list[str] = []
         self.questions = 0
         self.silent_from: int | None = None  # number of the first request that is not answered
+        self.unread: list[tuple[TcpSession, bytes]] | None = None  # requests that the gripper reads later
         self.delay_s: Callable[[int], float] = lambda _: 0.001
 
     async def connect(self, host: str, port: int) -> MemoryPort:
@@ -39,6 +40,9 @@ class Rig:
         session = TcpSession(self.twin)
 
         def peer(data: bytes) -> Iterable[tuple[float, bytes]]:
+            if self.unread is not None:
+                self.unread.append((session, data))
+                return
             for exchange in session.receive(data, None):
                 if exchange.kind != "read":
                     self.written.append(exchange.kind)
@@ -51,6 +55,21 @@ class Rig:
         await trio.lowlevel.checkpoint()
         self.ports.append(MemoryPort(peer))
         return self.ports[-1]
+
+    def read_on_after(self, requests: int) -> None:
+        """Let the gripper answer again. It reads what waited on the old connections only after it has answered this
+        number of new requests."""
+        waiting, self.unread = self.unread or [], None
+        first = self.questions
+
+        def delay_s(number: int) -> float:
+            if number > first + requests - 1:
+                while waiting:
+                    session, data = waiting.pop(0)
+                    self.written.extend(exchange.kind for exchange in session.receive(data, None))
+            return 0.001
+
+        self.delay_s = delay_s
 
     async def armed(self) -> Rig:
         await self.wire.open()

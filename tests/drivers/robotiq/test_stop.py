@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pytest
 import trio
 
@@ -258,6 +260,61 @@ def test_saf_022_a_silent_gripper_is_reset() -> None:
         assert await RobotiqWire(rig.driver.config, rig.clock, rig.connect).reach("hold") == (), (
             "the wire was never connected"
         )
+
+    virtual(main)
+
+
+def test_saf_020_a_gripper_whose_answers_alone_are_lost_is_stopped_on_the_old_connection() -> None:
+    """A new connection needs an answer, so nothing can be sent there."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(1.0, speed=0.0)
+        await rig.observe_for(0.2)
+        rig.written.clear()
+        rig.silent_from, began_s = rig.questions, trio.current_time()
+
+        async def unanswered(host: str, port: int) -> MemoryPort:
+            assert rig.written == ["safe"] and trio.current_time() - began_s < 0.05
+            raise WireDown("no answer")
+
+        rig.wire._open = partial(open_gripper, rig.driver.config, rig.clock, unanswered)
+        (report,) = await rig.wire.reach("hold")
+        assert not report.safe and rig.ports[0].closed
+        assert not rig.twin.gripper.driven
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("by", ["wire", "stop channel"])
+def test_saf_008_a_reset_that_is_read_late_is_followed_by_no_hold(by: str) -> None:
+    """After a pause the gripper answers a new connection first, and then reads the resets that waited. A hold has
+    the bit rACT set, so after a reset it would activate the gripper."""
+
+    async def main() -> None:
+        rig = await Rig().armed()
+        await rig.go(1.0, speed=0.0)
+        await rig.observe_for(0.2)
+        rig.unread = []
+        await trio.sleep(0.1)  # until the status is old
+        report = await rig.stop()
+        assert report.written and not report.safe
+        rig.written.clear()
+
+        async def connect(host: str, port: int) -> MemoryPort:
+            rig.read_on_after(1)
+            return await rig.connect(host, port)
+
+        if by == "wire":
+            rig.wire._open = partial(open_gripper, rig.driver.config, rig.clock, connect)
+            await rig.wire.reach("hold")
+        else:
+            channel = RobotiqStopChannel(rig.driver.config, (), rig.clock, connect)
+            (report,) = await channel.make_safe("hold")
+            assert report.safe
+        await trio.sleep(0.5)
+        assert "safe" in rig.written and "enable" not in rig.written
+        assert not p.Command.from_registers(rig.twin.output()).activate
 
     virtual(main)
 
