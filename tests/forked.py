@@ -16,7 +16,7 @@ import pytest
 from strands_actors.caller.processes import tree_processes, twin_process
 from strands_actors.kernel.processes.process import ChildProcess, OwnChild, specify
 from strands_actors.kernel.processes.process import start as executed
-from strands_actors.testing.fork_server import Forked, server, twin_server
+from strands_actors.testing.fork_server import Forked, ForkServer, server, twin_server
 
 ROOT = "strands_actors.supervisors.root.process:main"
 ROOTS = (ROOT.partition(":")[0], "strands_actors.testing.every_driver")
@@ -32,7 +32,7 @@ def start(
     """Start a process as ``process.start`` does, but forked. It does not use ``label``, because a
     process sets its name itself."""
     # Roots have a separate fork server: one that has imported numpy and MuJoCo for twins would pass both on.
-    forks = server("roots", ROOTS) if entry == ROOT else twin_server()
+    forks = root_server() if entry == ROOT else twin_server()
     ours, theirs = socket.socketpair()
     with theirs, open(os.devnull, "rb") as nothing:
         call = "strands_actors.testing.fork_server:be_child"
@@ -41,7 +41,14 @@ def start(
     return OwnChild(Forked(forks, pid), ours)
 
 
+def root_server() -> ForkServer:
+    return server("roots", ROOTS)
+
+
 def fork_what_is_started_here() -> None:
+    """Let this process fork its twins and roots. The imports of the roots' server take two seconds, so it begins
+    with them now. Otherwise the first test with a robot would wait, and seem slow."""
+    root_server()
     tree_processes.start = start
     twin_process.start = start
 

@@ -173,7 +173,6 @@ def test_saf_012_the_robot_goes_while_connecting(twin: Twin, frames: int, how: s
     """The tree still answers, a stop is bounded, and connecting works when the robot is back."""
     go, come = (twin.pause, twin.go_on) if how == "frozen" else (twin.unplug, twin.plug)
     robot = Robot("koch", mode="real", port=twin.port)
-    status(robot)  # loads the modules, which takes more than a second if they are not in the computer's memory
     problems: list[str | None] = []
     connecting = threading.Thread(target=lambda: problems.append(robot.connect_eagerly()), daemon=True)
     try:
