@@ -7,6 +7,7 @@ recorded figure into the page again, for example after a change of its words.
 from __future__ import annotations
 
 import json
+import os
 import platform
 import re
 import sys
@@ -28,6 +29,11 @@ BEGIN, END = "<!-- coverage: begin -->", "<!-- coverage: end -->"
 PLACE = re.compile(rf"(?<={re.escape(BEGIN)}\n).*?(?={re.escape(END)})", re.DOTALL)
 OTHERS = "other modules"
 PACKAGE = "strands_actors"
+
+
+def unmeasured() -> dict[str, str]:
+    """Return the environment for a program that is not measured, such as mypy. It would take many times as long."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("COVERAGE_")}
 
 
 def figures(report: Mapping[str, Any], tests: str, day: date) -> dict[str, Any]:
