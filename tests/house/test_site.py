@@ -19,7 +19,6 @@ from docs.site import api, diagrams, docstrings, facts, gates, markdown, offline
 from strands_actors.contract.driver import Driver, Reason
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.drivers.spot.driver import Spot
-
 from tests.covered import unmeasured
 
 from .test_imports import ROOT
