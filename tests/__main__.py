@@ -87,6 +87,8 @@ def run(step: tuple[str, ...]) -> int:
 if sys.argv[1:2] and sys.argv[1] in SUITES:
     sys.exit(run(("pytest", *SUITES[sys.argv[1]], *sys.argv[2:])))
 if COVERAGE:
+    if sys.version_info >= (3, 12):
+        os.environ["COVERAGE_CORE"] = "sysmon"
     codes = [run(step) for step in MEASURED]
     if sys.argv[2:]:
         print("not recorded, because only a run of all tests counts")

@@ -51,7 +51,7 @@ def figures(report: Mapping[str, Any], tests: str, day: date) -> dict[str, Any]:
 
     folders: dict[str, dict[str, int]] = {}
     for path, file in report["files"].items():
-        sums = folders.setdefault(_folder(path), dict.fromkeys(("lines", "run", "branches", "taken"), 0))
+        sums = folders.setdefault(_folder(path), {"lines": 0, "run": 0})
         for name, value in _counts(file["summary"]).items():
             sums[name] += value
     return {
@@ -66,12 +66,7 @@ def figures(report: Mapping[str, Any], tests: str, day: date) -> dict[str, Any]:
 
 
 def _counts(summary: Mapping[str, Any]) -> dict[str, int]:
-    return {
-        "lines": summary["num_statements"],
-        "run": summary["covered_lines"],
-        "branches": summary["num_branches"],
-        "taken": summary["covered_branches"],
-    }
+    return {"lines": summary["num_statements"], "run": summary["covered_lines"]}
 
 
 def _folder(path: str) -> str:
@@ -81,9 +76,8 @@ def _folder(path: str) -> str:
 
 
 def percent(counts: Mapping[str, int]) -> float:
-    """Return the share of lines and branches together, as coverage.py counts it; 100 for a folder without code."""
-    there = counts["lines"] + counts["branches"]
-    return 100.0 * (counts["run"] + counts["taken"]) / there if there else 100.0
+    """Return the share of the lines that were run; 100 for a folder without code."""
+    return 100.0 * counts["run"] / counts["lines"] if counts["lines"] else 100.0
 
 
 def paragraph(recorded: Mapping[str, Any] | None) -> str:
@@ -95,16 +89,14 @@ def paragraph(recorded: Mapping[str, Any] | None) -> str:
     failed = f"{recorded['failed']} of them failed in this run" if recorded["failed"] else "all passed"
     lines = [
         f"On {day.day} {day:%B %Y} the ordinary tests ran **{percent(total):.1f} %** of the code:",
-        f"{_thousands(total['run'])} of {_thousands(total['lines'])} lines, and {_thousands(total['taken'])} of "
-        f"{_thousands(total['branches'])} branches",
+        f"{_thousands(total['run'])} of {_thousands(total['lines'])} lines",
         f"(Python {recorded['python']}, {recorded['machine']}, {_thousands(recorded['tests'])} tests: {failed}).",
         "",
-        "| folder | run | lines | branches |",
-        "|---|---:|---:|---:|",
+        "| folder | run | lines |",
+        "|---|---:|---:|",
     ]
     lines += [
-        f"| {name if name == OTHERS else f'`{name}`'} | {percent(counts):.1f} % | {_thousands(counts['lines'])} | "
-        f"{_thousands(counts['branches'])} |"
+        f"| {name if name == OTHERS else f'`{name}`'} | {percent(counts):.1f} % | {_thousands(counts['lines'])} |"
         for name, counts in recorded["folders"].items()
     ]
     return "\n".join(lines) + "\n"
