@@ -21,8 +21,7 @@ QUESTION = Question(
         Goal("ask_p99_us", "trio", at_most=0.35),
     ),
     notice="""Nothing: a question inside a process costs some millionths of a second with each side but pykka.
-It matters to those who build on the actors: the wire process of a robot asks some hundred questions in a
-second.""",
+The wire process of a robot asks some hundred questions in a second.""",
     limit=(
         """If the actor is idle and its handler is synchronous, the handler runs inside the asking task, without a
 pass of trio's scheduler. (One pass of the scheduler costs 4 µs and a system call. For each request, the side

@@ -20,8 +20,8 @@ QUESTION = Question(
         Goal("cpu_us", "dynamixel-sdk", at_most=0.3),
     ),
     notice="""The arm is read and commanded as often as with the vendor's SDK, but the processor stays free: 7 %
-of a core are in use, not 98 %. These figures are of one loop. The side `our wire` is what a robot gets, with
-its checks.""",
+of a core are in use, not 98 %. These figures are of one loop. A robot gets
+the side `our wire`, with its checks.""",
     limit=LIMIT.format(
         bytes=1200,
         whole="21 bytes per servo, in a frame per servo (in a fast sync read, a missing servo spoils the "

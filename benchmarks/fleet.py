@@ -18,7 +18,7 @@ QUESTION = Question(
         Goal("restarts", "", at_most=0.0),
         Goal("answer_p50_ms", "", at_most=20.0),
     ),
-    notice="""Twelve arms answer within 9 ms on two cores, and none is stopped by mistake. A real arm needs 28
+    notice="""Twelve arms answer within 9 ms on two cores, and no arm is stopped by mistake. A real arm needs 28
 MB of memory, and its twin another 35 MB.""",
     limit="""The computer is the limit, because twelve robots are 36 processes, and a third of these processes are
 simulated robots with physics. Figures in percent are shares of one core, for one robot. `mb` is the proportional

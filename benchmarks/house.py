@@ -70,7 +70,7 @@ class Question:
     limit: str
     """The text on what limits our figure at present, with the evidence, in Markdown."""
     notice: str
-    """What the result means to a person who uses a robot, in Markdown."""
+    """The meaning of the result for a user of a robot, in Markdown."""
     rounds: int = 5
     short: bool = True
     """True if its short form runs in CI."""
@@ -91,7 +91,7 @@ class Question:
             )
 
     def lower_is_better(self, figure: str) -> bool:
-        """Return True if a lower value of the figure is better: by its goal, or by its unit if it has none."""
+        """Return True if a lower value of the figure is better: by its goal, or else by its unit."""
         for goal in self.goals:
             if goal.figure == figure:
                 return goal.at_most is not None

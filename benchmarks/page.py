@@ -154,7 +154,7 @@ def section(question: Question, result: Result) -> str:
     )
     lines = [f"## {question.title}", "", paragraph(conditions), "", *table(result), *goals(question, result), ""]
     lines += [
-        paragraph(f"**What a person notices.** {question.notice}"),
+        paragraph(f"**In practice.** {question.notice}"),
         "",
         "\n\n".join(paragraph(part) for part in f"**What limits it.** {question.limit}".split("\n\n")),
         "",

@@ -53,7 +53,7 @@ QUESTION = Question(
         "plain zenoh and the SDK": side_with_twins({"ur5e": "ur"}, "mesh_stop", "bare", timeout_s=300),
     },
     goals=tuple(Goal(figure, "", at_most=2.0) for figure in FIGURES),
-    notice="""On `stop()` the robot stands within 2 ms, whatever the script does. With strands-robots, a script
+    notice="""On `stop()` the robot stands within 2 ms, even if the script is blocked. With strands-robots, a script
 that is blocked keeps an arm moving for 2 s, and legs for 6 s.""",
     limit="""In a good hour of the computer all goals are met, and a stop takes 0.7 to 1.7 ms (27 November). In a
 bad hour (26 November) a wake-up took two to three times as long, and only three of the 14 goals were met. In the

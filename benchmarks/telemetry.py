@@ -29,8 +29,8 @@ QUESTION = Question(
         Goal("robots_per_core", "strands-robots", at_least=5.0),
         Goal("threads_per_robot", "", at_most=0.0),
     ),
-    notice="""One core carries 16 robots instead of 24, and each robot needs 36 MB, because it has processes of
-its own. These processes are what stops it when another one dies.""",
+    notice="""One core carries 16 robots instead of 24, and each robot needs 36 MB, because it has several
+processes. If one of them dies, another one stops the robot.""",
     limit="""The processor is the limit. Each of our robots has two processes that check deadlines and send
 heartbeats 100 times per second, also at rest. Both processes together take 6 to 9 % of a core and 35 to 49 MB. Two
 fifths of this processor time are wake-ups (epoll in the flame graph). Each robot of strands-robots is 15 threads of

@@ -13,7 +13,7 @@ QUESTION = Question(
         "pykka": side_of("urgent", "pykka"),
     },
     goals=(Goal("urgent_p50_us", "", at_most=70.0),),
-    notice="""A stop overtakes everything that waits: it takes 0.04 ms. With the other sides it takes 0.2 s, in
+    notice="""A stop overtakes all waiting messages, in 0.04 ms. With the other sides it takes 0.2 s, in
 which a fast joint turns by 40 degrees.""",
     limit=(
         """A stop waits until the running handler has ended (20 µs). If the sender is a task of the same loop, the

@@ -24,11 +24,15 @@ class Api(enum.IntEnum):
     MOVE = 2001
     ROTATE_HEAD = 2004
     GET_UP = 2008
+    GET_FRAME_TRANSFORM = 2011
     GET_MODE = 2017
     GET_STATUS = 2018
     GET_ROBOT_INFO = 2022
     UPPER_BODY = 2030
     RESET_ODOMETRY = 2031
+    GET_SENSORS = 2044
+    GET_HANDS = 2045
+    GET_ROBOT_MODEL = 2046
 
 
 class Mode(enum.IntEnum):

@@ -20,6 +20,8 @@ import msgspec
 from strands_actors.drivers.common.codecs import protobuf as pb
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
+from .io import Io, decode_ios, encode_ios
+
 FRI_PORT: Final = 30200
 """UDP port of both ends."""
 LARGEST: Final = 1500
@@ -114,10 +116,12 @@ class Monitoring(msgspec.Struct, frozen=True, gc=False):
     quality: int = 0
     sample_ms: int = 0
     multiplier: int = 1  # Number of cycles after which the client must answer (receive multiplier).
-    interpolated: tuple[float, ...] = ()  # Target of the robot program in rad. Empty if it was not sent.
+    # Joint positions of the robot program's own motion in rad, without the client's overlay. Empty if not sent.
+    interpolated: tuple[float, ...] = ()
     client_mode: int = 0
     overlay: int = 0
     tracking: float = 0.0  # How well the arm follows the client's commands, 0 to 1.
+    ios: tuple[Io, ...] = ()  # Inputs and outputs that the robot program has registered. The driver reads none.
 
 
 class Command(msgspec.Struct, frozen=True, gc=False):
@@ -126,6 +130,7 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     sequence: int
     reflected: int  # Sequence number of the monitoring message that it answers.
     position: tuple[float, ...] = ()
+    ios: tuple[Io, ...] = ()  # Outputs to set. The driver sets none.
 
 
 def decode_monitoring(data: bytes) -> Monitoring:
@@ -164,8 +169,10 @@ def decode_monitoring(data: bytes) -> Monitoring:
 
 def encode_command(command: Command) -> bytes:
     body = _header(COMMAND_ID, command.sequence, command.reflected)
-    if command.position:
-        body += pb.bytes_field(2, pb.bytes_field(1, pb.double_fields(1, command.position)))
+    content = pb.bytes_field(1, pb.double_fields(1, command.position)) if command.position else b""
+    content += encode_ios(5, command.ios)
+    if content:
+        body += pb.bytes_field(2, content)
     return body + pb.bytes_field(15, pb.varint_field(1, len(body)))
 
 
@@ -173,8 +180,11 @@ def decode_command(data: bytes) -> Command:
     """Decode a command message. Only the simulated controller needs this. Raise ``MalformedFrame``."""
     top = _top(data, COMMAND_ID)
     header = pb.message(pb.last_bytes(top, 1))
-    position = _joints(pb.message(pb.last_bytes(top, 2)), 1, "positions", ())
-    return Command(pb.last_int(header, 2) & COUNTER, pb.last_int(header, 3) & COUNTER, position)
+    content = pb.message(pb.last_bytes(top, 2))
+    position = _joints(content, 1, "positions", ())
+    return Command(
+        pb.last_int(header, 2) & COUNTER, pb.last_int(header, 3) & COUNTER, position, decode_ios(content, 5)
+    )
 
 
 def encode_monitoring(message: Monitoring, packed: bool = False, checksum: bool = True) -> bytes:
@@ -194,7 +204,7 @@ def encode_monitoring(message: Monitoring, packed: bool = False, checksum: bool 
     robot = whole(1, JOINTS) + whole(2, message.safety) + drives
     robot += whole(6, message.operation_mode) + whole(7, message.control_mode)
     measured = joints(1, message.position) + joints(2, message.torque) + joints(3, message.commanded)
-    measured += joints(4, message.torque) + joints(5, message.external_torque)
+    measured += joints(4, message.torque) + joints(5, message.external_torque) + encode_ios(8, message.ios)
     connection = whole(1, message.state) + whole(2, message.quality) + whole(3, message.sample_ms)
     program = b""
     if message.interpolated:

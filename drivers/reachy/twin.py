@@ -32,11 +32,11 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.http import Answer, HttpSession
-from strands_actors.drivers.common.twin.modelled import Modelled
 from strands_actors.drivers.common.twin.websocket import WebSocketClient, WebSocketHandler, serving_both
 
 from . import protocol as p
 from .body import Move, ReachyBody, Row
+from .requests import MESSAGES, MODELLED, REQUESTS, request_key
 from .robots import TABLES, axes_of
 
 
@@ -44,6 +44,9 @@ class ReachyTwinOptions(NetworkOptions, frozen=True):
     wireless: Annotated[bool, option("whether it is a Wireless, which has an IMU")] = True
     motors: Annotated[str, option(f"mode of the motors at first: {', '.join(p.MODES)}")] = "enabled"
     media: Annotated[bool, option("whether it has a camera and microphones")] = True
+    battery: Annotated[
+        float | None, option("charge in percent that the daemon reports; None: no charge, like daemon 1.13.0")
+    ] = None
 
 
 STATE_S = 0.02
@@ -63,54 +66,6 @@ _PLACE = {"x": p.X, "y": p.Y, "z": p.Z}
 _JSON = msgspec.json.Decoder()
 
 
-REQUESTS: Modelled[str] = Modelled(
-    "requests to the daemon",
-    {
-        f"GET {p.STATUS}": "returns the state of the daemon",
-        f"GET {p.MOTORS}": "returns the mode of the motors",
-        f"GET {p.RUNNING}": "returns the running move",
-        f"GET {p.VOLUME}": "returns the volume",
-        f"GET {p.TRACKED_FACE}": "returns that there is no face",
-        f"GET {p.DIRECTION_OF_SOUND}": "returns a fixed direction; null without microphones",
-        f"GET {p.CAMERA}": "returns the resolution",
-        "GET /api/state/full": "returns head, antennas and body",
-        f"GET {p.LIST_MOVES}*": "returns the names of three moves",
-        f"POST {p.SET_TARGET}": "sets a target; ignored while a move runs",
-        f"POST {p.GOTO}": "begins a move to a target",
-        f"POST {p.WAKE_UP}": "begins the move of waking up",
-        f"POST {p.GOTO_SLEEP}": "begins the move of going to sleep",
-        f"POST {p.PLAY}*": "begins a recorded move, which is a nod; 404 for an unknown one",
-        f"POST {p.STOP}": "ends the running move; 500 for another one",
-        f"POST {p.TRACKING_ON}": "stores that the head follows a face; 'unavailable' without a camera",
-        f"POST {p.TRACKING_OFF}": "ends that",
-        f"POST {p.SET_VOLUME}": "stores the volume",
-        f"POST {p.PLAY_SOUND}": "keeps the request, which nobody hears",
-        f"POST {p.UPLOAD_SOUND}": "keeps the request",
-        f"POST {p.SET_MODE}*": "sets the mode of the motors; 422 for an unknown one",
-    },
-    "404, not found",
-)
-MESSAGES: Modelled[str] = Modelled(
-    f"messages on {p.SDK}",
-    {
-        "task": "begins a move to a target",
-        "stop_move": "ends the running move",
-        "set_motor_mode": "sets the mode of the motors",
-        "set_torque": "switches the motors on or off",
-        "set_head_tracking": "stores whether the head follows a face",
-        "set_full_target": "sets a target; ignored while a move runs",
-        "set_target": "sets the target of the head",
-        "set_antennas": "sets the target of the antennas",
-        "set_body_yaw": "sets the target of the body",
-        "goto_target": "begins a move to a target",
-    },
-    "silence, as to every message there",
-)
-MODELLED = (REQUESTS, MESSAGES)
-_PREFIXES = (p.LIST_MOVES, p.PLAY, p.SET_MODE)
-"""Targets that end with a name."""
-
-
 class ReachyTwin:
     """The simulated daemon, which all clients share."""
 
@@ -122,8 +77,26 @@ class ReachyTwin:
         wireless: bool = True,
         motors: str = "enabled",
         media: bool = True,
+        battery: float | None = None,
     ) -> None:
-        """Raise ``ValueError`` if ``motors`` is not a mode."""
+        """Make a simulated daemon.
+
+        Args:
+            robot: Name of the robot.
+            now_s: The clock.
+            wireless: True for a Wireless, False for a Lite.
+            motors: Mode of the motors at first.
+            media: True if it has a camera and microphones.
+            battery: Charge in percent that the daemon reports. With None it does not report a charge, like every
+                daemon up to 1.13.0.
+
+        Raises:
+            ValueError: ``motors`` is not a mode, ``battery`` is no percentage, or a Lite has a battery.
+        """
+        if battery is not None and not 0 <= battery <= 100:
+            raise ValueError(f"battery is {battery}. Use 0 to 100 percent")
+        if battery is not None and not wireless:
+            raise ValueError("a Lite has no battery. Use wireless=true")
         if motors not in p.MODES:
             raise ValueError(f"motors is {motors!r}. Use {', '.join(p.MODES)}")
         self.body = ReachyBody(axes_of(robot), TABLES.table(robot), now_s)
@@ -132,6 +105,7 @@ class ReachyTwin:
         self._motors = motors
         self._wireless = wireless
         self._media = media
+        self._battery = battery
         self._volume = 50
         self.sound = b""
         """The last request to play or to store a sound."""
@@ -159,7 +133,7 @@ class ReachyTwin:
     def answer(self, request: Request) -> Answer:
         self.body.pass_time()
         target = request.target.partition("?")[0]
-        if _request_key(request.method, target) not in REQUESTS:
+        if request_key(request.method, target) not in REQUESTS:
             return _NOT_FOUND
         try:
             answer = self._read(target) if request.method == "GET" else self._write(target, request.body)
@@ -287,6 +261,8 @@ class ReachyTwin:
         return tuple(row)
 
     def _status(self) -> dict[str, Any]:
+        # The name of the battery's field is [assumed], as in ``protocol``.
+        battery = {} if self._battery is None else {"battery_pct": self._battery}
         return {
             "type": "daemon_status",
             "robot_name": "reachy_mini",
@@ -299,6 +275,7 @@ class ReachyTwin:
             "backend_status": {"motor_control_mode": self.body.mode, "error": None},
             "error": None,
             "version": VERSION,
+            **battery,
         }
 
     # -- WebSockets
@@ -497,13 +474,6 @@ def _json_answer(value: object, kind: str = "read", status: int = p.OK) -> Answe
 _NOT_FOUND = _json_answer({"detail": "Not Found"}, "other", p.NOT_FOUND)
 
 
-def _request_key(method: str, target: str) -> str:
-    """Return the name of a request in the table of modelled ones."""
-    prefix = next((each for each in _PREFIXES if target.startswith(each) and len(target) > len(each)), "")
-    moves = (p.WAKE_UP, p.GOTO_SLEEP)
-    return f"{method} {target if target in moves or not prefix else f'{prefix}*'}"
-
-
 def _text(value: object) -> str:
     return msgspec.json.encode(value).decode()
 
@@ -533,5 +503,14 @@ def serve_twin(twin: ReachyTwin, log: WireLog, host: str | None = None, port: in
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     twin_options = read_twin_options(robot, ReachyTwinOptions, options)
-    twin = ReachyTwin(robot, wireless=twin_options.wireless, motors=twin_options.motors, media=twin_options.media)
+    twin = ReachyTwin(
+        robot,
+        wireless=twin_options.wireless,
+        motors=twin_options.motors,
+        media=twin_options.media,
+        battery=twin_options.battery,
+    )
     run_server(lambda log: serve_twin(twin, log, twin_options.host, twin_options.port), **start)
+
+
+__all__ = ["MESSAGES", "MODELLED", "REQUESTS", "ReachyTwin", "ReachyTwinOptions", "main", "serve_twin"]

@@ -21,7 +21,7 @@ from .protocol import PORT
 INSTALL = "Install it: pip install 'strands-actors[spot]'"
 USERNAME, PASSWORD = "BOSDYN_CLIENT_USERNAME", "BOSDYN_CLIENT_PASSWORD"
 TWIN_LOGIN = "twin", "twin"
-"""The default login at a twin, which accepts any password but ``wrong``."""
+"""The login at a twin by default. It is also the default of the twin's options ``user`` and ``password``."""
 
 SAFE_S = 8.0
 """Longest duration of ``make_safe``: the robot sits, or its e-stop is asserted. For the stop channel it

@@ -32,6 +32,12 @@ TABLES: Mapping[str, str] = {
     "Pose": "position 1 Vec3, rotation 2 Quaternion",
     "Twist2": "linear 1 Vec2, angular 2 double",
     "Twist3": "linear 1 Vec3, angular 2 Vec3",
+    "TwistLimit": "max_vel 1 Twist2, min_vel 2 Twist2",
+    "Pose2": "position 1 Vec2, angle 2 double",
+    "Trajectory2": "points 1 Point2*, reference_time 3 Timestamp",
+    "Point2": "pose 1 Pose2, time_since_reference 3 Timestamp",
+    "Trajectory3": "points 1 Point3*, reference_time 3 Timestamp",
+    "Point3": "pose 1 Pose, time_since_reference 3 Timestamp",
     "RequestHeader": "request_timestamp 1 Timestamp, client_name 2 text",
     "CommonError": "code 1 uint, message 2 text",
     "ResponseHeader": "request_header 1 RequestHeader, request_received_timestamp 2 Timestamp, "
@@ -102,8 +108,17 @@ TABLES: Mapping[str, str] = {
     "RobotStateRequest": _REQUEST,
     "RobotStateResponse": f"{_REPLY}, robot_state 2 RobotState",
     "RobotState": "power_state 1 PowerState, battery_states 2 Battery*, estop_states 5 EStopState*, "
-    "kinematic_state 6 Kinematics, behavior_fault_state 7 BehaviorFaults, manipulator_state 11 Manipulator",
-    "Manipulator": "stow_state 9 uint, gripper_open_percentage 12 double",
+    "system_fault_state 4 SystemFaults, kinematic_state 6 Kinematics, behavior_fault_state 7 BehaviorFaults, "
+    "foot_state 8 Foot*, service_fault_state 10 ServiceFaults, manipulator_state 11 Manipulator, "
+    "behavior_state 14 Behavior",
+    "Manipulator": "is_gripper_holding_item 6 bool, stow_state 9 uint, gripper_open_percentage 12 double, "
+    "carry_state 16 uint",
+    "SystemFaults": "faults 1 SystemFault*",
+    "SystemFault": "name 1 text, error_message 5 text, severity 7 uint",
+    "ServiceFaults": "faults 1 ServiceFault*",
+    "ServiceFault": "error_message 2 text",
+    "Foot": "foot_position_rt_body 1 Vec3, contact 2 uint",
+    "Behavior": "state 1 uint",
     "PowerState": "timestamp 1 Timestamp, motor_power_state 2 uint, shore_power_state 3 uint, "
     "robot_power_state 6 uint",
     "Battery": "identifier 2 text, charge_percentage 3 Number, voltage 6 Number, status 8 uint",
@@ -116,6 +131,17 @@ TABLES: Mapping[str, str] = {
     "ParentEdge": "parent_frame_name 1 text, parent_tform_child 2 Pose",
     "BehaviorFaults": "faults 1 BehaviorFault*",
     "BehaviorFault": "behavior_fault_id 1 uint, cause 3 uint, status 4 uint",
+    "RobotHardwareConfigurationRequest": _REQUEST,
+    "RobotHardwareConfigurationResponse": f"{_REPLY}, hardware_configuration 2 Hardware",
+    "Hardware": "skeleton 1 Skeleton, can_power_command_request_off_robot 2 bool, "
+    "can_power_command_request_cycle_robot 3 bool, can_power_command_request_payload_ports 4 bool, "
+    "can_power_command_request_wifi_radio 5 bool, has_audio_visual_system 7 bool, "
+    "redundant_safety_stop_enabled 8 bool",
+    "Skeleton": "links 2 Link*, urdf 3 text",
+    "Link": "name 1 text",
+    "RobotLinkModelRequest": f"{_REQUEST}, link_name 2 text",
+    "RobotLinkModelResponse": f"{_REPLY}, link_model 2 LinkModel",
+    "LinkModel": "file_name 1 text, file_contents 2 text",
     # robot-command
     "RobotCommandRequest": f"{_REQUEST}, lease 2 Lease, command 3 Command, clock_identifier 4 text",
     "RobotCommandResponse": f"{_REPLY}, lease_use_result 2 LeaseUse, status 3 uint, message 4 text, "
@@ -131,28 +157,41 @@ TABLES: Mapping[str, str] = {
     "Empty": "",
     "SafePowerOff": "unsafe_action 1 uint",
     "Synchronized": "arm_command 1 Arm, mobility_command 2 Mobility, gripper_command 3 Gripper",
-    "Mobility": "se2_trajectory_request 1 Empty, se2_velocity_request 2 Velocity, sit_request 3 Empty, "
+    "Mobility": "se2_trajectory_request 1 Trajectory, se2_velocity_request 2 Velocity, sit_request 3 Empty, "
     "stand_request 4 Empty, stance_request 5 Empty, stop_request 6 Empty, follow_arm_request 7 Empty, "
     "freeze_request 8 Empty, params 100 Any",
     "Any": "type_url 1 text, value 2 MobilityParams",
-    "MobilityParams": "locomotion_hint 3 uint",
-    "Velocity": "end_time 1 Timestamp, velocity 2 Twist2, se2_frame_name 5 text",
+    "MobilityParams": "vel_limit 1 TwistLimit, body_control 2 BodyControl, locomotion_hint 3 uint",
+    "BodyControl": "base_offset_rt_footprint 1 Trajectory3, rotation_setting 2 uint, body_pose 4 BodyPose",
+    "BodyPose": "root_frame_name 1 text, base_offset_rt_root 2 Trajectory3",
+    "Velocity": "end_time 1 Timestamp, velocity 2 Twist2, slew_rate_limit 4 Twist2, se2_frame_name 5 text",
+    "Trajectory": "end_time 1 Timestamp, trajectory 2 Trajectory2, se2_frame_name 3 text",
     "Arm": "arm_cartesian_command 3 Empty, arm_joint_move_command 4 ArmJointMove, "
-    "named_arm_position_command 5 Empty, arm_velocity_command 6 Empty, arm_gaze_command 8 Empty, "
+    "named_arm_position_command 5 NamedPosition, arm_velocity_command 6 Empty, arm_gaze_command 8 Empty, "
     "arm_stop_command 9 Empty, arm_drag_command 10 Empty, params 11 Empty, arm_impedance_command 12 Empty",
     "ArmJointMove": "trajectory 1 ArmTrajectory",
-    "ArmTrajectory": "points 1 ArmPoint*, maximum_velocity 3 Number, maximum_acceleration 4 Number",
-    "ArmPoint": "position 1 ArmPosition",
+    "NamedPosition": "position 1 uint",
+    "ArmTrajectory": "points 1 ArmPoint*, reference_time 2 Timestamp, maximum_velocity 3 Number, "
+    "maximum_acceleration 4 Number",
+    "ArmPoint": "position 1 ArmPosition, time_since_reference 3 Timestamp",
     "ArmPosition": "sh0 1 Number, sh1 2 Number, el0 3 Number, el1 4 Number, wr0 5 Number, wr1 6 Number",
     "Gripper": "claw_gripper_command 1 Claw",
-    "Claw": "trajectory 5 ClawTrajectory",
-    "ClawTrajectory": "points 1 ClawPoint*",
-    "ClawPoint": "point 1 double",
+    "Claw": "maximum_open_close_velocity 2 Number, trajectory 5 ClawTrajectory",
+    "ClawTrajectory": "points 1 ClawPoint*, reference_time 2 Timestamp",
+    "ClawPoint": "point 1 double, time_since_reference 3 Timestamp",
     "Feedback": "full_body_feedback 2 FullBodyFeedback, synchronized_feedback 3 SynchronizedFeedback",
     "FullBodyFeedback": "stop_feedback 1 Empty, safe_power_off_feedback 4 Status1, status 100 uint",
-    "SynchronizedFeedback": "arm_command_feedback 1 ArmFeedback, mobility_command_feedback 2 MobilityFeedback",
-    "ArmFeedback": "arm_joint_move_feedback 4 Status1, status 100 uint",
-    "MobilityFeedback": "sit_feedback 3 Status2, stand_feedback 4 StandFeedback, status 100 uint",
+    "SynchronizedFeedback": "arm_command_feedback 1 ArmFeedback, mobility_command_feedback 2 MobilityFeedback, "
+    "gripper_command_feedback 3 GripperFeedback",
+    "ArmFeedback": "arm_joint_move_feedback 4 ArmJointMoveFeedback, named_arm_position_feedback 5 Status1, "
+    "arm_stop_feedback 9 Empty, status 100 uint",
+    "ArmJointMoveFeedback": "status 1 uint, planner_status 2 uint, time_to_goal 4 Timestamp",
+    "GripperFeedback": "claw_gripper_feedback 1 Status1, status 2 uint",
+    "MobilityFeedback": "se2_trajectory_feedback 1 TrajectoryFeedback, se2_velocity_feedback 2 VelocityFeedback, "
+    "sit_feedback 3 Status2, stand_feedback 4 StandFeedback, stop_feedback 6 Empty, status 100 uint",
+    "TrajectoryFeedback": "status 1 uint, body_movement_status 2 uint, final_goal_status 5 uint, "
+    "request_information 6 Trajectory",
+    "VelocityFeedback": "request_information 1 Velocity",
     "StandFeedback": "status 1 uint, standing_state 2 uint",
     "Status1": "status 1 uint",
     "Status2": "status 2 uint",

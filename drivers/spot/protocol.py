@@ -87,7 +87,13 @@ METHODS: Mapping[str, Method] = {
     ),
     **_methods("lease", SERVICES["lease"], "AcquireLease", "TakeLease", "ReturnLease", "RetainLease", "ListLeases"),
     **_methods("power", SERVICES["power"], "PowerCommand", "PowerCommandFeedback"),
-    **_methods("robot-state", SERVICES["robot-state"], "GetRobotState:RobotState"),
+    **_methods(
+        "robot-state",
+        SERVICES["robot-state"],
+        "GetRobotState:RobotState",
+        "GetRobotHardwareConfiguration:RobotHardwareConfiguration",
+        "GetRobotLinkModel:RobotLinkModel",
+    ),
     **_methods(
         "robot-command", SERVICES["robot-command"], "RobotCommand", "RobotCommandFeedback", "ClearBehaviorFault"
     ),

@@ -38,13 +38,35 @@ class Register(enum.IntEnum):
     CLEAR_ERROR = 16
     CLEAR_WARNING = 17
     SET_MODE = 19
+    MOVE_LINE = 21
+    MOVE_LINE_ROUNDED = 22
     MOVE_JOINT = 23
+    MOVE_JOINT_ROUNDED = 24
     MOVE_HOME = 25
+    PAUSE = 26
+    MOVE_CIRCLE = 27
+    MOVE_LINE_TOOL = 28
     SERVO_JOINT = 29
+    SERVO_POSE = 30
     TCP_POSE = 41
     JOINT_STATES = 42
     JOINT_TORQUE = 55
     JOINT_VELOCITY = 81
+    POSE_VELOCITY = 82
+    MOVE_RELATIVE = 83
+    MOVE_LINE_AXIS_ANGLE = 92
+    SERVO_POSE_AXIS_ANGLE = 93
+
+
+MOTIONS = frozenset(
+    (
+        *range(Register.MOVE_LINE, Register.SERVO_POSE + 1),
+        *range(Register.JOINT_VELOCITY, Register.MOVE_RELATIVE + 1),
+        Register.MOVE_LINE_AXIS_ANGLE,
+        Register.SERVO_POSE_AXIS_ANGLE,
+    )
+)
+"""Registers whose requests move the arm."""
 
 
 class State(enum.IntEnum):
@@ -62,6 +84,9 @@ class Mode(enum.IntEnum):
     SERVO = 1
     TEACH = 2
     VELOCITY = 4
+    POSE_VELOCITY = 5
+    JOINT_ONLINE = 6
+    POSE_ONLINE = 7
 
 
 ALL_JOINTS = 8
@@ -216,7 +241,7 @@ def classify(body: bytes) -> tuple[str, str | None]:
             return "enable", None
         case Register.SERVO_JOINT if len(data) >= 4 * JOINTS + 4 and unpack_floats(data, 1, 4 * JOINTS) == (0.0,):
             return "safe", "hold"
-        case Register.SERVO_JOINT | Register.MOVE_JOINT | Register.MOVE_HOME | Register.JOINT_VELOCITY:
+        case _ if register in MOTIONS:
             return "setpoint", None
         case Register.CLEAR_ERROR | Register.CLEAR_WARNING:
             return "config", None

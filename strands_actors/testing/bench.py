@@ -14,7 +14,7 @@ import select
 import signal
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -32,6 +32,9 @@ from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
 from .wirelog import WireLog
+
+TWIN_OPTIONS: Mapping[str, Mapping[str, object]] = {"spot": {"haste": 5.0}}
+"""Options of the simulated robots in trials. A Spot stands up in four seconds, which every trial would wait for."""
 
 START_S = 60.0
 """Seconds until a caller's robot moves, on a busy machine."""
@@ -263,7 +266,9 @@ class Bench:
     def _begin_twin(self) -> None:
         """Start a simulated robot in place of the previous one."""
         self._twins.close()
-        self.twin = self._twins.enter_context(Twin(self.robot, self._directory, driver=self._driver_class))
+        options = TWIN_OPTIONS.get(self.robot)
+        twin = Twin(self.robot, self._directory, driver=self._driver_class, options=options)
+        self.twin = self._twins.enter_context(twin)
 
     @property
     def _class_path(self) -> str:

@@ -56,6 +56,7 @@ class FakeHardware:
     holds: bool = True
     open_s: float = 0.001  # duration of the handshake when the robot is connected
     silent: set[str] = field(default_factory=set)  # names of the axes that do not answer
+    unreported: set[str] = field(default_factory=set)  # names of the axes whose positions are never reported
     read_s: float = 0.001
     write_s: float = 0.0  # time from a call of write until the bytes are sent
     read_hangs: bool = False
@@ -245,7 +246,7 @@ class FakeWire(Wire):
         now_ns = self._clock.now_ns()
         stamp_ns = self._hardware.stamp_ns
         for index, axis in enumerate(AXES):
-            if axis not in self._hardware.silent:
+            if axis not in self._hardware.silent and axis not in self._hardware.unreported:
                 stamp_ns[index] = now_ns
         return Observation(now_ns, tuple(self._hardware.position), tuple(stamp_ns))
 

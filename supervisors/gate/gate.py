@@ -579,9 +579,11 @@ class Gate(Actor):
             self._stop_again(self._last_stop, message.observation)
 
     def _stop_again(self, report: StopReport, observation: Observation) -> None:
-        """Order the safe state once more when all unconfirmed motors answer again."""
+        """Order the safe state once more when all unconfirmed motors answer again. For a motor that the robot never
+        reports (stamp 0), an observation of the robot counts."""
         stamp_ns = dict(zip(self._driver.axes, observation.stamp_ns, strict=True))
-        last_received_ns = min((stamp_ns.get(axis, observation.t_ns) for axis in report.unconfirmed), default=0)
+        received_ns = (stamp_ns.get(axis) or observation.t_ns for axis in report.unconfirmed)
+        last_received_ns = min(received_ns, default=0)
         if last_received_ns > self._last_stop_ns + _STOP_AGAIN_NS:
             self._trip_again(report.reason)
 

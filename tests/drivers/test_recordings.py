@@ -97,6 +97,7 @@ def stretch(robot: RealRobot, twin: Twin) -> None:
 
 
 def yahboom(m3: RealRobot, twin: Twin) -> None:
+    json_of(m3.home())  # the robot does not report its arm
     json_of(m3.send_action({"linear.x": 0.2}))
     json_of(m3.send_action({"arm1": 0.3, "time_ms": 300}))
     assert "is past" in why(m3.send_action({"linear.x": 1.5}))

@@ -120,7 +120,7 @@ class Walker(StreamRobot):
     TIMED = (spot_session, spot_services)
 
     def make_twin(self) -> None:
-        self.twin = SpotTwin(self.robot, self.now_s, wall_ns=self.time.time_ns)
+        self.twin = SpotTwin(self.robot, self.now_s, haste=5.0, wall_ns=self.time.time_ns)
         self.host = GrpcHost(self.twin, MAX_MESSAGE)
 
     def handler(self) -> Handler:

@@ -84,7 +84,7 @@ def test_a_result_reads_back_and_its_section_names_missed_goals(tmp_path: Path) 
     assert Result.read(kept) == result
     section = page.section(question, result)
     assert "| took, µs | ≤ 1.00 | 3.00 [2.00..4.00] | **missed** |" in section
-    assert "A *limit*." in section and "**What a person notices.** Nothing." in section
+    assert "A *limit*." in section and "**In practice.** Nothing." in section
     page.plot(question, result, tmp_path / "q.svg")
     assert (tmp_path / "q.svg").stat().st_size > 1000
 

@@ -85,6 +85,22 @@ def test_saf_007_a_stop_after_an_unconfirmed_e_stop_is_no_milder() -> None:
     run_virtual(run)
 
 
+@pytest.mark.parametrize("unreported", [(), ("b",)], ids=["read", "never read"])
+def test_saf_005_an_unconfirmed_stop_is_ordered_again_when_the_robot_answers(unreported: tuple[str, ...]) -> None:
+    """Some robots never report the position of some motors."""
+
+    async def run() -> None:
+        hardware = FakeHardware(unreported=set(unreported))
+        async with open_inline_tree(hardware) as tree:
+            await armed(tree)
+            hardware.silent.add("b")
+            assert (await request_stop(tree)).unconfirmed == ["b"]
+            hardware.silent.clear()
+            await tree.until("disarmed", within_s=1.0)
+
+    run_virtual(run)
+
+
 def test_saf_007_an_e_stop_on_a_frozen_wire_is_carried_out_by_the_root() -> None:
     async def run() -> None:
         hardware = FakeHardware()

@@ -18,6 +18,8 @@ from strands_actors.drivers.booster.rpc import STANDS, WALKS, Api, Mode, Request
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 
 from .body import body_of
+from .devices import device_info
+from .frames import transform_between
 from .requests import REQUESTS
 
 STAND_KP, STAND_KD = 500.0, 10.0
@@ -157,7 +159,9 @@ class Onboard:
             for slot in range(min(len(rows), len(command.motors))):
                 if self.mode is Mode.CUSTOM or slot in ARMS:
                     motor = command.motors[slot]
-                    rows[slot] = (motor.q, motor.dq, motor.tau, motor.kp, motor.kd)
+                    row = motor.q, motor.dq, motor.tau, motor.kp, motor.kd
+                    # A motor whose command has a number that is not finite gets no torque [assumed].
+                    rows[slot] = row if all(map(math.isfinite, row)) else (0.0,) * len(row)
         q, dq, tau, kp, kd = zip(*rows, strict=True)
         return q, dq, tau, kp, kd
 
@@ -238,12 +242,16 @@ class Onboard:
                     return rpc.CONFLICT, None
                 self.get_up()
                 return rpc.OK, None
-            case Api.RESET_ODOMETRY if body:
-                # The vendor's client has another call for a pose, which is not modelled.
-                return rpc.BAD_REQUEST, None
             case Api.RESET_ODOMETRY:
-                self.odometer = Odometer(0.0, 0.0, 0.0)
+                # The vendor's client has two calls: without a body, and with a pose.
+                pose = tuple(rpc.number_in(body, name) for name in ("x", "y", "theta")) if body else (0.0, 0.0, 0.0)
+                self.odometer = Odometer(*pose)
                 return rpc.OK, None
+            case Api.GET_FRAME_TRANSFORM:
+                transform = transform_between(self.body, body.get("src"), body.get("dst"))
+                return (rpc.BAD_REQUEST, None) if transform is None else (rpc.OK, transform)
+            case Api.GET_SENSORS | Api.GET_HANDS | Api.GET_ROBOT_MODEL:
+                return rpc.OK, device_info(self.model, api)
         return rpc.REFUSED, None
 
     def _move(self, twist: Row) -> tuple[int, Any]:

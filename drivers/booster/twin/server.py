@@ -43,7 +43,15 @@ LATELY = 500
 """Number of states that a hold may refer to: a second."""
 WRONG_RAD = 1.0
 
-_READS = (Api.GET_MODE, Api.GET_STATUS, Api.GET_ROBOT_INFO)
+_READS = (
+    Api.GET_FRAME_TRANSFORM,
+    Api.GET_MODE,
+    Api.GET_STATUS,
+    Api.GET_ROBOT_INFO,
+    Api.GET_SENSORS,
+    Api.GET_HANDS,
+    Api.GET_ROBOT_MODEL,
+)
 _ARMS = slice(FIRST_ARM, LAST_ARM + 1)
 _ROW = struct.Struct(f"<{LAST_ARM + 1 - FIRST_ARM}f")
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Generic, NamedTuple, Protocol, TypeVar, Unpack
 
 from strands_actors.contract.options import option
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.physics.jointed_body import JointedBody
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.ports.half_duplex import Decoder, PacketT
@@ -245,7 +246,10 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         plant.catch_up(now_s)
         columns = (plant.position_rad, plant.velocity_rad_s, plant.effort_nm, plant.effort_limit_nm)
         for servo, rad, rad_s, nm, limit_nm in zip(self.servos, *columns, strict=True):
-            servo.reading = Reading(rad, rad_s, nm / limit_nm)
+            # A servo measures the load of its motor. Without torque it does not notice a hand (a simulation) that
+            # moves the joint.
+            own = plant.commander(servo.joint) is Commander.WIRE
+            servo.reading = Reading(rad, rad_s, nm / limit_nm if own else 0.0)
             # A load counts for as long as it is simulated. After a long silence of the bus, the plant skips most of
             # that time, and the load of a moment must not become an overload of seconds.
             servo.protect(plant.time_s)

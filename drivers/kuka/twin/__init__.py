@@ -10,13 +10,17 @@ Its log of the network (wire log) has every answer of the client, by its kind:
 
 From the controller the log has each new state of the session with its reason (``session``), but no messages.
 
-A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``motion
-start|stop`` (as on the pendant), ``safety LEVEL``, ``drive JOINT NUMBER``, ``client_mode NUMBER``, ``control_mode
-NUMBER`` and ``overlay NUMBER``. The numbers are those of the protocol.
+A simulated robot is controlled by lines of text. This one accepts the lines of every twin, and also ``motion
+start|stop`` (a person starts or ends the robot program on the pendant), ``safety LEVEL``, ``drive JOINT NUMBER``,
+``client_mode NUMBER``, ``control_mode NUMBER``, ``overlay NUMBER`` and ``io NAME VALUE`` (a wire at an input). The
+numbers are those of the protocol. After a safety stop the line ``safety 0`` is not enough: the program has ended,
+and only ``motion start`` starts it again.
 """
 
 from __future__ import annotations
 
+import enum
+import math
 import random
 import socket
 import time
@@ -42,6 +46,7 @@ from strands_actors.drivers.common.twin import (
     run_server,
 )
 from strands_actors.drivers.common.twin.server import Frost
+from strands_actors.drivers.kuka.io import LONGEST_NAME, MOST_IOS, Io, IoDirection, IoType
 from strands_actors.drivers.kuka.protocol import FRI_PORT, JOINTS, LARGEST, encode_monitoring
 from strands_actors.drivers.kuka.robots import Arm, arm_of
 from strands_actors.kernel.clock import NS, MonotonicClock
@@ -67,6 +72,13 @@ class KukaTwinOptions(TwinOptions, frozen=True):
     multiplier: Annotated[int, option("receive multiplier: an answer is due every so many cycles", gt=0)] = 1
     packed: Annotated[bool, option("write repeated numbers packed")] = False
     checksum: Annotated[bool, option("write the checksum")] = True
+    ios: Annotated[
+        str,
+        option(
+            "inputs and outputs that the robot program registers, at most 10: "
+            "'GROUP.NAME:boolean|digital|analog:input|output', with commas between them"
+        ),
+    ] = ""
 
 
 LAST_PORT = 32767
@@ -89,6 +101,7 @@ class KukaServer:
             sample_ms=options.sample_ms,
             multiplier=options.multiplier,
             note=self._note,
+            ios=read_ios(options.ios),
         )
         self.body = KukaBody(self.controller)
         self._packed = options.packed
@@ -223,8 +236,12 @@ class KukaServer:
     def order(self, words: Sequence[str]) -> bool:
         controller = self.controller
         match words:
-            case ["motion", "start" | "stop" as word]:
-                controller.motion = word == "start"
+            case ["motion", "start"]:
+                controller.start_program()
+            case ["motion", "stop"]:
+                controller.motion = False
+            case ["io", name, number] if _is_number(number):
+                controller.set_io(name, float(number))
             case ["drive", joint, number] if joint.isdecimal() and number.isdecimal() and 1 <= int(joint) <= JOINTS:
                 controller.drives[int(joint) - 1] = int(number)
             case [name, number] if name in MODES and number.isdecimal():
@@ -232,6 +249,35 @@ class KukaServer:
             case _:
                 return False
         return True
+
+
+def read_ios(text: str) -> tuple[Io, ...]:
+    """Read the option ``ios``. Raise ``ValueError``."""
+    rows = [row.strip().split(":") for row in text.split(",") if row.strip()]
+    ios = []
+    for row in rows:
+        match row:
+            case [name, kind, way] if 0 < len(name.encode()) <= LONGEST_NAME:
+                ios.append(Io(name, _member(IoType, kind), _member(IoDirection, way)))
+            case _:
+                raise ValueError(f"input or output {':'.join(row)!r} is not NAME:TYPE:DIRECTION")
+    if len({io.name for io in ios}) < len(ios) or len(ios) > MOST_IOS:
+        raise ValueError(f"register at most {MOST_IOS} inputs and outputs, each name once")
+    return tuple(ios)
+
+
+def _member(kinds: type[enum.IntEnum], name: str) -> int:
+    try:
+        return kinds[name.upper()]
+    except KeyError:
+        raise ValueError(f"{name!r} is none of {', '.join(kind.name.lower() for kind in kinds)}") from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def _bound(host: str, port: int) -> socket.socket:

@@ -13,6 +13,7 @@ FIELDS: Modelled[str] = Modelled(
     {
         "header": "names the message that it answers; a late answer counts as missed",
         "joint positions": "moves the arm in the client mode POSITION; beyond the speed limit the session ends",
+        "outputs": "sets registered outputs; another request for an output is noted in the log and has no effect",
     },
     "ignored: the interface has no error answer. An answer without joint positions aborts the motion",
 )

@@ -2,14 +2,22 @@
 
 Each call of ``cycle`` is one cycle of the controller. All thresholds of the session are [assumed], because the
 vendor does not publish them.
+
+The robot program runs a motion that holds one position (the interpolated position), and lets the client overlay it.
+In COMMANDING_ACTIVE the arm goes to the client's positions, while the interpolated position stays where it is. The
+motion, and with it the program, ends at a safety stop, with a drive that is not active, and at a command that the
+controller cannot carry out. Then a person has to start the program again: no answer of a client can.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+
+from msgspec.structs import replace
 
 from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.kuka.io import Io, IoDirection, IoType
 from strands_actors.drivers.kuka.protocol import (
     COUNTER,
     JOINTS,
@@ -21,6 +29,7 @@ from strands_actors.drivers.kuka.protocol import (
     Overlay,
     Quality,
     State,
+    name_of,
 )
 from strands_actors.drivers.kuka.robots import Arm
 
@@ -36,6 +45,7 @@ MIRRORED = 20
 MIRROR_RAD = 1e-6
 STEP_TOLERANCE = 1.001
 AUTOMATIC = 2
+LARGEST_DIGITAL = 1 << 64
 
 
 class Controller:
@@ -47,13 +57,24 @@ class Controller:
         multiplier: int = 1,
         now_s: Callable[[], float] = time.monotonic,
         note: Callable[[str], None] = lambda text: None,
+        ios: Iterable[Io] = (),
     ) -> None:
-        """Build the controller of ``arm``. It calls ``note`` with each new state of the session and its reason."""
+        """Build the controller of ``arm``.
+
+        Args:
+            arm: The robot.
+            sample_ms: Sample time.
+            multiplier: The client must answer every so many cycles.
+            now_s: The clock.
+            note: Called with each new state of the session and its reason.
+            ios: The inputs and outputs that the robot program registers, with their values at its start.
+        """
         self.plant = Plant.from_table(model_table(arm))
         self.sample_ms = sample_ms
         self.multiplier = multiplier
         self.now_s = now_s
         self._note = note
+        self._registered = tuple(ios)
         self._reach_rad = tuple(joint.reach_rad for joint in arm.joints)
         self._speed_rad_s = arm.speed_rad_s
         self.wake_up()
@@ -69,6 +90,7 @@ class Controller:
         self.control_mode = int(ControlMode.POSITION)
         self.client_mode = int(ClientMode.POSITION)
         self.overlay = int(Overlay.JOINT)
+        self.ios = {io.name: io for io in self._registered}
         self.simulated = False  # True while a simulation, not an FRI client, sets the arm's targets.
         self.state = State.MONITORING_WAIT
         self.quality = Quality.POOR
@@ -91,11 +113,47 @@ class Controller:
     def stand(self) -> None:
         """Stop the arm and hold it at its present position."""
         self.set_targets(self.plant.position_rad)
+        self._interpolated = self.commanded
 
     def set_targets(self, position_rad: Sequence[float]) -> None:
         self.commanded = tuple(position_rad)
         for joint, rad in enumerate(self.commanded):
             self.plant.set_target(joint, rad)
+
+    # -- the person at the pendant, and the wires of the inputs
+
+    def start_program(self) -> None:
+        """Start the robot program. Raise ``ValueError`` if the controller cannot move the arm now."""
+        if reason := self._reason_not_ready():
+            raise ValueError(f"the program cannot start: {reason}. End that first")
+        self.motion = True
+
+    def set_io(self, name: str, value: int | float) -> None:
+        """Set a registered input or output. Raise ``ValueError`` if there is none of this name, or if its type does
+        not have the value."""
+        if name not in self.ios:
+            registered = ", ".join(self.ios) or "none"
+            raise ValueError(f"no input or output {name} is registered. Registered: {registered}")
+        io = self.ios[name]
+        if io.type == IoType.BOOLEAN and value not in (0, 1):
+            raise ValueError(f"{name} is boolean, and {value} is not 0 or 1")
+        if io.type == IoType.DIGITAL and (not 0 <= value < LARGEST_DIGITAL or value != int(value)):
+            raise ValueError(f"{name} is digital, and {value} is not a whole number of 64 bits")
+        self.ios[name] = replace(io, value=value)
+
+    def _set_outputs(self, requested: Iterable[Io]) -> None:
+        """Set outputs as the client requests. A request that the vendor's client would not send (an unknown name,
+        another type, an input) has no effect [assumed]."""
+        for request in requested:
+            io = self.ios.get(request.name)
+            if io is None or io.type != request.type or io.direction != IoDirection.OUTPUT:
+                kind = name_of(IoType, request.type).lower()
+                self._note(f"no output {request.name} of type {kind} is registered")
+                continue
+            try:
+                self.set_io(request.name, request.value)
+            except ValueError as error:
+                self._note(str(error))
 
     # -- one cycle
 
@@ -109,10 +167,14 @@ class Controller:
         answered = answer is not None and (self._sequence - answer.reflected) & COUNTER < self.multiplier
         if answer is not None and answered:
             self._reflected = answer.sequence
+            self._set_outputs(answer.ios)
         self._judge(answered)
+        reason = self._reason_not_movable()
+        if self._reason_not_ready():
+            self.motion = False
         if self._missed > LOST_AFTER and self.state > State.MONITORING_WAIT:
             self._leave(State.MONITORING_WAIT, "no answers")
-        elif self.is_commanded and (reason := self._reason_not_movable()):
+        elif self.is_commanded and reason:
             self._leave(State.MONITORING_READY, reason)
         else:
             self._step(answer if answered else None)
@@ -137,12 +199,14 @@ class Controller:
             if self._good >= after:
                 self.quality = Quality(max(self.quality, quality))
 
-    def _reason_not_movable(self) -> str:
+    def _reason_not_ready(self) -> str:
+        """Return why the controller can move the arm for no program. Empty if it can."""
         if self.safety:
             return "safety stop"
-        if any(drive != Drive.ACTIVE for drive in self.drives):
-            return "a drive is off"
-        return "" if self.motion else "the motion was ended"
+        return "a drive is off" if any(drive != Drive.ACTIVE for drive in self.drives) else ""
+
+    def _reason_not_movable(self) -> str:
+        return self._reason_not_ready() or ("" if self.motion else "the motion was ended")
 
     def _step(self, answer: Command | None) -> None:
         match self.state:
@@ -154,7 +218,7 @@ class Controller:
                 self._mirrored = 0
                 self._enter(State.COMMANDING_WAIT, "motion started")
             case State.COMMANDING_WAIT if answer is not None:
-                off = self._off(answer.position, self.commanded)
+                off = self._off(answer.position, self._interpolated)
                 self._mirrored = self._mirrored + 1 if off <= MIRROR_RAD else 0
                 if self._mirrored >= MIRRORED:
                     self._enter(State.COMMANDING_ACTIVE, "mirrored")
@@ -162,8 +226,14 @@ class Controller:
                 self._obey(answer)
 
     def _obey(self, answer: Command) -> None:
+        """Move the arm as the client commands. An impossible command ends the robot program.
+
+        Positions that the program does not ask for (another client mode, no overlay) have no effect [assumed].
+        """
         if not answer.position:
             self._abort("an answer without positions")
+            return
+        if self.client_mode != ClientMode.POSITION or self.overlay == Overlay.NO_OVERLAY:
             return
         cycle_s = self.sample_ms * self.multiplier / 1e3
         for joint, (rad, before) in enumerate(zip(answer.position, self.commanded, strict=True)):
@@ -185,7 +255,7 @@ class Controller:
 
     def mirrors(self, command: Command) -> bool:
         """Return True if a command only repeats the interpolated position, as COMMANDING_WAIT requires."""
-        return self.state == State.COMMANDING_WAIT and self._off(command.position, self.commanded) <= MIRROR_RAD
+        return self.state == State.COMMANDING_WAIT and self._off(command.position, self._interpolated) <= MIRROR_RAD
 
     def _abort(self, reason: str) -> None:
         """End the motion of the robot program. It can be started again only on the pendant."""
@@ -218,8 +288,10 @@ class Controller:
             quality=int(self.quality),
             sample_ms=self.sample_ms,
             multiplier=self.multiplier,
-            interpolated=self.commanded if self.is_commanded else (),
+            interpolated=self._interpolated if self.is_commanded else (),
             client_mode=self.client_mode if self.is_commanded else int(ClientMode.NO_COMMAND_MODE),
             overlay=self.overlay if self.is_commanded else int(Overlay.NO_OVERLAY),
-            tracking=1.0 if self.is_commanded else 0.0,
+            # The vendor's client documents 0 in all other states.
+            tracking=1.0 if self.state == State.COMMANDING_ACTIVE else 0.0,
+            ios=tuple(self.ios.values()),
         )

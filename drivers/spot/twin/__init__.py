@@ -23,8 +23,9 @@ from strands_actors.drivers.common.twin import (
     read_twin_options,
     run_server,
 )
-from strands_actors.drivers.common.twin.grpc import GrpcHost
+from strands_actors.drivers.spot.config import TWIN_LOGIN
 
+from .login import LoginHost
 from .mechanism import Mechanism
 from .requests import COMMANDS, METHODS
 from .services import SKEW_S, SpotTwin
@@ -37,6 +38,9 @@ class SpotTwinOptions(NetworkOptions, frozen=True):
     skew_s: Annotated[float, option("seconds that its clock is ahead of the host's")] = SKEW_S
     sync_s: Annotated[float, option("seconds that its time sync takes", ge=0)] = 0.0
     arm: Annotated[bool, option("whether it has one")] = True
+    user: Annotated[str, option("the only user who may log in")] = TWIN_LOGIN[0]
+    password: Annotated[str, option("the user's password")] = TWIN_LOGIN[1]
+    haste: Annotated[float, option("how many times faster than a robot it powers on, stands, sits", gt=0)] = 1.0
 
 
 _TICK_S = 0.01
@@ -47,7 +51,7 @@ class SpotServer(TcpServer):
 
     def __init__(self, twin: SpotTwin, port: int, log: WireLog, host: str | None) -> None:
         self._twin = twin
-        self._clients = GrpcHost(twin)
+        self._clients = LoginHost(twin, twin.logins)
         self._context = server_context()
         super().__init__(twin, {port: self._handle}, log, host)
 
@@ -78,7 +82,16 @@ class SpotServer(TcpServer):
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Simulate a robot of ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     settings = read_twin_options(robot, SpotTwinOptions, options)
-    twin = SpotTwin(robot, time.monotonic, skew_s=settings.skew_s, sync_s=settings.sync_s, arm=settings.arm)
+    twin = SpotTwin(
+        robot,
+        time.monotonic,
+        skew_s=settings.skew_s,
+        sync_s=settings.sync_s,
+        arm=settings.arm,
+        user=settings.user,
+        password=settings.password,
+        haste=settings.haste,
+    )
     run_server(lambda log: SpotServer(twin, settings.port, log, settings.host), **start)
 
 

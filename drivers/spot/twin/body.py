@@ -44,8 +44,10 @@ class SpotBody:
 
     def pose(self) -> Sequence[float]:
         mechanism = self._mechanism
-        place = [mechanism.x_m, mechanism.y_m, mechanism.height_m, mechanism.yaw_rad]
-        return [*place, *(mechanism.leg_rad * 4), *mechanism.joints]
+        body = mechanism.body_pose
+        # The drawn model has no joints for roll and pitch.
+        legs = [angle for leg in mechanism.legs_rad for angle in leg]
+        return [*body.xyz, body.roll_pitch_yaw[2], *legs, *mechanism.joints]
 
     def energise(self, on: bool) -> None:
         mechanism = self._mechanism

@@ -1,25 +1,32 @@
-"""Simulate Spot's body: it stands up, walks and sits, and its arm follows its goals."""
+"""Simulate Spot's body: it stands up, walks and sits, carries its body as commanded, and its arm follows its
+goals."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import ARM, CLAW
 
-_STEP_S = 0.005
+from .geometry import Pose, pose_at, turned
+from .paths import Path, held, towards
+from .posture import Posture
+from .walking import REST, Place, Trajectory, Twist
+
+_STEP_S, _LEAST_STEP_S = 0.005, 1e-9
 _LONGEST_S = 0.25
 """Longest time that is simulated at once after a pause. The rest of a longer pause is skipped."""
+_SIMULATION_STAND_S = 0.3
+"""How long it takes to stand up if a simulation moves the robot, and not a client."""
 
-STOWED, DEPLOYED = 1, 2
-"""Values of ``stow_state`` in the robot's state."""
-
-REST = (0.0, 0.0, 0.0)
-Twist = tuple[float, float, float]
 JOINTS = (*ARM, CLAW)
+CLAW_INDEX = len(ARM)
+CLAW_RAD_S = 10.0
+"""Default of ``maximum_open_close_velocity`` (gripper_command.proto)."""
+NO_SLEW: Twist = (math.inf, math.inf, math.inf)
 
 
 class Mechanism:
@@ -41,11 +48,15 @@ class Mechanism:
         self._on_in_s = 0.0
         self.target_twist: Twist = REST
         self.present_twist: Twist = REST
+        self._slew: Twist = NO_SLEW
+        self._in_world = False
         self._ends_s = math.inf
+        self.trajectory: Trajectory | None = None
         self.x_m = self.y_m = self.yaw_rad = 0.0
+        self.posture = Posture(self._table)
         self.joints = [float(value) for value in self._table["home_rad"]]
         self.speeds = [0.0] * len(self.joints)
-        self._goal = list(self.joints)
+        self._reach_at(self.joints)
         self.stuck = False
 
     # -- commands
@@ -65,6 +76,7 @@ class Mechanism:
         self.motors = Motors.OFF
         self.halt()
         self.up, self.wants_up, self._cuts_when_down = 0.0, False, False
+        self.posture.level(at_once=True)
         self.commander = Commander.NONE
 
     def settle(self) -> None:
@@ -77,36 +89,87 @@ class Mechanism:
 
     def stand(self, commander: Commander) -> None:
         self.pass_time()
-        self.halt()
+        self.halt_base()
         self.wants_up, self._cuts_when_down = True, False
         self.commander = commander
 
     def sit(self) -> None:
         self.pass_time()
-        self.halt()
+        self.halt_base()
         self.wants_up = False
 
     def halt(self) -> None:
-        """Stop walking and stop the arm. The robot stands."""
-        self.target_twist, self._ends_s = REST, math.inf
-        self._goal = list(self.joints)
+        """Stop walking, and stop body and arm where they are. The robot stands."""
+        self.halt_base()
+        self._reach_at(self.joints)
 
-    def walk(self, twist: Twist, for_s: float, commander: Commander) -> None:
-        """Walk with this twist for ``for_s`` seconds. A sitting robot stands up first."""
+    def halt_base(self) -> None:
+        self.target_twist, self._ends_s = REST, math.inf
+        self._in_world, self._slew = False, NO_SLEW
+        self._leave_trajectory()
+        self.posture.hold()
+
+    def halt_arm(self) -> None:
+        """Stop the arm. The claw goes on."""
+        self._arm_path = held(self.joints[:CLAW_INDEX])
+
+    def walk(
+        self, twist: Twist, for_s: float, commander: Commander, slew: Twist = NO_SLEW, in_world: bool = False
+    ) -> None:
+        """Walk with this twist for ``for_s`` seconds. A sitting robot stands up first, as the real one does (issues
+        175 and 260 of rai-opensource/spot_ros2).
+
+        Args:
+            twist: m/s and rad/s.
+            for_s: Duration, seconds.
+            commander: Who moves the robot.
+            slew: Fastest change of each part of the twist, per second.
+            in_world: True if the twist is relative to the frame of odometry, and not to the robot.
+        """
         self.pass_time()
+        self._leave_trajectory()
         self.wants_up, self._cuts_when_down = True, False
         self.target_twist, self.commander = twist, commander
+        self._slew, self._in_world = slew, in_world
         self._ends_s = self.time_s + for_s
 
+    def go(self, trajectory: Trajectory, for_s: float, commander: Commander) -> None:
+        """Walk along a trajectory, for at most ``for_s`` seconds. A sitting robot stands up first [assumed]."""
+        self.walk(REST, for_s, commander)
+        self.trajectory = trajectory
+
     def reach(self, goals_rad: Mapping[int, float], commander: Commander) -> None:
-        """Move joints of the arm, by index. A goal outside a joint's range becomes the nearest
+        """Move joints of the arm, by index, as fast as they can. A goal outside a joint's range becomes the nearest
         limit."""
         self.pass_time()
+        goals = [goals_rad.get(index, goal) for index, goal in enumerate(self._goal)]
+        self._reach_at(self.limited(goals))
         self.commander = commander
-        ranges = list(self._table["joints_rad"].values())
-        for index, goal in goals_rad.items():
-            low, high = ranges[index]
-            self._goal[index] = min(max(goal, low), high)
+
+    def follow_arm(self, path: Path, speeds_rad_s: Sequence[float], commander: Commander) -> None:
+        """Move the six joints of the arm along a path, with these highest speeds."""
+        self.pass_time()
+        self._arm_path, self._arm_speeds, self.commander = path, tuple(speeds_rad_s), commander
+
+    def follow_claw(self, path: Path, speed_rad_s: float, commander: Commander) -> None:
+        self.pass_time()
+        self._claw_path, self._claw_speed, self.commander = path, speed_rad_s, commander
+
+    def limited(self, joints_rad: Sequence[float]) -> list[float]:
+        """Return joints of arm and claw, each within its range. The robot picks the nearest joints that it can
+        reach (``ArmJointTrajectory``, arm_command.proto)."""
+        ranges = self._table["joints_rad"].values()
+        return [min(max(value, low), high) for value, (low, high) in zip(joints_rad, ranges, strict=True)]
+
+    def _reach_at(self, joints: Sequence[float]) -> None:
+        self._arm_path, self._claw_path = held(joints[:CLAW_INDEX]), held(joints[CLAW_INDEX:])
+        self._arm_speeds = (math.inf,) * CLAW_INDEX
+        self._claw_speed = math.inf
+
+    def _leave_trajectory(self) -> None:
+        if self.trajectory is not None:
+            self.trajectory.is_over = True
+            self.trajectory = None
 
     # -- state
 
@@ -115,36 +178,68 @@ class Mechanism:
         return self.up >= 1.0
 
     @property
-    def arrived(self) -> bool:
-        """Return True if the arm is at its goal."""
-        return self.joints == self._goal
+    def is_posed(self) -> bool:
+        """Return True if the robot stands and its body is where the command wants it."""
+        return self.stands and self.posture.has_arrived(self.time_s)
 
-    def arm_state(self) -> dict[str, float]:
-        """Return the message with the state of arm and gripper. The claw opens towards its lower limit."""
-        *arm, claw = self.joints
-        *home, _ = self._table["home_rad"]
-        open_rad = next(reversed(self._table["joints_rad"].values()))[0]
-        return {
-            "stow_state": STOWED if arm == home else DEPLOYED,
-            "gripper_open_percentage": 100.0 * claw / open_rad,
-        }
+    @property
+    def _goal(self) -> tuple[float, ...]:
+        return (*self._arm_path.last, *self._claw_path.last)
+
+    @property
+    def arm_arrived(self) -> bool:
+        return self._arm_path.has_ended(self.time_s) and tuple(self.joints[:CLAW_INDEX]) == self._arm_path.last
+
+    @property
+    def claw_arrived(self) -> bool:
+        return self._claw_path.has_ended(self.time_s) and self.joints[CLAW_INDEX] == self._claw_path.last[0]
+
+    @property
+    def arm_left_s(self) -> float:
+        """Return the time until the arm is at its goal, seconds."""
+        ways = zip(self._arm_path.last, self.joints[:CLAW_INDEX], self._arm_speeds, strict=True)
+        fastest = float(self._table["arm_rad_s"])
+        times = [abs(goal - now) / min(speed, fastest) for goal, now, speed in ways if goal != now]
+        return max(0.0, self._arm_path.ends_s - self.time_s, *times)
 
     @property
     def walks(self) -> bool:
         """Return True if the robot is commanded to move, or still moves."""
-        return self.target_twist != REST or any(abs(speed) > 1e-9 for speed in self.present_twist)
+        wants = self.target_twist != REST or self.trajectory is not None
+        return wants or any(abs(speed) > 1e-9 for speed in self.present_twist)
 
     @property
-    def height_m(self) -> float:
-        low, high = float(self._table["sit_m"]), float(self._table["stand_m"])
-        return low + (high - low) * self.up
+    def place(self) -> Place:
+        return self.x_m, self.y_m, self.yaw_rad
 
     @property
-    def leg_rad(self) -> tuple[float, float, float]:
+    def odometry(self) -> Pose:
+        """Return the pose of the frame of odometry above the floor: that of the body at the start, which sits
+        (docs/concepts/geometry_and_frames.md)."""
+        return pose_at(0.0, 0.0, float(self._table["sit_m"]))
+
+    @property
+    def footprint(self) -> Pose:
+        """Return the pose of the centre of the feet, on the floor, relative to the place where the robot began."""
+        return pose_at(self.x_m, self.y_m, 0.0, yaw=self.yaw_rad)
+
+    @property
+    def body_pose(self) -> Pose:
+        """Return the pose of the body, relative to the place on the floor where the robot started."""
+        return self.footprint.compose(self.posture.body(self.up))
+
+    @property
+    def velocity(self) -> tuple[float, float, float, float]:
+        """Return the body's speed along x, y, z and about z, in the frame of odometry."""
+        vx, vy, wz = self.present_twist
+        x, y, z, _, _, yaw = self.posture.rates if self.stands else (0.0,) * 6
+        forwards, sideways = turned(self.yaw_rad, vx + x, vy + y)
+        return forwards, sideways, z, wz + yaw
+
+    @property
+    def legs_rad(self) -> list[tuple[float, ...]]:
         """Return the angles of each leg: two of the hip, one of the knee."""
-        low, high = self._table["sit_leg_rad"], self._table["stand_leg_rad"]
-        hx, hy, kn = (a + (b - a) * self.up for a, b in zip(low, high, strict=True))
-        return hx, hy, kn
+        return self.posture.legs_rad(self.up)
 
     def pass_time(self) -> None:
         """Advance the simulation to the present time."""
@@ -158,41 +253,72 @@ class Mechanism:
 
     def run(self, seconds: float) -> None:
         """Advance the simulation by ``seconds``."""
-        while seconds > 0:
+        # The rounding error of a sum of steps is no step: a speed over it would be noise.
+        while seconds > _LEAST_STEP_S:
             step_s = min(seconds, _STEP_S)
             seconds -= step_s
             self._step(step_s)
 
     def _step(self, step_s: float) -> None:
         self.time_s += step_s
-        table = self._table
         if self.motors is Motors.POWERING_ON:
             self._on_in_s -= step_s
             if self._on_in_s <= 0:
                 self.motors = Motors.ON
         if self.time_s >= self._ends_s:
             self.target_twist, self._ends_s = REST, math.inf
+            self._leave_trajectory()
             self.commander = Commander.NONE if self.commander is Commander.WIRE else self.commander
-        if self.motors is Motors.ON and not self.stuck:
-            rise_s = float(table["stand_s"] if self.wants_up else table["sit_s"])
-            self.up = _towards(self.up, float(self.wants_up), step_s / rise_s)
-            if self._cuts_when_down and self.up == 0.0:
+        is_able = self.motors is Motors.ON and not self.stuck
+        if is_able:
+            self._rise(step_s)
+        self._walk(is_able and self.stands, step_s)
+        self._move_arm(is_able, step_s)
+
+    def _rise(self, step_s: float) -> None:
+        rise_s = float(self._table["stand_s"] if self.wants_up else self._table["sit_s"])
+        if self.commander is Commander.SIM:
+            rise_s = _SIMULATION_STAND_S
+        self.up = towards(self.up, float(self.wants_up), step_s / rise_s)
+        if self.stands:
+            self.posture.step(self.time_s, step_s)
+        if self.up == 0.0 and not self.wants_up:
+            self.posture.level(at_once=True)
+            if self._cuts_when_down:
                 self._switch_off()
-        moving = self.motors is Motors.ON and self.stands and not self.stuck
-        goal_speeds = self.target_twist if moving else REST
-        ramp = float(table["ramp_m_s2"]) * step_s
-        vx, vy, wz = (_towards(run, goal, ramp) for run, goal in zip(self.present_twist, goal_speeds, strict=True))
+
+    def _walk(self, moves: bool, step_s: float) -> None:
+        goal_speeds = self._commanded_twist() if moves else REST
+        ramp = float(self._table["ramp_m_s2"])
+        vx, vy, wz = (
+            towards(now, goal, min(ramp, slew) * step_s)
+            for now, goal, slew in zip(self.present_twist, goal_speeds, self._slew, strict=True)
+        )
         self.present_twist = vx, vy, wz
-        ahead, across = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        self.x_m += (vx * ahead - vy * across) * step_s
-        self.y_m += (vx * across + vy * ahead) * step_s
+        x, y = turned(self.yaw_rad, vx, vy)
+        self.x_m += x * step_s
+        self.y_m += y * step_s
         self.yaw_rad += wz * step_s
-        most = float(table["arm_rad_s"]) * step_s if self.motors is Motors.ON and not self.stuck else 0.0
-        for index, goal in enumerate(self._goal):
+
+    def _commanded_twist(self) -> Twist:
+        if self.trajectory is not None:
+            return self.trajectory.twist(self.time_s, self.place)
+        vx, vy, wz = self.target_twist
+        if self._in_world:
+            vx, vy = turned(-self.yaw_rad, vx, vy)
+        return vx, vy, wz
+
+    def _move_arm(self, moves: bool, step_s: float) -> None:
+        fastest = float(self._table["arm_rad_s"]) if moves else 0.0
+        goals = (*self._arm_path.values_at(self.time_s), *self._claw_path.values_at(self.time_s))
+        speeds = [min(fastest, speed) for speed in self._arm_speeds]
+        # A client's command moves the claw faster than the arm. A simulation moves both alike.
+        claw = self._claw_speed if math.isfinite(self._claw_speed) else fastest
+        speeds.append(claw if moves else 0.0)
+        for index, (goal, speed) in enumerate(zip(goals, speeds, strict=True)):
             before = self.joints[index]
-            self.joints[index] = _towards(before, goal, most)
+            self.joints[index] = towards(before, goal, speed * step_s)
             self.speeds[index] = (self.joints[index] - before) / step_s
 
 
-def _towards(now: float, goal: float, most: float) -> float:
-    return now + max(-most, min(most, goal - now))
+__all__ = ["CLAW_INDEX", "CLAW_RAD_S", "JOINTS", "NO_SLEW", "REST", "Mechanism", "Twist"]

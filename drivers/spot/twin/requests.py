@@ -11,7 +11,7 @@ from strands_actors.drivers.spot.messages import Message
 METHODS: Modelled[str] = Modelled(
     "methods of its services",
     {
-        "GetAuthToken": "logs in with any name and password except the password 'wrong'",
+        "GetAuthToken": "logs in with the user and the password of its options, or with a valid token",
         "GetRobotId": "returns serial number and version",
         "ListServiceEntries": "returns the services",
         "GetServiceEntry": "returns one service",
@@ -21,11 +21,13 @@ METHODS: Modelled[str] = Modelled(
         "ReturnLease": "takes the lease back",
         "RetainLease": "checks the lease",
         "ListLeases": "returns the owner of the lease",
-        "GetRobotState": "returns joints, pose, speed, battery, power, e-stops and the arm's state",
+        "GetRobotState": "returns joints, frames, speed, feet, battery, power, e-stops, faults (none) and the arm",
+        "GetRobotHardwareConfiguration": "returns the links of the robot, without a URDF",
+        "GetRobotLinkModel": "returns the model of one link: the name of its file, without contents",
         "PowerCommand": f"switches the motors on or off; status {p.Power.INTERNAL_ERROR:d} for other requests",
-        "PowerCommandFeedback": "returns whether the motors are on",
+        "PowerCommandFeedback": "returns whether the motors are as commanded",
         "RobotCommand": "carries out the commands of the next table",
-        "RobotCommandFeedback": "returns whether the robot stands or sits, and whether the arm has arrived",
+        "RobotCommandFeedback": "returns the progress of a command, part by part",
         "ClearBehaviorFault": "status 2, not cleared: there are no such faults",
         "SetEstopConfig": "stores the endpoints",
         "GetEstopConfig": "returns the endpoints",
@@ -40,18 +42,25 @@ METHODS: Modelled[str] = Modelled(
 COMMANDS: Modelled[str] = Modelled(
     "commands to its body",
     {
-        "full_body_command.stop_request": "stops walking and the arm",
+        "full_body_command.stop_request": "stops walking, body and arm",
         "full_body_command.safe_power_off_request": "sits down and switches the motors off",
-        "mobility_command.stop_request": "stops walking and the arm",
-        "mobility_command.stand_request": "stands up",
+        "mobility_command.stop_request": "stops walking and the body",
+        "mobility_command.stand_request": "stands up, and carries the body as the parameters say",
         "mobility_command.sit_request": "sits down",
         "mobility_command.se2_velocity_request": "walks with a velocity until a time; stands up first",
-        "arm_command.arm_joint_move_command": "moves the arm's joints to the last point, within their ranges",
+        "mobility_command.se2_trajectory_request": "walks along places until a time; stands up first",
+        "arm_command.arm_joint_move_command": "moves the arm's joints through the points, within their ranges",
+        "arm_command.named_arm_position_command": "moves the arm to stow, ready or carry",
         "arm_command.arm_stop_command": "stops the arm",
-        "gripper_command.claw_gripper_command": "opens or closes the gripper to the last point",
+        "gripper_command.claw_gripper_command": "opens or closes the gripper through the points",
     },
     "status 3, unsupported, and nothing is carried out",
 )
+"""A robot without an arm accepts a command to its arm, and reports "incompatible hardware" in the feedback of that
+part (``RobotCommandFeedbackStatus``, basic_command.proto)."""
+
+NAMED_POSITIONS = {1: "carry_rad", 2: "ready_rad", 3: "home_rad"}
+"""Row of ``robots.toml`` for each position of ``NamedArmPositionsCommand``: carry, ready and stow."""
 
 _SETTINGS = "params"
 

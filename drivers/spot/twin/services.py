@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.body import Commander
@@ -14,25 +12,25 @@ from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import Message, decode, encode
 from strands_actors.drivers.spot.protocol import Motors
-from strands_actors.drivers.spot.robots import LEGS, TABLES, wire_name
+from strands_actors.drivers.spot.robots import TABLES
 
 from .body import SpotBody
-from .mechanism import JOINTS, Mechanism
-from .requests import COMMANDS, METHODS, names_of
+from .commands import CLOCK, Commands, kind_of
+from .login import OPEN_SERVICES, Logins
+from .mechanism import Mechanism
+from .reports import IDENTITY, Reports
+from .requests import METHODS
 from .safety import Estop, Leases
 
 SKEW_S = 123.456
 """How far the robot's clock is ahead of the host's, by default."""
-TOO_DISTANT_S = 600.0
-WRONG_PASSWORD = "wrong"
 WRONG_M_S = 0.5
 """Error of the reported speed of a robot with wrong readings."""
-TOKEN = "twin-token"
-CLOCK = "twin-clock"
+DURATIONS = ("power_on_s", "stand_s", "sit_s")
 _PATHS: Mapping[str, p.Method] = {method.path: method for method in p.METHODS.values()}
 
 NOT_CLEARED = 2
-"""Answer to a request to clear a fault of the behaviour, of which this robot has none."""
+"""Answer to a request to clear a fault of the behaviour. This robot never has such a fault."""
 
 _UNNAMED = "unnamed"
 Logged = tuple[str, str | None]
@@ -47,6 +45,9 @@ class SpotTwin:
         skew_s: How far the robot's clock is ahead of the host's.
         sync_s: For how long after the first request the robot has no time estimate yet.
         arm: True if the robot has an arm.
+        user: The only permitted user. Empty: the login that the driver uses at a twin.
+        password: The user's password. Empty: as above.
+        haste: How many times faster than the real robot this one powers on, stands up and sits down.
         wall_ns: The host's clock.
     """
 
@@ -58,13 +59,20 @@ class SpotTwin:
         skew_s: float = SKEW_S,
         sync_s: float = 0.0,
         arm: bool = True,
+        user: str = "",
+        password: str = "",
+        haste: float = 1.0,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         table = TABLES.table(robot)
+        table = {**table, **{key: float(table[key]) / haste for key in DURATIONS}}
         self.mechanism = Mechanism(table, now_s)
         self.body = SpotBody(self.mechanism, table)
         self.estop = Estop(now_s)
         self.leases = Leases()
+        self.logins = Logins(now_s, user, password)
+        self.commands = Commands(self.mechanism, table, arm, self.robot_ns)
+        self.reports = Reports(self.mechanism, arm, lambda: self.estop, self.robot_ns, table)
         self.faults = Faults()
         self.muted: set[str] = set()
         """Methods that are carried out and never answered."""
@@ -72,9 +80,8 @@ class SpotTwin:
         self._wall_ns = wall_ns
         self._skew_s = skew_s
         self._sync_s = sync_s
-        self._has_arm = arm
         self._sync_since_s: float | None = None
-        self._command = 0
+        self._power_request = p.POWER_OFF
         self._stuck: Message | None = None
 
     # -- faults
@@ -149,7 +156,7 @@ class SpotTwin:
             case "GetAuthToken":
                 return self._log_in(request), ("config", None)
             case "GetRobotId":
-                return {"robot_id": _IDENTITY}, ("read", None)
+                return {"robot_id": IDENTITY}, ("read", None)
             case "ListServiceEntries":
                 return {"service_entries": [_entry(service) for service in p.SERVICES]}, ("read", None)
             case "GetServiceEntry":
@@ -168,6 +175,10 @@ class SpotTwin:
                 return {"resources": [self.leases.listed()]}, ("read", None)
             case "GetRobotState":
                 return {"robot_state": self._stuck or self.state()}, ("read", None)
+            case "GetRobotHardwareConfiguration":
+                return {"hardware_configuration": self.reports.hardware()}, ("read", None)
+            case "GetRobotLinkModel":
+                return {"link_model": self.reports.link(request.get("link_name", ""))}, ("read", None)
             case "PowerCommand":
                 reply = self._power(request, lease)
                 is_accepted = reply.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)
@@ -177,7 +188,8 @@ class SpotTwin:
             case "RobotCommand":
                 return self._carry_out(request, lease)
             case "RobotCommandFeedback":
-                return {"feedback": self._feedback(request), "lease_use_result": {"status": p.OK}}, ("read", None)
+                feedback = self.commands.feedback(request.get("robot_command_id", 0))
+                return {"feedback": feedback, "lease_use_result": {"status": p.OK}}, ("read", None)
             case "ClearBehaviorFault":
                 return {"lease_use_result": self.leases.use(lease), "status": NOT_CLEARED}, ("config", None)
         return self._answer_estop(name, request)
@@ -218,11 +230,7 @@ class SpotTwin:
         return self._wall_ns() + round(self._skew_s * p.NS)
 
     def _log_in(self, request: Message) -> Message:
-        if request.get("token") == TOKEN:
-            return {"status": p.OK, "token": TOKEN}
-        if not request.get("username") or request.get("password") in ("", None, WRONG_PASSWORD):
-            return {"status": 2}
-        return {"status": p.OK, "token": TOKEN}
+        return self.logins.log_in(request)
 
     def _sync(self, request: Message) -> Message:
         now_s = self._now_s()
@@ -249,37 +257,43 @@ class SpotTwin:
         use = self.leases.use(lease)
         if use["status"] != p.OK:
             return {"lease_use_result": use}
-        if request.get("request") == p.POWER_OFF:
+        requested: int = request.get("request", 0)
+        if requested == p.POWER_OFF:
             self.mechanism.cut()
             status = p.Power.SUCCESS
-        elif request.get("request") != p.POWER_ON:
+        elif requested != p.POWER_ON:
             status = p.Power.INTERNAL_ERROR
         elif self.estop.level is not p.StopLevel.NONE:
             status = p.Power.ESTOPPED
         else:
             self.mechanism.power_on()
-            status = self._power_status()
+            status = p.Power.SUCCESS if self.mechanism.motors is Motors.ON else p.Power.IN_PROGRESS
+        if status in (p.Power.SUCCESS, p.Power.IN_PROGRESS):
+            self._power_request = requested
         return {"lease_use_result": use, "status": int(status), "power_command_id": 1, "license_status": 1}
 
     def _power_status(self) -> p.Power:
+        """Return the progress of the last power command. "In the case of a commanded power OFF, robot will report
+        SUCCESS if power is disabled" (power.proto)."""
         match self.mechanism.motors:
             case Motors.ON:
                 return p.Power.SUCCESS
             case Motors.POWERING_ON:
                 return p.Power.IN_PROGRESS
-        return p.Power.OVERRIDDEN
+        return p.Power.SUCCESS if self._power_request == p.POWER_OFF else p.Power.OVERRIDDEN
 
     # -- commands
 
     def _carry_out(self, request: Message, lease: Message) -> tuple[Message, Logged]:
         command = request.get("command", {})
-        kind, safe_state = _kind_of(command)
+        kind, safe_state = kind_of(command)
         use = self.leases.use(lease)
         reply: Message = {"lease_use_result": use}
         if use["status"] == p.OK:
-            self._command += 1
-            status = self._status_of(command, request.get("clock_identifier", ""))
-            reply |= {"status": int(status), "robot_command_id": self._command}
+            is_estopped = self.estop.level is not p.StopLevel.NONE
+            status, number = self.commands.carry_out(command, request.get("clock_identifier", ""), is_estopped)
+            # "If empty, command was not accepted" (robot_command.proto).
+            reply |= {"status": int(status), **({"robot_command_id": number} if number else {})}
         if kind == "safe" and reply.get("status") not in (p.Command.OK, p.Command.NOT_POWERED_ON):
             safe_state = ""
         is_unsupported = reply.get("status") == p.Command.UNSUPPORTED
@@ -288,146 +302,11 @@ class SpotTwin:
             kind = "other"
         return reply, (kind, safe_state)
 
-    def _status_of(self, command: Message, clock: str) -> p.Command:
-        mechanism, whole, parts = (
-            self.mechanism,
-            command.get("full_body_command", {}),
-            command.get("synchronized_command", {}),
-        )
-        names = list(names_of(command))
-        has_arm_command = "arm_command" in parts or "gripper_command" in parts
-        if any(name not in COMMANDS for name in names) or (has_arm_command and not self._has_arm):
-            return p.Command.UNSUPPORTED
-        if not names:
-            return p.Command.INVALID_REQUEST
-        if "safe_power_off_request" in whole:
-            mechanism.settle()
-            return p.Command.OK
-        if mechanism.motors is not Motors.ON or self.estop.level is not p.StopLevel.NONE:
-            return p.Command.NOT_POWERED_ON
-        base, arm = parts.get("mobility_command", {}), parts.get("arm_command", {})
-        if "stop_request" in whole or "stop_request" in base:
-            mechanism.halt()
-            return p.Command.OK
-        goals = self._goals(parts)
-        if "arm_stop_command" in arm:
-            goals = dict(enumerate(mechanism.joints[:-1])) | goals
-        if (arm or "gripper_command" in parts) and not goals:
-            return p.Command.INVALID_REQUEST
-        if "stand_request" in base:
-            mechanism.stand(Commander.WIRE)
-        if "sit_request" in base:
-            mechanism.sit()
-        if "se2_velocity_request" in base:
-            status = self._walk(base["se2_velocity_request"], clock)
-            if status is not p.Command.OK:
-                return status
-        if goals:
-            mechanism.reach(goals, Commander.WIRE)
-        return p.Command.OK
-
-    def _walk(self, request: Message, clock: str) -> p.Command:
-        if clock != CLOCK:
-            return p.Command.NO_TIMESYNC
-        remaining_s = (p.stamp_ns(request.get("end_time", {})) - self.robot_ns()) / p.NS
-        if remaining_s <= 0:
-            return p.Command.EXPIRED
-        if remaining_s > TOO_DISTANT_S:
-            return p.Command.TOO_DISTANT
-        velocity = request.get("velocity", {})
-        speeds = (velocity.get("linear", {}).get("x", 0.0), velocity.get("linear", {}).get("y", 0.0))
-        twist = (float(speeds[0]), float(speeds[1]), float(velocity.get("angular", 0.0)))
-        if not all(math.isfinite(speed) for speed in twist):
-            return p.Command.INVALID_REQUEST
-        self.mechanism.walk(twist, remaining_s, Commander.WIRE)
-        return p.Command.OK
-
-    @staticmethod
-    def _goals(parts: Message) -> dict[int, float]:
-        move = parts.get("arm_command", {}).get("arm_joint_move_command", {}).get("trajectory", {})
-        goals: dict[int, float] = {}
-        for point in move.get("points", ())[-1:]:
-            for index, name in enumerate(("sh0", "sh1", "el0", "el1", "wr0", "wr1")):
-                if name in point.get("position", {}):
-                    goals[index] = float(point["position"][name].get("value", 0.0))
-        claw = parts.get("gripper_command", {}).get("claw_gripper_command", {}).get("trajectory", {})
-        for point in claw.get("points", ())[-1:]:
-            goals[len(JOINTS) - 1] = float(point.get("point", 0.0))
-        return {index: goal for index, goal in goals.items() if math.isfinite(goal)}
-
-    def _feedback(self, request: Message) -> Message:
-        overridden = request.get("robot_command_id", 0) < self._command
-        stands, sits = self.mechanism.stands, self.mechanism.up == 0.0
-        mobility = {
-            "status": 2 if overridden else 1,
-            "stand_feedback": {"status": 1 if stands else 2, "standing_state": 1},
-        }
-        if not self.mechanism.wants_up:
-            mobility = {"status": mobility["status"], "sit_feedback": {"status": 1 if sits else 2}}
-        arm = {"status": 1, "arm_joint_move_feedback": {"status": 1 if self.mechanism.arrived else 2}}
-        return {"synchronized_feedback": {"mobility_command_feedback": mobility, "arm_command_feedback": arm}}
-
     # -- reports
 
     def state(self) -> Message:
         """Return the robot's present state."""
-        mechanism = self.mechanism
-        vx, vy, wz = mechanism.present_twist
-        if self.faults.of(None) is Fault.WRONG:
-            vx += WRONG_M_S
-        cos, sin = math.cos(mechanism.yaw_rad), math.sin(mechanism.yaw_rad)
-        x, y, z = mechanism.x_m, mechanism.y_m, mechanism.height_m
-        half = -mechanism.yaw_rad / 2
-        in_body = {
-            "position": {"x": -x * cos - y * sin, "y": x * sin - y * cos, "z": -z},
-            "rotation": {"w": math.cos(half), "z": math.sin(half)},
-        }
-        speed = {"linear": {"x": vx * cos - vy * sin, "y": vx * sin + vy * cos}, "angular": {"z": wz}}
-        edges = [
-            {"key": "body", "value": {"parent_frame_name": "", "parent_tform_child": {"rotation": {"w": 1.0}}}},
-            {"key": "odom", "value": {"parent_frame_name": "body", "parent_tform_child": in_body}},
-            {"key": "vision", "value": {"parent_frame_name": "body", "parent_tform_child": in_body}},
-        ]
-        level = self.estop.level
-        return {
-            "power_state": {
-                "timestamp": p.stamp(self.robot_ns()),
-                "motor_power_state": int(mechanism.motors),
-                "shore_power_state": 2,
-                "robot_power_state": 1,
-            },
-            "battery_states": [
-                {
-                    "identifier": "twin",
-                    "charge_percentage": {"value": 77.0},
-                    "voltage": {"value": 55.0},
-                    "status": 3,
-                }
-            ],
-            "estop_states": [
-                {"name": "hardware_estop", "type": 1, "state": 1 if self.estop.pressed else 2},
-                {"name": "software_estop", "type": 2, "state": 2 if level is p.StopLevel.NONE else 1},
-            ],
-            "kinematic_state": {
-                "acquisition_timestamp": p.stamp(self.robot_ns()),
-                "joint_states": self._joints(),
-                "velocity_of_body_in_vision": speed,
-                "velocity_of_body_in_odom": speed,
-                "transforms_snapshot": {"edges": edges},
-            },
-            **({"manipulator_state": mechanism.arm_state()} if self._has_arm else {}),
-        }
-
-    def _joints(self) -> list[Message]:
-        mechanism = self.mechanism
-        joints = {wire_name(key): (mechanism.leg_rad[index % 3], 0.0) for index, key in enumerate(LEGS)}
-        if self._has_arm:
-            both = zip(JOINTS, mechanism.joints, mechanism.speeds, strict=True)
-            joints |= {wire_name(key): (position, speed) for key, position, speed in both}
-        return [
-            {"name": name, "position": {"value": position}, "velocity": {"value": speed}}
-            for name, (position, speed) in joints.items()
-        ]
+        return self.reports.state(WRONG_M_S if self.faults.of(None) is Fault.WRONG else 0.0)
 
 
 def _entry(service: str) -> Message:
@@ -435,21 +314,8 @@ def _entry(service: str) -> Message:
         "name": service,
         "type": f"bosdyn.api.{p.SERVICES[service]}",
         "authority": p.AUTHORITIES.get(service, p.AUTHORITIES["directory"]),
-        "user_token_required": service not in ("auth", "robot-id"),
+        "user_token_required": service not in OPEN_SERVICES,
     }
-
-
-def _kind_of(command: Message) -> Logged:
-    """Return the kind of a command and the safe state that it causes, for the log of messages."""
-    whole, parts = command.get("full_body_command", {}), command.get("synchronized_command", {})
-    base = parts.get("mobility_command", {})
-    if "safe_power_off_request" in whole:
-        return "safe", "settle"
-    if "stop_request" in whole or "stop_request" in base:
-        return "safe", "hold"
-    if "stand_request" in base or "sit_request" in base:
-        return "enable", None
-    return "setpoint", None
 
 
 def _logged_check_in(request: Message, reply: Message) -> Logged:
@@ -457,12 +323,3 @@ def _logged_check_in(request: Message, reply: Message) -> Logged:
     if level == p.StopLevel.NONE or reply["status"] != p.CheckIn.OK:
         return "other", None
     return "safe", "off" if level == p.StopLevel.CUT else "settle"
-
-
-_IDENTITY: dict[str, Any] = {
-    "serial_number": "spot-twin",
-    "species": "spot",
-    "version": "V3",
-    "nickname": "twin",
-    "software_release": {"version": {"major_version": 5, "minor_version": 2, "patch_level": 0}},
-}

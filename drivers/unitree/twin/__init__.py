@@ -6,11 +6,12 @@ SportModeState 50 times a second, and a G1 publishes its odometry.
 
 The log of the network (wire log) has every LowCmd and every request, by its kind:
 
-    setpoint   a LowCmd with torque, or a velocity
+    setpoint   a LowCmd with torque, a velocity, or a gesture
     safe       a LowCmd without torque, StopMove or Damp. A G1 and an H1 have no StopMove: there it is a velocity of
                zero with a duration of one second, as the vendor's client sends it
     garbled    a LowCmd with a wrong checksum
     other      a LowCmd for another ``mode_machine``
+    arms       a LowCmd on ``rt/arm_sdk``
 
 It also has the robot's answers and events: ``fsm``, ``mode``, ``fell``, ``stood``. It has no LowStates, which would
 be a megabyte a second.
@@ -22,7 +23,9 @@ After ``nan JOINT`` this joint reports a position that is not a number, until ``
 
 from __future__ import annotations
 
+import json
 import math
+import struct
 import time
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Unpack
@@ -42,6 +45,7 @@ from strands_actors.drivers.unitree.walking.robots import dialect_of
 from strands_actors.drivers.unitree.walking.states import STATE_TYPE, encode_state
 from strands_actors.kernel.clock import NS
 
+from . import arm_actions, arm_sdk, obstacles
 from .onboard import Onboard
 from .requests import MODELLED
 from .standing import StandingBody
@@ -58,12 +62,18 @@ class UnitreeTwinOptions(DdsOptions, frozen=True):
     ] = False
 
 
-BATTERY_EVERY, GAIT_EVERY = 50, 10
-"""Periods of publishing the battery and SportModeState, in ticks of 2 ms."""
+BATTERY_EVERY, GAIT_EVERY, GESTURE_EVERY = 50, 10, 50
+"""Periods of publishing the battery, SportModeState and the state of the gestures, in ticks of 2 ms."""
 WRONG_RAD = 1.0
 _SAFE_STATES = {ZERO_TORQUE: SafeState.ZERO_TORQUE, DAMP: SafeState.DAMP}
 """FSM id -> safe state that it means."""
-_READS = (rpc.SERVER_VERSION, rpc.CHECK_MODE, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID, rpc.LOCO_GET_ODOM)
+_READS = {
+    rpc.MOTION_SWITCHER: (rpc.SERVER_VERSION, rpc.CHECK_MODE),
+    arm_actions.SERVICE: (rpc.SERVER_VERSION, arm_actions.LIST),
+    obstacles.SERVICE: (rpc.SERVER_VERSION, obstacles.SWITCH_GET),
+}
+_SPORT_READS = (rpc.SERVER_VERSION, rpc.GET_FSM_ID, rpc.LOCO_GET_FSM_ID, rpc.LOCO_GET_ODOM)
+"""Requests that only read, by service. The same number has another meaning in another service."""
 
 
 def safe_state_of(command: Command) -> str:
@@ -72,6 +82,12 @@ def safe_state_of(command: Command) -> str:
     if any(command.tau) or any(command.kp):
         return ""
     return "damp" if any(command.kd) else "zero_torque"
+
+
+def _text(text: str) -> bytes:
+    """Encode a ``std_msgs`` String."""
+    data = text.encode() + b"\0"
+    return struct.pack("<I", len(data)) + data
 
 
 class UnitreeServer(DdsServer):
@@ -90,6 +106,7 @@ class UnitreeServer(DdsServer):
         self._commands = CommandCodec(model)
         self._states = StateCodec(model)
         self._answers: dict[str, Writer] = {}
+        self._gesture_writer: Writer | None = None
         self._nan = ""  # Name of a joint that must report NaN as its position, or empty.
 
     def make_endpoints(self, participant: Participant) -> None:
@@ -99,6 +116,10 @@ class UnitreeServer(DdsServer):
         walks = None if self._simulator else self._model.walks
         topic = "" if walks is None else dialect_of(walks).state_topic
         self._gait_writer = participant.writer(topic, STATE_TYPE) if topic else None
+        if self.onboard.arms is not None:
+            participant.reader(arm_sdk.TOPIC, p.command_type(family), self._on_arms)
+        if self.onboard.actions is not None:
+            self._gesture_writer = participant.writer(arm_actions.STATE_TOPIC, arm_actions.STATE_TYPE)
         tells_battery = family == "hg" and not self._simulator
         self._battery_writer = participant.writer(p.BATTERY_TOPIC, p.BATTERY_TYPE) if tells_battery else None
         for service in () if self._simulator else self.onboard.services:
@@ -117,6 +138,8 @@ class UnitreeServer(DdsServer):
 
     def advance(self, now_s: float) -> None:
         self.onboard.advance(now_s)
+        for response in self.onboard.take_responses():
+            self._answer(arm_actions.SERVICE, response)
 
     # -- received data
 
@@ -139,6 +162,19 @@ class UnitreeServer(DdsServer):
         self.log.write(t_ns, "host", [("safe" if safe_state else "setpoint", body)], safe_state)
         self.onboard.command(command, t_ns / NS)
 
+    def _on_arms(self, payload: memoryview, writer: bytes, t_ns: int) -> None:
+        if not self.is_off:
+            body = bytes(payload[4:])
+            self.receive(writer, t_ns, lambda t_ns: self._take_arms(body, t_ns))
+
+    def _take_arms(self, body: bytes, t_ns: int) -> None:
+        kind = "arms"
+        try:
+            self.onboard.command_arms(body, t_ns / NS)
+        except MalformedFrame:
+            kind = "garbled"
+        self.log.write(t_ns, "host", [(kind, body)])
+
     def _take_request(self, service: str, body: bytes, t_ns: int) -> None:
         try:
             request = rpc.decode_request(body)
@@ -149,14 +185,25 @@ class UnitreeServer(DdsServer):
         self.log.write(t_ns, "host", [(kind, body)], safe_state)
         response = self.onboard.serve(service, request)
         if response is not None and not request.no_reply:
-            answer = rpc.encode_response(response)
-            self.log.write(time.monotonic_ns(), "robot", [("answer", answer)])
+            self._answer(service, response)
+
+    def _answer(self, service: str, response: rpc.Response) -> None:
+        answer = rpc.encode_response(response)
+        self.log.write(time.monotonic_ns(), "robot", [("answer", answer)])
+        if service in self._answers:  # Missing only while the cable has never been plugged in.
             self._answers[service].write(CDR + answer)
 
     def _kind_of(self, service: str, request: rpc.Request) -> tuple[str, str | None]:
         """Return the kind of a request for the wire log, and the safe state that it commands, if it does so."""
-        if request.api in _READS or service == rpc.MOTION_SWITCHER or self.onboard.gait is None:
-            return ("read" if request.api in _READS else "config"), None
+        if request.api in _READS.get(service, _SPORT_READS):
+            return "read", None
+        if service == arm_actions.SERVICE and request.api == arm_actions.EXECUTE:
+            return "setpoint", ""
+        if service == obstacles.SERVICE and request.api == obstacles.MOVE:
+            still = not any(self._parameter(request).get(name) for name in ("x", "y", "yaw"))
+            return ("safe", None) if still else ("setpoint", "")
+        if service != self._model.service or self.onboard.gait is None:
+            return "config", None
         match request.api:
             case rpc.MOVE:
                 return "setpoint", ""
@@ -201,6 +248,10 @@ class UnitreeServer(DdsServer):
         gait = self.onboard.sport_state(now_ns)
         if self._gait_writer is not None and gait is not None and not self.is_off and tick % GAIT_EVERY == 0:
             self._gait_writer.write(CDR + encode_state(gait))
+        gestures, gesture_writer = self.onboard.actions, self._gesture_writer
+        due = not self.is_off and tick % GESTURE_EVERY == 0
+        if gesture_writer is not None and gestures is not None and due:
+            gesture_writer.write(CDR + _text(json.dumps(gestures.state)))
         battery, soc = self._battery_writer, self.onboard.soc
         if battery is not None and soc is not None and not self.is_off and tick % BATTERY_EVERY == 0:
             battery.write(CDR + p.encode_battery(soc))

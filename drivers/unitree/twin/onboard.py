@@ -21,10 +21,17 @@ from strands_actors.drivers.unitree.walking.loco import LocoDialect
 from strands_actors.drivers.unitree.walking.robots import dialect_of
 from strands_actors.drivers.unitree.walking.states import SportState
 
+from .arm_actions import SERVICE as ARM
+from .arm_actions import VERSION as ARM_VERSION
+from .arm_actions import ArmActions
+from .arm_sdk import SLOTS, ArmSdk, Rows
 from .body import body_of
 from .gait import Gait, Pose
 from .loco import LocoGait
-from .requests import NO_SUCH_MODE, SWITCHER, requests_of
+from .obstacles import SERVICE as OBSTACLES
+from .obstacles import VERSION as OBSTACLES_VERSION
+from .obstacles import ObstacleAvoidance
+from .requests import NO_SUCH_MODE, modelled_by
 from .sport import SportGait
 
 STAND_KP, STAND_KD = 1000.0, 20.0
@@ -32,7 +39,8 @@ STAND_KP, STAND_KD = 1000.0, 20.0
 
 ROOM_C = 30
 MODE_MACHINE = 5
-"""``mode_machine`` of a G1 with 29 joints [assumed]."""
+"""``mode_machine`` of a G1 with 29 joints (``g1_29dof_rev_1_0`` in the vendor's table of its robot descriptions).
+The number of an H1-2 is [assumed]."""
 
 
 class Onboard:
@@ -59,7 +67,7 @@ class Onboard:
             silence_s: If no LowCmd arrives for this time, the joints brake. 0: they never brake by themselves.
             simulator: True to behave like Unitree's simulator, which obeys a LowCmd in every mode.
             body: A body to use instead of the one in ``robots.toml``.
-            keeps_s: A velocity ends by itself after this time. 0: it never ends by itself.
+            keeps_s: A velocity ends by itself after this time. 0: no limit.
         """
         self.model = model
         self._simulator = simulator
@@ -78,6 +86,17 @@ class Onboard:
         self._stand = (home, self._zero, self._zero, (STAND_KP,) * count, (STAND_KD,) * count)
         self._brake = (self._zero, self._zero, self._zero, self._zero, (model.damp_kd,) * count)
         self._limp = (self._zero,) * 5
+        # The commands of the onboard controller that are in force. None while a LowCmd is.
+        self._own: Rows | None = None
+        humanoid = model.name in SLOTS and not simulator
+        self.arms = ArmSdk(model) if humanoid else None
+        """The topic ``rt/arm_sdk``; None for other robots."""
+        fsm = self.arms is not None and model.handshake == "fsm"
+        self.actions = ArmActions(model, self.arms, lambda: self.body.position_rad) if fsm and self.arms else None
+        """The service ``arm``; None for other robots."""
+        avoids = isinstance(self.gait, SportGait) and model.walks is not None and model.walks.sits
+        self.obstacles = ObstacleAvoidance(self.gait, self.body) if avoids and self.gait else None
+        """The service ``obstacles_avoid``; None for other robots."""
         self._tick = 0
         self.reset()
 
@@ -88,7 +107,11 @@ class Onboard:
         if self.gait is not None:
             self.gait.reset()
         self.fallen = False
-        self._commanded_s = 0.0
+        self._now_s = self._commanded_s = 0.0
+        if self.actions is not None:
+            self.actions.reset()
+        if self.obstacles is not None:
+            self.obstacles.reset()
         self.commanded = False
         """True if the newest LowCmd commands torque, and the robot obeys it."""
         self.obey_itself()
@@ -127,16 +150,26 @@ class Onboard:
     def command(self, command: Command, now_s: float) -> None:
         """Carry out a LowCmd, until the next command or event.
 
-        A LowCmd with another ``mode_machine`` is ignored [assumed: the vendor's examples copy the number from
-        LowState].
+        A LowCmd with another ``mode_machine`` is ignored without an answer, as users of real robots report (pull
+        request 2861 of dimensionalOS/dimos). The vendor's examples copy the number from LowState. A motor whose
+        command has a number that is not finite gets no torque [assumed].
         """
         if not self.takes_commands or command.machine != self.machine:
             return
-        active = [1.0 if mode else 0.0 for mode in command.mode]
-        rows = (command.q, command.dq, command.tau, command.kp, command.kd)
-        self.body.drive(*([value * on for value, on in zip(row, active, strict=True)] for row in rows))
+        rows: Rows = (command.q, command.dq, command.tau, command.kp, command.kd)
+        if not all(command.mode) or not all(all(map(math.isfinite, row)) for row in rows):
+            rows = self._without_idle_motors(command.mode, rows)
+        self._own = None
+        self.body.drive(*rows)
         self._commanded_s = now_s
         self.commanded = any(command.tau) or any(command.kp) or any(command.kd)
+
+    @staticmethod
+    def _without_idle_motors(modes: Sequence[int], rows: Rows) -> Rows:
+        """Return the rows with 0 for each motor that is off or has a number that is not finite."""
+        finite = (all(map(math.isfinite, column)) for column in zip(*rows, strict=True))
+        active = [bool(mode) and sound for mode, sound in zip(modes, finite, strict=True)]
+        return [[value if on else 0.0 for value, on in zip(row, active, strict=True)] for row in rows]
 
     def set_targets(self, rows: Sequence[Sequence[float]], selected: Sequence[float]) -> None:
         """Command the joints for which ``selected`` is 1. A physics simulation in another process calls this. The
@@ -145,7 +178,51 @@ class Onboard:
             [value if led else own for value, own, led in zip(row, stand, selected, strict=True)]
             for row, stand in zip(rows, self._stand, strict=True)
         )
-        self.body.drive(*mixed)
+        self._drive(list(mixed))
+
+    # -- the arms of a humanoid
+
+    @property
+    def _takes_arms(self) -> bool:
+        """True if the onboard controller mixes commands from ``rt/arm_sdk`` into its own: while it balances."""
+        return bool(self.mode) and self._own is not None and (self.gait is None or self.gait.walks)
+
+    def command_arms(self, body: bytes, now_s: float) -> None:
+        """Carry out a message of ``rt/arm_sdk``. It is ignored while the onboard controller does not balance.
+
+        Raises:
+            MalformedFrame: The message cannot be read.
+        """
+        if self.arms is not None and self._takes_arms:
+            self.arms.take(body, now_s)
+            self._drive(self._own or ())
+
+    def _drive(self, own: Rows) -> None:
+        """Command the joints as the onboard controller does, with the commands for the arms mixed in."""
+        self._own = own
+        if self.arms is not None and not self._takes_arms:
+            self.arms.release()
+        self.body.drive(*(own if self.arms is None else self.arms.mixed_into(own)))
+
+    def _advance_arms(self, now_s: float) -> None:
+        if self.actions is None:
+            return
+        if not self._takes_arms:
+            self.actions.cancel()
+        elif self.actions.advance(now_s):
+            self._drive(self._own or ())
+
+    @property
+    def arm_joints(self) -> Sequence[int]:
+        """The indices of the joints that ``rt/arm_sdk`` commands now."""
+        return () if self.arms is None else self.arms.commanded
+
+    def take_responses(self) -> list[Response]:
+        """Return the responses to earlier requests to the service ``arm`` that are due now, each once."""
+        if self.actions is None:
+            return []
+        due, self.actions.responses = self.actions.responses, []
+        return due
 
     def set_fsm(self, number: int) -> None:
         """Set the state of the state machine, as a person does by the remote. Ignored without a state machine."""
@@ -165,7 +242,7 @@ class Onboard:
         pose = Pose.UP if self.gait is None else self.gait.pose
         if pose is Pose.LIMP or pose is Pose.BRAKED or not self.mode:
             self._pose_change = None
-            self.body.drive(*(self._limp if pose is Pose.LIMP else self._brake))
+            self._drive(self._limp if pose is Pose.LIMP else self._brake)
             return
         to = self._lie if pose is Pose.DOWN else self._stand[0]
         rests = pose is Pose.UP and (self.gait is None or self.gait.share >= 1.0)
@@ -180,11 +257,11 @@ class Onboard:
     def _drive_pose_change(self) -> bool:
         """Move the joints towards the next pose, as far as the change has progressed. Return True at its end."""
         if self._pose_change is None or self.gait is None:
-            self.body.drive(*self._stand)
+            self._drive(self._stand)
             return True
         share = self.gait.share
         q = [(1.0 - share) * start + share * end for start, end in zip(*self._pose_change, strict=True)]
-        self.body.drive(q, *self._stand[1:])
+        self._drive((q, *self._stand[1:]))
         if share < 1.0:
             return False
         self._pose_change = None
@@ -201,6 +278,10 @@ class Onboard:
             self.commanded = False
             self.body.drive(*self._brake)
             self._note("silence", "")
+        self._now_s = now_s
+        self._advance_arms(now_s)
+        if self.obstacles is not None and self.mode:
+            self.obstacles.advance(now_s)
         if self.gait is not None and self.mode:
             walked_s = self.gait.advance(now_s)
             if walked_s:
@@ -218,7 +299,7 @@ class Onboard:
         while it stands up."""
         if self.body.fallen and not self._is_down:
             self.body.stand_up()
-            self.body.drive(*self._stand)
+            self._drive(self._stand)
 
     def state(self) -> State:
         body = self.body
@@ -251,25 +332,41 @@ class Onboard:
 
     @property
     def services(self) -> tuple[str, ...]:
-        return (rpc.MOTION_SWITCHER, self.model.service)
+        others = ((ARM, self.actions), (OBSTACLES, self.obstacles))
+        return (rpc.MOTION_SWITCHER, self.model.service, *(name for name, server in others if server is not None))
 
     def serve(self, service: str, request: Request) -> Response | None:
-        """Return the response to a request. None if the service does not answer."""
+        """Return the response to a request. None if the service does not answer, or answers later
+        (``take_responses``)."""
+        if service == self.model.service and not self.mode:
+            return None  # The onboard mode was released, and this service has ended with it.
+        answer: tuple[int, Any] | None
         try:
             parameter = rpc.parsed(request.parameter)
-            modelled = SWITCHER if service == rpc.MOTION_SWITCHER else requests_of(self.model)
-            if service != rpc.MOTION_SWITCHER and not self.mode:
-                return None  # The onboard mode was released, and this service has ended with it.
-            if request.api not in modelled:
+            if request.api not in modelled_by(self.model, service):
                 answer = rpc.NOT_IMPLEMENTED, None
             elif service == rpc.MOTION_SWITCHER:
                 answer = self._switch(request.api, parameter)
+            elif service == ARM and self.actions is not None:
+                answer = self._order_gesture(request, parameter)
+            elif service == OBSTACLES and self.obstacles is not None:
+                version = request.api == rpc.SERVER_VERSION
+                answer = (rpc.OK, OBSTACLES_VERSION) if version else self.obstacles.order(request.api, parameter)
             else:
                 answer = self._sport(request.api, parameter)
         except (MalformedFrame, KeyError, TypeError, ValueError):
             answer = rpc.BAD_DATA, None
+        if answer is None:
+            return None
         code, data = answer
         return Response(request.id, request.api, code, "" if data is None else json.dumps(data))
+
+    def _order_gesture(self, request: Request, parameter: dict[str, Any]) -> tuple[int, Any] | None:
+        assert self.actions is not None
+        if request.api == rpc.SERVER_VERSION:
+            return rpc.OK, ARM_VERSION
+        fsm = self.fsm_id if self._takes_arms else None
+        return self.actions.order(request, parameter, self._now_s, fsm)
 
     def _switch(self, api: int, parameter: dict[str, Any]) -> tuple[int, Any]:
         match api:

@@ -11,6 +11,9 @@ from strands_actors.drivers.unitree.robots import TABLES, Model, model_of
 from strands_actors.drivers.unitree.walking.loco import LocoDialect
 from strands_actors.drivers.unitree.walking.robots import dialect_of
 
+from . import arm_actions, arm_sdk, obstacles
+from .arm_sdk import SLOTS
+
 NO_SUCH_MODE = 7004
 """Answer of the motion switcher to a mode that the robot has not, from the vendor's SDK."""
 
@@ -20,10 +23,19 @@ ASK_BALANCE = {rpc.SET_BALANCE_MODE: 7003, rpc.LOCO_SET_BALANCE_MODE: 8003}
 _NOT_IMPLEMENTED = f"error {rpc.NOT_IMPLEMENTED}, not implemented"
 _VERSION = {rpc.SERVER_VERSION: "returns the version of the service"}
 
+_NO_READER = "silence: no other topic has a reader"
+_LOW = {p.COMMAND_TOPIC: "commands the joints; ignored while an onboard mode is active"}
+HUMANOIDS = frozenset(SLOTS)
+
 TOPICS: Modelled[str] = Modelled(
+    "topics that it subscribes to", _LOW, _NO_READER, frozenset(TABLES.robots) - HUMANOIDS
+)
+
+HUMANOID_TOPICS: Modelled[str] = Modelled(
     "topics that it subscribes to",
-    {p.COMMAND_TOPIC: "commands the joints; ignored while an onboard mode is active"},
-    "silence: no other topic has a reader",
+    {**_LOW, arm_sdk.TOPIC: "commands the arms and the waist, in proportion to a weight, while the robot balances"},
+    _NO_READER,
+    HUMANOIDS,
 )
 
 SWITCHER: Modelled[int] = Modelled(
@@ -35,6 +47,34 @@ SWITCHER: Modelled[int] = Modelled(
         rpc.RELEASE_MODE: "releases the onboard mode; the joints then obey rt/lowcmd",
     },
     _NOT_IMPLEMENTED,
+)
+
+ARM: Modelled[int] = Modelled(
+    f"requests to {arm_actions.SERVICE}",
+    {
+        **_VERSION,
+        arm_actions.EXECUTE: (
+            "makes a gesture, and answers at its end; errors: "
+            f"{arm_actions.OCCUPIED} rt/arm_sdk is occupied, {arm_actions.HOLDING} a gesture is held, "
+            f"{arm_actions.NO_SUCH_ACTION} no such gesture, {arm_actions.WRONG_FSM} the robot does not balance"
+        ),
+        arm_actions.LIST: "returns the gestures",
+    },
+    _NOT_IMPLEMENTED,
+    frozenset(("unitree_g1",)),
+)
+
+OBSTACLES: Modelled[int] = Modelled(
+    f"requests to {obstacles.SERVICE}",
+    {
+        **_VERSION,
+        obstacles.SWITCH_SET: "switches the avoidance: the robot then stops before objects of the scene",
+        obstacles.SWITCH_GET: "returns the switch",
+        obstacles.MOVE: "walks at a velocity, or to a place; ignored before the remote control is taken over",
+        obstacles.USE_REMOTE: "takes the remote control over, or returns it",
+    },
+    _NOT_IMPLEMENTED,
+    frozenset(("unitree_go2",)),
 )
 
 _SPORT = {
@@ -79,4 +119,11 @@ def requests_of(model: Model) -> Modelled[int]:
     return Modelled(title, effects, f"{_NOT_IMPLEMENTED}. {_IGNORED}", robots)
 
 
-MODELLED = (TOPICS, SWITCHER, *(requests_of(model_of(robot)) for robot in TABLES.robots))
+def modelled_by(model: Model, service: str) -> Modelled[int]:
+    """Return the requests to a service of a robot that are modelled."""
+    others = {rpc.MOTION_SWITCHER: SWITCHER, arm_actions.SERVICE: ARM, obstacles.SERVICE: OBSTACLES}
+    return others.get(service) or requests_of(model)
+
+
+_WALKING = (requests_of(model_of(robot)) for robot in TABLES.robots)
+MODELLED = (TOPICS, HUMANOID_TOPICS, SWITCHER, *_WALKING, ARM, OBSTACLES)

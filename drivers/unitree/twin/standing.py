@@ -35,7 +35,10 @@ class StandingBody:
     @property
     def commanders(self) -> Sequence[Commander]:
         own = Commander.SIM if self._simulation_moves else Commander.NONE
-        return [Commander.WIRE if self._onboard.commanded else own] * len(self.axes)
+        commanders = [Commander.WIRE if self._onboard.commanded else own] * len(self.axes)
+        for index in self._onboard.arm_joints:
+            commanders[index] = Commander.WIRE
+        return commanders
 
     def pass_time(self) -> None:
         """Do nothing: the simulated robot advances the physics by itself, 500 times a second."""

@@ -46,6 +46,8 @@ class Command(enum.IntEnum):
     MOVE_J_IK = 2
     MOVE_L = 3
     MOVE_L_FK = 4
+    FORCE_MODE = 6
+    END_FORCE_MODE = 7
     ZERO_FT_SENSOR = 8
     SPEED_J = 9
     SPEED_L = 10
@@ -55,7 +57,10 @@ class Command(enum.IntEnum):
     SET_PAYLOAD = 17
     TEACH_MODE = 18
     END_TEACH_MODE = 19
+    FORCE_MODE_DAMPING = 20
+    FORCE_MODE_GAIN = 21
     SERVO_L = 24
+    TOOL_CONTACT = 25
     GET_STEP_TIME = 26
     SET_TCP = 29
     GET_INVERSE_KINEMATICS_NEAR = 30
@@ -75,6 +80,7 @@ class Command(enum.IntEnum):
     MOVE_PATH = 45
     GET_INVERSE_KINEMATICS = 46
     IS_STEADY = 47
+    MOVE_UNTIL_CONTACT = 51
     FREEDRIVE = 52
     END_FREEDRIVE = 53
     GET_FREEDRIVE_STATUS = 54
@@ -82,26 +88,20 @@ class Command(enum.IntEnum):
     SET_GRAVITY = 59
     HAS_INVERSE_KINEMATICS = 60
     HAS_INVERSE_KINEMATICS_NEAR = 61
+    START_CONTACT_DETECTION = 62
+    STOP_CONTACT_DETECTION = 63
+    READ_CONTACT_DETECTION = 64
     SET_TARGET_PAYLOAD = 65
     KICK_WATCHDOG = 99
     STOP_SCRIPT = 255
 
 
 REFUSED = {
-    6: "force_mode",
-    7: "end_force_mode",
     12: "servoc",
-    20: "force_mode_set_damping",
-    21: "force_mode_set_gain_scaling",
-    25: "tool_contact",
     27: "get_actual_joint_positions_history",
     28: "get_target_waypoint",
-    51: "tool_contact",
     56: "ft_rtde_input_enable",
     57: "enable_external_ft_sensor",
-    62: "tool_contact",
-    63: "tool_contact",
-    64: "tool_contact",
     66: "direct_torque",
     67: "get_mass_matrix",
     68: "get_coriolis_and_centrifugal_torques",
@@ -109,13 +109,24 @@ REFUSED = {
     70: "get_jacobian",
     71: "get_jacobian_time_derivative",
 }
-"""Commands that the simulated controller does not support, with the names of their URScript functions."""
+"""Commands that the simulated controller does not support, with the names of their URScript functions.
+
+On a real controller of this version (5.13), the script of ur-rtde does nothing at the commands 66 to 71, and is
+then ready for the next one. Here it ends with an error, because nothing may seem done that is not.
+"""
 
 READY, DONE = 1, 2
 """Answers of the control script in its first output register."""
 
 AT_ONCE = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58})
-"""Real-time commands, which the script answers with READY at once, without DONE."""
+"""Real-time commands, which the script answers with READY at once, without DONE.
+
+ur-rtde sends them without waiting for an answer. So a getter among them (26, 38, 58) returns the registers as they
+were before the script has read the command: the answer of an earlier call.
+"""
+
+FORCED = frozenset({6, 7, 8, 15, 16, 20, 21, 25, 31, 33, 34, 42, 62, 63, 64})
+"""Commands of motion or force that are carried out during force mode. A motion on top of it is not simulated."""
 
 MOTION = frozenset({1, 2, 3, 4, 6, 9, 10, 11, 12, 18, 24, 41, 45, 51, 52, 66})
 """Commands that move the arm, or let it be moved by hand."""

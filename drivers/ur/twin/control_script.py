@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 
 from . import commands as c
 from .controller import Controller
+from .force import MOST_DAMPING, MOST_GAIN, SCRIPT_DAMPING, SCRIPT_GAIN, UNTURNED, ForceMode
 from .functions import ScriptError
-from .motion import Free, Servo, Speed, ToolSpeed, Unreachable
+from .motion import Free, Hold, Speed, ToolSpeed, Unreachable
 from .pose import Frame, frame_of
 from .requests import COMMANDS
 from .urscript import Script, Statement
@@ -38,6 +39,8 @@ class ControlScript:
         self._aside: Callable[[], bool] | None = None  # Returns True once the present asynchronous move is done.
         self._operation = self._written = 0
         self._stops_s: float | None = None  # Time at which a requested protective stop takes effect.
+        self._force: ForceMode | None = None
+        self._damping, self._gain = SCRIPT_DAMPING, SCRIPT_GAIN
         controller.int_in[offset] = c.Command.NONE
         self._answer(c.READY)
 
@@ -52,6 +55,9 @@ class ControlScript:
             if self._aside is not None and self._aside():
                 self._aside = None
                 self._tell_progress(-1)
+            # A stop ends a motion, but not force mode: its thread goes on.
+            if self._force is not None and self._over is None and isinstance(self._controller.motion, Hold):
+                self._comply(self._force)
         except Unreachable as unreachable:
             self._controller.protect(str(unreachable))
         except ScriptError as error:
@@ -80,8 +86,12 @@ class ControlScript:
             return
         act = _ACTS.get(number)
         try:
+            if self._force is not None and number in c.MOTION - c.FORCED:
+                raise ScriptError("a motion on top of force_mode is not available on this controller")
             if act is not None:
                 act(self)
+        except ScriptError as error:
+            self._controller.fail(str(error))
         except Unreachable as unreachable:
             if number in c.MOTION:
                 self._controller.protect(str(unreachable))
@@ -127,11 +137,12 @@ class ControlScript:
     def _servo_j(self) -> None:
         goal = self._six()
         self._controller.check_joints(goal)
-        self._controller.move(Servo(goal))
+        self._controller.servo(goal, self._double(9))
 
     def _servo_l(self) -> None:
         controller = self._controller
-        controller.move(Servo(controller.solved(self._frame(), controller.motion.target(controller.plant))))
+        goal = controller.solved(self._frame(), controller.motion.target(controller.plant))
+        controller.servo(goal, self._double(9))
 
     def _jog(self) -> None:
         controller, feature = self._controller, round(self._double(6))
@@ -159,6 +170,41 @@ class ControlScript:
     def _end_free(self) -> None:
         if self._controller.motion.limp:
             self._controller.halt()
+
+    # -- force mode and contact
+
+    def _force_mode(self) -> None:
+        if self._int(1) != UNTURNED:
+            raise ScriptError(f"force_mode of type {self._int(1)} is not available on this controller")
+        compliant = [self._int(index) for index in range(2, 8)]
+        force = ForceMode(self._frame(), compliant, self._six(6), self._six(12))
+        if force != self._force:  # A client repeats the command in each cycle.
+            self._force = force
+            self._comply(force)
+
+    def _comply(self, force: ForceMode) -> None:
+        controller, velocity = self._controller, force.velocity(self._damping, self._gain)
+        controller.move(ToolSpeed(controller.target_tool(), controller.follow, velocity))
+
+    def _end_force_mode(self) -> None:
+        self._force = None
+        self._halt()
+
+    def _set_damping(self) -> None:
+        self._damping = min(max(0.0, self._double(0)), MOST_DAMPING)
+
+    def _set_gain(self) -> None:
+        self._gain = min(max(0.0, self._double(0)), MOST_GAIN)
+
+    def _no_contact(self) -> None:
+        """Answer that the tool touches nothing: no time steps since a contact."""
+        self._controller.int_out[self._offset + 1] = 0
+
+    def _move_until_contact(self) -> None:
+        """Move the tool until it touches something. Nothing touches it, so the motion ends at the end of the arm's
+        reach, with a protective stop."""
+        self._speed_l()
+        self._over = lambda: False
 
     # -- commands that compute kinematics
 
@@ -233,6 +279,14 @@ _ACTS: dict[int, Callable[[ControlScript], None]] = {
     c.Command.MOVE_PATH: ControlScript._move_path,
     c.Command.SPEED_J: lambda script: script._controller.move(Speed(script._six())),
     c.Command.SPEED_L: ControlScript._speed_l,
+    c.Command.FORCE_MODE: ControlScript._force_mode,
+    c.Command.END_FORCE_MODE: ControlScript._end_force_mode,
+    c.Command.FORCE_MODE_DAMPING: ControlScript._set_damping,
+    c.Command.FORCE_MODE_GAIN: ControlScript._set_gain,
+    c.Command.TOOL_CONTACT: ControlScript._no_contact,
+    c.Command.STOP_CONTACT_DETECTION: ControlScript._no_contact,
+    c.Command.READ_CONTACT_DETECTION: ControlScript._no_contact,
+    c.Command.MOVE_UNTIL_CONTACT: ControlScript._move_until_contact,
     c.Command.SERVO_J: ControlScript._servo_j,
     c.Command.SERVO_L: ControlScript._servo_l,
     c.Command.JOG_START: ControlScript._jog,

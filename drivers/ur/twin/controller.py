@@ -28,6 +28,17 @@ TICK_HZ = 500.0
 MOMENT_S = 1e-4
 """Time step from which the speed of the tool is computed, in seconds."""
 
+LEAST_LOOKAHEAD_S, LOOKAHEAD_S = 0.03, 0.1
+"""Shortest look-ahead time of servoj, and the time that it takes if a program gives a shorter one."""
+
+SUDDEN = 1.05
+"""A target of servoj may be this much further away than a joint turns in the look-ahead time [assumed]. The error
+(C204A1) and its text are the vendor's."""
+
+DEVIATES_S = 0.35
+"""A joint may be as far behind the target of servoj as it turns in this time [assumed]. The error (C153) and its
+text are the vendor's."""
+
 LOG_LINES = 200
 """Most lines in the controller's own log. A newer line replaces the oldest."""
 
@@ -241,6 +252,25 @@ class Controller:
         self.move(trip)
         return trip
 
+    def servo(self, goal: Sequence[float], lookahead_s: float) -> None:
+        """Follow a goal of servoj or servol. Raise ``Unreachable`` for a goal to which a joint would jump."""
+        ahead_s = lookahead_s if lookahead_s >= LEAST_LOOKAHEAD_S else LOOKAHEAD_S
+        before = self.motion.target(self.plant)
+        for joint, rad, was, speed in zip(JOINTS, goal, before, self.speed_rad_s, strict=True):
+            if abs(rad - was) > SUDDEN * speed * ahead_s:
+                raise Unreachable(f"C204A1, path sanity check: sudden change in target position of {joint}")
+        self.move(motion.Servo(goal))
+
+    def _check_path(self) -> None:
+        """Make a protective stop if a joint cannot follow servoj, for example because something blocks it."""
+        if self.program is None or not isinstance(self.motion, motion.Servo):
+            return
+        target, position = self.motion.target(self.plant), self.plant.position_rad
+        for joint, goal, rad, speed in zip(JOINTS, target, position, self.speed_rad_s, strict=True):
+            if abs(goal - rad) > DEVIATES_S * speed:
+                self.protect(f"C153, position of {joint} deviates from path")
+                return
+
     def check_joints(self, joints: Sequence[float]) -> None:
         """Raise ``Unreachable`` if a joint position is beyond the joint's range."""
         if not self.kinematics.within(joints):
@@ -325,6 +355,7 @@ class Controller:
             except Unreachable as unreachable:
                 self.protect(str(unreachable))
         self.plant.catch_up(now_s)
+        self._check_path()
 
     # -- the present state of controller and arm
 

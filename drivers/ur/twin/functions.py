@@ -8,7 +8,7 @@ from typing import Any
 
 from . import commands as c
 from .controller import TICK_HZ, Controller
-from .motion import Free, Servo, Speed, ToolSpeed, Unreachable
+from .motion import Free, Speed, ToolSpeed, Unreachable
 from .pose import Frame, frame_of
 
 
@@ -60,7 +60,7 @@ class Functions:
     ) -> Waits:
         joints = self._joints(q)
         self._robot.check_joints(joints)
-        self._robot.move(Servo(joints))
+        self._robot.servo(joints, lookahead_time)
         return self.sleep(t)
 
     def speedj(self, qd: Any, a: float = 1.4, t: float = 0.0) -> Waits:

@@ -79,7 +79,7 @@ class Machine:
         if unit is None:
             self.faults.set(fault)
         elif fault in (Fault.OK, Fault.STUCK) and 1 <= unit <= p.JOINTS:
-            self.controller.plant.set_stuck(unit - 1, fault is Fault.STUCK)
+            self.controller.jam(unit - 1, fault is Fault.STUCK)
         else:
             raise ValueError(f"a joint (1 to {p.JOINTS}) can be ok or stuck, not {fault}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from typing import Protocol
 
@@ -12,6 +13,10 @@ from .controller import TICK_HZ, Controller
 from .registers import SETTINGS
 
 HZ = {r.NORMAL_PORT: 5.0, r.RICH_PORT: 5.0, r.REAL_PORT: 100.0}
+SPEEDS_OFFSET, COUNT_OFFSET, IO_OFFSET, ROTATION_OFFSET = 256, 284, 383, 482
+"""Places in a rich report: speeds of the joints, counter, inputs and outputs of the control box, and the rotation
+vector of the tool."""
+
 WRONG_BY_RAD = 0.5
 ROOM_C = 30
 
@@ -68,11 +73,21 @@ class Publisher:
         r.pack_details(data, controller.details)
         if port == r.RICH_PORT:
             r.pack_rich(data, controller.version, controller.version_text, controller.speed_limit_rad_s, ROOM_C)
+            self._pack_rest(data)
         for register, value in controller.settings.items():
             setting = SETTINGS[register]
             if setting.place + setting.size <= len(data):
                 data[setting.place : setting.place + setting.size] = value
         return bytes(data)
+
+    def _pack_rest(self, data: bytearray) -> None:
+        """Write the fields of a rich report that only the vendor's software reads."""
+        controller = self._controller
+        struct.pack_into("<7f", data, SPEEDS_OFFSET, *controller.plant.velocity_rad_s)
+        struct.pack_into(">I", data, COUNT_OFFSET, controller.count & 0xFFFFFFFF)
+        io = controller.devices.state()
+        data[IO_OFFSET : IO_OFFSET + len(io)] = io
+        struct.pack_into("<3f", data, ROTATION_OFFSET, *controller.pose(axis_angle=True)[3:])
 
     def _report(self) -> r.Report:
         fault = self._faults.of(None)

@@ -35,7 +35,7 @@ class M3ProTwinOptions(NetworkOptions, frozen=True):
         float | None,
         option("seconds without a command after which the base's firmware zeroes it; 0: never; None: the robot's"),
     ] = None
-    joints: Annotated[bool, option("whether /joint_states is published, as the robot itself does not")] = True
+    joints: Annotated[bool, option("whether /joint_states is published, which the robot itself does not")] = False
 
 
 class M3ProTwin:
@@ -47,7 +47,7 @@ class M3ProTwin:
         now_s: Callable[[], float] = time.monotonic,
         *,
         watchdog_s: float | None = None,
-        joints: bool = True,
+        joints: bool = False,
     ) -> None:
         table = table_of(robot)
         servos = table.servos_by((1.0,) * ARM_JOINTS)

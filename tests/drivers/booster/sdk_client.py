@@ -88,6 +88,14 @@ def drive(client: booster.B1LocoClient) -> None:
     call("RotateHead", lambda: client.RotateHead(0.2, 0.1))
     info = call("GetRobotInfo", client.GetRobotInfo)
     say(name=info.name)
+    transform = call(
+        "GetFrameTransform", lambda: client.GetFrameTransform(booster.Frame.kHead, booster.Frame.kBody)
+    )
+    say(head=[transform.position.x, transform.position.y, transform.position.z])
+    kinds = [
+        call(read.__name__, read).kind.value for read in (client.GetSensors, client.GetHands, client.GetRobotModel)
+    ]
+    say(devices=kinds)
     command = booster.LowCmd()
     command.cmd_type = booster.LowCmdType.PARALLEL
     command.resize_motor_cmd(MOTORS)
@@ -97,6 +105,9 @@ def drive(client: booster.B1LocoClient) -> None:
         commands.Write(command)
         time.sleep(0.01)
     call("Move zero", lambda: client.Move(0.0, 0.0, 0.0))
+    call("ResetOdometryTo", lambda: client.ResetOdometryTo(1.0, 2.0, 0.5))
+    say(reset=heard(booster.B1OdometerStateSubscriber, lambda m: [m.x, m.y, m.theta]))
+    call("ResetOdometry", client.ResetOdometry)
     time.sleep(0.5)
     say(elbow=states[-1][ELBOW])
 

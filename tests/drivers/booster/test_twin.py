@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ from strands_actors.drivers.booster.twin.simulated import BoosterBody
 from strands_actors.drivers.common.physics.body import Commander
 
 STEP_S = 0.002
+LEFT_SHOULDER = 2
 ELBOW = 4
 KNEE = 14
 
@@ -41,6 +43,17 @@ class Twin:
     def command(self, slot: int, rad: float, count: int = 23) -> None:
         motors = [Motor(10, rad, 0.0, 0.0, 60.0, 3.0) if at == slot else IDLE for at in range(count)]
         self.onboard.command(Command(CommandType.PARALLEL, tuple(motors)))
+
+    def read(self, api: Api, **body: Any) -> dict[str, Any]:
+        answer = self.onboard.serve(Request("1", int(api), json.dumps(body)))
+        assert answer.status == 0, answer
+        result: dict[str, Any] = json.loads(answer.body)
+        return result
+
+    def transform(self, source: int, destination: int) -> tuple[list[float], list[float]]:
+        """Return position (x, y, z) and orientation (w, x, y, z) of one of the vendor's frames in another one."""
+        answer = self.read(Api.GET_FRAME_TRANSFORM, src=source, dst=destination)
+        return [answer["position"][axis] for axis in "xyz"], [answer["orientation"][axis] for axis in "wxyz"]
 
     @property
     def q(self) -> Sequence[float]:
@@ -169,11 +182,63 @@ def test_its_head_turns() -> None:
         (Api.CHANGE_MODE, {}, 400),
         (2005, {}, 501),
         (Api.RESET_ODOMETRY, {}, 0),
+        (Api.RESET_ODOMETRY, {"x": 1.0, "y": 2.0}, 400),
+        (Api.RESET_ODOMETRY, {"x": 1.0, "y": 2.0, "theta": "north"}, 400),
+        (Api.GET_FRAME_TRANSFORM, {"src": 0, "dst": 6}, 400),
+        (Api.GET_FRAME_TRANSFORM, {"src": -1, "dst": 0}, 400),
+        (Api.GET_FRAME_TRANSFORM, {"src": 0}, 400),
+        (Api.GET_FRAME_TRANSFORM, {"src": True, "dst": 0}, 400),
         (Api.GET_MODE, {}, 0),
     ],
 )
 def test_the_answers_of_its_service(api: int, body: dict[str, Any], status: int) -> None:
     assert Twin().ask(api, **body) == status
+
+
+def test_the_odometry_counts_on_from_the_pose_that_it_is_reset_to() -> None:
+    twin = Twin()
+    assert twin.ask(Api.RESET_ODOMETRY, x=1.0, y=2.0, theta=math.pi / 2) == 0
+    assert twin.onboard.odometer == (1.0, 2.0, math.pi / 2)
+    assert twin.ask(Api.MOVE, vx=0.5, vy=0.0, vyaw=0.0) == 0
+    twin.run(1.0)
+    x_m, y_m, heading_rad = twin.onboard.odometer
+    assert (x_m, y_m, heading_rad) == pytest.approx((1.0, 2.5, math.pi / 2), abs=0.01)
+    assert twin.ask(Api.RESET_ODOMETRY) == 0
+    assert twin.onboard.odometer == (0.0, 0.0, 0.0)
+
+
+BODY, HEAD, LEFT_HAND, RIGHT_HAND, LEFT_FOOT = range(5)
+"""The vendor's frames."""
+
+
+def test_a_frame_transform_follows_the_joints() -> None:
+    twin = Twin()
+    twin.run(0.1)
+    position, orientation = twin.transform(BODY, BODY)
+    assert position == pytest.approx([0.0] * 3) and orientation == pytest.approx([1.0, 0.0, 0.0, 0.0])
+    assert twin.transform(HEAD, BODY)[0] == pytest.approx([0.0625, 0.0, 0.305], abs=0.005)
+    (left, _), (right, _) = twin.transform(LEFT_HAND, BODY), twin.transform(RIGHT_HAND, BODY)
+    assert left[1] > 0.1 and right == pytest.approx([left[0], -left[1], left[2]], abs=0.01)
+    assert twin.transform(LEFT_FOOT, BODY)[0][2] < -0.5
+    there, back = twin.transform(LEFT_HAND, BODY)[0], twin.transform(BODY, LEFT_HAND)[0]
+    assert math.hypot(*there) == pytest.approx(math.hypot(*back))
+    twin.ask(Api.UPPER_BODY, start=True)
+    twin.command(LEFT_SHOULDER, -1.5)
+    twin.run(1.5)
+    assert twin.transform(LEFT_HAND, BODY)[0] != pytest.approx(left, abs=0.05), "the arm has moved"
+    assert twin.transform(HEAD, BODY)[0] == pytest.approx([0.0625, 0.0, 0.305], abs=0.005)
+    twin.ask(Api.ROTATE_HEAD, pitch=0.0, yaw=0.6)
+    twin.run(1.5)
+    _, turned = twin.transform(HEAD, BODY)
+    assert 2.0 * math.atan2(turned[3], turned[0]) == pytest.approx(0.6, abs=0.05)
+
+
+def test_the_devices_are_those_of_the_model() -> None:
+    twin = Twin()
+    assert twin.read(Api.GET_SENSORS)["body"]["imus"][0]["mount_position"] == "base"
+    assert twin.read(Api.GET_HANDS) == {"kind": 1, "body": {"hands": []}}
+    model = twin.read(Api.GET_ROBOT_MODEL)
+    assert model["kind"] == 2 and len(model["body"]["joints"]) == len(twin.q)
 
 
 def test_the_simulation_has_the_arms_while_the_host_has_not() -> None:

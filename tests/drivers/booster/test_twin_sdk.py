@@ -56,6 +56,9 @@ def test_the_sdk_drives_the_twin_and_a_timed_out_call_is_carried_out_late(tmp_pa
     assert said["battery"] == [50.0, -2.0, 80.0, 50.0]
     assert said["odometer"] == [0.0, 0.0, 0.0]
     assert said["mode"] == 2 and said["name"] == "T1 twin"
+    assert said["head"] == pytest.approx([0.0625, 0.0, 0.305], abs=0.01)
+    assert said["devices"] == [0, 1, 2], "sensors, hands, robot model"
+    assert said["reset"] == pytest.approx([1.0, 2.0, 0.5])
     assert said["elbow"] == pytest.approx(0.49, abs=0.05), "the SDK's commands move the arm"
 
     stopped = calls.pop("Move to a stopped robot")

@@ -35,7 +35,8 @@ def test_text_and_values_are_the_same_options() -> None:
         ({"tool_name": "x"}, "spot: unknown option tool_name"),
         (
             {"sink_s": "1"},
-            "spot: unknown option sink_s ('sink_s' -> 'sync_s'?). Use host, port, skew_s, sync_s, arm",
+            "spot: unknown option sink_s ('sink_s' -> 'sync_s'?). "
+            "Use host, port, skew_s, sync_s, arm, user, password, haste",
         ),
     ],
 )

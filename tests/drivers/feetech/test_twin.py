@@ -255,6 +255,22 @@ def test_an_overload_releases_the_servo_until_torque_is_written() -> None:
     assert abs(bench.get(6, p.POSITION) - 2048) < 10
 
 
+@pytest.mark.parametrize("torque", [False, True])
+def test_a_servo_is_overloaded_only_by_its_own_motor(torque: bool) -> None:
+    """A hand, which is a simulation here, presses the jaw against its stop."""
+    bench = Bench()
+    if torque:
+        bench.energise()
+        bench.put(6, p.GOAL_POSITION, 0)
+    plant = bench.bus.plant
+    plant.energise(5, True)
+    plant.set_simulation_target(5, -3.0)
+    bench.wait(4)
+    assert abs(bench.get(6, p.POSITION) - 2048) > 50, "it is moved to its stop"
+    assert p.error_words(bench.status(p.ping(6)).code) == ("overload" if torque else "")
+    assert bench.get(6, p.LOAD) == 0 and bench.get(6, p.CURRENT) == 0
+
+
 def test_the_load_of_two_moments_with_silence_between_is_no_overload() -> None:
     bench = Bench()
     bench.energise()

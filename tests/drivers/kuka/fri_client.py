@@ -9,7 +9,7 @@ from __future__ import annotations
 import socket
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -67,15 +67,24 @@ def joints(field: bytes) -> list[float]:
     return values
 
 
-def answer(sequence: int, reflected: int, position: Sequence[float] = ()) -> bytes:
+def io_of(field: bytes) -> tuple[str, float]:
+    """Return name and value of one input or output."""
+    fields = parse(field)
+    return fields[1][0].decode(), (fields[5] if 5 in fields else fields[4])[0]
+
+
+def answer(
+    sequence: int, reflected: int, position: Sequence[float] = (), levels: Mapping[str, float] | None = None
+) -> bytes:
     def part(number: int, body: bytes) -> bytes:
         return varint(number * 8 + 2) + varint(len(body)) + body
 
     header = b"\x08" + varint(COMMAND) + b"\x10" + varint(sequence) + b"\x18" + varint(reflected)
     message = part(1, header)
-    if position:
-        message += part(2, part(1, b"".join(b"\x09" + struct.pack("<d", rad) for rad in position)))
-    return message
+    content = part(1, b"".join(b"\x09" + struct.pack("<d", rad) for rad in position)) if position else b""
+    for name, level in (levels or {}).items():  # analog outputs
+        content += part(5, part(1, name.encode()) + b"\x10\x02\x18\x01\x29" + struct.pack("<d", level))
+    return message + (part(2, content) if content else b"")
 
 
 class Client:
@@ -93,6 +102,8 @@ class Client:
         self.sample_ms = 0
         self.measured: list[float] = []
         self.commanded: list[float] = []
+        self.ios: dict[str, float] = {}
+        self.outputs: dict[str, float] = {}
         self._sequence = 0
 
     def cycle(self, goal: Sequence[float] = (), step_rad: float = 0.0) -> int:
@@ -104,6 +115,7 @@ class Client:
         (state,) = connection[1]
         (self.sample_ms,) = connection[3]
         self.measured = joints(parse(said[3][0])[1][0])
+        self.ios = dict(map(io_of, parse(said[3][0]).get(8, [])))
         if state == 3:
             self.commanded = joints(parse(said[5][0])[1][0])
         elif state == 4:
@@ -113,7 +125,7 @@ class Client:
                 for now, to in zip(self.commanded, wanted, strict=True)
             ]
         position = self.commanded if state >= 3 else ()
-        self.sock.sendto(answer(self._sequence, header[2][0], position), peer)
+        self.sock.sendto(answer(self._sequence, header[2][0], position, self.outputs), peer)
         self._sequence += 1
         if not self.states or self.states[-1] != state:
             self.states.append(state)

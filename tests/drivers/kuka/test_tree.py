@@ -216,6 +216,7 @@ def test_saf_003_the_end_of_commanding_ends_the_live_command(
         assert text in why(refusal)
         assert refusal["content"][1]["json"]["refused"]["code"] == code
         iiwa.twin.command(undo)
+        iiwa.twin.command("motion start")  # by a person: after a stop the program does not start again by itself
         lifted_ns = time.monotonic_ns()
         until(lambda: status(iiwa.robot)["sensors"]["fri_state"] == [4.0], "it is active again")
         time.sleep(0.2)

@@ -29,11 +29,11 @@ from strands_actors.drivers.robotiq.twin import twin_of
 from strands_actors.drivers.robotiq.unit import RobotiqTwin
 from strands_actors.drivers.robotiq.urcap import LINES, UrcapSession
 from strands_actors.drivers.xarm import protocol as xarm
-from strands_actors.drivers.xarm.protocol import Mode, Register
 from strands_actors.drivers.xarm.twin import controller_of
 from strands_actors.drivers.xarm.twin.controller import Controller
-from strands_actors.drivers.xarm.twin.registers import CHECK_JOINTS, REPORT_CURRENTS, SETTINGS
 from strands_actors.drivers.xarm.twin.registers import REGISTERS as XARM
+from strands_actors.drivers.xarm.twin.registers import REPORT_CURRENTS
+from tests.drivers.xarm import requests as xarm_requests
 
 from .walk import Answer, Walk
 
@@ -50,50 +50,15 @@ def ask_xarm(twin: Controller, register: int, data: bytes) -> Answer:
     return Answer(not flags & xarm.INVALID, content)
 
 
-def ready(mode: int) -> Callable[[Controller], None]:
-    def act(twin: Controller) -> None:
-        twin.obey(Register.MOTION_ENABLE, b"\x08\x01")
-        twin.obey(Register.SET_MODE, bytes((mode,)))
-        twin.obey(Register.SET_STATE, b"\0")
-
-    return act
-
-
-def warn(twin: Controller) -> None:
-    twin.warning = 11
-
-
-JOINTS = xarm.floats((0.1, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5, 10.0, 0.0))
 XARM_WALK = Walk(
     "xarm",
     XARM,
     range(256),
     lambda: controller_of("xarm7", now_s=still),
     ask_xarm,
-    {
-        **dict.fromkeys(XARM.effects, b""),
-        Register.MOTION_ENABLE: b"\x08\x01",
-        Register.SET_STATE: b"\0",
-        Register.SET_MODE: bytes((Mode.SERVO,)),
-        Register.MOVE_JOINT: JOINTS,
-        Register.SERVO_JOINT: JOINTS,
-        Register.JOINT_VELOCITY: JOINTS[:28] + b"\1",
-        Register.MOVE_HOME: xarm.floats((0.5, 10.0, 0.0)),
-        Register.JOINT_STATES: b"\3",
-        CHECK_JOINTS: JOINTS[:28],
-        REPORT_CURRENTS: b"\0",
-        **{register: bytes(setting.size) for register, setting in SETTINGS.items()},
-    },
+    xarm_requests.REQUESTS,
     (b"", b"\0", b"\1", bytes(28), bytes(64)),
-    {
-        Register.SET_STATE: lambda twin: twin.obey(Register.MOTION_ENABLE, b"\x08\x01"),
-        Register.CLEAR_ERROR: lambda twin: twin.fail(24),
-        Register.CLEAR_WARNING: warn,
-        Register.MOVE_JOINT: ready(Mode.POSITION),
-        Register.MOVE_HOME: ready(Mode.POSITION),
-        Register.SERVO_JOINT: ready(Mode.SERVO),
-        Register.JOINT_VELOCITY: ready(Mode.VELOCITY),
-    },
+    xarm_requests.PREPARE,
     frozenset((REPORT_CURRENTS,)),  # the reports have torques already
 )
 

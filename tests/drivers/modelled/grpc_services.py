@@ -16,6 +16,8 @@ from strands_actors.drivers.rby1.twin.service import RBY1Service
 from strands_actors.drivers.spot import protocol as spot
 from strands_actors.drivers.spot.messages import encode, table
 from strands_actors.drivers.spot.twin import SpotTwin
+from strands_actors.drivers.spot.twin.commands import CLOCK
+from strands_actors.drivers.spot.twin.feedback import Progress
 from strands_actors.drivers.spot.twin.requests import COMMANDS, METHODS
 
 from .walk import Answer, Walk
@@ -114,10 +116,10 @@ def ask_command(twin: SpotTwin, name: str, content: Mapping[str, Any]) -> Answer
     command: dict[str, Any] = {part: {key: dict(content)}}
     if part != "full_body_command":
         command = {"synchronized_command": command}
-    twin._command = 0
-    request = {"command": command, "lease": lease_of(twin), "clock_identifier": "twin-clock"}
+    request = {"command": command, "lease": lease_of(twin), "clock_identifier": CLOCK}
     reply, _ = twin.answer("RobotCommand", request)
-    twin._command = 0
+    # The list of accepted commands is no effect of a command.
+    twin.commands._progress = Progress(twin.mechanism)
     return Answer(reply.get("status") == spot.Command.OK)
 
 
@@ -135,7 +137,13 @@ VELOCITY = {
     "velocity": {"linear": {"x": 0.3}},
     "se2_frame_name": "body",
 }
+TRAJECTORY = {
+    "end_time": VELOCITY["end_time"],
+    "trajectory": {"points": [{"pose": {"position": {"x": 0.3}}}]},
+    "se2_frame_name": "odom",
+}
 ARM = {"trajectory": {"points": [{"position": {"sh0": {"value": 0.3}}}]}}
+READY = {"position": 2}
 
 
 # -- RB-Y1
@@ -229,7 +237,7 @@ def walks() -> Iterator[Walk]:
         ask_spot,
         {
             **dict.fromkeys(METHODS.effects, named),
-            "GetAuthToken": {**named, "username": "user", "password": "password"},
+            "GetAuthToken": {**named, "username": "twin", "password": "twin"},
             "GetServiceEntry": {**named, "service_name": "lease"},
             "AcquireLease": {**named, "resource": spot.LEASE_RESOURCE},
             "TakeLease": {"header": {"client_name": "other"}, "resource": spot.LEASE_RESOURCE},
@@ -267,6 +275,8 @@ def walks() -> Iterator[Walk]:
             **{name: {} for name in COMMANDS.effects},
             "full_body_command.safe_power_off_request": {"unsafe_action": 1},
             "mobility_command.se2_velocity_request": VELOCITY,
+            "mobility_command.se2_trajectory_request": TRAJECTORY,
+            "arm_command.named_arm_position_command": READY,
             "arm_command.arm_joint_move_command": ARM,
             "gripper_command.claw_gripper_command": {"trajectory": {"points": [{"point": -1.0}]}},
         },

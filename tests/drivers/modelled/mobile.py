@@ -27,8 +27,9 @@ from strands_actors.drivers.stretch.twin.stepper import StepperMotor
 from strands_actors.drivers.stretch.twin.world import World as StretchWorld
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.robots import model_of
+from strands_actors.drivers.unitree.twin import arm_actions, obstacles
 from strands_actors.drivers.unitree.twin.onboard import Onboard
-from strands_actors.drivers.unitree.twin.requests import SWITCHER, requests_of
+from strands_actors.drivers.unitree.twin.requests import ARM, OBSTACLES, SWITCHER, requests_of
 from strands_actors.drivers.unitree.walking.sport import LIE, LOCK, SIT
 
 from .walk import Answer, Walk
@@ -52,6 +53,21 @@ def onboard(robot: str) -> Onboard:
 def ask_unitree(service: str, twin: Onboard, api: int, parameter: str) -> Answer:
     response = twin.serve(service, rpc.Request(1, api, parameter))
     return Answer(response is not None and response.code == rpc.OK, "" if response is None else response.data)
+
+
+def ask_gesture(twin: Onboard, api: int, parameter: str) -> Answer:
+    """Send a request to the service ``arm``, which answers at the end of a gesture."""
+    response = twin.serve(arm_actions.SERVICE, rpc.Request(1, api, parameter))
+    now_s = 100.0
+    while response is None and now_s < 110.0:
+        now_s += 0.02
+        twin.advance(now_s)
+        response = next(iter(twin.take_responses()), None)
+    return Answer(response is not None and response.code == rpc.OK, "" if response is None else response.data)
+
+
+def take_remote(twin: Onboard) -> None:
+    ask_unitree(obstacles.SERVICE, twin, obstacles.USE_REMOTE, '{"is_remote_commands_from_api": true}')
 
 
 def become(mode: int) -> Callable[[Onboard], None]:
@@ -251,6 +267,30 @@ def walks() -> Iterator[Walk]:
     )
     yield unitree("unitree_h1_2", {}, {})
     yield Walk(
+        "gestures",
+        ARM,
+        range(10_000),
+        lambda: onboard("unitree_g1"),
+        ask_gesture,
+        {**dict.fromkeys(ARM.effects, ""), arm_actions.EXECUTE: '{"data": 27}'},
+        ("", '{"data": 27}', '{"action_name": "mine"}'),
+    )
+    yield Walk(
+        "obstacle avoidance",
+        OBSTACLES,
+        range(10_000),
+        lambda: onboard("unitree_go2"),
+        partial(ask_unitree, obstacles.SERVICE),
+        {
+            **dict.fromkeys(OBSTACLES.effects, ""),
+            obstacles.SWITCH_SET: '{"enable": true}',
+            obstacles.MOVE: '{"x": 0.2, "y": 0.0, "yaw": 0.0, "mode": 0}',
+            obstacles.USE_REMOTE: '{"is_remote_commands_from_api": true}',
+        },
+        ("", '{"enable": true}', '{"x": 0.2, "y": 0.0, "yaw": 0.0, "mode": 0}'),
+        {obstacles.MOVE: take_remote},
+    )
+    yield Walk(
         "booster",
         BOOSTER,
         range(4000),
@@ -262,6 +302,8 @@ def walks() -> Iterator[Walk]:
             Api.MOVE: '{"vx": 0.2, "vy": 0, "vyaw": 0}',
             Api.ROTATE_HEAD: '{"pitch": 0.2, "yaw": 0.1}',
             Api.UPPER_BODY: '{"start": true}',
+            Api.GET_FRAME_TRANSFORM: '{"src": 0, "dst": 1}',
+            Api.RESET_ODOMETRY: '{"x": 1.5, "y": 2.0, "theta": 0.5}',
         },
         ("", '{"mode": 1, "start": true, "pitch": 0.1, "yaw": 0.1}'),
         {Api.GET_UP: lie, Api.RESET_ODOMETRY: move_odometer},

@@ -398,6 +398,14 @@ def test_saf_012_sensors_are_in_the_observation(reachy: RealRobot, twin: Twin) -
     assert "Wireless" in json.dumps(facts) and "1.13.0" in json.dumps(facts)
 
 
+def test_a_charge_that_the_daemon_reports_is_in_the_observation(tmp_path: Path, run_dir: Path) -> None:
+    with (
+        Twin("reachy_mini", tmp_path, options={"battery": 71}) as twin,
+        robot_on(f"http://{twin.port}", "reachy_mini") as robot,
+    ):
+        until(lambda: status(robot)["sensors"].get("battery_pct") == [71.0], "the charge")
+
+
 def test_saf_012_silence_is_no_state(reachy: RealRobot, twin: Twin) -> None:
     twin.fault("off")
     until(lambda: state(reachy) in ("lost", "down", None), "it is noticed")

@@ -163,3 +163,20 @@ def test_faults() -> None:
     assert ask(twin, "GET", "/api/state/full")["body_yaw"] == pytest.approx(0.2 + math.radians(5.0), abs=1e-3)
     with pytest.raises(ValueError, match="Use disabled, enabled, gravity_compensation"):
         reachy(motors="on")
+
+
+@pytest.mark.parametrize("battery", [None, 0.0, 71.0])
+def test_the_status_has_a_charge_only_with_the_option(battery: float | None) -> None:
+    """Daemon 1.13.0 reports none, neither of a Lite nor of a Wireless."""
+    twin = ReachyTwin("reachy_mini", Clock(), battery=battery)
+    status = json.loads(twin.answer(Request("GET", p.STATUS, {}, b"", b"")).body)
+    assert status.get("battery_pct") == battery
+    assert ("battery_pct" in status) == (battery is not None)
+
+
+@pytest.mark.parametrize(
+    ("wireless", "battery", "why"), [(False, 71.0, "a Lite has no"), (True, 101.0, "0 to 100")]
+)
+def test_an_impossible_battery_is_refused(wireless: bool, battery: float, why: str) -> None:
+    with pytest.raises(ValueError, match=why):
+        ReachyTwin("reachy_mini", Clock(), wireless=wireless, battery=battery)

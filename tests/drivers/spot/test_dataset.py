@@ -19,7 +19,7 @@ from tests.trees import armed, robot_on
 @pytest.mark.parametrize(("arm", "count"), [(False, 3), (True, len(KEYS))])
 def test_a_dataset_has_the_axes_that_the_robot_has(arm: bool, count: int, tmp_path: Path, run_dir: Path) -> None:
     root = tmp_path / "set"
-    with Twin("spot", tmp_path, options={"arm": arm}) as twin, robot_on(twin.port, "spot") as spot:
+    with Twin("spot", tmp_path, options={"arm": arm, "haste": 5.0}) as twin, robot_on(twin.port, "spot") as spot:
         armed(spot)
         json_of(spot.stand())
         with record_dataset(spot, root, task="walk") as recording, recording.episode():

@@ -87,8 +87,8 @@ def test_saf_005_an_arm_without_a_reported_speed_does_not_count_as_at_rest() -> 
         world = World()
         wire = await ready(world)
         seen = await wire.read()
-        joints = world.twin._joints
-        world.twin._joints = lambda: [  # type: ignore[method-assign]
+        joints = world.twin.reports.joints
+        world.twin.reports.joints = lambda: [  # type: ignore[method-assign]
             {key: value for key, value in one.items() if key != "velocity"} for one in joints()
         ]
         world.twin.mechanism.halt = lambda: None  # type: ignore[method-assign]
@@ -118,7 +118,7 @@ def test_saf_005_a_robot_without_a_lease_holder_counts_as_held_only_at_rest() ->
         wire = await ready(world)
         seen = await wire.read()
         walk = world.twin.mechanism.walk
-        world.twin.mechanism.walk = lambda twist, for_s, hand: walk(twist, 10.0, hand)  # type: ignore[method-assign]
+        world.twin.mechanism.walk = lambda twist, for_s, hand, **how: walk(twist, 10.0, hand, **how)  # type: ignore[method-assign]
         await wire.write(target(world, seen, vx=0.5), Go())
         await pass_time(world, 0.3, wire)
         world.twin.leases.owner = ""

@@ -30,11 +30,12 @@ from tests.trees import armed, first_safe, is_lost_while_stuck, robot_on
 
 """For a machine that runs other tests at the same time."""
 SKEW_NS = 123_456_000_000
+HASTE = 5.0
 
 
 @pytest.fixture
 def twin(tmp_path: Path) -> Iterator[Twin]:
-    with Twin("spot", tmp_path) as process:
+    with Twin("spot", tmp_path, options={"haste": HASTE}) as process:
         yield process
 
 
@@ -106,6 +107,19 @@ def test_the_robot_stands_up_before_it_walks_and_reports_it(spot: RealRobot, twi
     assert len(legs) == 12 and legs <= json_of(spot.state())["joints"].keys(), (
         "the legs are read, but not commanded"
     )
+
+
+def test_saf_004_check_ins_go_on_while_a_robot_stands_up_at_its_own_pace(tmp_path: Path, run_dir: Path) -> None:
+    """The robot needs longer to power on and to stand up than its e-stop waits for a check-in."""
+    with Twin("spot", tmp_path) as twin, robot_on(twin.port, "spot", estop_timeout_s=1.0) as spot:
+        armed(spot)
+        began_s = time.monotonic()
+        assert json_of(service(spot, "stand")) == {"standing": True}
+        assert 3.9 < time.monotonic() - began_s < 6.0, "2 s to power on, and 2 s to stand up"
+        assert motors(spot) == p.Motors.ON
+        began_s = time.monotonic()
+        json_of(spot.cleanup())
+        assert time.monotonic() - began_s > 2.4, "2.5 s to sit down"
 
 
 def test_saf_001_a_twist_ends_on_the_robots_clock_and_nothing_repeats_it(spot: RealRobot, twin: Twin) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers import get_native_driver_class
 from strands_actors.drivers.unitree import rpc
 from strands_actors.drivers.unitree.driver import G1Driver, Go2Driver
+from strands_actors.drivers.unitree.protocol import COMMAND_BYTES
 from strands_actors.drivers.unitree.twin.gait import REST, Gait
 from strands_actors.drivers.unitree.twin.loco import LocoGait
 from strands_actors.drivers.unitree.walking.loco import DAMP, G1, H1, SIT, SQUAT, ZERO_TORQUE, LocoDialect
@@ -118,6 +120,26 @@ def test_saf_001_the_robot_ends_a_velocity_by_itself_without_requests(make_world
 
 
 # -- stops
+
+
+def test_a_stop_does_not_end_another_program_s_arms_and_an_e_stop_does(make_world: MakeWorld) -> None:
+    """The driver does not see a program that commands the arms by rt/arm_sdk. docs/robots/unitree.md says so."""
+    world = make_world("unitree_g1")
+    onboard = world.server.onboard
+    frame = bytearray(COMMAND_BYTES["hg"])
+    struct.pack_into("<f", frame, 28 * 29 + 4, 1.0)  # the weight
+    struct.pack_into("<5f", frame, 28 * 18 + 4, 0.5, 0.0, 0.0, 60.0, 1.5)  # the left elbow
+
+    async def act(robot: Commander) -> None:
+        await robot.move(vx=0.5)
+        onboard.command_arms(bytes(frame), trio.current_time())
+        report = await stop(robot)
+        assert report.confirmed and world.gait.twist == REST
+        assert onboard.arm_joints == (18,), "the arms follow the other program"
+        report = await stop(robot, Reason.ESTOP)
+        assert report.confirmed and not onboard.arm_joints
+
+    on(world, act)
 
 
 def test_saf_002_a_stop_leaves_the_robot_on_its_feet_and_disarmed(world: World) -> None:

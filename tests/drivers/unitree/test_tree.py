@@ -443,7 +443,7 @@ def test_no_peer_is_found(tmp_path: Path) -> None:
     robot = Robot("g1", mode="real", port="127.9.8.7")
     began_s = time.monotonic()
     problem = robot.connect_eagerly()
-    assert problem is not None and "127.9.8.7: nobody" in problem
+    assert problem is not None and "127.9.8.7: no robot answers" in problem
     assert time.monotonic() - began_s < PATIENCE_S
     robot.cleanup()
 

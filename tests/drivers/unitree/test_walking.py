@@ -94,6 +94,7 @@ def test_saf_007_an_e_stop_damps_the_robot_and_only_stand_up_mends_that(world: W
         report = await robot.tree.gate.ask(Stop(Reason.ESTOP, "test", lock=True), 5.0)
         assert isinstance(report, StopReport) and report.confirmed and report.safe_state == "damp"
         assert world.gait.mode == DAMPING
+        assert "damp" in {entry.safe_state for entry in world.log.host("safe")}, "the log has the vendor's Damp"
         await robot.resume()
         refused = await robot.move(vx=0.5)
         assert isinstance(refused, Refused) and (refused.code, refused.remedy) == (

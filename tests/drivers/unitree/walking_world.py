@@ -1,4 +1,4 @@
-"""A robot that walks, with its network in memory, in virtual time.
+"""A robot that walks, or whose joints are commanded, with its network in memory, in virtual time.
 
 The twin's own computer, with its log of the wire, is behind our own links.
 """
@@ -79,8 +79,12 @@ class Participant:
     def poll(self) -> None:
         pass
 
-    async def run(self) -> None:
+    async def run(self, task_status: trio.TaskStatus[None] = trio.TASK_STATUS_IGNORED) -> None:
+        task_status.started()
         await trio.sleep_forever()
+
+    async def wait_matched(self, *endpoints: Writer | Reader, n: int = 1) -> None:
+        await trio.lowlevel.checkpoint()
 
     def close(self) -> None:
         for topic, deliver in self._own:
@@ -90,13 +94,20 @@ class Participant:
 
 class World:
     def __init__(
-        self, directory: Path, monkeypatch: pytest.MonkeyPatch, robot: str = "unitree_go2", **options: Any
+        self,
+        directory: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        robot: str = "unitree_go2",
+        level: str = "sport",
+        **options: Any,
     ) -> None:
         path = directory / "wire.ndjson"
         path.touch()
         self.log = WireLog(path)
         self.bus = Bus()
         self._at_s = 0.0
+        self.peaks: dict[str, float] = {}
+        """Greatest values that a test has seen."""
         monkeypatch.setattr(link_module, "Participant", lambda *_, **__: Participant(self.bus))
         # The worst case: the robot keeps a velocity for ever.
         given = UnitreeTwinOptions(**{"keeps_s": 0.0, **options})
@@ -104,18 +115,21 @@ class World:
         self.server.make_endpoints(Participant(self.bus))  # type: ignore[arg-type]
         assert self.server.onboard.gait is not None
         self.gait = self.server.onboard.gait
+        # A robot whose joints are commanded sends 500 states a second. Each state of a robot that walks comes with
+        # a SportModeState.
+        self._tick_s, self._ticks = (TICK_S, 10) if level == "sport" else (0.002, 1)
         driver_class = get_native_driver_class(robot)
         assert driver_class is not None and issubclass(driver_class, Driver)
-        self.driver = driver_class.for_level(robot, {"level": "sport"})(robot, "127.0.0.77", {})
+        self.driver = driver_class.for_level(robot, {"level": level})(robot, "127.0.0.77", {})
 
     async def live(self) -> None:
         tick = 0
         while True:
-            tick += 10  # a SportModeState is due with each
+            tick += self._ticks
             now_ns = round(trio.current_time() * NS)
             self.server.advance(now_ns / NS)
             self.server.send_due(tick, now_ns)
-            await trio.sleep(TICK_S)
+            await trio.sleep(self._tick_s)
 
     def asked(self, since_s: float = 0.0) -> list[int]:
         """Return the requests to the sport service, in order."""
@@ -154,7 +168,7 @@ class Commander:
         assert isinstance(lease, Lease), lease
         self.lease = lease
 
-    async def move(self, lifetime_s: float = 0.3, **action: float) -> Message | None:
+    async def move(self, lifetime_s: float = 0.3, **action: Any) -> Message | None:
         deadline_ns = round((trio.current_time() + lifetime_s) * NS)
         setpoint = Setpoint(self.lease.id, self.lease.epoch, deadline_ns, action, 0.0, False)
         return await self.tree.gate.ask(setpoint, 1.0)

@@ -37,8 +37,9 @@ def test_servo_follows_and_keeps_the_last_goal(world: World) -> None:
 
 def test_servo_stop_stops_and_reports_done(world: World) -> None:
     world.start()
-    world.command(c.Command.SERVO_J, 2.0, *HOME_RAD[1:])
-    world.run(0.3)
+    for step in range(1, 51):
+        world.command(c.Command.SERVO_J, 0.02 * step, *HOME_RAD[1:])
+        world.run(0.006)
     world.command(c.Command.SERVO_STOP, 10.0)
     assert world.answer == c.READY, "the stop is done after the braking time"
     world.run(0.5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -138,6 +139,94 @@ def test_an_asynchronous_move_reports_its_end(world: World) -> None:
     assert world.answer == c.DONE and progress() & 1 << 15
     world.run(2.0)
     assert not progress() & 1 << 15 and abs(world.pan - 0.3) < 5e-3
+
+
+# -- force mode and contact
+
+
+def press(world: World, wrench: Sequence[float], limits: Sequence[float] = (0.1,) * 6, kind: int = 2) -> None:
+    """Send force mode with a frame that is turned by 90 degrees about x: its z is the base's -y."""
+    whole = [kind, *(int(force != 0) for force in wrench)]
+    values: dict[str, p.Value] = {f"input_int_register_{COMMAND + 1 + at}": word for at, word in enumerate(whole)}
+    world.controller.write(values)
+    world.command(c.Command.FORCE_MODE, 0, 0, 0, math.pi / 2, 0, 0, *wrench, *limits)
+
+
+def test_force_mode_leads_the_tool_along_the_axes_that_give_way(world: World) -> None:
+    world.start()
+    start = world.tool
+    press(world, (0, 0, 10.0, 0, 0, 0))
+    assert world.answer == c.READY, "it is answered at once"
+    world.run(1.0)
+    gone = [now - was for now, was in zip(world.tool[:3], start[:3], strict=True)]
+    assert gone[1] < -0.03 and np.allclose(gone, [0.0, gone[1], 0.0], atol=5e-3)
+    press(world, (0, 0, -10.0, 0, 0, 0))
+    world.run(1.0)
+    assert math.isclose(world.tool[1], start[1], abs_tol=0.01), "the other force leads it back"
+    world.command(c.Command.END_FORCE_MODE)
+    world.run(0.5)
+    assert world.answer == c.DONE
+    stood = world.tool
+    world.run(0.5)
+    assert same(world.tool, stood)
+
+
+def test_force_mode_keeps_its_limit_and_outlasts_a_stop(world: World) -> None:
+    world.start()
+    start = world.tool[1]
+    press(world, (0, 0, 500.0, 0, 0, 0), (0.1, 0.1, 0.02, 0.1, 0.1, 0.1))
+    world.run(1.0)
+    assert math.isclose(world.tool[1], start - 0.02, abs_tol=4e-3)
+    world.command(c.Command.STOP_L, 2.0)
+    world.run(1.0)
+    assert world.tool[1] < start - 0.025, "the thread of force mode goes on"
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_the_damping_of_force_mode_slows_the_tool(world: World, damped: bool) -> None:
+    world.start()
+    if damped:
+        world.command(c.Command.FORCE_MODE_DAMPING, 1.0)
+    else:
+        world.command(c.Command.FORCE_MODE_GAIN, 1.0)
+    assert world.answer == c.DONE
+    world.command(c.Command.NONE)
+    start = world.tool[1]
+    press(world, (0, 0, 5.0, 0, 0, 0))
+    world.run(1.0)
+    assert math.isclose(world.tool[1], start - (0.0 if damped else 0.05), abs_tol=5e-3)
+
+
+def test_what_force_mode_does_not_simulate_ends_the_script(world: World) -> None:
+    world.start()
+    press(world, (0, 0, 5.0, 0, 0, 0), kind=1)
+    assert world.controller.program is None and "force_mode of type 1 is not available" in world.controller.log[-1]
+    world.start()
+    press(world, (0, 0, 5.0, 0, 0, 0))
+    world.command(c.Command.SERVO_J, *HOME_RAD)
+    assert world.controller.program is None and "on top of force_mode" in world.controller.log[-1]
+
+
+def test_the_tool_touches_nothing(world: World) -> None:
+    world.start()
+    world.controller.int_out[COMMAND + 1] = 7
+    for number in (c.Command.START_CONTACT_DETECTION, c.Command.READ_CONTACT_DETECTION):
+        world.command(c.Command.NONE)
+        world.command(number, 0, 0, 1.0, 0, 0, 0)
+        assert world.answer == c.DONE
+    assert world.controller.int_out[COMMAND + 1] == 0
+    world.controller.int_out[COMMAND + 1] = 7
+    world.command(c.Command.TOOL_CONTACT, 0, 0, 1.0, 0, 0, 0)
+    assert (world.answer, world.controller.int_out[COMMAND + 1]) == (c.READY, 0)
+
+
+def test_a_motion_until_contact_ends_at_the_end_of_the_reach(world: World) -> None:
+    world.start()
+    world.command(c.Command.MOVE_UNTIL_CONTACT, 0, 0, 0.5, 0, 0, 0)
+    world.run(0.5)
+    assert world.answer == c.READY, "it is not done before a contact"
+    world.run(5.0)
+    assert world.controller.safety is p.SafetyMode.PROTECTIVE_STOP
 
 
 @pytest.mark.parametrize("number", sorted(c.REFUSED))

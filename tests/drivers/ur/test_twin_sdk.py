@@ -218,7 +218,7 @@ limits = [control.isJointsWithinSafetyLimits([9.0] * 6), control.isPoseWithinSaf
 control.setTcp([0, 0, 0.1, 0, 0, 0])
 offset = control.getTCPOffset()
 control.setTcp([0] * 6)
-forced = control.zeroFtSensor() and control.forceModeSetDamping(0.1)
+forced = control.zeroFtSensor() and control.ftRtdeInputEnable(True)
 until(lambda: receive.getRuntimeState() == 1)
 again = control.reuploadScript()
 until(lambda: receive.getRuntimeState() == 2)
@@ -248,6 +248,76 @@ end(moved=moved, fell=fell, forward=forward, lower=lower, inverse=inverse, joint
     assert reported["forced"] is False
     assert "hold.urp" in reported["loaded"]
     until(
-        lambda: [e for e in twin.log.entries() if e.kind == "error" and b"force_mode_set_damping" in e.data],
+        lambda: [e for e in twin.log.entries() if e.kind == "error" and b"ft_rtde_input_enable" in e.data],
+        "its log says why",
+    )
+
+
+def test_a_getter_among_its_real_time_calls_returns_the_answer_before(twin: Twin) -> None:
+    """ur-rtde sends a real-time command and reads the registers at once, before the next sample can arrive. So this
+    is the client's doing, with every controller. A second call after a sample returns the answer to the first."""
+    reported = run(
+        twin,
+        """
+receive = Receive(host, 500.0)
+control = Control(host)
+until(lambda: receive.getRuntimeState() == 2)
+def answers(getter):
+    control.setTcp([0.1, 0.2, 0.3, 0, 0, 0])
+    for _ in range(20):  # On a busy machine a sample may arrive between sending and reading.
+        offset = control.getTCPOffset()  # A call that waits for its answer: the registers have this offset.
+        first = getter()
+        if first in (offset, offset[0]):
+            break
+    time.sleep(0.1)
+    second = getter()
+    control.setTcp([0] * 6)
+    return offset, first, second
+step, flange = answers(control.getStepTime), answers(control.getActualToolFlangePose)
+torques = answers(control.getJointTorques)
+pose = receive.getActualTCPPose()
+control.stopScript()
+end(step=step, flange=flange, torques=torques, pose=pose)
+""",
+    )
+    offset = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0]
+    assert reported["step"] == [offset, offset[0], 0.002]
+    for name in ("flange", "torques"):
+        before, first, second = reported[name]
+        assert before == first == offset and second != offset, name
+    assert max(abs(a - b) for a, b in zip(reported["flange"][2][:3], reported["pose"][:3], strict=True)) < 1e-3
+
+
+def test_force_mode_moves_the_tool_and_nothing_is_touched(twin: Twin) -> None:
+    reported = run(
+        twin,
+        """
+receive = Receive(host, 125.0)
+control = Control(host)
+until(lambda: receive.getRuntimeState() == 2)
+start, joints = receive.getActualTCPPose(), receive.getActualQ()
+for at in range(100):
+    assert control.forceMode([0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10, 0, 0, 0], 2, [0.1, 0.1, 0.1, 0.2, 0.2, 0.2])
+    time.sleep(0.008)
+stopped = control.forceModeStop()
+fell = start[2] - receive.getActualTCPPose()[2]
+control.toolContact([0, 0, -1, 0, 0, 0])
+time.sleep(0.1)
+contact, detects = control.toolContact([0, 0, -1, 0, 0, 0]), control.startContactDetection()
+seen = control.readContactDetection()
+back, runs = control.moveJ(joints, 1.0, 2.0), receive.getRuntimeState()
+try:
+    mass = control.getMassMatrix([], True)
+except RuntimeError:
+    mass = None
+until(lambda: receive.getRuntimeState() == 1)
+end(stopped=stopped, fell=fell, contact=contact, detects=detects, seen=seen, back=back, runs=runs, mass=mass)
+""",
+    )
+    assert reported["stopped"] and reported["back"] and reported["detects"] and reported["runs"] == 2
+    assert 0.02 < reported["fell"] < 0.12
+    assert (reported["contact"], reported["seen"], reported["mass"]) == (0, False, None)
+    until(
+        lambda: [e for e in twin.log.entries() if e.kind == "error" and b"get_mass_matrix" in e.data],
         "its log says why",
     )

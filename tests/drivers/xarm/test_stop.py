@@ -11,6 +11,7 @@ import trio
 from strands_actors.contract.wire import WireDown
 from strands_actors.drivers.xarm import protocol as p
 from strands_actors.drivers.xarm.protocol import Register, State
+from strands_actors.drivers.xarm.twin.registers import COLLISION_SENSITIVITY
 from tests.drivers.common.memory_port import Permission
 
 from .rig import World, armed, cycle, in_virtual_time, stepped
@@ -191,6 +192,7 @@ async def test_a_hold_is_not_confirmed_by_an_arm_that_is_stopped_meanwhile() -> 
 async def test_saf_006_a_stop_does_not_wait_for_a_hold_to_be_confirmed() -> None:
     world = World()
     wire = await armed(world)
+    await cycle(wire, 10)
     world.controller.plant.set_stuck(0, True)  # it never reaches its target, so the hold is not confirmed
     await wire.write(stepped(world, 0.2), Permission())
     assert wire.interruptible
@@ -217,7 +219,10 @@ async def test_an_arm_that_cannot_be_held_is_stopped() -> None:
     """The arm is stuck far from its target, or another client took it out of servo mode."""
     world = World()
     wire = await armed(world)
+    await cycle(wire, 10)
     world.controller.plant.set_stuck(0, True)
+    # Without collision detection the controller itself does not stop the arm.
+    world.controller.obey(COLLISION_SENSITIVITY, b"\0")
     await wire.write(stepped(world, 0.2), Permission())
     motors = await wire.make_safe("hold")
     assert all(motor.safe for motor in motors)

@@ -108,7 +108,7 @@ async def test_saf_011_arming_begins_where_the_arm_is() -> None:
 async def test_saf_011_an_arm_that_was_paused_on_its_way_does_not_go_on_when_it_is_armed() -> None:
     """The controller keeps the newest target, and moves there in state 0 if servo mode was never left."""
     world = World()
-    await armed(world)
+    await cycle(await armed(world), 10)
     controller = world.controller
     controller.set_state(State.PAUSED)
     here = controller.plant.position_rad

@@ -103,6 +103,7 @@ class MemorySocket:
         self._session = BridgeSession(world.twin.graph, self._say)
         self._waiting: list[str] = []
         self._told: deque[tuple[float, str]] = deque()
+        self.errors: list[str] = []  # status messages from the bridge
         self._lost = False
         self.is_pending = True
         self._is_closed = False
@@ -148,6 +149,8 @@ class MemorySocket:
         self.is_pending, self._is_closed = False, True
 
     def _say(self, text: str) -> None:
+        if '"op":"status"' in text:
+            self.errors.append(text)
         if not any(f'"publish","topic":"{topic}"' in text for topic in self._world.mute):
             if self._world.loses and '"service_response"' in text:
                 self._lost = not self._lost

@@ -156,10 +156,13 @@ def test_a_service_is_found_with_or_without_its_slash(service: str) -> None:
     assert isinstance(reported, p.ServiceResponse) and reported.result and "/cmd_vel" in reported.values["topics"]
 
 
-def test_without_joint_states_there_is_no_such_topic() -> None:
-    twin, _ = robot(joints=False)
+@pytest.mark.parametrize("joints", [None, False, True])
+def test_only_a_robot_with_the_option_has_joint_states(joints: bool | None) -> None:
+    """The real robot has none. The option is for a robot whose owner publishes them."""
+    twin, _ = robot() if joints is None else robot(joints=joints)
     (reported,) = said(twin, p.encode(p.CallService(p.TOPICS_SERVICE, id="1")))
-    assert isinstance(reported, p.ServiceResponse) and "/joint_states" not in reported.values["topics"]
+    assert isinstance(reported, p.ServiceResponse)
+    assert ("/joint_states" in reported.values["topics"]) == bool(joints)
 
 
 def test_a_stuck_robot_repeats_its_report_and_stands_and_a_wrong_one_reports_a_higher_speed() -> None:

@@ -24,7 +24,7 @@ from .rig import NAN, msgs, running, state, target
 
 def test_connecting_checks_and_reads_and_commands_nothing() -> None:
     async def test() -> None:
-        world = World()
+        world = World(joints=True)
         wire = world.wire()
         facts = await wire.open()
         assert facts["rosbridge"] == "ws://192.0.2.1:9090"
@@ -46,7 +46,7 @@ def test_saf_011_a_joint_that_is_not_named_stays_whichever_way_it_turns() -> Non
     """A command has all six servos. The others get their reported positions."""
 
     async def test() -> None:
-        world = World(driver={"joint_signs": SIGNS})
+        world = World(driver={"joint_signs": SIGNS}, joints=True)
         async with running(world) as wire:
             wanted = {"arm1": 0.5, "arm2": -0.3, "arm3": 0.2, "arm4": 0.0, "arm5": 0.7, "gripper": -1.0}
             told = target(world, NOW_NS, **wanted, time_ms=200)
@@ -72,7 +72,7 @@ def test_the_twin_reports_its_servos_without_signs() -> None:
     """The positions have no signs. On a robot every client receives this topic."""
 
     async def test() -> None:
-        world = World(driver={"joint_signs": SIGNS})
+        world = World(driver={"joint_signs": SIGNS}, joints=True)
         world.twin.mechanism.degrees = [61.0, 73.0, 90.0, 90.0, 200.0, 180.0]
         told = world.twin.graph.message(m.JOINT_STATES)
         assert told["position"] == pytest.approx([math.radians(way) for way in (-29, -17, 0, 0, 110, 0)])
@@ -95,7 +95,7 @@ def test_saf_011_an_arm_without_a_report_has_no_known_position() -> None:
 
 def test_connecting_does_not_wait_for_a_joint_topic_without_a_publisher() -> None:
     async def test() -> None:
-        world = World()
+        world = World(joints=True)
         world.mute.add(m.JOINT_STATES)
         wire = world.wire()
         await wire.open()
@@ -107,7 +107,7 @@ def test_connecting_does_not_wait_for_a_joint_topic_without_a_publisher() -> Non
 
 def test_silent_joints_become_unknown() -> None:
     async def test() -> None:
-        world = World()
+        world = World(joints=True)
         async with running(world) as wire:
             world.mute.add(m.JOINT_STATES)
             await trio.sleep(SILENT_S + 0.1)
