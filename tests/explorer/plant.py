@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from strands_actors.drivers.common.physics.body import Commander
+
 SPEED_RAD_S = 5.8
 """Speed of an STS3215 without load [assumed]."""
 
@@ -45,6 +47,9 @@ class Joints:
 
     def torque(self, index: int) -> bool:
         return self.energised[index]
+
+    def commander(self, index: int) -> Commander:
+        return Commander.WIRE if self.energised[index] else Commander.NONE
 
     def set_torque(self, index: int, on: bool) -> None:
         self.energised[index] = on

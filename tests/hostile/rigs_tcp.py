@@ -109,7 +109,8 @@ RIGS: Mapping[str, Rig] = {
         wrong_ids={"transaction": renumbered(0, 2)},
         bound_s=0.1,
         why_longer="a gripper is asked first: a hold would activate one that has lost its power",
-        # the time of its answer, on a new connection
-        latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.001},
+        # The time of its answer, on a new connection. The stop channel does not know the wire's last command, so it
+        # asks twice.
+        latest_s={Situation.RESET: 0.001, Situation.WIRE_ENDS: 0.002},
     ),
 }
