@@ -140,7 +140,7 @@ ROBOTS = {
     "spot": Deeds(spot, {"arm_f1x": -0.5}),
     "stretch3": Deeds(stretch, {"wrist_roll": 0.2}),
     "xarm7": Deeds(arm("joint1", {"joint4": 4.0}, "error 31", "error 0"), {}),
-    "yahboom_m3pro": Deeds(yahboom, {"gripper": -0.5}),
+    "yahboom_m3pro": Deeds(yahboom, {"linear.x": 0.1}),
 }
 """Other wires have their recordings tested in their own tests: so101, Franka, Kinova and KUKA."""
 
