@@ -48,6 +48,3 @@ def _pose_of(body: LeggedBody, number: object) -> tuple[Any, Any] | None:
         return None
     link = body.data.body(FRAMES[number])
     return np.array(link.xpos), np.array(link.xquat)
-
-
-__all__ = ["FRAMES", "transform_between"]

@@ -168,7 +168,7 @@ class GrpcHost:
 
     async def serve(self, connection: Connection) -> None:
         """Serve one client until it disconnects. The port of the service uses this as its ``Handler``."""
-        client = GrpcClient(self._service, connection, self._max_message)
+        client = self._client_of(connection)
         self._clients.add(client)
         try:
             client.flush()
@@ -179,6 +179,10 @@ class GrpcHost:
         finally:
             self._clients.discard(client)
             client.close()
+
+    def _client_of(self, connection: Connection) -> GrpcClient:
+        """Return a new client. A subclass may return one that checks its calls first."""
+        return GrpcClient(self._service, connection, self._max_message)
 
     def flush(self) -> None:
         """Send the messages that the service has produced since the last call of ``flush``. Call it in every

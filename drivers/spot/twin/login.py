@@ -15,7 +15,6 @@ from strands_actors.drivers.common.codecs.grpc_messages import MAX_MESSAGE, Even
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.common.twin.grpc import GrpcClient, GrpcHost, GrpcService
 from strands_actors.drivers.spot import protocol as p
-from strands_actors.drivers.spot.config import TWIN_LOGIN
 from strands_actors.drivers.spot.messages import Message
 
 INVALID_LOGIN, INVALID_TOKEN = 2, 3
@@ -34,13 +33,13 @@ class Logins:
 
     Args:
         now_s: The monotonic clock.
-        user: The only user. Empty: the login that the driver uses at a twin.
+        user: The only user.
         password: The user's password.
     """
 
-    def __init__(self, now_s: Callable[[], float], user: str = "", password: str = "") -> None:
+    def __init__(self, now_s: Callable[[], float], user: str, password: str) -> None:
         self._now_s = now_s
-        self._login = (user or TWIN_LOGIN[0], password or TWIN_LOGIN[1])
+        self._login = (user, password)
         self._made_s: dict[str, float] = {}
 
     def log_in(self, request: Message) -> Message:
@@ -88,18 +87,8 @@ class LoginHost(GrpcHost):
         super().__init__(service)
         self._logins = logins
 
-    async def serve(self, connection: Connection) -> None:
-        client = LoginClient(self._service, connection, self._logins, self._max_message)
-        self._clients.add(client)
-        try:
-            client.flush()
-            while True:
-                t_ns, data = await connection.receive()
-                client.take(t_ns, data)
-                client.flush()
-        finally:
-            self._clients.discard(client)
-            client.close()
+    def _client_of(self, connection: Connection) -> GrpcClient:
+        return LoginClient(self._service, connection, self._logins, self._max_message)
 
 
 class _LoginEnd(ServerEnd):

@@ -10,6 +10,7 @@ from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.twin import Fault, Faults
 from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.spot import protocol as p
+from strands_actors.drivers.spot.config import TWIN_LOGIN
 from strands_actors.drivers.spot.messages import Message, decode, encode
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import TABLES
@@ -45,8 +46,8 @@ class SpotTwin:
         skew_s: How far the robot's clock is ahead of the host's.
         sync_s: For how long after the first request the robot has no time estimate yet.
         arm: True if the robot has an arm.
-        user: The only permitted user. Empty: the login that the driver uses at a twin.
-        password: The user's password. Empty: as above.
+        user: The only permitted user. The driver logs in at a twin with the default.
+        password: The user's password.
         haste: How many times faster than the real robot this one powers on, stands up and sits down.
         wall_ns: The host's clock.
     """
@@ -59,8 +60,8 @@ class SpotTwin:
         skew_s: float = SKEW_S,
         sync_s: float = 0.0,
         arm: bool = True,
-        user: str = "",
-        password: str = "",
+        user: str = TWIN_LOGIN[0],
+        password: str = TWIN_LOGIN[1],
         haste: float = 1.0,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:

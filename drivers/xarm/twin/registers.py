@@ -48,8 +48,6 @@ class Other(enum.IntEnum):
     IO_STATE = 139
 
 
-CHECK_JOINTS, REPORT_CURRENTS = Other.CHECK_JOINTS, Other.REPORT_CURRENTS
-
 LIMITS = (
     *range(Other.REDUCED_MM_S, Other.SET_REDUCED + 1),
     Other.BOUNDARY,

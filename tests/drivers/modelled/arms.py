@@ -32,7 +32,7 @@ from strands_actors.drivers.xarm import protocol as xarm
 from strands_actors.drivers.xarm.twin import controller_of
 from strands_actors.drivers.xarm.twin.controller import Controller
 from strands_actors.drivers.xarm.twin.registers import REGISTERS as XARM
-from strands_actors.drivers.xarm.twin.registers import REPORT_CURRENTS
+from strands_actors.drivers.xarm.twin.registers import Other
 from tests.drivers.xarm import requests as xarm_requests
 
 from .walk import Answer, Walk
@@ -59,7 +59,7 @@ XARM_WALK = Walk(
     xarm_requests.REQUESTS,
     (b"", b"\0", b"\1", bytes(28), bytes(64)),
     xarm_requests.PREPARE,
-    frozenset((REPORT_CURRENTS,)),  # the reports have torques already
+    frozenset((Other.REPORT_CURRENTS,)),  # the reports have torques already
 )
 
 

@@ -8,7 +8,7 @@ the gate protects it. The row then says why.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -29,6 +29,7 @@ from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.testing import run_virtual
+from tests.drivers.without_gates import checks, take_out
 
 from .walking_world import Commander, World
 
@@ -322,16 +323,6 @@ ELSEWHERE = {"refused_by_robot": "test_a_velocity_after_a_refusal_is_refused_aga
 """Gates that need two commands -> their test."""
 
 
-def names_of(driver: Driver) -> Iterator[str]:
-    yield from (condition.check.__name__ for condition in driver.conditions)
-    yield from (gate.__name__ for gate in driver.gates)
-
-
-def take_out(driver: Driver, names: tuple[str, ...]) -> None:
-    driver.conditions = tuple(each for each in driver.conditions if each.check.__name__ not in names)
-    driver.gates = tuple(gate for gate in driver.gates if gate.__name__ not in names)
-
-
 def test_every_gate_has_a_row() -> None:
     levels = (("unitree_g1", "low"), ("unitree_go2", "low"), ("unitree_go2", "sport"), ("unitree_g1", "sport"))
     for robot, level in levels:
@@ -339,7 +330,7 @@ def test_every_gate_has_a_row() -> None:
         assert driver_class is not None and issubclass(driver_class, Driver)
         driver = driver_class.for_level(robot, {"level": level})(robot, "127.0.0.77", {})
         rows = {row.gate for row in ROWS if row.level == level} | set(ELSEWHERE)
-        assert set(names_of(driver)) <= rows, (robot, level)
+        assert set(checks(driver)) <= rows, (robot, level)
     assert all(row.own for row in ROWS)
 
 
@@ -377,8 +368,10 @@ def test_saf_014_with_the_gate_the_command_is_refused_and_not_sent(world: World,
     run(world, row, then)
 
 
-def test_saf_014_without_the_gate_the_twin_shows_what_the_robot_does(world: World, row: Row) -> None:
-    take_out(world.driver, (row.gate, *row.also))
+def test_saf_014_without_the_gate_the_twin_shows_what_the_robot_does(
+    world: World, row: Row, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take_out(world.driver, (row.gate, *row.also), monkeypatch)
 
     async def then(robot: Commander) -> None:
         accepted = await robot.move(**row.action)
@@ -411,7 +404,7 @@ def test_a_velocity_after_a_refusal_is_refused_again_by_the_robot(
         directory.mkdir()
         world = World(directory, monkeypatch, "unitree_go2")
         if not gate:
-            take_out(world.driver, ("refused_by_robot",))
+            take_out(world.driver, ("refused_by_robot",), monkeypatch)
         refusing(world)
 
         async def test(world: World = world, gate: str = gate) -> None:

@@ -8,7 +8,7 @@ the gate protects it. The row then says why.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +28,7 @@ from strands_actors.drivers.common.kit.motor_targets import TAU
 from strands_actors.kernel.messages import Refused
 from strands_actors.supervisors.gate.messages import Accepted
 from strands_actors.testing import run_virtual
+from tests.drivers.without_gates import checks, take_out
 
 from .memory_world import Holder, World
 
@@ -270,18 +271,8 @@ ROWS = (
 )
 
 
-def names_of(driver: BoosterDriver) -> Iterator[str]:
-    yield from (condition.check.__name__ for condition in driver.conditions)
-    yield from (gate.__name__ for gate in driver.gates)
-
-
-def take_out(driver: BoosterDriver, names: tuple[str, ...]) -> None:
-    driver.conditions = tuple(each for each in driver.conditions if each.check.__name__ not in names)
-    driver.gates = tuple(gate for gate in driver.gates if gate.__name__ not in names)
-
-
 def test_every_gate_has_a_row() -> None:
-    assert set(names_of(BoosterDriver("booster_t1", "127.0.0.77", {}))) == {row.gate for row in ROWS}
+    assert set(checks(BoosterDriver("booster_t1", "127.0.0.77", {}))) == {row.gate for row in ROWS}
     assert all(row.own for row in ROWS)
 
 
@@ -329,7 +320,7 @@ ALWAYS = {condition.check.__name__ for condition in gates.conditions() if condit
 def test_saf_014_without_the_gate_the_twin_shows_what_the_robot_does(
     world: World, row: Row, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    take_out(world.driver, (row.gate, *row.also))
+    take_out(world.driver, (row.gate, *row.also), monkeypatch)
     if row.owns:
         monkeypatch.setattr(wire_module.BoosterSession, "has_arms", property(lambda session: True))
 
