@@ -34,6 +34,8 @@ class Identity(msgspec.Struct, frozen=True):
     high: int
     homing_offset: int
     mode: int
+    max_torque: int  # what TORQUE_LIMIT is after the power was switched on
+    torque_limit: int
     max_temperature_c: float
     min_voltage_v: float
     max_voltage_v: float
@@ -71,6 +73,8 @@ async def identify(bus: Bus, axis: Axis) -> Identity:
         high=protocol.MAX_POSITION.decode(eeprom, 0),
         homing_offset=protocol.HOMING_OFFSET.decode(eeprom, 0),
         mode=protocol.MODE.decode(eeprom, 0),
+        max_torque=protocol.MAX_TORQUE.decode(eeprom, 0),
+        torque_limit=protocol.TORQUE_LIMIT.decode(ram, _RAM),
         max_temperature_c=float(protocol.MAX_TEMPERATURE.decode(eeprom, 0)),
         min_voltage_v=tenths(protocol.MIN_VOLTAGE, eeprom, 0),
         max_voltage_v=tenths(protocol.MAX_VOLTAGE, eeprom, 0),

@@ -108,6 +108,9 @@ STATUS = Register(65)
 MOVING = Register(66)
 CURRENT = Register(69, 2)
 
+LOWER_SIZE = TORQUE_LIMIT.address + TORQUE_LIMIT.size - GOAL_POSITION.address
+"""Bytes for each servo in a frame of a lowering."""
+
 TABLE_SIZE = 90
 EEPROM_END = 40
 READ_ONLY = frozenset((*range(5), *range(56, 72)))
@@ -197,6 +200,40 @@ def hold(positions: Mapping[int, int]) -> bytes:
     return frame(BROADCAST, SYNC_WRITE, bytes((GOAL_POSITION.address, 4)) + rows)
 
 
+LOWERING_COUNTS_S = 1500
+"""Highest speed of a servo while its arm is lowered, 2.3 rad/s. The servo itself keeps it, even if no further frame
+comes."""
+
+EFFORT, FULL_EFFORT = LOAD, 1000
+
+
+def lower(goals: Mapping[int, int], torque_limits: Mapping[int, int]) -> bytes:
+    """Return a frame with the goal, the highest speed and the torque limit of each servo while its arm is lowered.
+
+    It writes the registers 42 to 49. No setpoint and no hold does that, so the log of sent frames can tell them
+    apart.
+    """
+    rows = b"".join(
+        bytes((servo_id,))
+        + GOAL_POSITION.encode(count)
+        + GOAL_TIME.encode(0)
+        + GOAL_VELOCITY.encode(LOWERING_COUNTS_S)
+        + TORQUE_LIMIT.encode(torque_limits[servo_id])
+        for servo_id, count in goals.items()
+    )
+    return frame(BROADCAST, SYNC_WRITE, bytes((GOAL_POSITION.address, LOWER_SIZE)) + rows)
+
+
+def full_torque(torque_limits: Mapping[int, int]) -> bytes:
+    """Return a frame that lifts the speed limit and the torque limit of each servo."""
+    rows = b"".join(
+        bytes((servo_id,)) + GOAL_VELOCITY.encode(0) + TORQUE_LIMIT.encode(limit)
+        for servo_id, limit in torque_limits.items()
+    )
+    size = GOAL_VELOCITY.size + TORQUE_LIMIT.size
+    return frame(BROADCAST, SYNC_WRITE, bytes((GOAL_VELOCITY.address, size)) + rows)
+
+
 LIMP = torque(BROADCAST, False)
 """One frame that switches off the torque of every servo. A broadcast gets no reply, so register 40 of each servo
 must be read to confirm it."""
@@ -268,8 +305,8 @@ def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
 
 
 def classify(packet: Packet) -> str:
-    """Return the kind of a request for the log of sent frames: setpoint, safe (torque off or hold), enable, read,
-    config or other."""
+    """Return the kind of a request for the log of sent frames: setpoint, safe (torque off or hold), lowering,
+    enable, read, config or other."""
     if packet.code in (PING, READ, SYNC_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and packet.params:
@@ -287,6 +324,10 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
         return "safe" if all(row[index] == 0 for row in rows if len(row) > index) else "enable"
     if address == GOAL_POSITION.address and len(covers) == 4 and all(row[2:] == b"\0\0" for row in rows):
         return "safe"
+    if address == GOAL_POSITION.address and len(covers) == LOWER_SIZE:
+        return "lowering"
+    if address == GOAL_VELOCITY.address and len(covers) == 4 and all(row[:2] == b"\0\0" for row in rows):
+        return "config"
     if GOAL_POSITION.address in covers or GOAL_VELOCITY.address in covers or GOAL_TIME.address in covers:
         return "setpoint"
     return "config"

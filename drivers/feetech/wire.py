@@ -60,7 +60,14 @@ class FeetechWire(ServoWire[protocol.Packet]):
         self._limited = [axis for axis in self.axes if servos[axis.id].speed_limit]
         limits = limits_of(self.axes, [servos[axis.id] for axis in self.axes])
         travel = {motor: servo.travel for motor, servo in servos.items()}
-        return Handshake(FeetechReadings(self.axes, limits), travel, travel, facts(self.axes, servos))
+        return Handshake(
+            FeetechReadings(self.axes, limits),
+            travel,
+            travel,
+            facts(self.axes, servos),
+            full_torque={motor: servo.max_torque for motor, servo in servos.items()},
+            limits_torque=any(servo.torque_limit < servo.max_torque for servo in servos.values()),
+        )
 
     async def before_arming(self, permit: Permit) -> None:
         """Clear speed limits that another program has set. This is not done when connecting: if a servo moves

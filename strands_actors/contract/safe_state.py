@@ -15,12 +15,21 @@ class SafeState(enum.StrEnum):
     HOLD = "hold"  # energised, at the present position; a drone hovers
     ZERO = "zero"  # velocity zero, energised, for a mobile base or wheels
     STOP = "stop"  # the robot's own controller ends the motion and keeps the robot upright
+    LOWERED = "lowered"  # the arm is brought down under control, and then has no torque
     SETTLE = "settle"  # the robot sits or lies down, and its power is switched off (Spot: settle, then cut)
     LAND = "land"  # a drone lands, and then its motors are switched off
     DAMP = "damp"  # the motors brake the joints, and then let them move freely
     LIMP = "limp"  # no torque on any motor
     ZERO_TORQUE = "zero_torque"  # frames that command zero torque, at once
     OFF = "off"  # motors off or power cut, even if a load falls
+
+    @property
+    def cut_short(self) -> SafeState:
+        """The state that a further stop leads to while the robot is still on its way to this one.
+
+        An arm that is being lowered moves. Whoever stops it once more wants it to stop at once.
+        """
+        return SafeState.LIMP if self is SafeState.LOWERED else self
 
     @property
     def severity(self) -> int:

@@ -140,6 +140,7 @@ class Gate(Actor):
         # True if the robot has not moved, and the link was not lost, since the last report of a stop.
         self._report_stands = False
         self._stopped_ns = stopped_ns  # when a stop was last ordered
+        self._ordered = SafeState.HOLD  # the safe state that was ordered last
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
 
@@ -362,6 +363,11 @@ class Gate(Actor):
         a safe state."""
         return self._last_stop is not None and self._last_stop.epoch >= self._state.epoch
 
+    @property
+    def _is_being_made_safe(self) -> bool:
+        """Return True while the transport brings the robot to a safe state and has not reported it yet."""
+        return self._state.mode in _MADE_SAFE and not self._is_reported
+
     def _release(self, message: Release) -> Released | Deferred:
         """Release a lease. If the robot must hold because of this, the reply is sent when the hold is reported."""
         lease = self._leases.release(message.lease, message.channel)
@@ -447,7 +453,7 @@ class Gate(Actor):
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
         self._tell_decided(message.by, order, "nothing to do")
-        if self._state.mode in _MADE_SAFE and not self._is_reported:
+        if self._is_being_made_safe:
             self._stops.append(Waiting(self._state.epoch, deferred, message.lock))
             return deferred
         return self._report_now(message.reason)
@@ -469,7 +475,7 @@ class Gate(Actor):
 
     def _safety(self) -> StopReport | Deferred:
         """Return the report of the last stop (``_report_now``). If a stop is not reported yet, reply when it is."""
-        if self._state.mode in _MADE_SAFE and not self._is_reported:
+        if self._is_being_made_safe:
             deferred = self.context.defer()
             self._stops.append(Waiting(self._state.epoch, deferred, False))
             return deferred
@@ -497,7 +503,9 @@ class Gate(Actor):
         Returns:
             False if the failsafe machine has nothing to do.
         """
-        safe_state = safe_state or self._driver.fallbacks[reason]
+        safe_state = SafeState(safe_state or self._driver.fallbacks[reason])
+        if reason in ORDERED and self._is_being_made_safe:
+            safe_state = safe_state.or_more(self._ordered.cut_short)
         if reason in failsafe.ENDING_REASONS:
             event = Event.END
         elif reason in HOLDING_REASONS and self._driver.energised(safe_state):
@@ -506,7 +514,7 @@ class Gate(Actor):
             event = Event.STOP
         # The lost link has already ordered a safe state. A hold must not replace it by a milder one.
         if event is Event.HOLD and self._state.mode is Mode.LOST:
-            safe_state = SafeState(safe_state).or_more(self._driver.fallbacks[Reason.LINK])
+            safe_state = safe_state.or_more(self._driver.fallbacks[Reason.LINK])
         return self._step(event, safe_state, reason, cause, lock, rank, lapse)
 
     def _trip_again(self, reason: Reason) -> None:
@@ -533,6 +541,7 @@ class Gate(Actor):
                 self._blame(cause, reason, rank_of(reason) if rank is None else rank, lapse)
             self._live = None
             self._report_stands = False
+            self._ordered = safe_state
             # Send the order to stop before any other message.
             self._transport.tell(MakeSafe(self._state.epoch, safe_state, reason))
             self._refuse_resumes(refusals.resume_stopped(cause))

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from strands_actors.contract.driver import Live
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.actor import Deferred
 from strands_actors.supervisors.gate.messages import Lease, LockKept, StopReport
@@ -58,3 +59,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     report_stands: bool = False
     rearming: list[Deferred] = []
     last_cause: str = ""
+    ordered: SafeState = SafeState.HOLD

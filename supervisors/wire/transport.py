@@ -64,7 +64,7 @@ REACH_MARGIN_S = 0.25
 """``Wire.reach`` is cancelled this many seconds before ``Timing.safe_s`` have passed."""
 BACKOFF_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 
-SLOW = frozenset({SafeState.LAND, SafeState.SETTLE})
+SLOW = frozenset({SafeState.LAND, SafeState.LOWERED, SafeState.SETTLE})
 """Safe states that take seconds to reach. A stop that comes meanwhile interrupts them."""
 
 _PROMPT = (Write, Cycle)

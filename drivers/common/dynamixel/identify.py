@@ -34,6 +34,8 @@ class Identity(msgspec.Struct, frozen=True):
     homing_offset: int
     low: int  # lowest goal position in counts; the servo applies it in mode 3 only
     high: int
+    pwm_limit: int
+    goal_pwm: int  # limits the torque in every position mode
     max_temperature_c: float
     min_voltage_v: float
     max_voltage_v: float
@@ -79,6 +81,8 @@ async def identify(bus: HalfDuplexBus[protocol.Packet], axis: Axis) -> Identity:
         homing_offset=table.HOMING_OFFSET.decode(eeprom, 0),
         low=table.MIN_POSITION.decode(eeprom, 0),
         high=table.MAX_POSITION.decode(eeprom, 0),
+        pwm_limit=table.PWM_LIMIT.decode(eeprom, 0),
+        goal_pwm=table.GOAL_PWM.decode(ram, base),
         max_temperature_c=float(table.MAX_TEMPERATURE.decode(eeprom, 0)),
         min_voltage_v=table.MIN_VOLTAGE.decode(eeprom, 0) / 10,
         max_voltage_v=table.MAX_VOLTAGE.decode(eeprom, 0) / 10,

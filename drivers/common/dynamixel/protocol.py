@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from .table import BAUD_RATES as BAUD_RATES
 from .table import GOAL_POSITION as GOAL_POSITION
-from .table import GOALS, PROFILE_VELOCITY, Register
+from .table import GOAL_PWM, GOALS, PRESENT_PWM, PROFILE_VELOCITY, Register
 from .table import MODEL_NUMBERS as MODEL_NUMBERS
 from .table import POSITION as POSITION
 from .table import TORQUE_ENABLE as TORQUE_ENABLE
@@ -200,6 +200,32 @@ def hold(positions: Mapping[int, int]) -> bytes:
     return frame(BROADCAST, SYNC_WRITE, _words(PROFILE_VELOCITY.address, size) + rows)
 
 
+LOWERING_VELOCITY = 100
+"""Highest speed of a servo while its arm is lowered, 22.9 rpm. The servo itself keeps it, even if no further frame
+comes."""
+
+TORQUE_LIMIT = GOAL_PWM
+EFFORT, FULL_EFFORT = PRESENT_PWM, 885
+
+
+def lower(goals: Mapping[int, int], torque_limits: Mapping[int, int]) -> bytes:
+    """Return two frames with the torque limit (goal PWM), and with the highest speed and the goal of each servo
+    while its arm is lowered. A hold has no highest speed, and a setpoint has a goal only, so a log can distinguish
+    them."""
+    rows = b"".join(
+        bytes((servo_id,)) + PROFILE_VELOCITY.encode(LOWERING_VELOCITY) + GOAL_POSITION.encode(count)
+        for servo_id, count in goals.items()
+    )
+    size = PROFILE_VELOCITY.size + GOAL_POSITION.size
+    limits = {servo_id: torque_limits[servo_id] for servo_id in goals}
+    return full_torque(limits) + frame(BROADCAST, SYNC_WRITE, _words(PROFILE_VELOCITY.address, size) + rows)
+
+
+def full_torque(torque_limits: Mapping[int, int]) -> bytes:
+    """Return a frame with the torque limit of each servo. The next hold lifts the speed limit."""
+    return sync_write(GOAL_PWM, torque_limits)
+
+
 LIMP = torque(BROADCAST, False)
 """Torque off on every servo in one frame, for any ids. The stop channel needs no other frame. A broadcast gets no
 status, so register 64 is read to confirm."""
@@ -293,7 +319,8 @@ def rows_of(packet: Packet) -> tuple[int, dict[int, bytes]]:
 
 
 def classify(packet: Packet) -> str:
-    """Return the kind of a request, for the log: setpoint, safe, enable, read, config or other."""
+    """Return the kind of a request, for the log: setpoint, safe, lowering, enable, read, config or
+    other."""
     if packet.code in (PING, READ, SYNC_READ, FAST_SYNC_READ, BULK_READ, FAST_BULK_READ):
         return "read"
     if packet.code in (WRITE, REG_WRITE) and len(packet.params) > 2:
@@ -311,6 +338,15 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
         return "safe" if all(row[offset] == 0 for row in rows if len(row) > offset) else "enable"
     if address == PROFILE_VELOCITY.address and covers.stop == GOALS.stop and not any(any(row[:4]) for row in rows):
         return "safe"
+    lowering_speed = PROFILE_VELOCITY.encode(LOWERING_VELOCITY)
+    if (
+        address == PROFILE_VELOCITY.address
+        and covers.stop == GOALS.stop
+        and all(row[: PROFILE_VELOCITY.size] == lowering_speed for row in rows)
+    ):
+        return "lowering"
+    if address == GOAL_PWM.address and len(covers) == GOAL_PWM.size and len(rows) > 1:
+        return "lowering"
     if covers.start < GOALS.stop and covers.stop > GOALS.start:
         return "setpoint"
     return "config"

@@ -62,6 +62,8 @@ class DynamixelWire(ServoWire[protocol.Packet]):
             travel={motor: servo.travel for motor, servo in servos.items()},
             reach={axis.id: reach(axis, servos[axis.id], calibration is not None) for axis in self.axes},
             facts=facts(self.axes, servos),
+            full_torque={motor: servo.pwm_limit for motor, servo in servos.items()},
+            limits_torque=any(servo.goal_pwm < servo.pwm_limit for servo in servos.values()),
         )
 
     # -- arming

@@ -11,6 +11,7 @@ from .body import Commander
 from .jointed import Jointed
 from .lean_mujoco import mujoco
 from .model_rows import build
+from .touch import Touch, TouchWatch
 
 
 class Plant(Jointed):
@@ -42,6 +43,7 @@ class Plant(Jointed):
         gains: Sequence[tuple[float, float]] = (),
         home_qpos: Sequence[float] = (),
     ) -> None:
+        self._touch_watch: TouchWatch | None = None
         super().__init__(spec, joints, solimp=[0.999, 0.9999, 0.001, 0.5, 2.0])
         self._kp = self.model.dof_M0[self._dof] * bandwidth_rad_s**2
         # With this damping gain the servo is critically damped.
@@ -59,7 +61,31 @@ class Plant(Jointed):
     def from_table(cls, table: Mapping[str, Any]) -> Plant:
         """Return the simulated arm of a robot's table in ``robots.toml``."""
         joints = [joint["key"] for joint in table["joints"]]
-        return cls(build(table), joints, float(table["bandwidth"]), table.get("home_rad", ()))
+        plant = cls(build(table), joints, float(table["bandwidth"]), table.get("home_rad", ()))
+        if table.get("lowers"):
+            plant.watch_touches()
+        return plant
+
+    def watch_touches(self) -> None:
+        """Note from now on when a link touches the floor (``take_touches``)."""
+        self._touch_watch = TouchWatch(self._solver, self.model)
+        self._solver = self._touch_watch
+
+    @property
+    def watches_touches(self) -> bool:
+        return self._touch_watch is not None
+
+    def take_touches(self) -> list[Touch]:
+        """Return the touches of the floor since the last call."""
+        if self._touch_watch is None:
+            return []
+        taken, self._touch_watch.touches = self._touch_watch.touches, []
+        return taken
+
+    def recompile(self) -> None:
+        super().recompile()
+        if self._touch_watch is not None:
+            self.watch_touches()
 
     def _bind(self) -> None:
         super()._bind()

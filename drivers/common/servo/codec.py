@@ -52,6 +52,18 @@ class Codec(Protocol[PacketT_co]):
     @property
     def POSITION(self) -> Field: ...
     @property
+    def TORQUE_LIMIT(self) -> Field:
+        """The register that limits the torque of a servo until its power is switched off."""
+        ...
+
+    @property
+    def EFFORT(self) -> Field:
+        """The register with the power that a servo gives its motor, ``FULL_EFFORT`` at most."""
+        ...
+
+    @property
+    def FULL_EFFORT(self) -> int: ...
+    @property
     def BAUD_RATES(self) -> Sequence[int]: ...
     @property
     def MODEL_NUMBERS(self) -> Mapping[int, str]: ...
@@ -67,4 +79,13 @@ class Codec(Protocol[PacketT_co]):
     def hold(self, positions: Mapping[int, int]) -> bytes:
         """Return one frame that sets the goals to the measured positions, in counts by id. Its bytes differ from
         those of a setpoint, so that a log can distinguish both."""
+        ...
+
+    def lower(self, goals: Mapping[int, int], torque_limits: Mapping[int, int]) -> bytes:
+        """Return the bytes that set goals and torque limits while an arm is lowered, by id. They differ from those
+        of a setpoint and of a hold, so that a log can distinguish them."""
+        ...
+
+    def full_torque(self, torque_limits: Mapping[int, int]) -> bytes:
+        """Return one frame that undoes what ``lower`` has limited. It moves nothing, and energises nothing."""
         ...

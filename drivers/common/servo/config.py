@@ -9,6 +9,7 @@ import msgspec
 from strands_actors.drivers.common.kit.calibration import MotorCalibration
 
 from .axes import Axis
+from .lowering import LoweringConfig
 
 
 class ServoConfig(msgspec.Struct, frozen=True):
@@ -24,6 +25,8 @@ class ServoConfig(msgspec.Struct, frozen=True):
     """Ids of servos on this bus that belong to the robot and are not driven."""
     modes: Mapping[str, int] = {}
     """Operating mode of each servo, by joint, if the protocol has several."""
+    lowering: LoweringConfig | None = None
+    """How the arm is lowered; None for a robot that is not."""
     passive: bool = False
     """True for a leader arm. Its wire energises nothing and takes no target."""
 

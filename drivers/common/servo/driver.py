@@ -10,6 +10,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
+import msgspec
+
 from strands_actors.contract.axis import Part, PartKind, finite
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
@@ -24,6 +26,18 @@ from strands_actors.drivers.common.ports.addresses import check_device
 from .axes import COUNTS_PER_RADIAN, MIDDLE, axes_of
 from .config import ServoConfig
 from .gates import MAX_JUMP_DEG, NO_MAX_JUMP_DEG, all_gates
+from .lowering import LoweringConfig
+from .resting import (
+    CONFIRM_S,
+    LOWER_S,
+    WITHOUT_HURRY,
+    OnExit,
+    lower_s_of,
+    on_exit_of,
+    rest_counts,
+    rest_file,
+    rest_of,
+)
 
 TIMEOUT_S = 0.5
 LONGEST_TIMEOUT_S = 10.0
@@ -63,6 +77,30 @@ class ServoOptions(DriverOptions, frozen=True):
         option(
             "degrees that one command may send a joint from where it is, at full speed; "
             f"None: {MAX_JUMP_DEG:g}; {NO_MAX_JUMP_DEG:g}: any. move_to() is not bounded by it"
+        ),
+    ] = None
+
+    on_exit: Annotated[
+        str | None,
+        option(
+            "what stop(), cleanup() and the end of your program do to the robot: limp (torque off at once: an arm "
+            "falls), lower (bring an arm down, then torque off) or hold (leave it energised where it is); None: "
+            "limp"
+        ),
+    ] = None
+    rest: Annotated[
+        str | dict[str, float] | None,
+        option(
+            "pose to which the arm is lowered, by joint in its unit, or the path of a file with it; None: the "
+            "taught pose of this id, else the torque falls until the arm gives way",
+            is_path=True,
+        ),
+    ] = None
+    lower_s: Annotated[
+        float | None,
+        option(
+            "seconds that lowering may take; the torque is switched off then, wherever the arm is; "
+            f"None: {LOWER_S:g}"
         ),
     ] = None
 
@@ -119,11 +157,15 @@ class ServoDriver(Driver):
             raise ValueError(f"{robot}: baud is {baud!r}. Use one of {', '.join(map(str, cls.BAUD_RATES))}")
         ids = cls._ids(name, options.get("motor_ids"))
         motors, source = cls._calibration(name, options, ids)
+        on_exit = on_exit_of(robot, options.get("on_exit"), cls.is_lowered(name))
         return {
             "baud": int(baud),
             "motor_ids": list(ids.values()),
             "timeout": _timeout_s(robot, options.get("timeout")),
             "max_jump": _max_jump_deg(robot, options.get("max_jump")),
+            "on_exit": str(on_exit),
+            "rest": cls._rest(name, on_exit, options),
+            "lower_s": lower_s_of(robot, options.get("lower_s")),
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
             "tool_name": options.get("tool_name"),
@@ -147,6 +189,7 @@ class ServoDriver(Driver):
             calibration_source=resolved["calibration_source"],
             timeout_s=resolved["timeout"],
             modes={joint["key"]: joint["mode"] for joint in joints if "mode" in joint},
+            lowering=self._lowering(resolved),
         )
         groups = groupby((axis.declared for axis in self.joints), key=lambda axis: axis.unit)
         part_kinds = {"percent": PartKind.GRIPPER}
@@ -163,6 +206,41 @@ class ServoDriver(Driver):
                 f"of each servo. {hint} `strands-actors calibrate {self.robot} --port {port or 'P'}{own_id}`",
             )
         self.gates = all_gates(self.joints, self.timing.state_ttl_s, self.FAULT_CODES, resolved["max_jump"])
+
+    def _lowering(self, resolved: Mapping[str, Any]) -> LoweringConfig | None:
+        """Return how the arm is lowered, and declare what that changes; None for a robot that is not lowered."""
+        on_exit = OnExit(resolved["on_exit"])
+        self.fallbacks = {**self.fallbacks, **dict.fromkeys(WITHOUT_HURRY, on_exit.safe_state)}
+        if on_exit is not OnExit.LOWER:
+            return None
+        seconds, rest = resolved["lower_s"], resolved["rest"]
+        self.timing = msgspec.structs.replace(self.timing, safe_s=seconds + CONFIRM_S)
+        table = self.TABLES.robots[self.robot]
+        return LoweringConfig(
+            seconds=seconds,
+            rest=None if rest is None else rest_counts(self.robot, rest, self.joints),
+            model={name: table[name] for name in ("model_rows", "base") if name in table},
+        )
+
+    @classmethod
+    def is_lowered(cls, robot: str) -> bool:
+        """Return True if the robot is an arm that can be lowered before its torque is switched off."""
+        return bool(cls.TABLES.table(robot).get("lowers"))
+
+    @classmethod
+    def rest_file(cls, robot: str, robot_id: str) -> Path:
+        """Return the path of the taught rest pose of one robot. Raise ``ValueError`` for an id that is no name."""
+        return rest_file(cls.lerobot_types(cls.TABLES.canonical(robot)), robot_id)
+
+    @classmethod
+    def _rest(cls, robot: str, on_exit: OnExit, options: Mapping[str, Any]) -> dict[str, float] | None:
+        given, tool_name = options.get("rest"), options.get("tool_name")
+        if on_exit is not OnExit.LOWER:
+            if given is not None:
+                raise ValueError(f'{robot}: rest needs on_exit="lower". Leave one of them out')
+            return None
+        taught = cls.rest_file(robot, str(tool_name)) if tool_name else None
+        return rest_of(robot, given, [joint["key"] for joint in cls.TABLES.table(robot)["joints"]], taught)
 
     def check_port(self) -> None:
         check_device(self.config.port)

@@ -19,6 +19,10 @@ class Leader(ServoDriver):
     CALIBRATIONS: ClassVar[str] = calibration.LEADERS
     firmware_watchdog = "A leader is never energised, so it needs no watchdog"
 
+    @classmethod
+    def is_lowered(cls, robot: str) -> bool:
+        return False
+
     def __init__(self, robot: str, port: str, options: Mapping[str, Any]) -> None:
         super().__init__(robot, port, options)
         self.config = msgspec.structs.replace(self.config, passive=True)

@@ -146,6 +146,16 @@ class Readings(ABC, Generic[PacketT]):
             )
         }
 
+    @property
+    def speeds(self) -> Mapping[int, float]:
+        """The last measured speed by id, in counts per second."""
+        return self._speed
+
+    @property
+    def has_faults(self) -> bool:
+        """True if a servo reported a fault in its last reply."""
+        return any(self._words.values())
+
     def energised(self) -> None:
         """Note that the torque of all servos was read back, and is on."""
         self.limp.clear()

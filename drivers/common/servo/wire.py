@@ -16,6 +16,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
+from strands_actors.drivers.common.kit.chain import Chain
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.ports.port_users import users_of
@@ -23,6 +24,7 @@ from strands_actors.drivers.common.ports.serial_port import BytePort, in_use, op
 from strands_actors.kernel.clock import NS, Clock
 
 from .axes import COUNTS, Axis
+from .bring_down import BringDown, LoweringEnd
 from .codec import Codec
 from .config import ServoConfig
 from .handshake import ask, command, not_reported, roll_call
@@ -47,6 +49,8 @@ class Handshake(msgspec.Struct, Generic[PacketT]):
     travel: Mapping[int, Range]  # lowest and highest goal that each servo accepts, by id
     reach: Mapping[int, Range]  # range of counts in which each joint may be when it is energised, by id
     facts: dict[str, Any]  # properties of the servos that ``status`` shows
+    full_torque: Mapping[int, int]  # value of the torque limit register for full torque, by id
+    limits_torque: bool  # True if another program, or a lowering that was cut off, has left a lower limit
 
 
 class ServoSession(Generic[PacketT]):
@@ -63,6 +67,8 @@ class ServoSession(Generic[PacketT]):
         self.readings = handshake.readings
         self.reach = handshake.reach
         self.safing = safing
+        self.full_torque = handshake.full_torque
+        self.limits_torque = handshake.limits_torque
         self.health = Health(ids)
         self.observation = self.readings.observation(bus.clock.now_ns(), (), armed=False)
         self.torque_due_ns = 0
@@ -113,6 +119,12 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self._open_port = open_port
         self._port: BytePort | None = None
         self._armed = False
+        self.lowered: LoweringEnd | None = None
+        """How the last lowering ended; None if it was cut off, or if there was none."""
+        # True from the begin of a lowering until the torque is off. A lowering that was cut off is begun anew.
+        self._is_lowering = False
+        lowering = config.lowering
+        self._chain = None if lowering is None else Chain(lowering.model, [axis.key for axis in self.axes])
 
     # -- steps that depend on the protocol
 
@@ -161,6 +173,8 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self._refuse_passive("arm")
         session = self.session
         await self.before_arming(permit)
+        if session.limits_torque:
+            await self._lift_torque_limits(session)
         replies = await self.ask_all(*self.FEEDBACK, "its position")
         session.readings.store(replies, self.FEEDBACK[0], session.bus.sent_ns, self.clock.now_ns())
         for axis in self.axes:
@@ -209,8 +223,15 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             return unreachable(self.axes, "not connected")
         if safe_state == SafeState.HOLD:
             return await self._hold(session)
-        self._armed = False
-        return await session.safing.limp()
+        if safe_state == SafeState.LOWERED and (self._armed or self._is_lowering):
+            await self._lower(session)
+        self._armed = self._is_lowering = False
+        reports = await session.safing.limp()
+        if session.limits_torque:
+            # The limits would weaken the arm for the next program. Arming checks them again.
+            with contextlib.suppress(WireDown):
+                session.bus.send(self.CODEC.full_torque(session.full_torque))
+        return reports
 
     async def reach(self, safe_state: SafeState) -> tuple[MotorReport, ...]:
         """Make the servos safe after the connection was lost.
@@ -287,6 +308,51 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             }
         )
         return reports
+
+    async def _lower(self, session: ServoSession[PacketT]) -> None:
+        """Hold the arm where it is, then lower it. Return when it is down, or when something is wrong."""
+        config, chain = self.config.lowering, self._chain
+        if config is None or chain is None:
+            return
+
+        async def measure() -> bool:
+            await self._measure(session)
+            return not session.health.silent()
+
+        self._is_lowering = session.limits_torque = True
+        self.lowered = None
+        with contextlib.suppress(WireDown):
+            goals = session.safing.goals(session.reachable_goals(session.goals) | session.recent_positions())
+            if not goals:
+                return
+            session.note_sent(goals)
+            await session.safing.hold_unconfirmed(goals)
+            bring_down = BringDown(
+                session.bus,
+                self.CODEC,
+                self.axes,
+                chain,
+                config,
+                session.readings,
+                measure,
+                session.full_torque,
+            )
+            self.lowered = await bring_down.run()
+
+    async def _lift_torque_limits(self, session: ServoSession[PacketT]) -> None:
+        """Give each servo its full torque again, and read it back. Raise ``WireDown`` if a servo does not take
+        it."""
+        register = self.CODEC.TORQUE_LIMIT
+        session.bus.send(self.CODEC.full_torque(session.full_torque))
+        replies = await self.ask_all(register.address, register.size, "its torque limit")
+        for axis in self.axes:
+            limit = register.decode(replies[axis.id].params)
+            if limit != session.full_torque[axis.id]:
+                raise WireDown(
+                    f"arming: {axis.label} keeps the torque limit {limit}, must be "
+                    f"{session.full_torque[axis.id]}. Power-cycle the servo and try again"
+                )
+        session.limits_torque = False
 
     async def _measure(self, session: ServoSession[PacketT]) -> None:
         now_ns = self.clock.now_ns()

@@ -9,7 +9,8 @@ import heapq
 import itertools
 import time
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, Protocol
+from functools import partial
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import trio
 
@@ -21,6 +22,9 @@ from .line import Channel, Line
 from .wirelog import WireLog
 
 BITS_PER_BYTE = 10  # a start bit, 8 data bits and a stop bit (8N1)
+
+EVENTS_S = 0.02
+"""Period in which the events on a robot's body are logged."""
 
 SHORT_WAIT_S = 0.002
 """Waits up to this long block the process until the host sends bytes. This costs half as much as a turn
@@ -56,6 +60,15 @@ class Controls(Protocol):
     def set_fault(self, fault: Fault, unit: int | None) -> None: ...
 
     def power_cycle(self) -> None: ...
+
+
+@runtime_checkable
+class HasEvents(Protocol):
+    """A simulated robot on whose body something may happen without a request."""
+
+    def events(self) -> Sequence[tuple[str, bytes]]:
+        """Return what happened since the last call: kind and bytes of each entry for the log."""
+        ...
 
 
 class Robot(TwinSession, Controls, Protocol):
@@ -200,6 +213,7 @@ class Server:
     def __init__(self, robot: Robot, line: Line, log: WireLog, *, wire_time: bool = True) -> None:
         self._robot = robot
         self._line = line
+        self._log = log
         self._frost = Frost()
         self._conversation = Conversation(robot, line, log, self._frost, wire_time=wire_time)
 
@@ -233,7 +247,13 @@ class Server:
 
     async def serve(self) -> None:
         """Serve the robot's client until cancelled."""
-        await self._conversation.serve()
+        async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._conversation.serve)
+            if isinstance(self._robot, HasEvents):
+                nursery.start_soon(self._frost.every, EVENTS_S, partial(self._log_events, self._robot))
+
+    def _log_events(self, robot: HasEvents) -> None:
+        self._log.write(time.monotonic_ns(), "robot", robot.events())
 
     def close(self) -> None:
         self._line.close()

@@ -34,6 +34,9 @@ MOST_TARGET_BACKLOG_S = 0.25
 AHEAD_RAD = 0.3
 """Largest distance between a moving target and a joint that is blocked."""
 
+WATCHED_S = 5.0
+"""For so long after the last request, the arm moves on by itself. An arm without torque may still fall then."""
+
 COUNTS = 4096
 COUNTS_PER_RAD = COUNTS / (2 * math.pi)
 
@@ -239,6 +242,16 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
 
     def pass_time(self) -> None:
         self.step_to(self.now_s())
+
+    def events(self) -> list[tuple[str, bytes]]:
+        """Advance to the present time, if a host has sent something lately, and return what happened since the last
+        call: kind and JSON text of each event."""
+        if self.plant.watches_touches and self.now_s() - self._last_received_s < WATCHED_S:
+            self.pass_time()
+        return [
+            ("touch", f'{{"body": "{touch.body}", "speed_m_s": {touch.speed_m_s:.4f}}}'.encode())
+            for touch in self.plant.take_touches()
+        ]
 
     def step_to(self, now_s: float) -> None:
         plant = self.plant

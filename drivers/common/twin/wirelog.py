@@ -38,7 +38,8 @@ class WireLog:
             f'{{"t_ns": {t_ns}, "from": "{source}", "kind": "{kind}", "hex": "{data.hex()}"{end}}}\n'
             for kind, data in frames
         ]
-        os.write(self._fd, "".join(lines).encode())
+        if lines:
+            os.write(self._fd, "".join(lines).encode())
 
     def close(self) -> None:
         if self._fd is not None:

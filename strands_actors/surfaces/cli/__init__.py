@@ -216,6 +216,22 @@ def setup_motors(
 
 
 @app.command()
+def rest(
+    robot: Kind,
+    port: Annotated[str | None, typer.Option(help="The robot's serial port. Needed with --teach.")] = None,
+    id_: Id = None,
+    teach: Annotated[
+        bool, typer.Option("--teach", help="Record the pose: the torque is switched off, lay the arm down by hand.")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Show or teach the pose to which an arm is lowered before its torque is switched off."""
+    from .rest import rest as run
+
+    raise typer.Exit(run(robot, port, id_, teach, json))
+
+
+@app.command()
 def ports(
     also: Annotated[
         list[str] | None,

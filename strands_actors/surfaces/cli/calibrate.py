@@ -40,7 +40,7 @@ BY_ID = "/dev/serial/by-id/*"
 def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int:
     """Ask the user to move each joint to its middle and through its range. Write the result in LeRobot's
     calibration file. Return the exit code."""
-    name, driver_class = _of_servos(robot, "calibrate")
+    name, driver_class = of_servos(robot, "calibrate")
     setup = _setup(driver_class, name, port)
     table = driver_class.TABLES.robots[name]
     person = Terminal(quiet=as_json)
@@ -54,7 +54,7 @@ def calibrate(robot: str, port: str, robot_id: str | None, as_json: bool) -> int
         finally:
             setup.close()
 
-    motors = _run(run, "calibrate")
+    motors = run_for_person(run, "calibrate")
     try:
         load(SAVE)(path, motors)
     except OSError as failure:
@@ -90,7 +90,7 @@ def _file(driver_class: Any, name: str, robot_id: str) -> Path:
 def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) -> int:
     """Write an id into each servo. The user connects one servo at a time, beginning with the last joint.
     Return the exit code."""
-    name, driver_class = _of_servos(robot, "setup-motors")
+    name, driver_class = of_servos(robot, "setup-motors")
     setup = _setup(driver_class, name, port)
     axes = {axis.key: axis for axis in setup.axes}
     if wrong := [joint for joint in joints if joint not in axes]:
@@ -113,7 +113,7 @@ def setup_motors(robot: str, port: str, joints: Sequence[str], as_json: bool) ->
         finally:
             setup.close()
 
-    _run(run, "setup-motors")
+    run_for_person(run, "setup-motors")
     if as_json:
         print(json.dumps({"robot": name, "servos": servos}))
     return 0
@@ -134,7 +134,7 @@ def ports(also: Sequence[str], as_json: bool) -> int:
         await person.ready("unplug the adapter of the robot")
         return serial_ports(also)
 
-    after = _run(run, "ports")
+    after = run_for_person(run, "ports")
     unplugged = {path: about for path, about in before.items() if path not in after}
     if len(unplugged) != 1:
         unplugged_names = ", ".join(unplugged) or "no adapter"
@@ -169,7 +169,7 @@ def serial_ports(also: Sequence[str] = ()) -> dict[str, str]:
     return ports | {path: "" for pattern in also for path in sorted(glob(pattern))}
 
 
-def _of_servos(robot: str, verb: str) -> tuple[str, Any]:
+def of_servos(robot: str, verb: str) -> tuple[str, Any]:
     """Return the name and the driver class of a robot or leader with Feetech or Dynamixel servos. Raise
     ``Problem`` for other robots."""
     leader = leader_name(robot)
@@ -189,7 +189,7 @@ def _setup(driver_class: Any, name: str, port: str) -> Any:
     return load(driver_class.SETUP)(driver.config, MonotonicClock())
 
 
-def _run(work: Callable[[], Any], verb: str) -> Any:
+def run_for_person(work: Callable[[], Any], verb: str) -> Any:
     try:
         return trio.run(work)
     except (WireDown, ValueError) as failure:

@@ -11,8 +11,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from strands_actors.drivers.common.kit.link_rows import parse_row, parse_rows, quaternion
 from strands_actors.drivers.common.physics.jointed import LONGEST_CATCH_UP_S
-from strands_actors.drivers.common.physics.model_rows import build, parse_row, parse_rows, quaternion
+from strands_actors.drivers.common.physics.model_rows import build
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.feetech.robots import TABLES as FEETECH
 
