@@ -288,7 +288,7 @@ def test_a_file_that_cannot_be_written_after_the_calibration_is_reported(
     def no_space(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(commands, "_run", lambda *_: {})
+    monkeypatch.setattr(commands, "run_for_person", lambda *_: {})
     monkeypatch.setattr("strands_actors.drivers.common.kit.calibration.save", no_space)
     with pytest.raises(commands.Problem, match=r"the servos are calibrated, and .*left.json could not be written"):
         commands.calibrate("so101_leader", "/dev/null", "left", as_json=True)

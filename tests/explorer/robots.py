@@ -13,13 +13,14 @@ from .robot_model import RobotModel
 from .script_arm import ScriptArm
 from .serial_wires import Boards
 from .service_robot import Base, Drone, SlowArm
-from .servo_arm import ServoArm
+from .servo_arm import LoweredArm, ServoArm
 from .session_arm import SessionArm
 from .stream_wires import Humanoid, Mecanum, Rover, Walker
 from .upload_arm import UploadArm
 
 MODELS: dict[str, type[RobotModel]] = {
     "so101": ServoArm,
+    "so101_lowered": LoweredArm,
     "xarm7": SessionArm,
     "ur5e": UploadArm,
     "ur5e_script": ScriptArm,

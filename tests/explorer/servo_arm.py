@@ -73,7 +73,7 @@ class ArmActions:
 
 
 class ServoArm(RobotModel):
-    """An so101."""
+    """An so101 that is made limp at once."""
 
     PORT = "/dev/serial/by-id/explored"
     KEEPS_TORQUE_BY_RESUME = True
@@ -255,3 +255,9 @@ class ServoArm(RobotModel):
 
     def _servo(self, motor: int) -> Any:
         return next(servo for servo in self.bus.servos if servo.id == motor)
+
+
+class LoweredArm(ServoArm):
+    """An so101 that is lowered by a stop without hurry."""
+
+    OPTIONS = {"on_exit": "lower"}

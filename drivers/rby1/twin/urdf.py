@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import asin, atan2
 from typing import Any
 
-from strands_actors.drivers.common.kit.link_rows import Row, parse_rows
-from strands_actors.drivers.common.physics.model_rows import LINK_EXTENT_M
+from strands_actors.drivers.common.physics.model_rows import LINK_EXTENT_M, Row, parse_rows
 
 WHEELS = ("right_wheel", "left_wheel")
 

@@ -151,13 +151,13 @@ def test_the_arm_goes_to_its_rest_pose_and_is_let_go_there(make: MakeRig) -> Non
             axis.key: axis.value(round(2048 + rad * 4096 / math.tau))
             for axis, rad in zip(axes, turned, strict=True)
         }
-        rig = await raised(make, rest=rest)
+        rig = await raised(make, rest=rest, lower_s=6.0)
         stop = await stopped(rig)
         assert all_safe(stop.reports)
         assert rig.wire.lowered is LoweringEnd.DOWN
         after = rig.bus.plant.position_rad
-        assert after[0] == pytest.approx(0.4, abs=0.1)
-        assert after[4] == pytest.approx(-0.3, abs=0.1)
+        assert after[0] == pytest.approx(0.4, abs=0.15)
+        assert after[4] == pytest.approx(-0.3, abs=0.15)
 
     virtual(main)
 
