@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 from strands_actors.contract.driver import Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.supervisors.gate.messages import Setpoint, Stop
 
 from .conversation import Asked, Conversation, Told
@@ -50,6 +51,12 @@ class Evidence:
     def safe_states(self, *reasons: Reason) -> frozenset[str]:
         """Return the safe states of the robot for these reasons."""
         return frozenset(str(self.model.driver.fallbacks[reason]) for reason in reasons)
+
+    def first_states(self, *reasons: Reason) -> frozenset[str]:
+        """Return the safe states that the first frame for these reasons may have. An arm that is lowered holds
+        first."""
+        states = self.safe_states(*reasons)
+        return states | {"hold"} if SafeState.LOWERED in states else states
 
     def ends_by(self, t_s: float) -> bool:
         """Return whether the robot is finishing by itself, as a drone that lands.

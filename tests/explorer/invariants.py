@@ -110,7 +110,7 @@ def what_is_not_named_rests(seen: Evidence) -> Found:
 
 
 def a_condition_is_obeyed(seen: Evidence) -> Found:
-    ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
+    ends = seen.first_states(Reason.STOP, Reason.ESTOP)
     for fault in seen.lone_conditions():
         end_s = fault.t_s + CONDITION_S
         if fault.for_s < CONDITION_S or not seen.energised_at(fault.t_s) or not seen.energised_at(end_s):
@@ -153,7 +153,7 @@ def no_frame_energises_a_limp_motor(seen: Evidence) -> Found:
     if not seen.model.KEEPS_TORQUE_BY_RESUME:
         return
     for frame in seen.frames:
-        if frame.kind != "setpoint" and frame.safe_state != "hold":
+        if frame.kind not in ("setpoint", "lowering") and frame.safe_state != "hold":
             continue
         for motor in frame.energised - frame.energised_before:
             since_s = seen.limp_since(motor, frame.t_s)
@@ -228,7 +228,7 @@ def nothing_is_energised_without_a_resume(seen: Evidence) -> Found:
 
 
 def an_order_to_stop_is_written(seen: Evidence) -> Found:
-    ends = seen.safe_states(Reason.STOP, Reason.ESTOP)
+    ends = seen.first_states(Reason.STOP, Reason.ESTOP)
     for asked in seen.orders():
         end_s = asked.at_s + ORDER_S
         if not seen.energised_at(asked.at_s) or not seen.energised_at(end_s) or end_s > seen.end_s:

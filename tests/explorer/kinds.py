@@ -122,6 +122,7 @@ PLAIN_NETWORK = {kind: weight for kind, weight in NETWORK.items() if kind != "co
 """Faults of datagrams whose protocol has no checksum of its own. That of UDP drops a spoiled one."""
 WIRE_FAULTS: dict[str, dict[str, int]] = {
     "so101": {**BUS, **BUS_PEER},
+    "so101_lowered": {**BUS, **BUS_PEER},
     "xarm7": {**SESSION, **STREAM_PEER},
     "ur5e": {**SESSION, **STREAM_PEER},
     "ur5e_script": {**SESSION, **STREAM_PEER},

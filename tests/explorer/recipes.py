@@ -175,7 +175,7 @@ _NETWORK: tuple[Recipe, ...] = (
 def groups_of(robot: str) -> tuple[tuple[Recipe, ...], ...]:
     """Return the groups of a robot's recipes. First a group is drawn, then one of its recipes."""
     match robot:
-        case "so101":
+        case "so101" | "so101_lowered":
             own, lost, peer = _BUS, "pull", BUS_PEER
         case _ if robot in TWIN_PORTS:
             own, lost, peer = _PORTS, "pull", BUS_PEER

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from strands_actors.contract.loading import load
 
@@ -260,4 +260,9 @@ class ServoArm(RobotModel):
 class LoweredArm(ServoArm):
     """An so101 that is lowered by a stop without hurry."""
 
-    OPTIONS = {"on_exit": "lower"}
+    OPTIONS: ClassVar[Mapping[str, Any]] = {"on_exit": "lower"}
+    SETTLE_S: ClassVar[float] = ServoArm.SETTLE_S + 3.0
+    """A lowering takes 2.8 s."""
+
+    def __init__(self, world: World, robot: str) -> None:
+        super().__init__(world, "so101")
