@@ -7,5 +7,6 @@ It needs the extra ``test``.
 ``camera``     a camera that a robot fills
 ``light``      soft light and a plain floor
 ``watching``   runs the demo on a twin and records it; ``demo`` draws the record as an animation
+``lowering``   the speed of an arm that falls, and of one that is lowered
 ``terminal``   pictures of ``top`` and of a drill
 """

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from docs.site import facts
 
-from . import demo, robots, terminal
+from . import demo, lowering, robots, terminal
 
 FOLDER = Path(__file__).parents[1] / "pictures"
 
@@ -19,6 +19,7 @@ OTHERS: Mapping[str, tuple[str, Callable[[Path], None]]] = {
     "demo": ("demo.gif", demo.make),
     "top": ("top.svg", terminal.make_top),
     "drill": ("drill.svg", terminal.make_drill),
+    "lowering": ("lowering.svg", lowering.make),
 }
 """The pictures that are not of one robot: their files, and the functions that make them."""
 
@@ -29,7 +30,9 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m docs pictures", description="Make pictures of the documentation, without a display."
     )
-    parser.add_argument("names", nargs="*", metavar="NAME", help="a robot, demo, top or drill; default: all")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"a robot, or one of {', '.join(OTHERS)}; default: all"
+    )
     parser.add_argument(
         "--samples", type=int, default=robots.SAMPLES, help="drawings of which a picture is the mean"
     )

@@ -19,6 +19,7 @@ from tests.explorer.search import run_apart, run_here, run_seeds
 RUNS = tomllib.loads((Path(__file__).parent / "seeds.toml").read_text())["run"]
 SEEDS = {
     "so101": 250,
+    "so101_lowered": 80,
     "xarm7": 250,
     "ur5e": 100,
     "ur5e_script": 100,
@@ -46,6 +47,7 @@ SO-101 takes twice as long as a fake's, one of a panda ten times, and one of the
 times. A search for new failures takes any number."""
 QUICK = {
     "so101": 20,
+    "so101_lowered": 10,
     "xarm7": 20,
     "ur5e": 10,
     "ur5e_script": 10,

@@ -22,6 +22,9 @@ from .readings import Readings
 PERIOD_S = 0.02
 ANSWER_S = 0.025
 """A servo that has not answered after this time counts as mute."""
+STAND_S = 0.4
+STANDING_PACE = 0.1
+STANDING_LOOKS = 3
 BEHIND_DEG = 25.0
 """A joint that is so far behind its goal has met something."""
 FULL_SHARE = 1.0
@@ -106,7 +109,7 @@ class BringDown(Generic[PacketT]):
 
     async def _let_sink(self) -> LoweringEnd:
         """Let the torque limits fall to zero, more slowly while the arm is fast."""
-        if (end := await self._look()) is not None:
+        if (end := await self._stand()) is not None:
             return end
         effort = self._codec.EFFORT
         request = self._codec.sync_read(self._ids, effort.address, effort.size)
@@ -125,6 +128,21 @@ class BringDown(Generic[PacketT]):
             torque.step(self._pace(), (now_ns - before_ns) / NS)
             before_ns = now_ns
         return LoweringEnd.DOWN
+
+    async def _stand(self) -> LoweringEnd | None:
+        """Wait until the arm stands, for at most ``STAND_S``. Its servos then need just the torque that carries it.
+
+        Immediately after a hold they need none: their goals are the present positions, below which the arm sags
+        first.
+        """
+        clock = self._bus.clock
+        until_ns = clock.now_ns() + round(STAND_S * NS)
+        looks = 0
+        end = await self._look()
+        while end is None and looks < STANDING_LOOKS and clock.now_ns() < until_ns:
+            end = await self._next_look()
+            looks = looks + 1 if self._pace() < STANDING_PACE else 0
+        return end
 
     def _send(self, goals: Mapping[int, int], shares: Mapping[int, float]) -> None:
         limits = {motor: round(shares[motor] * full) for motor, full in self._full_torque.items()}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
+import mujoco
 import pytest
 import trio
 
@@ -127,3 +129,36 @@ async def read_until(wire: ServoWire[Any], true: Callable[[Observation], bool]) 
 
 def verdicts(reports: Iterable[MotorReport]) -> dict[str, bool]:
     return {report.axis: report.safe for report in reports}
+
+
+MakeRig = Callable[..., Rig]
+
+
+async def raised(make: MakeRig, pose: Sequence[float], **options: Any) -> Rig:
+    """Return an armed arm that a setpoint holds in a pose (radians), and that is lowered by a stop.
+
+    The arm is put into the pose, since it would fall while it is connected.
+    """
+    rig = make(**{"on_exit": "lower", **options})
+
+    def put() -> None:
+        rig.bus.pass_time()
+        plant = rig.bus.plant
+        plant.data.qpos[plant._qpos], plant.data.qvel[:] = pose, 0.0
+        mujoco.mj_forward(plant.model, plant.data)
+
+    put()
+    await rig.wire.open()
+    put()
+    await rig.wire.arm(Permission())
+    put()
+    values = tuple(
+        axis.value(round(2048 + rad * 4096 / math.tau)) for axis, rad in zip(rig.driver.joints, pose, strict=True)
+    )
+    for _ in range(50):
+        await rig.wire.write(values, Permission())
+        await rig.wire.read()
+        await trio.sleep(0.02)
+    rig.bus.plant.take_touches()
+    rig.port.written.clear()
+    return rig

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -22,12 +21,11 @@ from strands_actors.drivers.common.servo.lowering import FallingTorque, RestPath
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.feetech.robots import TABLES
 from tests.drivers.common.memory_port import Permission, virtual
-from tests.drivers.servo.rig import JOINTS, VICTIM, DynamixelRig, FeetechRig, Rig
+from tests.drivers.servo.rig import JOINTS, VICTIM, DynamixelRig, FeetechRig, MakeRig, Rig, raised
 
 LIMIT_M_S = 0.15
 """Highest speed at which the arm may touch the table."""
 LIMP_S = 3.0
-MakeRig = Callable[..., Rig]
 
 RAISED: dict[MakeRig, list[tuple[float, ...]]] = {
     FeetechRig: [
@@ -41,34 +39,6 @@ RAISED: dict[MakeRig, list[tuple[float, ...]]] = {
 """Poses with the tool above the table, in radians."""
 POSES = [(rig, pose) for rig, poses in RAISED.items() for pose in poses]
 RIGS = list(RAISED)
-
-
-async def raised(make: MakeRig, pose: Sequence[float] = (), **options: Any) -> Rig:
-    """Return an armed arm that a setpoint holds in a pose. The arm is put there, since it would fall meanwhile."""
-    rig = make(**{"on_exit": "lower", **options})
-    pose = pose or RAISED[make][0]
-
-    def put() -> None:
-        rig.bus.pass_time()
-        plant = rig.bus.plant
-        plant.data.qpos[plant._qpos], plant.data.qvel[:] = pose, 0.0
-        mujoco.mj_forward(plant.model, plant.data)
-
-    put()
-    await rig.wire.open()
-    put()
-    await rig.wire.arm(Permission())
-    put()
-    values = tuple(
-        axis.value(round(2048 + rad * 4096 / math.tau)) for axis, rad in zip(rig.driver.joints, pose, strict=True)
-    )
-    for _ in range(50):
-        await rig.wire.write(values, Permission())
-        await rig.wire.read()
-        await trio.sleep(0.02)
-    rig.bus.plant.take_touches()
-    rig.port.written.clear()
-    return rig
 
 
 class Stop:
@@ -121,7 +91,7 @@ def test_saf_026_a_raised_arm_is_laid_down_slowly_and_then_limp(make: MakeRig, p
 @pytest.mark.parametrize("make", RIGS)
 def test_an_arm_that_is_not_lowered_falls(make: MakeRig) -> None:
     async def main() -> None:
-        stop = await stopped(await raised(make), SafeState.LIMP)
+        stop = await stopped(await raised(make, RAISED[make][0]), SafeState.LIMP)
         assert max(touch.speed_m_s for touch in stop.touches) > 1.5 * LIMIT_M_S
 
     virtual(main)
@@ -130,7 +100,7 @@ def test_an_arm_that_is_not_lowered_falls(make: MakeRig) -> None:
 @pytest.mark.parametrize("make", RIGS)
 def test_saf_022_the_arm_holds_before_the_first_wait_and_gets_no_setpoint_after(make: MakeRig) -> None:
     async def main() -> None:
-        rig = await raised(make)
+        rig = await raised(make, RAISED[make][0])
         stop = await stopped(rig)
         at_once = b"".join(data for at_s, data in rig.port.written if at_s == stop.began_s)
         first = next(iter(rig.protocol.Decoder().feed(at_once)))
@@ -151,7 +121,7 @@ def test_the_arm_goes_to_its_rest_pose_and_is_let_go_there(make: MakeRig) -> Non
             axis.key: axis.value(round(2048 + rad * 4096 / math.tau))
             for axis, rad in zip(axes, turned, strict=True)
         }
-        rig = await raised(make, rest=rest, lower_s=6.0)
+        rig = await raised(make, RAISED[make][0], rest=rest, lower_s=6.0)
         stop = await stopped(rig)
         assert all_safe(stop.reports)
         assert rig.wire.lowered is LoweringEnd.DOWN
@@ -169,7 +139,7 @@ def test_the_arm_goes_to_its_rest_pose_and_is_let_go_there(make: MakeRig) -> Non
 @pytest.mark.parametrize("after_s", [0.0, 0.1, 0.7])
 def test_saf_026_a_servo_that_falls_mute_makes_the_arm_limp_within_50_ms(make: MakeRig, after_s: float) -> None:
     async def main() -> None:
-        rig = await raised(make)
+        rig = await raised(make, RAISED[make][0])
         limp_s: list[float] = []
 
         async def stop() -> None:
@@ -193,7 +163,7 @@ def test_saf_026_a_servo_that_falls_mute_makes_the_arm_limp_within_50_ms(make: M
 @pytest.mark.parametrize("make", RIGS)
 def test_saf_026_a_stop_that_is_cut_off_can_be_made_limp_at_once(make: MakeRig) -> None:
     async def main() -> None:
-        rig = await raised(make)
+        rig = await raised(make, RAISED[make][0])
         with trio.move_on_after(0.5):
             await rig.wire.make_safe(SafeState.LOWERED)
         assert sum(rig.torque()) > 0
@@ -207,7 +177,7 @@ def test_saf_026_a_stop_that_is_cut_off_can_be_made_limp_at_once(make: MakeRig) 
 @pytest.mark.parametrize("make", RIGS)
 def test_a_lowering_that_was_cut_off_goes_on(make: MakeRig) -> None:
     async def main() -> None:
-        rig = await raised(make)
+        rig = await raised(make, RAISED[make][0])
         with trio.move_on_after(0.3):
             await rig.wire.make_safe(SafeState.LOWERED)
         stop = await stopped(rig)
@@ -220,7 +190,7 @@ def test_a_lowering_that_was_cut_off_goes_on(make: MakeRig) -> None:
 def test_saf_026_a_joint_that_meets_something_on_the_way_to_rest_is_let_go() -> None:
     async def main() -> None:
         rest = dict.fromkeys(JOINTS, 0.0) | {"gripper": 20.0, "shoulder_lift": -60.0}
-        rig = await raised(FeetechRig, rest=rest, lower_s=6.0)
+        rig = await raised(FeetechRig, RAISED[FeetechRig][0], rest=rest, lower_s=6.0)
         joint = JOINTS.index("shoulder_lift")
         rig.bus.plant.set_stuck(joint, True)
         await rig.wire.make_safe(SafeState.LOWERED)
@@ -232,7 +202,7 @@ def test_saf_026_a_joint_that_meets_something_on_the_way_to_rest_is_let_go() -> 
 
 def test_saf_026_the_torque_goes_when_the_time_is_over() -> None:
     async def main() -> None:
-        rig = await raised(FeetechRig, lower_s=0.5)
+        rig = await raised(FeetechRig, RAISED[FeetechRig][0], lower_s=0.5)
         stop = await stopped(rig)
         assert rig.wire.lowered is LoweringEnd.TIME
         assert 0.5 <= stop.limp_s < 0.6
@@ -243,7 +213,7 @@ def test_saf_026_the_torque_goes_when_the_time_is_over() -> None:
 @pytest.mark.parametrize("make", RIGS)
 def test_an_unplugged_adapter_does_not_end_the_stop_with_an_exception(make: MakeRig) -> None:
     async def main() -> None:
-        rig = await raised(make)
+        rig = await raised(make, RAISED[make][0])
         rig.port.unplugged = True
         assert not any(report.safe for report in await rig.wire.make_safe(SafeState.LOWERED))
 
@@ -269,7 +239,7 @@ def test_an_arm_that_is_not_armed_is_made_limp_at_once(make: MakeRig) -> None:
 @pytest.mark.parametrize("make", RIGS)
 def test_a_lowered_arm_has_its_full_torque_again(make: MakeRig) -> None:
     async def main() -> None:
-        rig = await raised(make)
+        rig = await raised(make, RAISED[make][0])
         register = rig.protocol.TORQUE_LIMIT
         full = rig.all_of(register)
         await rig.wire.make_safe(SafeState.LOWERED)
