@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from strands_actors.contract.rotations import roll_pitch_yaw
-from strands_actors.drivers.common.kit.link_rows import quaternion
+from strands_actors.drivers.common.kinematics.link_rows import quaternion
 
 ANGLES = st.floats(-179.0, 179.0)
 

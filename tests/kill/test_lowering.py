@@ -6,7 +6,9 @@ of the table.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -40,6 +42,7 @@ print("raised", flush=True)
 for line in sys.stdin:
     print(exec(line) or "done", flush=True)
 """
+"""Each line that it reads is a line of Python. It answers it with a line of its own."""
 
 
 class Script:
@@ -59,6 +62,14 @@ class Script:
         assert self.process.stdin is not None
         self.process.stdin.write(f"{line}\n")
         self.process.stdin.flush()
+
+    def pids(self) -> dict[str, int]:
+        """Return the process ids of the robot's tree, by role."""
+        assert self.process.stdout is not None
+        self.do("import json; print(json.dumps({p['role']: p['pid'] for p in robot.tree()['processes']}))")
+        found: dict[str, int] = json.loads(self.process.stdout.readline())
+        self.process.stdout.readline()
+        return found
 
     def end(self) -> None:
         self.process.kill()
@@ -127,11 +138,46 @@ def test_saf_026_a_further_stop_while_the_arm_is_lowered_makes_it_limp_at_once(t
     with raised("so101", tmp_path) as script:
         twin, began_ns = script.twin, time.monotonic_ns()
         script.do("import threading; threading.Thread(target=robot.stop).start()")
+        hold = first(twin, "hold", began_ns)
         until(lambda: bool(twin.log.host("lowering", began_ns)), "the arm is lowered")
         again_ns = time.monotonic_ns()
         script.do("robot.stop()")
         limp = first(twin, "limp", began_ns)
         assert limp.t_ns - again_ns < 1_000_000_000, "the lowering alone takes longer"
         time.sleep(0.5)
-        assert twin.log.host("setpoint", began_ns) == []
+        assert twin.log.host("setpoint", hold.t_ns + 1) == []
         assert [entry for entry in twin.log.host("lowering", limp.t_ns) if b"\x2a\x08" in entry.data] == []
+
+
+LIMP_AFTER_FAULT_NS = 500_000_000
+"""Far below the time of a lowering. The bounds are those of the kill matrix, and this test asserts the order."""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(
+    "victims", [("wire",), ("root",), ("wire", "root"), ("wire", "standby"), ("root", "standby")]
+)
+def test_saf_026_if_processes_break_while_the_arm_is_lowered_it_is_limp_at_once(
+    tmp_path: Path, victims: tuple[str, ...], number: signal.Signals
+) -> None:
+    with raised("so101", tmp_path) as script:
+        twin, pids = script.twin, script.pids()
+        began_ns = time.monotonic_ns()
+        script.process.send_signal(signal.SIGKILL)
+        hold = first(twin, "hold", began_ns)
+        until(lambda: bool(twin.log.host("lowering", began_ns)), "the arm is lowered")
+        broken_ns = time.monotonic_ns()
+        for victim in victims:
+            os.kill(pids[victim], number)
+        try:
+            limp = first(twin, "limp", broken_ns)
+            assert limp.t_ns - broken_ns < LIMP_AFTER_FAULT_NS
+            time.sleep(0.5)
+            assert twin.log.host("setpoint", hold.t_ns + 1) == []
+            assert twin.log.host("enable", began_ns) == []
+            assert twin.log.host("lowering", limp.t_ns) == []
+        finally:
+            if number == signal.SIGSTOP:
+                for victim in victims:
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(pids[victim], signal.SIGKILL)

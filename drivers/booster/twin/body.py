@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from strands_actors.drivers.booster.robots import TABLES, Model
-from strands_actors.drivers.common.kit.link_rows import with_limits
+from strands_actors.drivers.common.kinematics.link_rows import with_limits
 from strands_actors.drivers.common.physics.legged_body import LeggedBody
 
 

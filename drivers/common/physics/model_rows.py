@@ -1,14 +1,14 @@
-"""Build robot models from the rows of ``kit/link_rows``, with ``mujoco.MjSpec``. There is no model file and no
-mesh."""
+"""Build robot models from the rows of ``kinematics/link_rows``, with ``mujoco.MjSpec``. There is no model file and
+no mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strands_actors.drivers.common.kit.link_rows import Row as Row
-from strands_actors.drivers.common.kit.link_rows import numbers
-from strands_actors.drivers.common.kit.link_rows import parse_rows as parse_rows
+from strands_actors.drivers.common.kinematics.link_rows import Row as Row
+from strands_actors.drivers.common.kinematics.link_rows import numbers
+from strands_actors.drivers.common.kinematics.link_rows import parse_rows as parse_rows
 
 from .body import TIMESTEP_S
 from .lean_mujoco import mujoco

@@ -10,7 +10,7 @@ import enum
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Generic
 
-from strands_actors.drivers.common.kit.chain import Chain
+from strands_actors.drivers.common.kinematics.chain import Chain
 from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, PacketT, Quiet
 from strands_actors.kernel.clock import NS
 

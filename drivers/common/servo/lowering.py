@@ -10,8 +10,9 @@ the table it is at most ``SLOW_M_S``, and higher up it may be more (``allowed_m_
 faster, the torque limits rise again, in proportion. So the weight of the arm and of what it carries need not be
 known.
 
-The model of the arm (``kit.chain``) turns joint speeds into speeds of points. It need not be exact: an arm that is
-not calibrated, or stands higher, is lowered more slowly or faster by the error, and the time for it is limited.
+The model of the arm (``kinematics.chain``) turns joint speeds into speeds of points. It need not be exact: an arm
+that is not calibrated, or stands higher, is lowered more slowly or faster by the error, and the time for it is
+limited.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from collections.abc import Mapping, Sequence
 
 import msgspec
 
-from strands_actors.drivers.common.kit.chain import Chain, Vector
+from strands_actors.drivers.common.kinematics.chain import Chain, Vector
 
 SLOW_M_S = 0.12
 """Highest speed of any point of the arm at the table."""

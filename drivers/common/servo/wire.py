@@ -16,7 +16,7 @@ import trio
 
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, Observation, Permit, PermitDenied, WireDown
-from strands_actors.drivers.common.kit.chain import Chain
+from strands_actors.drivers.common.kinematics.chain import Chain
 from strands_actors.drivers.common.kit.session_wire import SessionWire
 from strands_actors.drivers.common.ports.half_duplex import HalfDuplexBus, Health, PacketT, Quiet
 from strands_actors.drivers.common.ports.port_users import users_of

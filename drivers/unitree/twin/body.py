@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strands_actors.drivers.common.kit.link_rows import with_limits
+from strands_actors.drivers.common.kinematics.link_rows import with_limits
 from strands_actors.drivers.common.physics.legged_body import LeggedBody
 from strands_actors.drivers.unitree.robots import TABLES, Model
 

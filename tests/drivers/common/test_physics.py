@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from strands_actors.drivers.common.kit.link_rows import parse_row, parse_rows, quaternion
+from strands_actors.drivers.common.kinematics.link_rows import parse_row, parse_rows, quaternion
 from strands_actors.drivers.common.physics.jointed import LONGEST_CATCH_UP_S
 from strands_actors.drivers.common.physics.model_rows import build
 from strands_actors.drivers.common.physics.physics import Plant

@@ -12,7 +12,7 @@ import trio
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import MotorReport, WireDown, all_safe
-from strands_actors.drivers.common.kit.chain import Chain
+from strands_actors.drivers.common.kinematics.chain import Chain
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.physics.touch import Touch
 from strands_actors.drivers.common.servo import lowering
