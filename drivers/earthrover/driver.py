@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from strands_actors.contract.axis import Axis, AxisMode, Part, PartKind
-from strands_actors.contract.axis_gates import axis_gates
+from strands_actors.contract.axis_gates import past_range, stale
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Service, Timing
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
@@ -139,7 +139,8 @@ class EarthRover(Driver):
             open_s=timeout_s + REPORT_OLD_S + timing.handover_s + 1.0,
         )
         self.config = EarthRoverConfig(port, self.table, timeout_s, self.timing.control_hz)
-        self.gates = axis_gates(self.table, self.timing.state_ttl_s)
+        # No gate limits a step, because the rover itself limits how fast its speed changes.
+        self.gates = stale(self.table, self.timing.state_ttl_s), past_range(self.table)
 
     def check_port(self) -> None:
         self.config.address()

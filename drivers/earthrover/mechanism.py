@@ -68,7 +68,8 @@ class Rover:
     def _step(self, step_s: float) -> None:
         self.time_s += step_s
         most = step_s / self._ramp_s
-        goals = (0.0, 0.0) if self.stuck else self.commanded
+        # A rover that is commanded to run faster than it can runs at its full speed [assumed].
+        goals = (0.0, 0.0) if self.stuck else tuple(max(-1.0, min(1.0, share)) for share in self.commanded)
         self.runs = (_towards(self.runs[0], goals[0], most), _towards(self.runs[1], goals[1], most))
         linear_m_s, angular_rad_s = (run * full for run, full in zip(self.runs, self._full, strict=True))
         self.heading_rad += angular_rad_s * step_s

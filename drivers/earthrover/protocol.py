@@ -90,6 +90,13 @@ def decode_command(body: bytes) -> dict[str, Any] | None:
     return command if isinstance(command, dict) and command else None
 
 
+def decode_text(body: bytes) -> str:
+    """Return the text in the body of a ``POST /speak``; empty if it has none. Raise ``MalformedFrame`` for an
+    invalid body."""
+    text = _decode(body).get("text")
+    return text if isinstance(text, str) else ""
+
+
 def is_stop(command: dict[str, Any]) -> bool:
     """Return True if a command is a stop command (``encode_stop``), and False for a setpoint."""
     return all(type(command.get(name)) is int and command[name] == 0 for name in ("linear", "angular"))

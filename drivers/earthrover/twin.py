@@ -58,8 +58,8 @@ _PICTURE = base64.b64decode(
 REQUESTS: Modelled[str] = Modelled(
     "requests to the SDK process",
     {
-        f"POST {p.CONTROL}": "drives, turns, and switches the lamp",
-        f"POST {p.SPEAK}": "keeps the text, which nobody hears",
+        f"POST {p.CONTROL}": "drives, turns, and switches the lamp; status 400 without a command",
+        f"POST {p.SPEAK}": "keeps the text, which nobody hears; status 400 without a text",
         f"GET {p.DATA}": "returns battery, position, speed and the readings of the sensors",
         "GET /v2/front": "returns a picture of a chessboard",
         "GET /v2/rear": "returns a picture of a chessboard; status 404 without a rear camera",
@@ -88,8 +88,8 @@ class RoverTwin:
         self._fix = fix
         self._rear = rear
         self._stuck: bytes | None = None
-        self.spoken = b""
-        """The last request to speak."""
+        self.spoken = ""
+        """The last text to speak."""
 
     def set_fault(self, fault: Fault, unit: int | None = None) -> None:
         """Simulate a fault of the whole rover. ``unit`` is not used."""
@@ -111,8 +111,7 @@ class RoverTwin:
             case "POST", p.CONTROL:
                 return self._control(request.body)
             case "POST", p.SPEAK:
-                self.spoken = request.body
-                return Answer(p.OK, b'{"message":"Text sent"}', "other")
+                return self._speak(request.body)
             case "GET", p.DATA:
                 return Answer(p.OK, self._stuck or self.data())
         return self._picture(request.target.removeprefix("/v2/"))
@@ -128,6 +127,16 @@ class RoverTwin:
         self.rover.tell(linear, angular, lamp, Commander.WIRE if linear or angular else Commander.NONE)
         message_type, safe_state = ("safe", "zero") if p.is_stop(command) else ("setpoint", None)
         return Answer(p.OK, b'{"message":"Command sent successfully"}', message_type, safe_state)
+
+    def _speak(self, body: bytes) -> Answer:
+        try:
+            text = p.decode_text(body)
+        except MalformedFrame:
+            text = ""
+        if not text:
+            return Answer(p.BAD_REQUEST, b'{"detail":"Text not provided"}', "other")
+        self.spoken = text
+        return Answer(p.OK, b'{"message":"Speech sent to rover"}', "other")
 
     def _picture(self, view: str) -> Answer:
         if view == "rear" and not self._rear:

@@ -1,8 +1,11 @@
 """Simulate the duck behind the simulated daemon: a base that walks in the plane by a twist, a head and a mouth
 that follow their goals, legs that step, and skills that play for a while.
 
-Only its motion is simulated, not forces. The duck does what it is commanded, unless it is held, sits, is
-relaxed or plays a skill. A relaxed duck sinks down [assumed: the real one collapses].
+Only its motion is simulated, not forces. The duck does what it is commanded, unless it is held, sits, has fallen,
+is relaxed or plays a skill. A relaxed duck sinks down [assumed: the real one collapses].
+
+robotd smooths each twist before its policy gets it, and reports the smoothed twist as applied, also while no
+policy drives the duck. So after a stop it approaches zero, and does not reach it for a minute.
 """
 
 from __future__ import annotations
@@ -14,10 +17,17 @@ from typing import Any
 
 from strands_actors.drivers.common.physics.body import TIMESTEP_S, Commander, Felt
 
-from .protocol import HELD, SIT_TOGGLE
+from .protocol import HELD, HOMING, SIT_TOGGLE
 from .robots import AXES, HEAD, POSE, TWIST
 
 DEADMAN_S = 0.5
+
+TICK_S, SMOOTHING = 0.02, 0.2
+"""Period of robotd's loop, and the share of the way to a new twist that one of its ticks takes."""
+STANDS = 0.05
+"""Magnitude of a twist up to which the policy for standing drives the duck."""
+ACTUATOR_RAD = math.pi
+"""robotd limits the target of a joint to one turn, and reports it. It knows no narrower limits."""
 
 _REST = (0.0, 0.0, 0.0)
 _STEP_S = 0.01
@@ -32,8 +42,9 @@ _MOUTH_RAD = 0.6
 
 
 class Duck:
-    """The simulated duck. ``applied`` is its present twist. A twist that is not repeated for ``deadman_s``
-    seconds becomes zero; with ``deadman_s`` 0 it never does."""
+    """The simulated duck. ``requested`` is the last twist, ``applied`` the smoothed one, and ``moves`` the duck's
+    motion. A twist that is not repeated for ``deadman_s`` seconds counts as zero; with ``deadman_s`` 0 it never
+    does."""
 
     axes = AXES
 
@@ -55,7 +66,8 @@ class Duck:
         self.stuck = False
         self.requested: Sequence[float] = _REST
         self.applied: Sequence[float] = _REST
-        self.limited_by: tuple[str, ...] = ()
+        self.moves: Sequence[float] = _REST
+        self.fallen = self.picked_up = False
         self.head_rad: Sequence[float] = (0.0,) * len(HEAD)
         self.head_target: Sequence[float] = self.head_rad
         self.pose_target: Sequence[float] = (0.0,) * len(POSE)
@@ -68,13 +80,33 @@ class Duck:
     @property
     def policy(self) -> str:
         """Return the name of the present policy, as robotd reports it."""
-        if not self.enabled or not self.powered or self._now_s() < self._up_at_s:
+        if not self.enabled or not self.powered:
             return HELD
-        if self.skill:
-            return self.skill
+        if self._now_s() < self._up_at_s:
+            return HOMING
         if self.sitting:
-            return "sitstand"
-        return "walk" if any(self.applied) else "stand"
+            return "sit"
+        if self.skill:
+            return "rise" if self.skill == SIT_TOGGLE else self.skill
+        return "walk" if math.hypot(*self.applied) > STANDS else "stand"
+
+    @property
+    def is_driven(self) -> bool:
+        return self.policy not in (HELD, HOMING)
+
+    @property
+    def limited_by(self) -> list[str]:
+        """Return why robotd does not do what was commanded, in its words."""
+        limits = {
+            "deadman": self._is_overdue,
+            "range": any(abs(rad) > ACTUATOR_RAD for rad in self.head_target),
+            "fallen": self.fallen,
+        }
+        return [word for word, holds in limits.items() if holds]
+
+    @property
+    def _is_overdue(self) -> bool:
+        return self.commander is not Commander.SIM and 0 < self._deadman_s < self._now_s() - self._commanded_s
 
     # -- commands
 
@@ -101,12 +133,15 @@ class Duck:
     def do(self, skill: str) -> str:
         """Begin a skill. Return the reason if it cannot begin, otherwise an empty text."""
         self.pass_time()
-        if self.policy == HELD:
+        if not self.is_driven:
             return "no policy drives the robot: enable it first"
         if self.skill:
-            return f"{self.skill} is playing"
+            return "already standing up" if self.skill == SIT_TOGGLE else f"{self.skill} is playing"
         if skill == SIT_TOGGLE:
             self.sitting = not self.sitting
+            if self.sitting:
+                # It may stand up again at any time.
+                return ""
         elif self.sitting:
             return "the robot sits"
         self.skill, self._skill_until_s = skill, self._now_s() + float(self._table["skill_s"])
@@ -118,8 +153,8 @@ class Duck:
         """Advance the simulation to the present time."""
         now_s = self._now_s()
         passed_s, self._updated_s = now_s - self._updated_s, now_s
-        if self._deadman_s and self.commander is Commander.WIRE and now_s - self._commanded_s > self._deadman_s:
-            self.requested, self.commander = _REST, Commander.NONE
+        if self._is_overdue:
+            self.commander = Commander.NONE
         self.run(min(passed_s, _LONGEST_S))
 
     def run(self, seconds: float) -> None:
@@ -133,26 +168,33 @@ class Duck:
         self.time_s += step_s
         if self.skill and self._now_s() >= self._skill_until_s:
             self.skill = ""
-        driven = self.commander is Commander.SIM or self.policy != HELD
-        reason = self.skill or ("sitting" if self.sitting else "" if driven else HELD)
-        goals = _REST if reason or self.stuck else self.requested
-        self.limited_by = (reason,) if reason and any(self.requested) else ()
-        most = (table["accel_m_s2"], table["accel_m_s2"], table["accel_rad_s2"])
-        self.applied = tuple(
-            now + max(-rate * step_s, min(rate * step_s, to - now))
-            for now, to, rate in zip(self.applied, goals, most, strict=True)
-        )
-        vx, vy, vyaw = self.applied
+        by_simulation = self.commander is Commander.SIM
+        driven = (by_simulation or self.is_driven) and not (self.fallen or self.stuck)
+        gated = _REST if self._is_overdue else self.requested
+        self.applied = self._ramped(gated, step_s) if by_simulation else _smoothed(self.applied, gated, step_s)
+        stands = not by_simulation and self.mode == "walk" and math.hypot(*self.applied) <= STANDS
+        goes = driven and not (self.skill or self.sitting or stands)
+        self.moves = self.applied if goes else _REST
+        vx, vy, vyaw = self.moves
         self.yaw_rad = math.remainder(self.yaw_rad + vyaw * step_s, 2 * math.pi)
         self.x_m += (vx * math.cos(self.yaw_rad) - vy * math.sin(self.yaw_rad)) * step_s
         self.y_m += (vx * math.sin(self.yaw_rad) + vy * math.cos(self.yaw_rad)) * step_s
-        self._phase = (self._phase + _CADENCE_RAD_S * step_s) % (2 * math.pi) if any(self.applied) else 0.0
-        if driven and not self.stuck:
+        self._phase = (self._phase + _CADENCE_RAD_S * step_s) % (2 * math.pi) if any(self.moves) else 0.0
+        if driven:
             reach = float(table["head_rad_s"]) * step_s
+            ends = [table["axes"][key][1:3] for key in HEAD]
             self.head_rad = tuple(
-                now + max(-reach, min(reach, to - now))
-                for now, to in zip(self.head_rad, self.head_target, strict=True)
+                now + max(-reach, min(reach, max(low, min(high, to)) - now))
+                for now, to, (low, high) in zip(self.head_rad, self.head_target, ends, strict=True)
             )
+
+    def _ramped(self, goals: Sequence[float], step_s: float) -> Sequence[float]:
+        """Return the twist of a local simulation, which has an acceleration and no smoothing."""
+        linear, angular = self._table["accel_m_s2"], self._table["accel_rad_s2"]
+        return tuple(
+            now + max(-rate * step_s, min(rate * step_s, to - now))
+            for now, to, rate in zip(self.applied, goals, (linear, linear, angular), strict=True)
+        )
 
     # -- appearance
 
@@ -182,9 +224,9 @@ class Duck:
         """Return the five joint angles of a leg (yaw, roll, pitch, knee, ankle). The leg is bent with a flat
         foot. While walking it swings and lifts."""
         bend, phase = self._bend_rad, self._phase + lag_rad
-        pace = min(1.0, math.hypot(*self.applied) / 0.3)
+        pace = min(1.0, math.hypot(*self.moves) / 0.3)
         lift = _LIFT_RAD * pace * max(0.0, math.sin(phase))
-        swing = _STRIDE_RAD * pace * math.cos(phase) * (-1.0 if self.applied[0] < 0 else 1.0)
+        swing = _STRIDE_RAD * pace * math.cos(phase) * (-1.0 if self.moves[0] < 0 else 1.0)
         return [
             0.0,
             0.0,
@@ -208,7 +250,7 @@ class Duck:
 
     def felt(self) -> Felt:
         still = (0.0,) * len(AXES)
-        position = (*self.applied, *self.head_rad, *self.pose_target, self.mouth)
+        position = (*self.moves, *self.head_rad, *self.pose_target, self.mouth)
         return Felt(self.time_s, position, still, still, self.commanders)
 
     def pose(self) -> Sequence[float]:
@@ -233,3 +275,8 @@ class Duck:
 
     def step(self, steps: int) -> None:
         self.run(steps * TIMESTEP_S)
+
+
+def _smoothed(now: Sequence[float], goals: Sequence[float], step_s: float) -> Sequence[float]:
+    share = 1.0 - (1.0 - SMOOTHING) ** (step_s / TICK_S)
+    return tuple(value + share * (goal - value) for value, goal in zip(now, goals, strict=True))

@@ -139,5 +139,5 @@ class DuckLink:
 
 def report_of(state: p.State) -> Report:
     """Summarise a state as one report for the whole base: its time, whether the duck stands, and its motion."""
-    moving = state.applied if any(state.applied) else state.requested
+    moving = state.requested if any(state.requested) else state.applied
     return Report(round(state.t_s * NS), state.stands, ", ".join(f"{value:.3g}" for value in moving))

@@ -33,8 +33,15 @@ GET_MODE, SET_MODE, HEALTH, MODEL = "robot.mode", "robot.setMode", "robot.health
 POLICIES, LOAD_POLICY, RELOAD_POLICIES = "robot.policies", "robot.loadPolicy", "robot.reloadPolicies"
 TOF_STREAM, TOF_FRAME = "tof.stream", "tof.frame"
 
-HELD = "held"
-"""``policy`` of a state in which no policy drives the duck. The duck holds still, or is limp."""
+HELD, HOMING = "held", "homing"
+"""``policy`` of a state in which no policy drives the duck: it holds still or is limp, or it goes to its home pose
+before the policy gets it."""
+UNDRIVEN = frozenset((HELD, HOMING, "limp_fall", "limp_pose"))
+"""All of them. With the last two, robotd itself catches a fall, and puts the duck back into its pose."""
+
+AT_REST = 0.01
+"""Magnitude of an applied twist (m/s, rad/s) up to which the duck counts as standing. robotd smooths the twist, so
+after a stop it approaches zero and does not reach it. From 0.05 down robotd's policy stands [public source]."""
 
 SIT_TOGGLE = "sit_toggle"
 SOUNDS = ("alarm", "greet", "inquire", "peck", "chirp", "coo")
@@ -77,7 +84,12 @@ class State(NamedTuple):
     @property
     def stands(self) -> bool:
         """Return True if the duck does not walk and has no command to walk."""
-        return not any(self.requested) and not any(self.applied)
+        return not any(self.requested) and math.hypot(*self.applied) <= AT_REST
+
+    @property
+    def is_driven(self) -> bool:
+        """Return True if a policy drives the duck."""
+        return self.policy not in UNDRIVEN
 
 
 class Health(NamedTuple):

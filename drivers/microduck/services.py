@@ -91,7 +91,7 @@ class Services:
             case "enable":
                 done = await self._intent(service, p.ENABLE, {"on": True}, permit)
                 if not isinstance(done, Refused):
-                    await self._link.until_state(lambda state: state.policy != p.HELD)
+                    await self._link.until_state(lambda state: state.is_driven)
                 return done
             case "disable":
                 return await self._intent(service, p.ENABLE, {"on": False}, permit)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import Annotated, Any, NamedTuple, Unpack
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, Unpack
 
 import trio
 
@@ -44,11 +44,11 @@ from strands_actors.drivers.common.twin import (
     read_twin_options,
     run_server,
 )
-from strands_actors.drivers.common.twin.modelled import Modelled
 
 from . import protocol as p
 from .body import DEADMAN_S, Duck
 from .robots import TABLES
+from .twin_methods import CALLS, METHODS, SINCE, Param
 
 
 class DuckTwinOptions(TwinOptions, frozen=True):
@@ -68,77 +68,6 @@ BATTERY = {"volts": 7.6, "percent": 63.0}
 
 _ACCEPTED: dict[str, Any] = {"accepted": True}
 
-
-class Param(NamedTuple):
-    """One parameter of a simulated method: its type, and whether it is required."""
-
-    value_type: type
-    needed: bool = False
-
-
-_F, _B, _S, _L = Param(float), Param(bool), Param(str), Param(list)
-_N = Param(int)
-
-METHODS: dict[str, dict[str, Param]] = {
-    p.HELLO: {"api_version": Param(int, True)},
-    p.MOVE: {"vx": _F, "vy": _F, "vyaw": _F},
-    p.HEAD: {"neck_pitch": _F, "head_pitch": _F, "head_yaw": _F, "head_roll": _F},
-    p.POSE: {"z": _F, "roll": _F, "pitch": _F, "active": _B},
-    p.MOUTH: {"open": _F},
-    p.LOOK: {"x": _F, "y": _F, "z": _F, "neck_pitch": _F},
-    p.STOP: {},
-    p.ENABLE: {"on": _B, "toggle": _B},
-    p.INIT: {},
-    p.RELAX: {},
-    p.REBOOT_MOTORS: {"ids": _L},
-    p.DO: {"skill": Param(str, True)},
-    p.SOUND: {"tag": Param(str, True), "hold": _B},
-    p.THEREMIN: {"active": Param(bool, True)},
-    p.GET_MODE: {},
-    p.SET_MODE: {"mode": _S},
-    p.HEALTH: {},
-    p.MODEL: {},
-    p.POLICIES: {},
-    p.LOAD_POLICY: {"slot": _S, "path": _S},
-    p.RELOAD_POLICIES: {},
-    p.SUBSCRIBE: {"hz": _N},
-    "robot.modelApi": {},
-    "robot.remoteSessionActive": {},
-}
-SINCE = {p.POLICIES: 18, p.LOAD_POLICY: 18, p.RELOAD_POLICIES: 19, p.MODEL: 24, p.REBOOT_MOTORS: 31}
-"""First version with a method. The one of ``rebootMotors`` is [assumed]."""
-
-
-CALLS: Modelled[str] = Modelled(
-    "methods of robotd",
-    {
-        p.HELLO: "returns the versions",
-        p.MOVE: "walks with a velocity",
-        p.HEAD: "turns the head",
-        p.POSE: "moves the trunk",
-        p.MOUTH: "opens the beak",
-        p.LOOK: "turns the head to a point",
-        p.STOP: "stops walking",
-        p.ENABLE: "lets a policy drive the duck, or ends that",
-        p.INIT: "switches the motors on",
-        p.RELAX: "switches the motors off",
-        p.REBOOT_MOTORS: "switches the motors off",
-        p.DO: "plays a skill; not accepted for an unknown one",
-        p.SOUND: "keeps the tag, which nobody hears; an error for an unknown tag",
-        p.THEREMIN: "shows the theremin in the state",
-        p.GET_MODE: "returns the drive mode",
-        p.SET_MODE: "sets the drive mode; not accepted for an unknown one",
-        p.HEALTH: "returns battery, motors and loop",
-        p.MODEL: "returns the joints",
-        p.POLICIES: "returns the policies",
-        p.LOAD_POLICY: "puts a policy into a slot; not accepted for an unknown slot",
-        p.RELOAD_POLICIES: "puts the first policies back into the slots",
-        p.SUBSCRIBE: "sends states at a rate",
-        "robot.modelApi": "returns the version of the model",
-        "robot.remoteSessionActive": "returns that there is no remote session",
-    },
-    "the JSON-RPC error METHOD_NOT_FOUND; INVALID_PARAMS for an unknown field",
-)
 MODELLED = (CALLS,)
 
 
@@ -354,8 +283,8 @@ class DuckTwin:
         vx, vy, vyaw = body.applied
         half = body.yaw_rad / 2
         moves: dict[str, Any] = {"requested": list(body.requested), "applied": [vx + wrong, vy, vyaw]}
-        if body.limited_by:
-            moves["limited_by"] = list(body.limited_by)
+        if limited_by := body.limited_by:
+            moves["limited_by"] = limited_by
         return {
             "t": body.time_s,
             "t_ns": time.monotonic_ns(),
@@ -363,19 +292,39 @@ class DuckTwin:
             "head": list(body.head_rad),
             "policy": body.policy,
             "safety": {
-                "fallen": False,
-                "limp": False,
-                "gravity": [0.0, 0.0, -1.0],
-                "gain": 400,
-                "picked_up": False,
+                "fallen": body.fallen,
+                "limp": body.fallen,
+                "gravity": [-1.0, 0.0, 0.0] if body.fallen else [0.0, 0.0, -1.0],
+                "gain": 50 if body.fallen else 200,
+                "picked_up": body.picked_up,
             },
             "loop": {"hz": float(LOOP_HZ), "missed": 0},
             "joints": joints,
             "targets": [*joints[:5], *body.head_target, *joints[9:]],
             "odom": {"position": [body.x_m, body.y_m, body.height_m], "yaw": body.yaw_rad},
-            "imu": {"gyro": [0.0, 0.0, vyaw], "quat": [math.cos(half), 0.0, 0.0, math.sin(half)]},
+            "imu": {"gyro": [0.0, 0.0, body.moves[2]], "quat": [math.cos(half), 0.0, 0.0, math.sin(half)]},
             **({"theremin": {"mouth": 0.0, "zones": 0}} if self._theremin else {}),
         }
+
+
+class DuckServer(UnixServer):
+    """Serve the simulated robotd. Beside the control lines of all twins it knows two of its own."""
+
+    def __init__(self, twin: DuckTwin, log: WireLog, path: str | None) -> None:
+        super().__init__(twin, serving(twin), log, path)
+        self._duck = twin.body
+
+    def order(self, words: Sequence[str]) -> bool:
+        """Carry out a control line: ``fallen on|off`` or ``picked-up on|off``. Return False if it is unknown."""
+        match words:
+            case ["fallen", "on" | "off" as how]:
+                self._duck.pass_time()
+                self._duck.fallen = how == "on"
+            case ["picked-up", "on" | "off" as how]:
+                self._duck.picked_up = how == "on"
+            case _:
+                return False
+        return True
 
 
 class _No(Exception):
@@ -514,7 +463,10 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
         enabled=twin_options.enabled,
     )
 
-    def build(wire_log: WireLog) -> UnixServer:
-        return UnixServer(twin, serving(twin), wire_log, twin_options.path)
+    def build(wire_log: WireLog) -> DuckServer:
+        return DuckServer(twin, wire_log, twin_options.path)
 
     run_server(build, **start)
+
+
+__all__ = ["CALLS", "MODELLED", "DuckServer", "DuckTwin", "DuckTwinOptions", "kind_of", "main", "serving"]

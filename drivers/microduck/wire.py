@@ -306,7 +306,7 @@ class MicroduckWire(Wire):
         is_recent = now_ns - self._looked_ns <= LOOKED_S * NS
         modes = self._config.modes
         sensors: dict[str, tuple[float, ...]] = {
-            "driven": (float(state.policy != p.HELD or self._sitting is True),),
+            "driven": (float(state.is_driven),),
             "fallen": (float(state.fallen),),
             "limp": (float(state.limp),),
             "picked_up": (float(state.picked_up),),

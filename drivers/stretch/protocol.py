@@ -79,7 +79,7 @@ def parse_board_info(data: bytes) -> BoardInfo:
 # -- steppers
 
 COMMAND, STATUS, GAINS, TRIGGER, FLASH_GAINS, MOTION_LIMITS = 1, 3, 5, 9, 13, 19
-RESET_TRAJECTORY, STATUS_AUX = 25, 29
+NEXT_SEGMENT, START_TRAJECTORY, RESET_TRAJECTORY, STATUS_AUX = 21, 23, 25, 29
 
 
 class Mode(enum.IntEnum):
@@ -112,6 +112,8 @@ class Diag(enum.IntFlag):
     CONTACT = 512
     SAFETY_EVENT = 1024
     WAITS_FOR_SYNC = 2048
+    TRAJECTORY_ACTIVE = 4096
+    TRAJECTORY_WAITS = 8192  # for a sync pulse
     IN_SYNC_MODE = 16384
 
 

@@ -19,6 +19,7 @@ from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, RIGHT
 
 from .calls import NO_REPLY, PIMU_CALLS, PIMU_TRIGGERS, STEPPER_CALLS, STEPPER_TRIGGERS, WACC_CALLS
 from .stepper import FIRMWARE, PROTOCOL, VARIANT, StepperMotor
+from .trajectory import segment_of
 from .world import WACC_NUMBER, World
 
 STEPPER_TYPES = {LEFT: 1, RIGHT: 2, ARM: 3, LIFT: 4}
@@ -175,7 +176,13 @@ class StepperDecoder(BoardDecoder):
                 return motor.flash.pack(PROTOCOL)
             case p.MOTION_LIMITS:
                 motor.limits = p.parse_motion_limits(data)
+            case p.START_TRAJECTORY:
+                return bytes((motor.start_trajectory(segment_of(data)),))
+            case p.NEXT_SEGMENT:
+                motor.trajectory.append(segment_of(data))
+                return b"\1"
             case p.RESET_TRAJECTORY:
+                motor.trajectory.reset()
                 return b"\1"
             case p.STATUS_AUX:
                 return struct.pack("<5H", self._cycles, self._cycles, 0, self.world.syncs & 0xFFFF, 0)

@@ -43,6 +43,8 @@ ALERTS = {
 }
 """Alerts of the power board, which set the runstop."""
 FLEET_ID = "stretch-twin-0000"
+TICK_S = 0.05
+"""How often the simulation advances without requests."""
 
 
 class StretchServer:
@@ -155,10 +157,18 @@ class StretchServer:
 
     async def serve(self) -> None:
         async with trio.open_nursery() as nursery:
+            nursery.start_soon(self._pass_time)
             for conversation in self._conversations.values():
                 nursery.start_soon(conversation.serve_replies)
             for line in self._lines.values():
                 nursery.start_soon(self._listen, line)
+
+    async def _pass_time(self) -> None:
+        """Let the robot move on while no client asks it anything."""
+        while True:
+            await self._frost.thawed()
+            self.body.pass_time()
+            await trio.sleep(TICK_S)
 
     async def _listen(self, line: PtyLine) -> None:
         while True:

@@ -8,25 +8,26 @@ import tomllib
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 from strands_actors.drivers.common.dynamixel import table as t
 from strands_actors.drivers.common.dynamixel.servo import Servo
 from strands_actors.drivers.common.dynamixel.twin import DynamixelBus
+from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.physics.model_rows import build
 from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault, Faults
-from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD, ZERO_COUNT
+from strands_actors.drivers.common.twin.servo_bus import COUNTS, COUNTS_PER_RAD
 from strands_actors.drivers.stretch import protocol as p
 from strands_actors.drivers.stretch.chains import HOMED
 from strands_actors.drivers.stretch.config import ARM, LEFT, LIFT, PIMU, RIGHT, STEPPERS, StretchConfig
 from strands_actors.drivers.stretch.odometry import START, moved
-from strands_actors.drivers.stretch.parameters import Chain, Joint, parameters_of
-from strands_actors.drivers.stretch.robots import robot_of
+from strands_actors.drivers.stretch.parameters import Chain, Joint, Motor, parameters_of
+from strands_actors.drivers.stretch.robots import nominal_of, robot_of
 from strands_actors.drivers.stretch.safing import number_of
 
-from .calls import BOARD_RESET, BUZZER_OFF, BUZZER_ON, FAN_OFF, FAN_ON
-from .stepper import StepperMotor
+from .calls import BEEP, BOARD_RESET, BUZZER_OFF, BUZZER_ON, FAN_OFF, FAN_ON
+from .stepper import ANYWHERE, StepperMotor
 
 STEP_S = 0.002
 LONGEST_S = 0.25
@@ -44,6 +45,15 @@ BATTERY_RAW = 655.0
 """12.8 V"""
 CURRENT_RAW = 170.0
 
+FAR_STOP_M = 0.005
+"""Distance from an end of the range of lift and arm to the mechanical stop that homing does not use [assumed].
+Homing marks the other stop as the other end of the range: the upper one of the lift, the inner one of the arm."""
+GEAR_NM = 0.5
+"""Friction of the gears of a servo, which stops a joint without torque within 0.1 s [assumed]. A servo with torque
+overcomes it, and reaches its goal all the same."""
+PAD_COUNTS = 100
+"""``range_pad_t`` of the vendor's parameters: distance from the end of a servo's range to its second stop."""
+
 
 class TurningServo(Servo):
     """A servo that counts its turns. ``zero`` is the origin of the count after homing. Without power the servo
@@ -55,15 +65,33 @@ class TurningServo(Servo):
         self.counts_per_rad = scale
 
     def power_cycle(self) -> None:
-        self.zero_count -= COUNTS * math.floor(self._count() / COUNTS)
+        self._forget_turns()
         super().power_cycle()
 
+    def _forget_turns(self) -> None:
+        self.zero_count -= COUNTS * math.floor(self._count() / COUNTS)
+
     def home(self) -> None:
-        """Home the servo as the robot's homing routine does: set the origin of its count, and mark it as homed."""
-        self.zero_count = self._zero
+        """Set the origin of the count, and mark the servo as homed, as the robot's homing routine leaves it."""
+        self.zero_count = self._zero - self.get(t.HOMING_OFFSET)
         self.sense()
         self.put(t.GOAL_POSITION, self.get(t.POSITION))
         self.write(HOMED.address, b"\1")
+
+    def forget_home(self) -> None:
+        """Remove the mark that the servo is homed. It knows its angle within one turn only."""
+        self._forget_turns()
+        self.sense()
+        self.put(t.GOAL_POSITION, self.get(t.POSITION))
+        self.write(HOMED.address, b"\0")
+
+
+class GearedPlant(Plant):
+    """Servos whose gears stop a joint that has no torque."""
+
+    def _pass_to(self, index: int, commander: Commander) -> None:
+        super()._pass_to(index, commander)
+        self.model.dof_frictionloss[self._dof[index]] = GEAR_NM if commander is Commander.NONE else 0.0
 
 
 @cache
@@ -87,13 +115,17 @@ class World:
                 motor.gains,
                 self._home.get(name, 0.0) * motor.rad_per_m,
                 table.watchdog_s,
+                _stops(name, motor),
+                motor.feedforward_a,
             )
             for name, motor in self.config.motors.items()
         }
-        gripper = table.tools[self.parameters.tool].gripper
+        number = table.tools[self.parameters.tool].gripper
+        words = nominal_of(robot)[GRIPPER]
+        gripper = _Gripper(number, float(words["zero_t"]), float(words["range_t"][1])) if number else None
         self.chains = (
             _bus(self.parameters.wrist, self._home, "arm_end", "wrist_rows", gripper, now_s),
-            _bus(self.parameters.head, self._home, "mast", "head_rows", 0, now_s),
+            _bus(self.parameters.head, self._home, "mast", "head_rows", None, now_s),
         )
         self.dirty_servos: set[int] = set()
         """Servos that got a goal since they were last held."""
@@ -101,6 +133,7 @@ class World:
         self.alerts = p.State(0)
         self.switched = p.State(0)
         """Fan and buzzer, if they are on."""
+        self.beeps = 0
         self.stops_at_runstop = True
         self.syncs = 0
         self.pose = START
@@ -122,16 +155,18 @@ class World:
         self.set_runstop(self.runstop)
 
     def set_homed(self, joint: str, on: bool) -> None:
-        """Set whether a joint is homed. Raise ``ValueError`` for a joint that needs no homing."""
+        """Set whether a joint is homed. Without homing it does not know its position. Raise ``ValueError`` for a
+        joint that needs no homing."""
+        self.pass_time()
         if joint in (LIFT, ARM):
-            self.steppers[joint].homed = on
+            motor = self.steppers[joint]
+            (motor.home if on else motor.forget_home)()
             return
         for chain, bus in zip(self.config.chains, self.chains, strict=True):
             for index, candidate in enumerate(chain.joints):
                 servo = bus.servos[index]
                 if candidate.key == joint and candidate.needs_homing and isinstance(servo, TurningServo):
-                    servo.home()
-                    servo.write(HOMED.address, bytes((int(on),)))
+                    (servo.home if on else servo.forget_home)()
                     return
         raise ValueError(f"{joint} needs no homing. Use lift, arm or wrist_yaw")
 
@@ -157,6 +192,8 @@ class World:
             self.set_alert(p.State.CLIFF, False)
         if bits & BOARD_RESET:
             self.reset_pimu()
+        if bits & BEEP:
+            self.beeps += 1
         for on, off, flag in ((FAN_ON, FAN_OFF, p.State.FAN), (BUZZER_ON, BUZZER_OFF, p.State.BUZZER)):
             if bits & (on | off):
                 self.switched = self.switched | flag if bits & on else self.switched & ~flag
@@ -197,7 +234,7 @@ class World:
         for name, motor in self.steppers.items():
             motor.position = self._home.get(name, 0.0) * self.config.motors[name].rad_per_m
             motor.release()
-            motor.homed = True
+            motor.home()
             motor.wall = None
         for bus in self.chains:
             bus.plant.go_home()
@@ -265,18 +302,49 @@ class World:
         return {**{name: number_of(name) for name in (*STEPPERS, PIMU)}, WACC: WACC_NUMBER}
 
 
+class _Gripper(NamedTuple):
+    """The gripper's servo. Zero: its fingertips just touch. Counts are those after homing."""
+
+    id: int
+    zero_count: float
+    open_count: float
+
+
+def _stops(name: str, motor: Motor) -> tuple[float, float]:
+    """Return the mechanical ends of a joint's travel, in motor radians. A wheel has none."""
+    if name == LIFT:
+        return (motor.low_m - FAR_STOP_M) * motor.rad_per_m, motor.high_m * motor.rad_per_m
+    if name == ARM:
+        return motor.low_m * motor.rad_per_m, (motor.high_m + FAR_STOP_M) * motor.rad_per_m
+    return ANYWHERE
+
+
 def _bus(
-    chain: Chain, home: Mapping[str, float], root: str, rows: str, gripper: int, now_s: Callable[[], float]
+    chain: Chain,
+    home: Mapping[str, float],
+    root: str,
+    rows: str,
+    gripper: _Gripper | None,
+    now_s: Callable[[], float],
 ) -> DynamixelBus:
     """Return one chain of servos with its own body, mounted where it is on the whole robot."""
     table = body_table()
-    model = {**table, "model_rows": f"{root} base - - 0,0,1 0 - - - .1 - s.01\n{table[rows]}"}
+    spec = build({**table, "model_rows": f"{root} base - - 0,0,1 0 - - - .1 - s.01\n{table[rows]}"})
+    # A servo that needs homing has its first stop where its count is 0 after homing.
+    turning = [each for each in chain.joints if each.needs_homing]
+    ends = {each.key: (each.zero, each.scale, float(each.high_t)) for each in turning}
     keys = [joint.key for joint in chain.joints]
-    keys += [GRIPPER] if gripper else []
-    plant = Plant(build(model), keys, float(table["bandwidth"]), [home.get(key, 0.0) for key in keys])
+    if gripper is not None:
+        keys.append(GRIPPER)
+        ends[GRIPPER] = gripper.zero_count, COUNTS_PER_RAD, gripper.open_count
+    for joint in spec.joints:
+        if joint.name in ends:
+            zero, scale, highest = ends[joint.name]
+            joint.range = sorted((count - zero) / scale for count in (0.0, highest + PAD_COUNTS))
+    plant = GearedPlant(spec, keys, float(table["bandwidth"]), [home.get(key, 0.0) for key in keys])
     servos = [_servo(plant, index, joint) for index, joint in enumerate(chain.joints)]
-    if gripper:
-        servos.append(_set_up(TurningServo(plant, len(servos), gripper, float(ZERO_COUNT), COUNTS_PER_RAD)))
+    if gripper is not None:
+        servos.append(_set_up(TurningServo(plant, len(servos), gripper.id, gripper.zero_count, COUNTS_PER_RAD)))
     bus = DynamixelBus(plant, servos, now_s)
     _home(bus)
     return bus

@@ -180,3 +180,12 @@ def test_a_stuck_rover_repeats_its_last_report_and_stands() -> None:
     run(twin, clock, 0.5)
     reported = p.decode_data(twin.answer(Request("GET", "/data", {}, b"", b"")).body)
     assert reported.speed == 0.5 and twin.rover.runs == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("body", [b"{}", b'{"text": ""}', b"hello", b'{"text": 3}'])
+def test_without_a_text_nothing_is_spoken(body: bytes) -> None:
+    twin, _ = rover()
+    answer = twin.answer(Request("POST", "/speak", {}, body, b""))
+    assert (answer.status, answer.body, twin.spoken) == (400, b'{"detail":"Text not provided"}', "")
+    assert twin.answer(Request("POST", "/speak", {}, b'{"text": "hello"}', b"")).status == 200
+    assert twin.spoken == "hello"

@@ -57,6 +57,21 @@ def test_a_state_as_robotd_sends_it() -> None:
     assert older.joints_rad == () and older.gyro_rad_s == () and older.yaw_rad == 0.0
 
 
+@pytest.mark.parametrize(("applied", "stands"), [([0.0] * 3, True), ([8e-3, 0, 4e-3], True), ([0, 0, 0.02], False)])
+def test_a_duck_stands_when_its_smoothed_twist_is_almost_zero(applied: list[float], stands: bool) -> None:
+    """robotd smooths a twist. After a stop it would be a minute until the last digit of it is zero."""
+    state = p.read_state({**STATE, "move": {"requested": [0, 0, 0], "applied": applied}})
+    assert state.stands is stands
+    assert not p.read_state({**STATE, "move": {"requested": [0.01, 0, 0], "applied": applied}}).stands
+
+
+@pytest.mark.parametrize(
+    ("policy", "is_driven"), [("held", False), ("homing", False), ("limp_fall", False), ("sit", True)]
+)
+def test_a_duck_on_its_way_to_its_home_pose_is_not_driven_yet(policy: str, is_driven: bool) -> None:
+    assert p.read_state({**STATE, "policy": policy}).is_driven is is_driven
+
+
 def test_skills_come_as_a_list_or_before_version_17_as_members() -> None:
     assert p.read_skills({"accepted": True, "walk": "w.onnx", "skills": ["bow"]}) == ("bow",)
     old = {"accepted": True, "walk": "w.onnx", "stand": "s.onnx", "unavailable": None, "kick_left": "k.onnx"}

@@ -193,22 +193,28 @@ def test_a_twist_that_is_not_re_sent_ends_after_half_a_second() -> None:
     twin, clock = twin_of(enabled=True)
     ask(twin, p.MOVE, vx=0.3)
     run(twin.body, clock, 0.45)
-    assert twin.body.applied == (0.3, 0.0, 0.0)
+    assert twin.body.applied == (pytest.approx(0.3, abs=0.01), 0.0, 0.0)
+    assert "limited_by" not in twin.state()["move"]
     run(twin.body, clock, 0.6)
-    assert twin.state()["move"] == {"requested": [0.0] * 3, "applied": [0.0] * 3}
+    moves = twin.state()["move"]
+    assert moves["requested"] == [0.3, 0.0, 0.0] and moves["limited_by"] == ["deadman"]
+    assert 0.0 < moves["applied"][0] < 0.01 and twin.body.moves == (0.0, 0.0, 0.0)
     assert 0.1 < twin.body.x_m < 0.25
     never, clock = twin_of(enabled=True, deadman_s=0)
     ask(never, p.MOVE, vx=0.3)
     run(never.body, clock, 5.0)
-    assert never.body.applied[0] == 0.3
+    assert never.body.moves[0] == pytest.approx(0.3)
 
 
-def test_the_reason_not_to_walk_is_reported() -> None:
+def test_the_policy_and_its_limits_are_reported() -> None:
     twin, clock = twin_of()
     ask(twin, p.MOVE, vx=0.3)
     run(twin.body, clock, 0.3)
-    assert twin.state()["move"]["limited_by"] == ["held"] and twin.body.applied == (0.0, 0.0, 0.0)
+    assert twin.state()["policy"] == "held" and twin.body.applied[0] > 0.2, "it is smoothed all the same"
+    assert twin.body.moves == (0.0, 0.0, 0.0) and twin.body.x_m == 0.0
     ask(twin, p.ENABLE, on=True)
+    ask(twin, p.STOP)
+    assert twin.state()["policy"] == "homing"
     run(twin.body, clock, 0.6)
     assert twin.state()["policy"] == "stand"
     assert ask(twin, p.DO, skill="kick_left") == {"accepted": True}
@@ -216,7 +222,14 @@ def test_the_reason_not_to_walk_is_reported() -> None:
     assert "known: ground_pick" in ask(twin, p.DO, skill="fly")["reason"]
     ask(twin, p.MOVE, vx=0.3)
     run(twin.body, clock, 0.3)
-    assert twin.state()["move"]["limited_by"] == ["kick_left"] and twin.body.applied[0] == 0.0
+    assert twin.state()["policy"] == "kick_left" and twin.body.moves == (0.0, 0.0, 0.0)
+    twin.body.fallen = True
+    assert twin.state()["move"]["limited_by"] == ["fallen"] and twin.state()["safety"]["limp"]
+    twin.body.fallen = False
+    ask(twin, p.HEAD, head_yaw=4.0)
+    run(twin.body, clock, 2.0)
+    assert twin.state()["move"]["limited_by"] == ["deadman", "range"]
+    assert twin.state()["head"][2] == 2.967, "it is at its mechanical stop"
     ask(twin, p.RELAX)
     assert twin.state()["policy"] == "held"
     assert "enable it first" in ask(twin, p.DO, skill="kick_left")["reason"]
@@ -283,3 +296,13 @@ def test_a_robot_without_supply_forgets_and_one_that_is_stuck_stays() -> None:
     assert twin.body.requested == (0.0, 0.0, 0.0) and twin.body.x_m == 0.0
     with pytest.raises(ValueError, match="Use walk, roller"):
         DuckTwin("microduck", mode="fly")
+
+
+def test_a_seated_duck_may_rise_at_once_and_rises_to_the_end() -> None:
+    twin, clock = twin_of(enabled=True)
+    run(twin.body, clock, 1.0)
+    assert ask(twin, p.DO, skill=p.SIT_TOGGLE) == {"accepted": True} and twin.state()["policy"] == "sit"
+    assert ask(twin, p.DO, skill=p.SIT_TOGGLE) == {"accepted": True} and twin.state()["policy"] == "rise"
+    assert ask(twin, p.DO, skill=p.SIT_TOGGLE)["reason"] == "already standing up"
+    run(twin.body, clock, 2.0)
+    assert twin.state()["policy"] == "stand" and not twin.body.sitting

@@ -52,6 +52,29 @@ def arm() -> dict[str, Any]:
     return seen
 
 
+def home_arm() -> dict[str, Any]:
+    import stretch_body.arm
+
+    joint = stretch_body.arm.Arm()
+    started = joint.startup(threaded=False)
+    joint.motor.disable_sync_mode()
+    joint.push_command()
+    joint.pull_status()
+    seen = {"started": started, "homed": [bool(joint.motor.status["pos_calibrated"])], "from": joint.status["pos"]}
+    joint.move_to(0.3)
+    joint.push_command()
+    time.sleep(0.5)
+    joint.pull_status()
+    seen |= {"without_homing": joint.status["pos"], "contacts": [joint.motor.status["guarded_event"]]}
+    joint.home()
+    joint.pull_status()
+    seen["homed"].append(bool(joint.motor.status["pos_calibrated"]))
+    seen["contacts"].append(joint.motor.status["guarded_event"])
+    seen["to"] = joint.status["pos"]
+    joint.stop()
+    return seen
+
+
 def stepper() -> dict[str, Any]:
     import stretch_body.stepper
     from stretch_body.robot_params import RobotParams
@@ -183,6 +206,31 @@ def robot() -> dict[str, Any]:
     return seen
 
 
+def home_robot() -> dict[str, Any]:
+    import stretch_body.robot
+
+    whole = stretch_body.robot.Robot()
+    started = whole.startup()
+    homed = [bool(whole.is_homed())]
+    whole.home()
+    homed.append(bool(whole.is_homed()))
+    wrist = whole.status["end_of_arm"]
+    # A thread of the client reads the servos. On a busy machine its newest values may be old.
+    until_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until_s and abs(wrist["stretch_gripper"]["pos_pct"]) > 1.0:
+        time.sleep(0.05)
+    seen = {
+        "started": bool(started),
+        "homed": homed,
+        "lift": whole.status["lift"]["pos"],
+        "arm": whole.status["arm"]["pos"],
+        "wrist_yaw": wrist["wrist_yaw"]["pos"],
+        "stretch_gripper": wrist["stretch_gripper"]["pos_pct"],
+    }
+    whole.stop()
+    return seen
+
+
 def _until(device: Any, there: Any, within_s: float = PATIENCE_S) -> None:
     deadline_s = time.monotonic() + within_s
     while time.monotonic() < deadline_s:
@@ -192,7 +240,7 @@ def _until(device: Any, there: Any, within_s: float = PATIENCE_S) -> None:
         time.sleep(0.02)
 
 
-WHAT = {each.__name__: each for each in (lift, arm, stepper, pimu, base, wacc, head, robot)}
+WHAT = {each.__name__: each for each in (lift, arm, home_arm, stepper, pimu, base, wacc, head, robot, home_robot)}
 
 if __name__ == "__main__":
     said = io.StringIO()

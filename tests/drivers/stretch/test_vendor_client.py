@@ -30,26 +30,31 @@ def python() -> Path:
 
 
 @pytest.fixture
-def client(tmp_path: Path, python: Path) -> Iterator[Client]:
-    """Run one part of ``body_client`` and return its results."""
-    with Twin("stretch3", tmp_path) as twin:
-        fleet = Path(twin.port).parent / "fleet"
-        (robot,) = fleet.iterdir()
+def twin(tmp_path: Path) -> Iterator[Twin]:
+    with Twin("stretch3", tmp_path) as process:
+        yield process
 
-        def run(what: str) -> dict[str, Any]:
-            done = subprocess.run(
-                [*LAST, str(python), str(Path(__file__).parent / "body_client.py"), str(fleet), robot.name, what],
-                capture_output=True,
-                text=True,
-                timeout=PATIENCE_S,
-                check=False,
-                env={**os.environ, "HOME": str(tmp_path)},
-            )
-            assert done.returncode == 0, done.stderr[-2000:]
-            seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-            return seen
 
-        yield run
+@pytest.fixture
+def client(twin: Twin, tmp_path: Path, python: Path) -> Client:
+    """Return a function that runs one part of ``body_client`` and returns its results."""
+    fleet = Path(twin.port).parent / "fleet"
+    (robot,) = fleet.iterdir()
+
+    def run(what: str) -> dict[str, Any]:
+        done = subprocess.run(
+            [*LAST, str(python), str(Path(__file__).parent / "body_client.py"), str(fleet), robot.name, what],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            check=False,
+            env={**os.environ, "HOME": str(tmp_path)},
+        )
+        assert done.returncode == 0, done.stderr[-2000:]
+        seen: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        return seen
+
+    return run
 
 
 @pytest.mark.long
@@ -103,3 +108,23 @@ def test_the_whole_robot_starts_is_homed_and_moves_at_one_pulse(client: Client) 
     assert seen["started"] and seen["homed"]
     assert seen["lift"] == pytest.approx(0.52, abs=3e-3) and seen["arm"] == pytest.approx(0.12, abs=5e-3)
     assert seen["voltage"] == pytest.approx(12.8, abs=0.1)
+
+
+def test_the_vendors_routine_homes_an_arm_by_contact(client: Client, twin: Twin) -> None:
+    """Before that the vendor's client refuses to move it, and the position is what the encoder has in one turn."""
+    twin.power_cycle()
+    seen = client("home_arm")
+    assert seen["started"] and seen["homed"] == [False, True]
+    assert seen["without_homing"] == pytest.approx(seen["from"], abs=1e-3) and 0 <= seen["from"] < 0.05
+    assert seen["contacts"][0] == 0 < seen["contacts"][1] and "Hardstop detected" in seen["said"]
+    assert seen["to"] == pytest.approx(0.1, abs=1e-3), "the end of the routine"
+
+
+@pytest.mark.long
+def test_the_vendors_routine_homes_the_whole_robot(client: Client, twin: Twin) -> None:
+    twin.power_cycle()
+    seen = client("home_robot")
+    assert seen["started"] and seen["homed"] == [False, True]
+    assert seen["lift"] == pytest.approx(0.6, abs=2e-3) and seen["arm"] == pytest.approx(0.1, abs=1e-3)
+    assert seen["wrist_yaw"] == pytest.approx(0.0, abs=0.03)
+    assert seen["stretch_gripper"] == pytest.approx(0.0, abs=1.0), "its fingertips just touch"
