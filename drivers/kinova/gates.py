@@ -68,9 +68,16 @@ def refuse_state(state: int, fault_bank: int) -> Refused | None:
     return refusals.arm_not_ready(name, required)
 
 
+def single_level(observation: Observation, now_ns: int) -> Refused | None:
+    """Refuse every setpoint while another client has the base in low-level servoing. It then refuses speeds. Arming
+    sets single-level servoing again."""
+    state = number_of(observation.sensors, "arm_state", 0)
+    return refusals.low_level_servoing(arm_state_name(state)) if state == ArmState.LOW_LEVEL_SERVOING else None
+
+
 def base_ready(observation: Observation, now_ns: int) -> Refused | None:
     state, bank = (number_of(observation.sensors, name, 0) for name in ("arm_state", "fault_bank"))
-    return refuse_state(state, bank)
+    return None if state == ArmState.LOW_LEVEL_SERVOING else refuse_state(state, bank)
 
 
 def commanded(observation: Observation, now_ns: int) -> Refused | None:
@@ -84,5 +91,6 @@ def commanded(observation: Observation, now_ns: int) -> Refused | None:
 
 CONDITIONS = (
     Condition(base_ready, always=True),
+    Condition(single_level, always=True, on_resume=OnResume.ARM_ANEW),
     Condition(commanded, always=True, on_resume=OnResume.ARM_ANEW),
 )

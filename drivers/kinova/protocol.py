@@ -75,24 +75,46 @@ class ServoingMode(enum.IntEnum):
 
 
 class SubError(enum.IntEnum):
-    """Reason why a call failed."""
+    """Reason why a call or an action failed."""
 
+    NONE = 0
     METHOD_FAILED = 1
     INVALID_PARAM = 3
+    UNSUPPORTED_SERVICE = 4
     UNSUPPORTED_METHOD = 5
     INVALID_SESSION = 12
+    PAYLOAD_DECODING_ERR = 13
     INVALID_PASSWORD = 15
     USER_NOT_FOUND = 16
+    ENTITY_NOT_FOUND = 17
+    ROBOT_MOVEMENT_IN_PROGRESS = 18
     ROBOT_NOT_READY = 21
     ROBOT_IN_FAULT = 22
+    ROBOT_IN_MAINTENANCE = 23
     EMERGENCY_STOPPED = 25
+    DELETE_PERMISSION_DENIED = 40
+    UNSUPPORTED_ACTION = 46
+    VALUE_IS_ABOVE_MAXIMUM = 48
+    VALUE_IS_BELOW_MINIMUM = 49
+    DEVICE_DISCONNECTED = 50
+    INVALID_DEVICE = 52
+    SAFETY_THRESHOLD_REACHED = 53
+    MANUAL_STOP = 55  # A client has stopped an action or a sequence.
+    OUTSIDE_WORKSPACE = 56
+    ACTUATOR_COUNT_MISMATCH = 57
+    INVALID_DURATION = 58
     INVALID_SPEED = 59
     LARGE_SPEED = 60
+    JOINT_POSITION_LIMIT = 65
+    NO_ACTION = 73
     WRONG_MODE = 75
+    USERNAME_ALREADY_EXISTS = 104
+    USERNAME_EMPTY = 105
+    SESSION_NOT_IN_CONTROL = 130
 
 
-ERROR_OF_SERVER = 1
-"""Error code for an error of the server. A client's error has 2, a device's 3."""
+ERROR_OF_SERVER, ERROR_OF_DEVICE = 1, 3
+"""Error codes: an error of the protocol (an unknown function, session or user), and an error of the arm."""
 
 
 def arm_state_name(state: int) -> str:
@@ -125,18 +147,23 @@ class Frame(msgspec.Struct, frozen=True):
     payload: bytes = b""
     error: int = 0  # 0 for success, else the part that failed, such as ``ERROR_OF_SERVER``.
     sub_error: int = 0
+    device: int = 0  # 0 for the base. The actuators and the interface have their own numbers.
 
     def encode(self) -> bytes:
-        """Return the frame as bytes, with magic and length."""
+        """Return the frame as bytes, with magic and length, as on TCP."""
+        body = self.encode_body()
+        return MAGIC + len(body).to_bytes(4, "big") + body
+
+    def encode_body(self) -> bytes:
+        """Return the protobuf ``Frame`` alone, as in a datagram of UDP."""
         words = (
-            _VERSION << 28 | self.kind << 24 | self.error << 12 | self.sub_error,  # The device id is 0, the base.
+            _VERSION << 28 | self.kind << 24 | self.device << 16 | self.error << 12 | self.sub_error,
             self.session << 16 | self.message,
             _VERSION << 28 | self.call,
             len(self.payload),
         )
         header = b"".join(pb.fixed32_field(number, word) for number, word in enumerate(words, 1))
-        body = pb.bytes_field(1, header) + pb.bytes_field(2, self.payload)
-        return MAGIC + len(body).to_bytes(4, "big") + body
+        return pb.bytes_field(1, header) + pb.bytes_field(2, self.payload)
 
 
 def decode(body: bytes) -> Frame:
@@ -155,6 +182,7 @@ def decode(body: bytes) -> Frame:
         payload,
         info >> 12 & 0xF,
         info & 0xFFF,
+        info >> 16 & 0xFF,
     )
 
 
@@ -294,15 +322,22 @@ class Feedback(msgspec.Struct, frozen=True):
         """Return the joint positions in rad, without jumps at 360 degrees from ``last_positions``."""
         return unwrap([math.radians(actuator.position_deg) for actuator in self.actuators], last_positions)
 
-    def encode(self) -> bytes:
+    def encode(self, more_of_base: bytes = b"", more: bytes = b"") -> bytes:
+        """Encode the feedback.
+
+        Args:
+            more_of_base: Further fields of the base, encoded.
+            more: Further fields of the feedback, encoded.
+        """
         base = (
             pb.varint_field(2, self.arm_state)
             + pb.float_field(3, self.arm_v)
             + b"".join(pb.float_field(13 + index, value) for index, value in enumerate(self.tool_m))
             + b"".join(pb.fixed32_field(31 + index, bank) for index, bank in enumerate(self.faults))
+            + more_of_base
         )
         actuators = b"".join(pb.bytes_field(3, _encode(actuator)) for actuator in self.actuators)
-        return pb.fixed32_field(1, self.frame) + pb.bytes_field(2, base) + actuators
+        return pb.fixed32_field(1, self.frame) + pb.bytes_field(2, base) + actuators + more
 
     @classmethod
     def decode(cls, data: bytes) -> Feedback:

@@ -48,5 +48,10 @@ def arm_not_ready(state: str, required: str) -> Refused:
     return Refused(KinovaCode.ARM_STATE, reason, "make it ready on the base's web page", state, required)
 
 
+def low_level_servoing(state: str) -> Refused:
+    reason = "another client has set low-level servoing"
+    return Refused(KinovaCode.ARM_STATE, reason, "call resume() to set single-level servoing", state)
+
+
 def stopped(reason: str) -> Refused:
     return Refused(KinovaCode.STOPPED, reason, "call resume()", reason)

@@ -32,7 +32,7 @@ from . import protocol as p
 from .client import HANDSHAKE_S, SILENT_S, KortexClient, Page
 from .config import KinovaConfig
 from .gates import BASE, refuse_state
-from .protocol import Call, Feedback, ServoingMode
+from .protocol import ArmState, Call, Feedback, ServoingMode
 from .speeds import Course, position_now
 from .stop_channel import KinovaStopChannel
 from .stopping import POLL_S, STANDING_DEG_S, stop_arm
@@ -136,20 +136,22 @@ class KinovaWire(SessionWire[KinovaSession]):
     async def arm(self, permit: Permit) -> Observation:
         session = self.session
         await self._see_it_measure(session)
-        feedback = session.feedback
-        refusal = refuse_state(feedback.arm_state, feedback.faults[0])
-        if refusal is not None:
-            raise WireDown(refusal.text)
-        for axis, joint in zip(self._config.axes, feedback.actuators, strict=True):
+        client = session.client
+        mode = await client.number(Call.GET_SERVOING_MODE)
+        # A base in low-level servoing has a state of its own, which ends with this mode.
+        if mode != ServoingMode.LOW_LEVEL or session.feedback.arm_state != ArmState.LOW_LEVEL_SERVOING:
+            _require_ready(session.feedback)
+        for axis, joint in zip(self._config.axes, session.feedback.actuators, strict=True):
             if abs(joint.velocity_deg_s) >= STANDING_DEG_S:
                 raise WireDown(
                     f"arming: {axis} turns, and not by a command of this program. Check which other program "
                     "commands the arm, then try again"
                 )
-        client = session.client
-        if await client.number(Call.GET_SERVOING_MODE) != ServoingMode.SINGLE_LEVEL:
+        if mode != ServoingMode.SINGLE_LEVEL:
             permit.check()
             await client.call(Call.SET_SERVOING_MODE, p.encode_number(ServoingMode.SINGLE_LEVEL))
+            await self._leave_low_level(session)
+            _require_ready(session.feedback)
         permit.check()
         # Send the speed zero first: a base that accepts no speeds refuses it now, not during the motion.
         await client.call(Call.SEND_JOINT_SPEEDS, p.encode_speeds([0.0] * p.JOINTS))
@@ -259,6 +261,13 @@ class KinovaWire(SessionWire[KinovaSession]):
             if session.stamp_ns == before_ns:
                 await trio.sleep(POLL_S)  # The base has not measured again since the last reading. Wait for it.
 
+    async def _leave_low_level(self, session: KinovaSession) -> None:
+        """Wait for a measurement after the mode was set. Its state may follow the mode with a delay [assumed]."""
+        until_s = trio.current_time() + HANDSHAKE_S
+        await self._refresh(session)
+        while session.feedback.arm_state == ArmState.LOW_LEVEL_SERVOING and trio.current_time() < until_s:
+            await self._refresh(session)
+
     def _look_for_refusal(self, session: KinovaSession) -> None:
         if session.client.refusal is not None and not session.lost:
             session.lost = session.client.refusal.text
@@ -311,3 +320,10 @@ class KinovaWire(SessionWire[KinovaSession]):
             },
             faults=faults,
         )
+
+
+def _require_ready(feedback: Feedback) -> None:
+    """Raise ``WireDown`` if the base is in a state in which it does not move the arm."""
+    refusal = refuse_state(feedback.arm_state, feedback.faults[0])
+    if refusal is not None:
+        raise WireDown(refusal.text)

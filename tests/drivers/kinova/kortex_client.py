@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import socket
 import struct
+from collections.abc import Iterable
 from types import TracebackType
 
 MAGIC = b"\x07xEtRoK\x07"
@@ -75,13 +76,43 @@ def real_of(found: Fields, field: int) -> float:
     return float(struct.unpack("<f", struct.pack("<I", bits))[0])
 
 
+def joint_speeds(deg_s: Iterable[float]) -> bytes:
+    """Return ``JointSpeeds``."""
+    joints = (number(1, joint) + real(2, speed) for joint, speed in enumerate(deg_s))
+    return b"".join(blob(1, joint) for joint in joints)
+
+
+def inside(fields: Fields, *path: int) -> Fields:
+    """Return the fields of a message in a message."""
+    for field in path:
+        value = fields[field][0]
+        assert isinstance(value, bytes)
+        fields = read(value)
+    return fields
+
+
+def whole(fields: Fields, field: int, default: int = 0) -> int:
+    value = fields.get(field, [default])[0]
+    assert isinstance(value, int)
+    return value
+
+
+def messages(fields: Fields, field: int) -> list[Fields]:
+    return [read(value) for value in fields.get(field, ()) if isinstance(value, bytes)]
+
+
 class Client:
-    """One connection. ``session`` is the number that the base gave it."""
+    """One connection.
+
+    ``session`` is the number that the base gave it. ``notifications`` has the function and the fields of each
+    notification that arrived before a response.
+    """
 
     def __init__(self, address: str) -> None:
         host, _, port = address.partition(":")
         self.socket = socket.create_connection((host, int(port)), 10.0)
         self.session = 0
+        self.notifications: list[tuple[int, Fields]] = []
         self._number = 0
 
     def __enter__(self) -> Client:
@@ -105,19 +136,26 @@ class Client:
         """
         self._number += 1
         self.socket.sendall(self.frame(function, payload))
-        head = self._exactly(12)
-        assert head[:8] == MAGIC
-        frame = read(self._exactly(struct.unpack(">I", head[8:])[0]))
-        (header,), (body,) = frame[1], frame[2]
-        assert isinstance(header, bytes) and isinstance(body, bytes)
-        info, message, service, size = (read(header)[at][0] for at in (1, 2, 3, 4))
-        assert isinstance(info, int) and isinstance(message, int) and isinstance(service, int)
+        while True:
+            info, message, service, size, body = self._frame()
+            if info >> 24 & 15 != 5:
+                break
+            self.notifications.append((service & 0xFFF_FFFF, read(body)))
         assert info >> 28 == 1 and info >> 24 & 15 == 3, "version 1, a response"
         assert (message & 0xFFFF, service, size) == (self._number, 1 << 28 | function, len(body))
         if info & 0xFFFF:
             raise KortexError(info >> 12 & 15, info & 0xFFF)
         self.session = message >> 16
         return read(body)
+
+    def _frame(self) -> tuple[int, int, int, int, bytes]:
+        head = self._exactly(12)
+        assert head[:8] == MAGIC
+        frame = read(self._exactly(struct.unpack(">I", head[8:])[0]))
+        (body,) = frame[2]
+        assert isinstance(body, bytes)
+        info, message, service, size = (whole(inside(frame, 1), at) for at in (1, 2, 3, 4))
+        return info, message, service, size, body
 
     def frame(self, function: int, payload: bytes) -> bytes:
         words = (1 << 28 | 1 << 24, self.session << 16 | self._number, 1 << 28 | function, len(payload))
@@ -126,8 +164,8 @@ class Client:
         return MAGIC + struct.pack(">I", len(body)) + body
 
     def send_joint_speeds(self, *deg_s: float) -> None:
-        joints = (number(1, joint) + real(2, speed) for joint, speed in enumerate(deg_s))
-        self.call(0x20084, b"".join(blob(1, joint) for joint in joints))
+        """Send the speeds of the first joints. The others get no speed."""
+        self.call(0x20084, joint_speeds((*deg_s, *[0.0] * (7 - len(deg_s)))))
 
     def refresh_feedback(self) -> tuple[int, list[tuple[float, float]]]:
         """Return the arm's state, and position and velocity of each actuator, in degrees."""

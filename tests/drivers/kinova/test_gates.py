@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from strands_actors.contract.driver import Candidate, GateState, Reason
+from strands_actors.contract.driver import Candidate, GateState, OnResume, Reason
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.kinova.driver import Kinova
 from strands_actors.kernel.clock import NS
@@ -147,6 +147,14 @@ def test_a_base_in_fault_is_named_with_its_bank() -> None:
     assert no.text == "base in fault (bank 0x20). Clear the fault, then reconnect"
     assert refused({"joint_1": 0.0}, state(arm_state=8)).code == "arm_state"
     assert "PLAYING_SEQUENCE (8)" in refused({"joint_1": 0.0}, state(arm_state=8)).reason
+
+
+def test_low_level_servoing_is_named_and_ends_with_a_resume() -> None:
+    no = refused({"joint_1": 0.0}, state(arm_state=6))
+    assert no.code == "arm_state" and no.offered == "LOW_LEVEL_SERVOING (6)"
+    assert no.text == "another client has set low-level servoing. Call resume() to set single-level servoing"
+    (condition,) = (each for each in ARM.conditions if each.check(state(arm_state=6).observation, NOW_NS))
+    assert condition.always and condition.on_resume is OnResume.ARM_ANEW
 
 
 def test_an_arm_that_its_wire_has_stopped_must_be_armed_again() -> None:

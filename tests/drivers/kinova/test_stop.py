@@ -11,11 +11,14 @@ import trio
 
 from strands_actors.contract.wire import MotorReport, WireDown
 from strands_actors.drivers.common.twin import Fault
-from strands_actors.drivers.kinova.base import FRAMES_HZ, Base, BaseSession, CallFailed, Second
 from strands_actors.drivers.kinova.client import KortexClient, Page
 from strands_actors.drivers.kinova.protocol import ArmState, Call, Frame, SubError
 from strands_actors.drivers.kinova.stop_channel import KinovaStopChannel
 from strands_actors.drivers.kinova.stopping import FRAME_NUMBERS
+from strands_actors.drivers.kinova.twin.base import Base
+from strands_actors.drivers.kinova.twin.errors import CallFailed
+from strands_actors.drivers.kinova.twin.feedback import FRAMES_HZ
+from strands_actors.drivers.kinova.twin.sessions import BaseSession, Second
 from tests.drivers.common.memory_port import MemoryPort, Permission, virtual
 
 from .rig import Rig
@@ -339,7 +342,7 @@ def test_saf_003_every_base_is_stopped_without_the_wire(second: Second) -> None:
             assert rig.velocity < 0.01
             assert rig.twin.base.state is ArmState.SERVOING_READY, "no emergency stop was needed"
             await trio.sleep(0.01)
-            assert rig.twin.base._sessions == {}, "the base has a free session for the next wire"
+            assert rig.twin.base.sessions.open == {}, "the base has a free session for the next wire"
 
     virtual(main)
 
@@ -516,7 +519,7 @@ def test_a_session_that_was_forgotten_is_replaced() -> None:
     async def main() -> None:
         rig = await moving(Rig())
         async with served(rig.stop_channel()) as channel:
-            rig.twin.base._sessions.clear()
+            rig.twin.base.sessions.open.clear()
             assert all_safe(await channel.make_safe("stop"))
             assert Call.APPLY_EMERGENCY_STOP not in rig.calls()
 

@@ -170,6 +170,14 @@ def test_saf_003_a_base_that_is_no_longer_ready_disarms_the_tree_with_the_reason
     bench.comes_back()
 
 
+def test_low_level_servoing_of_another_client_disarms_the_tree_and_a_resume_ends_it(bench: Bench) -> None:
+    bench.move()
+    bench.twin.command("mode LOW_LEVEL")
+    task_ended(bench.arm)
+    until(lambda: state(bench.arm) == "disarmed", "it is disarmed")
+    bench.comes_back()
+
+
 def test_a_base_in_fault_is_refused_at_connect(tmp_path: Path) -> None:
     with bench_of(tmp_path, connect=False) as bench:
         bench.twin.command("state IN_FAULT")

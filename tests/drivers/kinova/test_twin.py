@@ -11,7 +11,7 @@ import pytest
 from tests.answers import until
 from tests.drivers.common.twin_process import TwinProcess
 
-from .kortex_client import Client, KortexError, number
+from .kortex_client import Client, KortexError, joint_speeds, number
 
 STOP, SPEEDS, EMERGENCY_STOP, CLEAR_FAULTS = 0x20070, 0x20084, 0x20091, 0x20092
 SET_MODE, GET_MODE, ACTUATORS, ARM_STATE = 0x20098, 0x20099, 0x200AB, 0x200AF
@@ -142,7 +142,14 @@ def test_a_silent_session_is_forgotten(twin: TwinProcess) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "sub"), [("state IN_FAULT", 22), ("state IDLE", 21), ("state MAINTENANCE", 21), ("mode LOW_LEVEL", 75)]
+    ("line", "sub"),
+    [
+        ("state IN_FAULT", 22),
+        ("state IDLE", 21),
+        ("state MAINTENANCE", 23),
+        ("state PLAYING_SEQUENCE", 18),
+        ("mode LOW_LEVEL", 75),
+    ],
 )
 def test_a_base_that_is_not_ready_refuses_speeds(client: Client, twin: TwinProcess, line: str, sub: int) -> None:
     twin.command(line)
@@ -162,7 +169,7 @@ def test_a_fault_stops_the_arm_until_it_is_cleared(client: Client, twin: TwinPro
 
 
 @pytest.mark.parametrize(
-    ("deg_s", "sub"), [((81.0,), 60), ((0, 0, 0, 0, 71.0), 60), ((float("nan"),), 59), ((0,) * 8, 3)]
+    ("deg_s", "sub"), [((81.0,), 60), ((0, 0, 0, 0, 71.0), 60), ((float("nan"),), 59), ((0,) * 8, 57)]
 )
 def test_speeds_that_no_joint_has_are_refused(client: Client, deg_s: tuple[float, ...], sub: int) -> None:
     with pytest.raises(KortexError) as failed:
@@ -172,9 +179,11 @@ def test_speeds_that_no_joint_has_are_refused(client: Client, deg_s: tuple[float
 
 
 def test_unknown_requests_are_refused(client: Client) -> None:
+    assert sub_error(client, SPEEDS, joint_speeds([0.0] * 6)) == 57
     assert sub_error(client, 0x200FF) == 5
+    assert sub_error(client, 0x6F0001) == 4
     assert sub_error(client, SET_MODE, number(1, 9)) == 3
-    assert sub_error(client, SET_MODE, b"\xff") == 3
+    assert sub_error(client, SET_MODE, b"\xff") == 13
 
 
 def test_a_client_that_sends_garbage_is_disconnected(client: Client) -> None:
@@ -196,7 +205,7 @@ def test_each_kind_of_base_has_its_own_second_session(tmp_path: Path, second: st
         other.log_in()
         if second == "powerless":
             other.refresh_feedback()
-            assert sub_error(other, STOP) == 1
+            assert sub_error(other, STOP) == 130
         else:
             other.call(STOP)
 

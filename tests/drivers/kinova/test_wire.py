@@ -11,6 +11,7 @@ from strands_actors.contract.wire import PermitDenied, WireDown
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova import protocol as p
 from strands_actors.drivers.kinova.protocol import ArmState, Call, ServoingMode, unwrap
+from strands_actors.drivers.kinova.twin.base import Base
 from tests.drivers.common.memory_port import Permission, virtual
 
 from .rig import Rig
@@ -106,9 +107,44 @@ def test_saf_014_a_base_that_is_not_ready_is_not_armed(state: ArmState, why: str
 def test_the_servoing_mode_is_set_when_it_is_another() -> None:
     async def main() -> None:
         rig = Rig()
-        rig.twin.base.mode = ServoingMode.LOW_LEVEL
+        rig.twin.base.set_mode(ServoingMode.LOW_LEVEL)
         await rig.armed()
         assert rig.twin.base.mode is ServoingMode.SINGLE_LEVEL
+        await rig.go(0, STEP_RAD)
+        assert (await rig.period()).sensors["arm_state"] == (7.0,)
+        assert rig.velocity > 0.01
+
+    virtual(main)
+
+
+def test_arming_waits_for_a_state_that_follows_the_mode_with_a_delay(monkeypatch: pytest.MonkeyPatch) -> None:
+    left_s: list[float] = []
+
+    def late(base: Base) -> ArmState:
+        if base.mode is ServoingMode.SINGLE_LEVEL and not left_s:
+            left_s.append(base.now_s())
+        is_late = not left_s or base.now_s() < left_s[0] + 0.1
+        return ArmState.LOW_LEVEL_SERVOING if is_late else ArmState.SERVOING_READY
+
+    async def main() -> None:
+        rig = Rig()
+        rig.twin.base.set_mode(ServoingMode.LOW_LEVEL)
+        monkeypatch.setattr(Base, "arm_state", property(late))
+        await rig.armed()
+        assert trio.current_time() > left_s[0] + 0.1
+
+    virtual(main)
+
+
+def test_saf_014_a_base_that_stays_in_low_level_servoing_is_not_armed(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        rig = Rig()
+        rig.twin.base.set_mode(ServoingMode.LOW_LEVEL)
+        monkeypatch.setattr(Base, "arm_state", property(lambda base: ArmState.LOW_LEVEL_SERVOING))
+        await rig.wire.open()
+        with pytest.raises(WireDown, match="the arm is in state LOW_LEVEL_SERVOING"):
+            await rig.wire.arm(Permission())
+        assert not rig.speeds()
 
     virtual(main)
 

@@ -1,4 +1,4 @@
-"""Simulate a Gen3 (a "twin"): a Kortex server on TCP, its base and its arm.
+"""Simulate a Gen3 (a "twin"): a Kortex server on TCP and UDP, its base, its arm and its gripper.
 
 A test controls a simulated robot by lines of text. This one accepts the lines of every twin, and also ``state
 NAME`` and ``mode NAME``, with the names of ``protocol.ArmState`` and ``protocol.ServoingMode``. Its log of all
@@ -7,13 +7,15 @@ frames (wire log) shows no passwords.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import enum
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, Unpack
 
 import msgspec
 import trio
 
 from strands_actors.contract.options import option
+from strands_actors.drivers.common.codecs import protobuf as pb
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.common.physics.controlled_body import ControlledBody
 from strands_actors.drivers.common.twin import (
@@ -27,16 +29,25 @@ from strands_actors.drivers.common.twin import (
     Start,
     TcpServer,
     WireLog,
-    answering,
     read_twin_options,
     run_server,
 )
+from strands_actors.drivers.common.twin.server import Conversation
+from strands_actors.drivers.common.twin.tcp import Connection
+from strands_actors.drivers.kinova import protocol as p
+from strands_actors.drivers.kinova.robots import TABLES
 
-from . import protocol as p
-from .base import CALLS, Base, Second
-from .robots import TABLES
+from .base import Base
+from .datagrams import Datagrams
+from .functions import ACTIONS, CALLS, Function
+from .sessions import Second
 
-MODELLED = (CALLS,)
+MODELLED = (CALLS, ACTIONS)
+
+
+class OnInterface(enum.StrEnum):
+    NONE = "none"
+    ROBOTIQ_2F_85 = "robotiq_2f_85"
 
 
 class KinovaTwinOptions(NetworkOptions, frozen=True):
@@ -44,6 +55,9 @@ class KinovaTwinOptions(NetworkOptions, frozen=True):
     username: Annotated[str, option("of those who may open a session")] = "admin"
     password: Annotated[str, option("theirs")] = "admin"
     second: Annotated[Second, option(f"what becomes of a second session: {', '.join(Second)}")] = Second.ACCEPTED
+    gripper: Annotated[OnInterface, option(f"gripper on the interface: {', '.join(OnInterface)}")] = (
+        OnInterface.ROBOTIQ_2F_85
+    )
 
 
 TICK_S = 0.01
@@ -96,40 +110,73 @@ class KinovaTwin:
 class KortexSession:
     """One client's connection, as the simulated base handles it."""
 
-    def __init__(self, twin: KinovaTwin) -> None:
+    def __init__(self, twin: KinovaTwin, send: Callable[[p.Frame], None] | None = None) -> None:
+        """Args:
+        twin: The simulated robot.
+        send: Sends a notification to the client. None: the client gets none.
+        """
         self._twin = twin
+        self._send = send
         self._decoder = p.Decoder()
 
     def receive(self, data: bytes, bits_per_s: int | None) -> Iterator[Exchange]:
         for frame in self._decoder.feed(data):
-            kind = self._twin.base.kind(frame)
-            yield Exchange(kind, _without_password(frame).encode(), self._replies(frame, kind))
+            yield self.exchange(frame, p.Frame.encode)
         if self._decoder.skipped:
             raise ClientGone  # A real base also closes the connection after unreadable bytes [assumed].
 
-    def _replies(self, request: p.Frame, kind: str) -> list[Reply]:
-        if request.kind != p.Kind.REQUEST or self._twin.faults.of(None) is Fault.OFF:
-            return []
-        reply = self._twin.faults.apply(Reply(0.0, self._twin.base.answer(self, request).encode(), None, kind))
-        return [] if reply is None else [reply]
+    def exchange(self, frame: p.Frame, encode: Callable[[p.Frame], bytes]) -> Exchange:
+        """Carry out a request.
+
+        Args:
+            frame: The request.
+            encode: Encodes a frame for the client's transport.
+        """
+        kind = self._twin.base.kind(frame)
+        replies: list[Reply] = []
+        if frame.kind == p.Kind.REQUEST and self._twin.faults.of(None) is not Fault.OFF:
+            answer = Reply(0.0, encode(self._twin.base.answer(self, frame)), None, kind)
+            reply = self._twin.faults.apply(answer)
+            replies = [] if reply is None else [reply]
+        return Exchange(kind, encode(without_password(frame)), replies)
+
+    def notify(self, frame: p.Frame) -> None:
+        """Send a notification. A client that does not read loses some."""
+        silent = self._twin.faults.of(None) in (Fault.OFF, Fault.HALF_OPEN)
+        if self._send is not None and not silent:
+            self._send(frame)
 
 
-def _without_password(frame: p.Frame) -> p.Frame:
-    if frame.call != p.Call.CREATE_SESSION:
+def without_password(frame: p.Frame) -> p.Frame:
+    """Return a request without the password in it, for the log."""
+    if frame.call not in (p.Call.CREATE_SESSION, Function.CREATE_USER_PROFILE):
         return frame
     try:
-        login = msgspec.structs.replace(p.Login.decode(frame.payload), password="***")
+        if frame.call == p.Call.CREATE_SESSION:
+            payload = msgspec.structs.replace(p.Login.decode(frame.payload), password="***").encode()
+        else:
+            payload = pb.bytes_field(1, pb.last_bytes(pb.message(frame.payload), 1)) + pb.bytes_field(2, b"***")
     except MalformedFrame:
-        return msgspec.structs.replace(frame, payload=b"")
-    return msgspec.structs.replace(frame, payload=login.encode())
+        payload = b""
+    return msgspec.structs.replace(frame, payload=payload)
 
 
 class KinovaServer(TcpServer):
     """Serve the clients of one simulated robot, and let its arm move between their requests, too."""
 
     def __init__(self, twin: KinovaTwin, port: int, log: WireLog, host: str | None) -> None:
-        super().__init__(twin, {port: answering(lambda: KortexSession(twin))}, log, host)
         self._twin = twin
+        self._datagrams = Datagrams(lambda send: KortexSession(twin, send), log)
+        super().__init__(twin, {port: self._attend_client}, log, host)
+
+    def plug(self) -> None:
+        super().plug()
+        host, _, port = self.address.rpartition(":")
+        self._datagrams.plug(host, int(port))
+
+    def unplug(self) -> None:
+        super().unplug()
+        self._datagrams.unplug()
 
     def set_fault(self, text: str) -> None:
         was_off = self._twin.faults.of(None) is Fault.OFF
@@ -150,7 +197,7 @@ class KinovaServer(TcpServer):
             case ["state", name] if name in p.ArmState.__members__:
                 self._twin.base.set_state(p.ArmState[name])
             case ["mode", name] if name in p.ServoingMode.__members__:
-                self._twin.base.mode = p.ServoingMode[name]
+                self._twin.base.set_mode(p.ServoingMode[name])
             case _:
                 return False
         return True
@@ -159,12 +206,17 @@ class KinovaServer(TcpServer):
         async with trio.open_nursery() as nursery:
             nursery.start_soon(super().serve)
             nursery.start_soon(self._tick)
+            nursery.start_soon(self._datagrams.serve, self._frost)
 
     async def _tick(self) -> None:
         while True:
             await self._frost.thawed()
             self._twin.base.advance()
             await trio.sleep(TICK_S)
+
+    async def _attend_client(self, connection: Connection) -> None:
+        session = KortexSession(self._twin, lambda frame: connection.send_logged("notification", frame.encode()))
+        await Conversation(session, connection, connection.log, connection.frost).serve()
 
 
 def twin_of(robot: str, **options: Any) -> KinovaTwin:
@@ -175,7 +227,13 @@ def twin_of(robot: str, **options: Any) -> KinovaTwin:
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
     """Run the simulated robot of this name from ``robots.toml`` until interrupted (see ``common.twin.run``)."""
     chosen = read_twin_options(robot, KinovaTwinOptions, options)
-    twin = twin_of(robot, username=chosen.username, password=chosen.password, second=chosen.second)
+    twin = twin_of(
+        robot,
+        username=chosen.username,
+        password=chosen.password,
+        second=chosen.second,
+        has_gripper=chosen.gripper is OnInterface.ROBOTIQ_2F_85,
+    )
 
     def build(wire_log: WireLog) -> KinovaServer:
         return KinovaServer(twin, chosen.port, wire_log, chosen.host)
