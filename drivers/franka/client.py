@@ -23,6 +23,8 @@ from . import protocol as p
 ANSWER_S = 0.4
 """Timeout of a reply. A controller answers within milliseconds."""
 FIRST_STATE_S = 0.4
+ELSEWHERE_S = 0.1
+"""Time in which a state from the address of the TCP connection is preferred to one from another address."""
 LOOK_S = 0.002
 """Period of the checks for received data during a wait."""
 
@@ -133,15 +135,21 @@ class Fci:
         return await self._first_state()
 
     async def _first_state(self) -> p.State:
-        """Return the controller's first state. From then on the UDP socket accepts datagrams only from its
-        sender."""
+        """Return the controller's first state. From then on the UDP socket accepts datagrams only from its sender.
+
+        A controller with several addresses may send its states from another one than that of the TCP connection, as
+        libfranka allows. Such a state is used if none has come from the address of the connection in time.
+        """
         host = self._tcp.peer_host
+        elsewhere: tuple[p.State, tuple[str, int]] | None = None
+        until_s = trio.current_time() + ELSEWHERE_S
         with trio.move_on_after(FIRST_STATE_S):
-            while True:
+            while elsewhere is None or trio.current_time() < until_s:
                 try:
                     data, source = self.udp.recvfrom(p.LARGEST_REQUEST)
                 except BlockingIOError:
-                    await trio.lowlevel.wait_readable(self.udp)
+                    with trio.move_on_after(LOOK_S):
+                        await trio.lowlevel.wait_readable(self.udp)
                     continue
                 await trio.lowlevel.checkpoint()  # A flood of foreign datagrams must not block other tasks.
                 if source[0] == host:
@@ -150,6 +158,13 @@ class Fci:
                         return self.dialect.state(data)
                     except MalformedFrame as error:
                         raise WireDown(f"{self._tcp.name}: {error}") from None
+                if elsewhere is None:
+                    with contextlib.suppress(MalformedFrame):
+                        elsewhere = self.dialect.state(data), source
+        if elsewhere is not None:
+            state, source = elsewhere
+            self.udp.connect(source)
+            return state
         raise WireDown(
             f"{self._tcp.name}: connected, but no state within {FIRST_STATE_S:g} s. "
             "Activate FCI in Desk, and let UDP pass the firewall of this computer"

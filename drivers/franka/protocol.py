@@ -168,13 +168,21 @@ class State(msgspec.Struct, frozen=True):
 
 
 class Command(NamedTuple):
-    """One command of a motion. The controller reads ``q``, ``dq`` or ``tau``, as the request ``move`` selected."""
+    """One command of a motion. The controller reads what the request ``move`` has selected."""
 
     message_id: int
     q: tuple[float, ...]
     dq: tuple[float, ...]
     tau: tuple[float, ...]
     finished: bool
+    pose: tuple[float, ...] = ()  # Pose of the end effector, column by column.
+    twist: tuple[float, ...] = ()  # Velocity of the end effector (m/s), then its angular velocity (rad/s).
+    elbow: tuple[float, ...] = ()  # Position of joint 3 (rad) and sign of joint 4; empty if no elbow is commanded.
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All numbers, none of which may be infinite or NaN."""
+        return (*self.q, *self.dq, *self.tau, *self.pose, *self.twist, *self.elbow)
 
 
 _REST = (0.0,) * 24  # The Cartesian fields O_T_EE_c, O_dP_EE_c and elbow_c, which a joint motion does not use.
@@ -289,7 +297,8 @@ class Dialect:
             raise MalformedFrame(f"a command of {len(data)} bytes; FCI {self.version} has {self.command_bytes}")
         row = self._command.unpack(data)
         finished = bool(row[40]) or (self.version != 5 and bool(row[48]))
-        return Command(row[0], row[1:8], row[8:15], row[41:48], finished)
+        elbow = row[37:39] if row[39] else ()
+        return Command(row[0], row[1:8], row[8:15], row[41:48], finished, row[15:31], row[31:37], elbow)
 
 
 class Message(NamedTuple):

@@ -29,6 +29,7 @@ from . import protocol as p
 from . import refusals
 from .client import LOOK_S, STATES_SIZE, Fci, connect
 from .config import FrankaConfig
+from .controller_clock import ControllerClock
 from .cycle import CYCLE_END, ENTRY, LARGEST, STAND_DOWN, WIRE_END, Order, Report
 from .gates import LOST, POOR, REASONS, refuse_mode
 from .stop_channel import CONFIRM_S, FrankaStopChannel, moving, reports
@@ -80,6 +81,7 @@ class FrankaSession:
         self.motion = 0  # Number of the ``move`` request of the running motion. It is 0 without a motion.
         self.lost = ""  # The reason why the controller ended our motion.
         self._orders = 0
+        self.controller_clock = ControllerClock()
         self.answers: dict[int, int] = {}  # Status of each reply by request number, except replies to ``move``.
 
     def look(self) -> None:
@@ -94,6 +96,7 @@ class FrankaSession:
                 self.state, self.report = self._dialect.state(report.state), report
             except MalformedFrame:
                 continue  # Ignore a malformed report and keep the last state. If it gets too old, ``read`` fails.
+            self.controller_clock.note(report.stamp_ns, self.state.message_id)
         for reply in self.client.replies():
             self._take(reply)
 
@@ -371,6 +374,7 @@ class FrankaWire(SessionWire[FrankaSession]):
                 "robot_mode": (float(state.robot_mode),),
                 "success_rate": (state.success_rate,),
                 "missed_cycles": (float(report.missed if report is not None else 0),),
+                "controller_hz": (session.controller_clock.hz,),
             },
             faults=faults,
         )

@@ -13,22 +13,17 @@ import pytest
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.drivers.common.twin.modelled import tables_of
-from strands_actors.drivers.rby1.commands import Finish
 from strands_actors.drivers.ur.twin import commands as c
 from strands_actors.drivers.ur.twin.requests import COMMANDS, FUNCTIONS
-from tests.drivers.modelled import arms, grpc_services, http_services, mobile, ur
+from tests.drivers.modelled import arms, dds, fri, grpc_services, http_services, mobile, ur, ur_programs, ur_rtde
 from tests.drivers.modelled.walk import Walk, fingerprint
-from tests.drivers.ur.world import World
 
-WALKS = [walk for room in (arms, mobile, grpc_services, http_services, ur) for walk in room.walks()]
+ROOMS = (arms, dds, fri, grpc_services, http_services, mobile, ur, ur_programs, ur_rtde)
+WALKS = [walk for room in ROOMS for walk in room.walks()]
 WALKED = pytest.mark.parametrize("walk", WALKS, ids=lambda walk: walk.name)
 
 ELSEWHERE = {
-    "URScript functions",  # below
-    "commands to ur-rtde's control script",  # below
-    "packets of RTDE",  # tests/drivers/ur/test_twin.py
-    "topics that it subscribes to",  # DDS has no answer to a topic without a reader
-    "parts of the client's answer",  # one message: tests/drivers/kuka/test_twin.py
+    "time during a motion",  # no message: tests/drivers/franka/test_pace.py
 }
 """Titles of tables that no walk of this file uses."""
 
@@ -85,30 +80,10 @@ def test_every_twin_says_what_it_models_and_every_table_is_walked() -> None:
             assert table.otherwise and all(row.effect for row in table.rows())
 
 
-@pytest.mark.parametrize(("name", "command"), list(grpc_services.other_commands()))
-def test_an_rby1_refuses_commands_of_other_kinds(name: str, command: object) -> None:
-    service = grpc_services.rby1_on()
-    grpc_services.energised(service)
-    before = fingerprint(service)
-    assert service.controller.command(_Nobody(), command) is Finish.INITIALIZED_FAILED, name  # type: ignore[arg-type]
-    assert fingerprint(service) == before
-
-
-class _Nobody:
-    def finished(self, reason: Finish) -> None: ...
-
-
 def test_a_ur_program_has_the_functions_of_the_table_and_no_others() -> None:
-    assert ur.known_functions() >= set(FUNCTIONS.effects)
-    for name in ur.OTHER_FUNCTIONS:
-        world = World()
-        assert name not in FUNCTIONS and not ur.ask_function(world, name, "").accepted, name
+    assert ur_programs.known_functions() == set(FUNCTIONS.effects)
 
 
-def test_ur_rtdes_script_ends_at_a_command_that_is_not_modelled() -> None:
-    world = World()
-    for number in range(256):
-        if number not in COMMANDS:
-            assert not ur.ask_command(world, number, ()).accepted, number
-            assert world.controller.program is None
+def test_ur_rtdes_script_has_the_commands_of_the_table_and_no_others() -> None:
     assert {command for command in c.Command if command not in COMMANDS} == set()
+    assert set(c.REFUSED).isdisjoint(COMMANDS.effects)

@@ -16,6 +16,7 @@ from strands_actors.drivers.common.twin import HostOption, Start, WireLog, read_
 from strands_actors.drivers.franka.arms import arm_of
 from strands_actors.drivers.franka.protocol import DIALECTS
 
+from .pace import Stretches
 from .requests import MODELLED
 from .server import FrankaServer
 
@@ -25,13 +26,15 @@ class FrankaTwinOptions(HostOption, frozen=True):
 
     fci: Annotated[int | None, option("version of the interface, 5 or 10; None: the arm's")] = None
     tick_wait_ms: Annotated[
-        float,
-        option(
-            "how long a millisecond of a motion may be stretched until its command comes; 1 is real time, as on a "
-            "machine of its own",
-            gt=0,
-        ),
+        float, option("longest stretch of a millisecond of a motion, until its command comes; 1 is real time", gt=0)
     ] = 10.0
+    stretches: Annotated[
+        Stretches,
+        option("when a millisecond of a motion may be stretched: while all processors are busy, always, or never"),
+    ] = "busy"
+    states_from: Annotated[
+        str | None, option("address that its states come from; None: the one that it serves at")
+    ] = None
 
 
 def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpack[Start]) -> None:
@@ -44,7 +47,8 @@ def main(robot: str, *, options: Mapping[str, Any] | None = None, **start: Unpac
     gc.freeze()  # A full garbage collection would stop this process for many milliseconds.
 
     def build(wire_log: WireLog) -> FrankaServer:
-        return FrankaServer(robot, fci, wire_log, chosen.host, chosen.tick_wait_ms / 1e3)
+        wait_s = chosen.tick_wait_ms / 1e3
+        return FrankaServer(robot, fci, wire_log, chosen.host, wait_s, chosen.stretches, chosen.states_from)
 
     run_server(build, **start)
 

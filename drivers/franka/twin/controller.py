@@ -9,47 +9,41 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 
-import msgspec
+import numpy as np
 
-from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.franka import protocol as p
 from strands_actors.drivers.franka.arms import JOINTS, Arm, model_table
 
-from .requests import SETTINGS, numbers_of
+from . import kinematics
+from . import path as paths
+from .motion import AFTER_IK, CARTESIAN, COMMANDED, JOINT, SLACK, Motion, move_joints
+from .path import CartesianPath
+from .plant import Plant
+from .requests import INVALID_ARGUMENT, NOT_POSSIBLE, SETTINGS, SUCCESS, numbers_of
 
-TICK_S = 1.0 / p.STATE_HZ
+TICK_S = paths.TICK_S
 START_RAD = 1e-3
 """Largest difference between the first command of a motion by positions and the commanded position [assumed]."""
-SLACK = 1.001
-"""Tolerance on the limits, since commands are sums of floats."""
 BRAKING_S = 0.04
 """Time by which a simulated servo lags its target. A joint that moves this long at its present speed reaches the
 point where it can halt without turning back."""
 WRONG_BY_RAD = 0.5
 RATE_OVER = 100
 """Number of commands over which the success rate is computed."""
+TORQUE_RATE = 1000.0
+"""Largest change of a commanded torque, in Nm/s, from libfranka's rate_limiting.h."""
+SOFTEST_NM_RAD = 10.0
+"""Least stiffness of a joint under Cartesian impedance: the elbow has none by the end effector's [assumed]."""
 
-JOINT_GENERATORS = (p.Generator.JOINT_POSITION, p.Generator.JOINT_VELOCITY)
 SEVEN = range(JOINTS)
-
-
-class Motion(msgspec.Struct):
-    """A running motion, begun by a ``move`` request with the number ``id``."""
-
-    id: int
-    controller: int
-    generator: int
-    command: p.Command | None = None  # The command that was received since the last tick.
-    begun: bool = False  # True once the first command of the motion was received.
-    missed: int = 0  # Number of consecutive ticks without a command.
-    speed: tuple[float, ...] = (0.0,) * JOINTS
-    acceleration: tuple[float, ...] = (0.0,) * JOINTS
 
 
 class Controller:
     """The simulated controller. It reports each event that no client requested, such as a reflex, to
     ``on_event``."""
+
+    _is_soft = False  # True while the servos have a stiffness that a client has chosen.
 
     def __init__(self, arm: Arm, fci: int, on_event: Callable[[str], None] = lambda kind: None) -> None:
         self.arm = arm
@@ -72,10 +66,10 @@ class Controller:
         self._tau = (0.0,) * JOINTS
         self._shown = b""
         self.settings: dict[str, tuple[float, ...]] = {}
+        self._tool = np.eye(4)  # Pose of the end effector in the flange.
         self._data = bytearray(self.dialect.state_bytes)
-        identity = [float(row == column) for column in range(4) for row in range(4)]
         for name in ("F_T_EE", "EE_T_K", "F_T_NE", "NE_T_EE"):
-            self.dialect.put(self._data, name, *identity)
+            self.dialect.put(self._data, name, *kinematics.numbers(self._tool))
         self._halt()
 
     # -- requests of a client
@@ -85,11 +79,20 @@ class Controller:
         the client."""
         reported = generator + 1
         torque = controller == p.Controller.EXTERNAL
-        if not (reported in JOINT_GENERATORS or (torque and reported == p.Generator.NONE)):
+        if controller > p.Controller.EXTERNAL or not (
+            reported in (*JOINT, *CARTESIAN) or (torque and reported == p.Generator.NONE)
+        ):
             return "invalid_argument"
         if self.mode != p.RobotMode.IDLE:
             return "not_possible"
-        self.motion = Motion(request_id, controller, reported)
+        path = None
+        if reported in CARTESIAN:
+            if kinematics.is_singular(self.q_d):
+                return "start_at_singular_pose"
+            path = CartesianPath(self.arm, self._tool, self.q_d, reported == p.Generator.CARTESIAN_VELOCITY)
+        # A client that commands torques alone selects joint velocities, too, and sends zeros.
+        leads = not torque or reported not in (p.Generator.NONE, p.Generator.JOINT_VELOCITY)
+        self.motion = Motion(request_id, controller, reported, path, leads=leads)
         self.simulation_moves = False
         self.mode = p.RobotMode.MOVE
         self._answered.clear()
@@ -97,6 +100,7 @@ class Controller:
         self._goal = self.q_d
         for joint in SEVEN:
             self.plant.set_torque(joint, not torque)
+        self._set_stiffness(controller)
         return "motion_started"
 
     def take(self, command: p.Command) -> bool:
@@ -116,7 +120,8 @@ class Controller:
         if motion is None:
             return None
         self.mode = mode
-        self._halt(self._goal if status == "success" else None)
+        at_goal = self.plant.position_rad if motion.controller == p.Controller.EXTERNAL else self._goal
+        self._halt(at_goal if status == "success" else None)
         return motion.id, status
 
     def recover(self) -> bool:
@@ -125,19 +130,36 @@ class Controller:
             self.reasons.clear()
         return self.mode == p.RobotMode.IDLE
 
-    def store(self, name: str, payload: bytes) -> bool:
-        """Store a setting, such as the payload. Return False if the request is invalid."""
+    def store(self, name: str, payload: bytes) -> bytes:
+        """Store a setting, such as the payload. Return the status for the reply: settings cannot change during a
+        motion."""
         numbers = numbers_of(name, payload)
-        if numbers is None or not all(map(math.isfinite, numbers)):
-            return False
+        if numbers is None:
+            return INVALID_ARGUMENT
+        if self.mode == p.RobotMode.MOVE:
+            return NOT_POSSIBLE
         self.settings[name] = numbers
+        if name == "ne_to_ee":
+            self._tool = kinematics.matrix(numbers)  # The nominal end effector is the flange.
+            self.dialect.put(self._data, "F_T_EE", *numbers)
         for field, count in SETTINGS[name].items():
             if field:
                 self.dialect.put(self._data, field, *numbers[:count])
             numbers = numbers[count:]
-        if name == "ne_to_ee":
-            self.dialect.put(self._data, "F_T_EE", *self.settings[name])  # The nominal frame is the flange.
-        return True
+        return SUCCESS
+
+    def _set_stiffness(self, controller: int) -> None:
+        """Make the servos as stiff as the client has requested for motions under this controller."""
+        stiffness: Sequence[float] | None = None
+        if controller == p.Controller.JOINT_IMPEDANCE:
+            stiffness = self.settings.get("joint_impedance")
+        elif controller == p.Controller.CARTESIAN_IMPEDANCE and "cartesian_impedance" in self.settings:
+            # The diagonal of the joints' stiffness that belongs to the end effector's.
+            row = np.array(self.settings["cartesian_impedance"]) @ kinematics.jacobian(self.q_d) ** 2
+            stiffness = np.maximum(row, SOFTEST_NM_RAD).tolist()
+        if stiffness is not None or self._is_soft:
+            self.plant.set_stiffness(stiffness)
+        self._is_soft = stiffness is not None
 
     # -- reflexes, modes, and motion without a client
 
@@ -166,6 +188,7 @@ class Controller:
         for joint in SEVEN:
             self.plant.set_torque(joint, True)
             self.plant.set_target(joint, self._goal[joint])
+        self._set_stiffness(p.Controller.OTHER)
 
     def set_targets(self, goal: Sequence[float]) -> None:
         """Move the joints to a target (rad) that the simulation, another program on this computer, has set."""
@@ -199,30 +222,32 @@ class Controller:
             motion.missed += 1
             if motion.missed > p.MISSED_TICKS:
                 return self.reflex("communication_constraints_violation")
-            self._go_on(motion)
-            return None
+            refused = self._go_on(motion)
+            return self.reflex(refused) if refused else None
         motion.missed = 0
-        if not all(map(math.isfinite, (*command.q, *command.dq, *command.tau))):
+        if not all(map(math.isfinite, command.numbers)):
             return self.stop("input_error_aborted")
-        if motion.controller == p.Controller.EXTERNAL:
-            self._tau = tuple(
-                min(most, max(-most, nm)) for nm, most in zip(command.tau, self.arm.effort, strict=True)
-            )
-            self.plant.push(self._tau)
+        motion.leads = motion.leads or (motion.generator == p.Generator.JOINT_VELOCITY and any(command.dq))
+        refused = self._follow(motion, command, first) if motion.leads else ""
+        if not refused and motion.controller == p.Controller.EXTERNAL:
+            refused = self._push(command.tau)
+        if refused:
+            return self.reflex(refused)
+        if not motion.leads:
             self._goal = self.plant.position_rad
-        else:
-            refused = self._follow(motion, command, first)
-            if refused:
-                return self.reflex(refused)
         return self.stop("success") if command.finished else None
 
-    def _go_on(self, motion: Motion) -> None:
+    def _go_on(self, motion: Motion) -> str:
         """Continue the motion in a tick without a command, as a real controller does.
 
-        The acceleration stays constant (libfranka's rate_limiting.h), and the joints stay within their ranges.
+        The acceleration, or the torque, stays constant, and the joints stay within their ranges. Return the name of
+        the violated limit; empty if the motion goes on.
         """
-        if motion.controller == p.Controller.EXTERNAL:
-            return
+        if not motion.leads:
+            return ""
+        if motion.path is not None:
+            motion.path.go_on()
+            return self._follow_path(motion, motion.path)
         speed = [v + a * TICK_S for v, a in zip(motion.speed, motion.acceleration, strict=True)]
         arm = self.arm
         goal = tuple(
@@ -231,32 +256,41 @@ class Controller:
         )
         motion.speed = tuple(speed)
         self._set_goal(goal)
+        return ""
 
     def _follow(self, motion: Motion, command: p.Command, first: bool) -> str:
         """Check a command, and move as it requests. Return the name of the violated limit; empty if it is valid."""
-        arm = self.arm
+        if motion.path is not None:
+            return motion.path.follow(command, first) or self._follow_path(motion, motion.path)
+        goal = command.q
         if motion.generator == p.Generator.JOINT_VELOCITY:
             goal = tuple(rad + rad_s * TICK_S for rad, rad_s in zip(self._goal, command.dq, strict=True))
-        else:
-            goal = command.q
-        steps = tuple(goal_rad - last_rad for goal_rad, last_rad in zip(goal, self._goal, strict=True))
-        if first and max(map(abs, steps)) > START_RAD:
+        elif first and max(abs(rad - last) for rad, last in zip(goal, self._goal, strict=True)) > START_RAD:
             return "joint_position_motion_generator_start_pose_invalid"
-        speed = tuple(step / TICK_S for step in steps)
-        acceleration = tuple((now - then) / TICK_S for now, then in zip(speed, motion.speed, strict=True))
-        before = motion.acceleration
-        for joint in SEVEN:
-            slowest, fastest = arm.speed_at(joint, goal[joint])
-            if not arm.low[joint] - 1e-6 <= goal[joint] <= arm.high[joint] + 1e-6:
-                return "joint_motion_generator_position_limits_violation"
-            if not slowest * SLACK - 1e-4 <= speed[joint] <= fastest * SLACK + 1e-4:
-                return "joint_motion_generator_velocity_limits_violation"
-            if abs(acceleration[joint]) > arm.acceleration[joint] * SLACK + 0.01:
-                return "joint_motion_generator_velocity_discontinuity"
-            if abs(acceleration[joint] - before[joint]) > arm.jerk[joint] * TICK_S * SLACK + 0.01:
-                return "joint_motion_generator_acceleration_discontinuity"
-        motion.speed, motion.acceleration = speed, acceleration
-        self._set_goal(goal)
+        refused = move_joints(motion, self.arm, self._goal, goal, COMMANDED)
+        if not refused:
+            self._set_goal(goal)
+        return refused
+
+    def _follow_path(self, motion: Motion, path: CartesianPath) -> str:
+        """Move the joints to the present pose of the path. Return the name of the violated limit, or empty."""
+        goal = path.joints(self._goal)
+        if goal is None:  # Close to a singular pose, the joints would have to be too fast.
+            return AFTER_IK.speed
+        refused = move_joints(motion, self.arm, self._goal, goal, AFTER_IK)
+        if not refused:
+            self._set_goal(goal)
+        return refused
+
+    def _push(self, torque_nm: Sequence[float]) -> str:
+        """Apply torques, at most those of the joints. Return the name of the violated limit; empty if they are
+        valid."""
+        tau = tuple(min(most, max(-most, nm)) for nm, most in zip(torque_nm, self.arm.effort, strict=True))
+        most = TORQUE_RATE * TICK_S * SLACK
+        if any(abs(nm - before) > most for nm, before in zip(tau, self._tau, strict=True)):
+            return "controller_torque_discontinuity"
+        self._tau = tau
+        self.plant.push(tau)
         return ""
 
     def _set_goal(self, goal: tuple[float, ...]) -> None:
@@ -297,16 +331,31 @@ class Controller:
         flags = [name in self.reasons for name in p.ERRORS]
         put(data, "errors", *(flags if self.mode == p.RobotMode.REFLEX else [False] * len(flags)))
         put(data, "reflex_reason", *flags)
-        if self.ticks % 10 == 0:  # Compute the pose rarely: it takes as long as the rest of the state.
-            pose = self.pose()
-            for name in ("O_T_EE", "O_T_EE_d", "O_T_EE_c"):
-                put(data, name, *pose)
+        if self.ticks % 10 == 0:  # Compute the poses rarely: it takes as long as the rest of the state.
+            put(data, "O_T_EE", *self.pose())
+            put(data, "elbow", *_elbow_of(self.plant.position_rad))
+        if motion is not None and motion.path is not None:
+            self._put_path(motion.path)
+        elif self.ticks % 10 == 0:
+            self._put_path(CartesianPath(self.arm, self._tool, self._goal, False))
         self._shown = bytes(data)
         return self._shown
 
+    def _put_path(self, path: CartesianPath) -> None:
+        """Write the commanded and the desired motion of the end effector, which are the same in this simulation."""
+        put, data = self.dialect.put, self._data
+        pose, twist, elbow = kinematics.numbers(path.pose), path.twist.tolist(), (path.elbow, path.sign)
+        for end in "cd":
+            put(data, f"O_T_EE_{end}", *pose)
+            put(data, f"O_dP_EE_{end}", *twist)
+            put(data, f"elbow_{end}", *elbow)
+        put(data, "O_ddP_EE_c", *path.acceleration.tolist())
+        put(data, "delbow_c", path.elbow_speed, path.sign)
+        put(data, "ddelbow_c", path.elbow_acceleration, path.sign)
+
     def pose(self) -> tuple[float, ...]:
-        """Return O_T_EE: the pose of the flange in the base, column-major."""
-        return self.plant.pose_of("link7", (0.0, 0.0, 0.107))
+        """Return O_T_EE: the measured pose of the end effector in the base, column-major."""
+        return tuple(kinematics.numbers(kinematics.pose(self.plant.position_rad) @ self._tool))
 
     def _rate(self) -> float:
         if self.motion is None:
@@ -314,3 +363,8 @@ class Controller:
         if self.success_rate is not None:
             return self.success_rate
         return sum(self._answered) / len(self._answered) if self._answered else 1.0
+
+
+def _elbow_of(joints: Sequence[float]) -> tuple[float, float]:
+    """Return the configuration of the elbow: the position of joint 3 (rad), and the sign of joint 4."""
+    return joints[kinematics.ELBOW], math.copysign(1.0, joints[kinematics.ELBOW + 1])

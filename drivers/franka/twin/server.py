@@ -1,16 +1,17 @@
 """Serve the FCI of a simulated Franka controller: requests on TCP, and a state each millisecond on UDP.
 
 A real controller never waits for its client. The simulated controller runs on the same computer as its client, so
-it gives the client more time. During a motion it waits in each tick up to ``tick_wait_s`` for the command. After
-that the command counts as missed. Without a motion it wakes up every few milliseconds, and sends the states that
-are due together.
+during a motion it may give the client more time for a command (``pace``). Without a motion it wakes up every few
+milliseconds, and sends the states that are due together.
 """
 
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import socket
+import sys
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -26,7 +27,8 @@ from .body import FrankaBody
 from .controller import TICK_S, Controller
 from .description import urdf
 from .model_library import X86_64_LINUX, model_library
-from .requests import INVALID_ARGUMENT, NOT_POSSIBLE, REQUESTS, SETTINGS
+from .pace import Pace, Processors, Stretches
+from .requests import NOT_POSSIBLE, REQUESTS, SETTINGS
 
 IDLE_TICKS = 4
 """Milliseconds between two wake-ups without a motion."""
@@ -36,6 +38,9 @@ LONGEST_TICKS = 20
 """Most milliseconds to catch up after a pause of this process. The rest is dropped."""
 LOGGED_BYTES = 64
 """Bytes of a command to log: its number and q. The log grows by this much per millisecond."""
+
+MUCH = 0.05
+"""Share of stretched milliseconds of a motion of which the user is told."""
 
 LIMIT_SIZE = 1 + 24 + 128 + 1
 """Bytes of the reply to a request for a Cartesian limit."""
@@ -73,7 +78,28 @@ class Machine:
 class FrankaServer(TcpServer):
     """Serve the clients of one simulated controller, and call its tick every millisecond."""
 
-    def __init__(self, robot: str, fci: int, log: WireLog, host: str | None, tick_wait_s: float) -> None:
+    def __init__(
+        self,
+        robot: str,
+        fci: int,
+        log: WireLog,
+        host: str | None,
+        tick_wait_s: float,
+        stretches: Stretches = "busy",
+        states_from: str | None = None,
+    ) -> None:
+        """Reserve the ports.
+
+        Args:
+            robot: The name of the arm.
+            fci: The version of the interface.
+            log: The log of the messages.
+            host: The address to serve at. None: one of its own.
+            tick_wait_s: Longest stretch of a millisecond.
+            stretches: When a millisecond may be stretched.
+            states_from: The address that states come from. None: the same as ``host``.
+        """
+
         def on_event(kind: str) -> None:
             log.write(time.monotonic_ns(), "robot", [(kind, b"")])
 
@@ -82,16 +108,16 @@ class FrankaServer(TcpServer):
         self._model = urdf(arm).encode() if fci == 10 else b""
         self._machine = Machine(self.controller)
         self._body = FrankaBody(self.controller)
-        self._wait_s = tick_wait_s
+        self._name = robot
+        self._pace = Pace(tick_wait_s, stretches, Processors())
+        self._told = False  # True once the user was told that time is stretched.
         self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
         self._mover: Connection | None = None
         self._late: deque[tuple[float, bytes]] = deque()
         super().__init__(self._machine, {p.PORT: self._attend_client}, log, host)
         self._udp = socket.socket(type=socket.SOCK_DGRAM)
         self._udp.setblocking(False)
-        self._udp.bind((self.host, 0))
-        self._readable = select.poll()
-        self._readable.register(self._udp, select.POLLIN)
+        self._udp.bind((states_from or self.host, 0))
 
     @property
     def body(self) -> FrankaBody:
@@ -165,7 +191,7 @@ class FrankaServer(TcpServer):
             case _ if name not in REQUESTS:
                 answer = NOT_POSSIBLE.ljust(LIMIT_SIZE if name == "cartesian_limit" else 1, b"\0")
             case _ if name in SETTINGS:
-                answer = b"\0" if controller.store(name, message.payload) else INVALID_ARGUMENT
+                answer = controller.store(name, message.payload)
             case "connect":
                 version, port = p.connect_request(message.payload)
                 matches = version == dialect.version
@@ -173,10 +199,7 @@ class FrankaServer(TcpServer):
                 if matches:
                     self._listeners_of_state[connection] = connection.peer_host, port
             case "move":
-                if len(message.payload) != dialect.move.size or connection not in self._listeners_of_state:
-                    status = "invalid_argument"
-                else:
-                    status = controller.start(message.id, *dialect.move.unpack(message.payload)[:2])
+                status = self._begin_motion(connection, message)
                 answer = bytes((dialect.move_statuses.index(status),))
                 if status == "motion_started":
                     self._mover = connection
@@ -189,6 +212,18 @@ class FrankaServer(TcpServer):
             case "model":
                 answer = b"\0" + model_library() if message.payload == X86_64_LINUX else b"\1"
         connection.send_logged("read", p.Message(message.code, message.id, answer).raw)
+
+    def _begin_motion(self, connection: Connection, message: p.Message) -> str:
+        """Begin the motion that a request asks for, if that is possible. Return the status for the reply."""
+        layout = self._dialect.move
+        if len(message.payload) != layout.size or connection not in self._listeners_of_state:
+            return "invalid_argument"
+        controller, generator, *rest = layout.unpack(message.payload)
+        if not all(0.0 < deviation < math.inf for deviation in rest[:6]):
+            return "invalid_argument"
+        if any(rest[6:7]):
+            return "not_possible"  # An asynchronous motion of FCI 10 [assumed: this byte requests it].
+        return self.controller.start(message.id, controller, generator)
 
     def _end(self, ended: tuple[int, str] | None) -> None:
         """Send the second reply to the ``move`` request: the status with which the motion has ended."""
@@ -214,9 +249,9 @@ class FrankaServer(TcpServer):
             await self._frost.thawed()
             now_s = time.monotonic()
             if self.controller.motion is not None:
-                await self._tick_with_client()
-                due_s = time.monotonic()
+                due_s = await self._tick_with_client(due_s if self._pace.ticks else now_s)
                 continue
+            self._report_pace()
             ticks = int((now_s - due_s) / TICK_S)
             due_s += ticks * TICK_S
             for _ in range(min(ticks, LONGEST_TICKS)):
@@ -224,23 +259,49 @@ class FrankaServer(TcpServer):
             await trio.sleep(IDLE_TICKS * TICK_S if self._listeners_of_state else ALONE_S)
             self._take_commands()
 
-    async def _tick_with_client(self) -> None:
+    async def _tick_with_client(self, due_s: float) -> float:
         """Run one millisecond of a motion: send a state, wait for its command, and wait for the end of the
-        millisecond. This blocks the process, which costs half as much as two turns of the event loop."""
-        began_s = time.monotonic()
+        millisecond. This blocks the process, which costs half as much as two turns of the event loop.
+
+        Args:
+            due_s: When this millisecond was due.
+
+        Returns:
+            When the next one is due.
+        """
+        pace = self._pace
+        pace.begin(due_s)
         self._tick()
         while self.controller.motion is not None:
-            over = time.monotonic() - began_s >= self._wait_s
+            now_s = time.monotonic()
+            over = pace.is_over(now_s)
             # Read commands before ending the wait: a command that arrived during a pause of this process is in
             # time.
             if self._take_commands() or over:
                 break
-            self._readable.poll(1)
+            select.select([self._udp], [], [], pace.wait_s(now_s))
             await trio.lowlevel.checkpoint()
-        rest_s = began_s + TICK_S - time.monotonic()
+        rest_s = pace.rest_s(time.monotonic())
         if rest_s > 0:
             time.sleep(rest_s)  # noqa: ASYNC251
         await trio.lowlevel.checkpoint()
+        return pace.end(time.monotonic())
+
+    def _report_pace(self) -> None:
+        """After a motion, log how many of its milliseconds were stretched. Tell the user once if they were many."""
+        pace = self._pace
+        if pace.stretched:
+            text = f"{pace.stretched} of {pace.ticks} ms"
+            self._log.write(time.monotonic_ns(), "robot", [("stretched", text.encode())])
+            if not self._told and pace.stretched > MUCH * pace.ticks:
+                self._told = True
+                print(
+                    f"{self._name}: the simulated controller has stretched {text} of a motion, because this "
+                    "computer is busy. Close other programs for real time",
+                    file=sys.stderr,
+                    flush=True,
+                )
+        pace.start_motion()
 
     def _tick(self) -> None:
         self._end(self.controller.tick())

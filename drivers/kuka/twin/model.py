@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from strands_actors.drivers.common.kit.link_rows import with_limits
+from strands_actors.drivers.common.kinematics.link_rows import with_limits
 from strands_actors.drivers.kuka.robots import TABLES, Arm
 
 

@@ -167,6 +167,11 @@ class ControlScript:
     def _free(self) -> None:
         self._controller.move(Free())
 
+    def _freedrive(self) -> None:
+        if not all(self._int(index) for index in range(1, 7)):
+            raise ScriptError("freedrive_mode along some axes only is not available on this controller")
+        self._free()
+
     def _end_free(self) -> None:
         if self._controller.motion.limp:
             self._controller.halt()
@@ -291,7 +296,7 @@ _ACTS: dict[int, Callable[[ControlScript], None]] = {
     c.Command.SERVO_L: ControlScript._servo_l,
     c.Command.JOG_START: ControlScript._jog,
     c.Command.TEACH_MODE: ControlScript._free,
-    c.Command.FREEDRIVE: ControlScript._free,
+    c.Command.FREEDRIVE: ControlScript._freedrive,
     c.Command.END_TEACH_MODE: ControlScript._end_free,
     c.Command.END_FREEDRIVE: ControlScript._end_free,
     c.Command.GET_FREEDRIVE_STATUS: lambda script: script._say(False),  # 0 means that no singularity is near.

@@ -40,9 +40,10 @@ class Waits:
 class Functions:
     """The URScript functions. Each method without a leading underscore is one of them."""
 
-    def __init__(self, controller: Controller, on_progress: Callable[[int], None]) -> None:
+    def __init__(self, controller: Controller, on_progress: Callable[[int], None] | None = None) -> None:
+        """Bind the functions to a controller. ``on_progress`` gets the progress of a path of ur-rtde's script."""
         self._robot = controller
-        self.signal_async_progress = on_progress
+        self._on_progress = on_progress
 
     # -- functions that move or stop the arm
 
@@ -80,6 +81,8 @@ class Functions:
         return self.stopj()
 
     def freedrive_mode(self, freeAxes: Any = (), feature: Any = "base") -> None:
+        if freeAxes and not all(_six(freeAxes)):
+            raise ScriptError("freedrive_mode along some axes only is not available on this controller")
         self._robot.move(Free())
 
     def end_freedrive_mode(self) -> None:
@@ -190,7 +193,15 @@ class Functions:
     def popup(
         self, s: Any, title: str = "", warning: bool = False, error: bool = False, blocking: bool = False
     ) -> None:
+        if blocking:
+            raise ScriptError("a blocking popup is not available on this controller: nobody closes it")
         self._robot.log.append(f"popup: {s}")
+
+    def signal_async_progress(self, progress: int) -> None:
+        """Report the progress of a path. Only ur-rtde's control script defines this function."""
+        if self._on_progress is None:
+            raise ScriptError("signal_async_progress is not available on this controller")
+        self._on_progress(int(_number(progress)))
 
     # -- functions that return the state of the arm
 

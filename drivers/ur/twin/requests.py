@@ -54,7 +54,7 @@ PACKETS: Modelled[int] = Modelled(
         p.Kind.START: "begins to send outputs",
         p.Kind.PAUSE: "stops sending outputs",
         p.Kind.DATA: "writes inputs",
-        p.Kind.TEXT: "is not answered",
+        p.Kind.TEXT: "notes the text in the log, and is not answered",
     },
     "a text message with the error",
 )
@@ -68,7 +68,7 @@ FUNCTIONS: Modelled[str] = Modelled(
     {
         **dict.fromkeys(("movej", "movel", "movep", "servoj", "speedj", "speedl"), _MOTIONS),
         **dict.fromkeys(("stopj", "stopl"), "stops the arm"),
-        **dict.fromkeys(("freedrive_mode", "teach_mode"), "frees the arm"),
+        **dict.fromkeys(("freedrive_mode", "teach_mode"), "frees the arm along all axes"),
         **dict.fromkeys(("end_freedrive_mode", "end_teach_mode"), "holds the arm"),
         "protective_stop": "stops the arm protectively",
         "sleep": "waits",
@@ -95,7 +95,7 @@ FUNCTIONS: Modelled[str] = Modelled(
             "writes a register for clients",
         ),
         "rtde_set_watchdog": "stops the program if a client's register does not come",
-        **dict.fromkeys(("textmsg", "popup"), "notes the text in the log"),
+        **dict.fromkeys(("textmsg", "popup"), "notes the text in the log; an error for a blocking popup"),
         **dict.fromkeys(
             (
                 "get_actual_joint_positions",
@@ -142,7 +142,7 @@ COMMANDS: Modelled[int] = Modelled(
         **dict.fromkeys(
             (Command.SPEED_J, Command.SPEED_L, Command.SERVO_J, Command.SERVO_L, Command.JOG_START), _MOTIONS
         ),
-        **dict.fromkeys((Command.TEACH_MODE, Command.FREEDRIVE), "frees the arm"),
+        **dict.fromkeys((Command.TEACH_MODE, Command.FREEDRIVE), "frees the arm along all axes"),
         **dict.fromkeys((Command.END_TEACH_MODE, Command.END_FREEDRIVE), "holds the arm"),
         **dict.fromkeys(
             (Command.SERVO_STOP, Command.SPEED_STOP, Command.STOP_J, Command.STOP_L, Command.JOG_STOP),

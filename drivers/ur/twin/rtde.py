@@ -30,6 +30,17 @@ def _text_message(text: str) -> bytes:
     return bytes((len(message),)) + message + b"\x04RTDE" + bytes((TEXT_ERROR,))
 
 
+def _text_of(payload: bytes) -> str:
+    """Return the text of a client's RTDE text message. Raise ``MalformedFrame`` if the payload is too short.
+
+    The length of the text comes first, then the text, its source with a length, and the severity.
+    """
+    size = payload[0] if payload else 0
+    if len(payload) < 1 + size + 2:
+        raise MalformedFrame(f"a text message of {len(payload)} bytes")
+    return payload[1 : 1 + size].decode("utf-8", "replace")
+
+
 class RtdeServer:
     """Serve all RTDE clients of one simulated controller."""
 
@@ -157,6 +168,8 @@ class Client:
             case p.Kind.PAUSE:
                 self._started = False
                 return b"\x01"
+            case p.Kind.TEXT:
+                self._server.controller.log.append(_text_of(payload))
         return None  # A controller does not answer a text message.
 
     def _agree_outputs(self, payload: bytes) -> bytes:

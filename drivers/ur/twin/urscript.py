@@ -180,7 +180,7 @@ class Script:
         self,
         controller: Controller,
         statements: Sequence[Statement],
-        on_progress: Callable[[int], None] = lambda value: None,
+        on_progress: Callable[[int], None] | None = None,
     ) -> None:
         self._controller = controller
         self._functions = Functions(controller, on_progress)

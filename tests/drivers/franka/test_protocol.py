@@ -144,3 +144,18 @@ def test_disturbed_frames_raise_only_the_codecs_error_and_fill_no_memory() -> No
             with contextlib.suppress(MalformedFrame):
                 parse(data)
         p.mode_name(chance.randrange(256))
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("valid", [False, True])
+def test_the_cartesian_fields_of_a_command(version: int, valid: bool) -> None:
+    """The offsets are those of libfranka."""
+    dialect = p.DIALECTS[version]
+    data = bytearray(dialect.position_command(7, (0.0,) * 7, False))
+    pose, twist, elbow = tuple(map(float, range(16))), tuple(map(float, range(20, 26))), (0.5, -1.0)
+    struct.pack_into("<16d", data, 120, *pose)
+    struct.pack_into("<6d", data, 248, *twist)
+    struct.pack_into("<2d?", data, 296, *elbow, valid)
+    command = dialect.command(bytes(data))
+    assert (command.pose, command.twist, command.elbow) == (pose, twist, elbow if valid else ())
+    assert set(pose + twist) <= set(command.numbers)

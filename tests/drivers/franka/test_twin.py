@@ -122,11 +122,19 @@ def test_a_finished_motion_leaves_the_arm_at_its_target() -> None:
     assert not controller.take(p.Command(0, HOME, ZEROS, ZEROS, False)), "without a motion a command has no effect"
 
 
-def test_requests_that_the_twin_does_not_have_are_refused() -> None:
+@pytest.mark.parametrize(
+    ("law", "generator"),
+    [
+        (p.Controller.JOINT_IMPEDANCE, p.Generator.NONE),  # Only torques need no generator.
+        (p.Controller.OTHER, p.Generator.JOINT_POSITION),
+        (p.Controller.JOINT_IMPEDANCE, p.Generator.NONE + 1),
+        (7, p.Generator.CARTESIAN_POSITION),
+    ],
+)
+def test_motions_that_no_controller_has_are_refused(law: int, generator: int) -> None:
     controller = controller_of()
-    assert (
-        controller.start(1, p.Controller.JOINT_IMPEDANCE, p.Generator.CARTESIAN_POSITION - 1) == "invalid_argument"
-    )
+    assert controller.start(1, law, generator - 1) == "invalid_argument"
+    assert controller.mode is p.RobotMode.IDLE
 
 
 def test_a_controller_that_was_switched_off_restarts_its_count_and_its_arm_moves_on() -> None:

@@ -16,8 +16,11 @@ from typing import Any
 
 import pytest
 
-from tests.answers import PATIENCE_S
+from strands_actors import Robot
+from tests.answers import PATIENCE_S, json_of
 from tests.drivers.common.twin_process import TwinProcess
+
+from .arms_on_twins import away, wait_at
 
 PRELUDE = """
 import json, math, os, sys, time, warnings
@@ -40,7 +43,8 @@ robot = franka.Robot(host, franka.RealtimeConfig.kIgnore)
 
 
 def twin_of(robot: str, directory: Path, **options: Any) -> TwinProcess:
-    return TwinProcess(directory, robot, "franka", options=options)
+    """Return a twin that waits for its client: these clients run without priority, and one of them in Python."""
+    return TwinProcess(directory, robot, "franka", options={"stretches": "always", **options})
 
 
 @pytest.fixture
@@ -301,3 +305,198 @@ def test_saf_003_a_client_that_is_killed_leaves_an_arm_that_stands(robot: str, t
         while ("aborted", "") not in twin.logged("robot"):
             assert twin.process.poll() is None
         assert [kind for kind, _ in twin.logged("host")][-1] in ("setpoint", "other")
+
+
+# -- Cartesian motions
+
+PANDA_ROBOT = """
+from panda_py import libfranka
+robot = libfranka.Robot(host, realtime_config=libfranka.RealtimeConfig.kIgnore)
+"""
+CIRCLE = """
+start, elapsed = None, 0.0
+while elapsed < 1.0:
+    state, duration = active.readOnce()
+    start = start or list(state.O_T_EE_d)
+    elapsed += duration.to_sec()
+    angle = math.pi / 8 * (1 - math.cos(math.pi * min(elapsed, 1.0)))
+    pose = list(start)
+    pose[12] += 0.1 * math.sin(angle)
+    pose[14] += 0.1 * (math.cos(angle) - 1)
+    command = franka.CartesianPose(pose)
+    command.motion_finished = elapsed >= 1.0
+    active.writeOnce(command)
+"""
+
+
+def ends_on_the_circle(reported: dict[str, Any]) -> None:
+    moved = [there - here for there, here in zip(reported["end"][12:15], reported["start"][12:15], strict=True)]
+    assert moved == pytest.approx([0.1 * 0.7071, 0.0, -0.1 * 0.2929], abs=2e-3)
+    assert reported["end"][:12] == pytest.approx(reported["start"][:12], abs=2e-3)
+
+
+@pytest.mark.needs("pylibfranka")
+def test_pylibfranka_leads_the_end_effector_along_poses(fr3: TwinProcess) -> None:
+    """As in the vendor's example: with its own stiffness, then from the commanded pose."""
+    reported = run(
+        fr3,
+        FR3
+        + """
+robot.set_joint_impedance([3000.0, 3000.0, 3000.0, 2500.0, 2500.0, 2000.0, 2000.0])
+robot.set_cartesian_impedance([3000.0, 3000.0, 3000.0, 300.0, 300.0, 300.0])
+active = robot.start_cartesian_pose_control(franka.ControllerMode.JointImpedance)
+"""
+        + CIRCLE
+        + """
+for _ in range(300):
+    state = robot.read_once()
+end(start=start, end=list(state.O_T_EE), mode=str(state.robot_mode))
+""",
+    )
+    assert reported["mode"] == "RobotMode.Idle"
+    ends_on_the_circle(reported)
+
+
+@pytest.mark.needs("pylibfranka")
+def test_pylibfranka_leads_the_end_effector_at_a_velocity(fr3: TwinProcess) -> None:
+    reported = run(
+        fr3,
+        FR3
+        + """
+start = list(robot.read_once().O_T_EE)
+active = robot.start_cartesian_velocity_control(franka.ControllerMode.CartesianImpedance)
+elapsed = 0.0
+while elapsed < 1.0:
+    state, duration = active.readOnce()
+    elapsed += duration.to_sec()
+    speed = 0.05 * (1.0 - math.cos(2.0 * math.pi * min(elapsed, 1.0)))
+    command = franka.CartesianVelocities([speed, 0.0, -speed, 0.0, 0.0, 0.0])
+    command.motion_finished = elapsed >= 1.0
+    active.writeOnce(command)
+for _ in range(300):
+    state = robot.read_once()
+end(start=start, end=list(state.O_T_EE))
+""",
+    )
+    moved = [there - here for there, here in zip(reported["end"][12:15], reported["start"][12:15], strict=True)]
+    assert moved == pytest.approx([0.05, 0.0, -0.05], abs=3e-3)
+
+
+@pytest.mark.needs("pylibfranka")
+def test_pylibfranka_is_told_which_cartesian_limit_it_violates(fr3: TwinProcess) -> None:
+    reported = run(
+        fr3,
+        FR3
+        + """
+active = robot.start_cartesian_pose_control(franka.ControllerMode.JointImpedance)
+try:
+    for cycle in range(200):
+        state, _ = active.readOnce()
+        start = list(state.O_T_EE_d) if cycle == 0 else start
+        pose = list(start)
+        pose[13] += 0.02 if cycle > 50 else 0.0
+        active.writeOnce(franka.CartesianPose(pose))
+    error = ""
+except Exception as failure:
+    error = str(failure)
+end(error=error)
+""",
+    )
+    assert "cartesian_motion_generator_velocity_limits_violation" in reported["error"]
+
+
+@pytest.mark.needs("pylibfranka")
+def test_pylibfrankas_asynchronous_motions_are_not_possible(fr3: TwinProcess) -> None:
+    reported = run(
+        fr3,
+        FR3
+        + """
+handler = franka.AsyncPositionControlHandler
+result = handler.configure(robot, handler.Configuration([0.5] * 7, 0.01))
+end(error=result.error_message or "", mode=str(robot.read_once().robot_mode))
+""",
+    )
+    assert "command not possible in the current mode" in reported["error"], reported
+    assert reported["mode"] == "RobotMode.Idle"
+
+
+@pytest.mark.needs("panda-python")
+def test_libfranka_leads_the_end_effector_and_its_elbow(panda: TwinProcess) -> None:
+    """With the filter and the limits of libfranka 0.9.2, which compute with the commanded values of each state."""
+    reported = run(
+        panda,
+        PANDA_ROBOT
+        + """
+seen = {}
+def circle(state, duration):
+    seen.setdefault("start", list(state.O_T_EE_c))
+    seen["time"] = seen.get("time", 0.0) + duration.to_sec()
+    angle = math.pi / 8 * (1 - math.cos(math.pi * min(seen["time"], 1.0)))
+    pose = list(seen["start"])
+    pose[12] += 0.1 * math.sin(angle)
+    pose[14] += 0.1 * (math.cos(angle) - 1)
+    command = libfranka.CartesianPose(pose)
+    command.motion_finished = seen["time"] >= 1.1
+    return command
+robot.control_cartesian_pose(circle)
+end_pose = list(robot.read_once().O_T_EE_d)
+began = list(robot.read_once().elbow_d)
+seen["time"] = 0.0
+def swing(state, duration):
+    seen["time"] += duration.to_sec()
+    seen.setdefault("pose", list(state.O_T_EE_c))
+    elbow = [began[0] + 0.1 * (1 - math.cos(math.pi * min(seen["time"], 1.0))), began[1]]
+    command = libfranka.CartesianPose(seen["pose"], elbow)
+    command.motion_finished = seen["time"] >= 1.1
+    return command
+robot.control_cartesian_pose(swing)
+state = robot.read_once()
+end(start=seen["start"], end=end_pose, elbow=state.elbow_d[0] - began[0], still=list(state.O_T_EE_d))
+""",
+    )
+    ends_on_the_circle(reported)
+    assert reported["elbow"] == pytest.approx(0.2, abs=2e-3)
+    assert reported["still"] == pytest.approx(reported["end"], abs=2e-3)
+
+
+@pytest.mark.needs("panda-python")
+def test_libfranka_gets_the_controllers_inverse_kinematics_for_its_torques(panda: TwinProcess) -> None:
+    """As in the vendor's example joint_impedance_control."""
+    reported = run(
+        panda,
+        PANDA_ROBOT
+        + """
+seen = {"time": 0.0}
+def lift(state, duration):
+    seen["time"] += duration.to_sec()
+    seen.setdefault("start", list(state.O_T_EE_d))
+    pose = list(seen["start"])
+    pose[14] += 0.03 * (1 - math.cos(math.pi * min(seen["time"], 1.0)))
+    command = libfranka.CartesianPose(pose)
+    command.motion_finished = seen["time"] >= 1.5
+    return command
+def torques(state, duration):
+    return libfranka.Torques([300 * (d - q) - 25 * v for d, q, v in zip(state.q_d, state.q, state.dq)])
+robot.control_torque_cartesian_pose(torques, lift)
+end(start=seen["start"], end=list(robot.read_once().O_T_EE))
+""",
+    )
+    assert reported["end"][14] - reported["start"][14] == pytest.approx(0.06, abs=5e-3)
+
+
+# -- where the states come from
+
+
+@pytest.mark.needs("panda-python")
+def test_states_from_another_address_are_heard_by_libfranka_and_by_us(tmp_path: Path, run_dir: Path) -> None:
+    with twin_of("panda", tmp_path, states_from="127.77.7.7") as twin:
+        reported = run(twin, PANDA + "end(moved=panda.move_to_joint_position([rad + 0.05 for rad in panda.q]))")
+        assert reported["moved"]
+        arm = Robot("panda", mode="real", port=twin.port)
+        try:
+            assert arm.connect_eagerly() is None
+            goal = away(arm, 0.05)
+            json_of(arm.send_action(goal))
+            wait_at(arm, goal)
+        finally:
+            arm.cleanup()

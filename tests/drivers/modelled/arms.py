@@ -17,12 +17,8 @@ from strands_actors.drivers.feetech.twin import INSTRUCTIONS as FEETECH
 from strands_actors.drivers.feetech.twin import FeetechBus
 from strands_actors.drivers.franka import protocol as franka
 from strands_actors.drivers.franka.twin import FrankaServer
+from strands_actors.drivers.franka.twin.requests import MOTIONS as FRANKA_MOTIONS
 from strands_actors.drivers.franka.twin.requests import REQUESTS as FRANKA
-from strands_actors.drivers.kinova import protocol as kinova
-from strands_actors.drivers.kinova.base import CALLS as KINOVA
-from strands_actors.drivers.kinova.base import Base
-from strands_actors.drivers.kinova.protocol import ArmState, Call
-from strands_actors.drivers.kinova.robots import TABLES as KINOVA_TABLES
 from strands_actors.drivers.robotiq.protocol import INPUT, OUTPUT
 from strands_actors.drivers.robotiq.sessions import FUNCTIONS, TcpSession
 from strands_actors.drivers.robotiq.twin import twin_of
@@ -33,6 +29,7 @@ from strands_actors.drivers.xarm.twin import controller_of
 from strands_actors.drivers.xarm.twin.controller import Controller
 from strands_actors.drivers.xarm.twin.registers import REGISTERS as XARM
 from strands_actors.drivers.xarm.twin.registers import Other
+from tests.drivers.kinova import walk as kinova_walk
 from tests.drivers.xarm import requests as xarm_requests
 
 from .walk import Answer, Walk
@@ -104,32 +101,6 @@ def change_feetech(code: int) -> Callable[[FeetechBus], None]:
     return act
 
 
-# -- Kinova
-
-
-def ask_kinova(base: Base, call: int, payload: bytes) -> Answer:
-    login = kinova.Login("admin", "admin").encode()
-    session = base.answer("client", kinova.Frame(kinova.Kind.REQUEST, Call.CREATE_SESSION, 1, 0, login)).session
-    frame = base.answer("client", kinova.Frame(kinova.Kind.REQUEST, call, 2, session, payload))
-    # Each question opens a session of its own, which is closed so that it does not count as an effect.
-    if call != Call.CREATE_SESSION:
-        base.answer("client", kinova.Frame(kinova.Kind.REQUEST, Call.CLOSE_SESSION, 3, session))
-    base._number = 0
-    return Answer(frame.error == 0, frame.payload)
-
-
-def fault(base: Base) -> None:
-    base.set_state(ArmState.IN_FAULT)
-
-
-def speeds() -> bytes:
-    return kinova.encode_speeds((5.0, *[0.0] * 6))
-
-
-def move_kinova(base: Base) -> None:
-    ask_kinova(base, Call.SEND_JOINT_SPEEDS, speeds())
-
-
 # -- Robotiq
 
 
@@ -158,6 +129,10 @@ BOTH = BLOCK + COMMAND
 # -- Franka
 
 
+TOOL = struct.pack("<16d", 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0.1, 1)
+"""An end effector of 10 cm, column by column."""
+
+
 class Client:
     """The client's end of a connection."""
 
@@ -170,9 +145,9 @@ class Client:
         self.sent.append(data)
 
 
-def franka_server() -> FrankaServer:
+def franka_server(robot: str = "panda", fci: int = 5) -> FrankaServer:
     async def build() -> FrankaServer:
-        return FrankaServer("panda", 5, WireLog(None), None, 0.01)
+        return FrankaServer(robot, fci, WireLog(None), None, 0.01)
 
     server = trio.run(build)
     server._udp.close()  # It needs no socket here.
@@ -190,6 +165,24 @@ def ask_franka(server: FrankaServer, name: str, payload: bytes) -> Answer:
     accepted = reply[0] == (1 if name == "move" else 0)
     server._listeners_of_state.clear()
     return Answer(accepted, reply[1:] if name in ("connect", "model") else b"")
+
+
+LAWS = ("joint_impedance", "cartesian_impedance", "external", "other")
+GENERATORS = ("joint_position", "joint_velocity", "cartesian_position", "cartesian_velocity", "none", "other")
+
+
+def ask_motion(server: FrankaServer, motion: str, payload: bytes) -> Answer:
+    """Request a motion: a controller, a motion generator, and whether its targets come at no rate (FCI 10)."""
+    law, generator, *asynchronous = motion.split()
+    client: Any = Client()
+    server._obey(client, "connect", franka.Message(0, 1, struct.pack("<HH", 10, 1)))
+    payload = franka.DIALECTS[10].move.pack(
+        LAWS.index(law), GENERATORS.index(generator), *[1.0] * 6, bool(asynchronous), *[0.5] * 7
+    )
+    client.sent.clear()
+    server._obey(client, "move", franka.Message(1, 2, payload))
+    server._listeners_of_state.clear()
+    return Answer(client.sent[0][franka.HEADER.size] == franka.DIALECTS[10].move_statuses.index("motion_started"))
 
 
 def reflex(server: FrankaServer) -> None:
@@ -255,22 +248,7 @@ def walks() -> Iterator[Walk]:
         },
         frozenset((feetech.PING,)),  # its reply is the error byte alone
     )
-    yield Walk(
-        "kinova",
-        KINOVA,
-        [service << 16 | function for service in (1, 2, 3) for function in range(256)],
-        lambda: Base(KINOVA_TABLES.table("kinova_gen3"), now_s=still),
-        ask_kinova,
-        {
-            **dict.fromkeys(KINOVA.effects, b""),
-            Call.CREATE_SESSION: kinova.Login("admin", "admin").encode(),
-            Call.SEND_JOINT_SPEEDS: speeds(),
-            Call.SET_SERVOING_MODE: kinova.encode_number(kinova.ServoingMode.LOW_LEVEL),
-        },
-        (b"", b"\x08\x01"),
-        {Call.CLEAR_FAULTS: fault, Call.STOP: move_kinova},
-        frozenset((Call.CLOSE_SESSION, Call.KEEP_ALIVE)),  # tests/drivers/kinova/test_twin.py closes and keeps one
-    )
+    yield from kinova_walk.walks()
     yield Walk(
         "robotiq",
         FUNCTIONS,
@@ -319,12 +297,23 @@ def walks() -> Iterator[Walk]:
             "recover": b"",
             "model": b"\0\0",
             "load": struct.pack("<13d", 1.0, *[0.0] * 12),
-            "ee_to_k": struct.pack("<16d", *[2.0] * 16),
-            "ne_to_ee": struct.pack("<16d", *[2.0] * 16),
+            "ee_to_k": TOOL,
+            "ne_to_ee": TOOL,
             "collision": struct.pack("<52d", *[20.0] * 52),
+            "joint_impedance": struct.pack("<7d", *[2000.0] * 7),
+            "cartesian_impedance": struct.pack("<6d", *[200.0] * 6),
         },
         (b"", struct.pack("<7d", *[100.0] * 7), bytes(13 * 8)),
         {"stop": moves, "recover": reflex},
+    )
+    yield Walk(
+        "franka motions",
+        FRANKA_MOTIONS,
+        [f"{law} {kind}{more}" for law in LAWS for kind in GENERATORS for more in ("", " asynchronous")],
+        lambda: franka_server("fr3", 10),
+        ask_motion,
+        dict.fromkeys(FRANKA_MOTIONS.effects, b""),
+        (b"",),
     )
 
 

@@ -5,14 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from strands_actors.drivers.common.codecs import protobuf as pb
-from strands_actors.drivers.rby1 import protocol as rby1
-from strands_actors.drivers.rby1.commands import Command, JointPosition, encode_command
-from strands_actors.drivers.rby1.protocol import JointOrder, ManagerOrder, Method, PowerOrder
-from strands_actors.drivers.rby1.robots import TABLES as RBY1_TABLES
-from strands_actors.drivers.rby1.twin.calls import CALLS as RBY1
-from strands_actors.drivers.rby1.twin.controller import Controller
-from strands_actors.drivers.rby1.twin.service import RBY1Service
 from strands_actors.drivers.spot import protocol as spot
 from strands_actors.drivers.spot.messages import encode, table
 from strands_actors.drivers.spot.twin import SpotTwin
@@ -20,30 +12,13 @@ from strands_actors.drivers.spot.twin.commands import CLOCK
 from strands_actors.drivers.spot.twin.feedback import Progress
 from strands_actors.drivers.spot.twin.requests import COMMANDS, METHODS
 
+from . import rby1
+from .grpc_call import GrpcCall
 from .walk import Answer, Walk
 
 
 def still() -> float:
     return 100.0
-
-
-class GrpcCall:
-    """A client's call, as the twin's service sees it."""
-
-    def __init__(self, path: str) -> None:
-        self.path = path
-        self.is_open = self.has_room = True
-        self.sent: list[bytes] = []
-
-    def log_received(self, t_ns: int, kind: str, message: bytes, safe_state: str | None = None) -> None: ...
-
-    def send(self, message: bytes) -> None:
-        self.sent.append(message)
-
-    answer = send
-
-    def end(self, status: object = None, text: str = "") -> None:
-        self.is_open = False
 
 
 # -- Spot
@@ -57,14 +32,13 @@ OTHER_SERVICES = (
     "FaultService/TriggerServiceFault",
     "GraphNavService/NavigateTo",
     "GripperCameraParamService/SetParams",
-    "ImageService/GetImage",
+    "InverseKinematicsService/InverseKinematics",
     "KeepaliveService/CheckIn",
     "LocalGridService/GetLocalGrids",
     "ManipulationApiService/ManipulationApi",
     "PowerService/FanPowerCommand",
     "PowerService/ResetSafetyStop",
     "RobotCommandService/GripperCommand",
-    "RobotStateService/GetRobotMetrics",
     "SpotCheckService/SpotCheckCommand",
     "WorldObjectService/MutateWorldObjects",
 )
@@ -142,86 +116,22 @@ TRAJECTORY = {
     "trajectory": {"points": [{"pose": {"position": {"x": 0.3}}}]},
     "se2_frame_name": "odom",
 }
+HAND = {
+    "root_frame_name": "body",
+    "pose_trajectory_in_task": {"points": [{"pose": {"position": {"x": 0.75, "z": 0.25}}}]},
+}
+UPWARDS = {"end_time": VELOCITY["end_time"], "cylindrical_velocity": {"linear_velocity": {"z": 0.5}}}
+GAZE = {"frame1_name": "odom", "target_trajectory_in_frame1": {"points": [{"point": {"x": 3.0}}]}}
+FEET = {"fl": (0.3, 0.2), "fr": (0.3, -0.2), "hl": (-0.3, 0.2), "hr": (-0.3, -0.2)}
+STANCE = {
+    "end_time": VELOCITY["end_time"],
+    "stance": {
+        "se2_frame_name": "odom",
+        "foot_positions": [{"key": foot, "value": {"x": x, "y": y}} for foot, (x, y) in FEET.items()],
+    },
+}
 ARM = {"trajectory": {"points": [{"position": {"sh0": {"value": 0.3}}}]}}
 READY = {"position": 2}
-
-
-# -- RB-Y1
-
-RBY1_OTHERS = (
-    "ControlManagerService/SetTimeScale",
-    "JointOperationService/BrakeEngage",
-    "JointOperationService/BrakeRelease",
-    "JointOperationService/HomeOffsetReset",
-    "LEDService/SetLEDColor",
-    "LogService/GetLastLog",
-    "ParameterService/SetParameter",
-    "PowerService/ToolFlangePowerCommand",
-    "RobotInfoService/ImportRobotModel",
-    "RobotStateService/ResetOdometry",
-    "SystemService/SetSystemTime",
-    "SystemService/WifiConnect",
-    "ToolFlangeService/SetToolFlangeOutputVoltage",
-)
-
-
-def rby1_on() -> RBY1Service:
-    controller = Controller(RBY1_TABLES.table("rby1"), still)
-    return RBY1Service(controller)
-
-
-def energised(service: RBY1Service) -> None:
-    controller = service.controller
-    assert controller.power(".*", True) and controller.servo(".*", JointOrder.SERVO_ON)
-    controller.order_manager(ManagerOrder.ENABLE)
-
-
-def powered(service: RBY1Service) -> None:
-    assert service.controller.power(".*", True)
-
-
-def moving(service: RBY1Service) -> None:
-    energised(service)
-    ask_rby1(service, Method.COMMAND, HEAD)
-
-
-def ask_rby1(service: RBY1Service, path: str, message: bytes) -> Answer:
-    call: Any = GrpcCall(path)
-    if not service.called(call):
-        return Answer(False)
-    service.message(call, 0, message)
-    reads = path in (*READS, Method.PING)
-    return Answer(True, b"".join(call.sent) if reads else b"")
-
-
-READS = (
-    Method.GET_ROBOT_INFO,
-    Method.GET_ROBOT_MODEL,
-    Method.GET_ROBOT_STATE,
-    Method.GET_MANAGER_STATE,
-    Method.WAIT_READY,
-)
-HEAD = encode_command({"head": JointPosition((0.1, 0.1), 1.0, 1.0)}, 1)
-
-
-def other_commands() -> Iterator[tuple[str, Command]]:
-    """Yield the commands of all kinds but joint positions, by the fields of the vendor's messages."""
-
-    def within(*numbers: int) -> Command:
-        data = b"\x08\x01"
-        for number in reversed(numbers):
-            data = pb.bytes_field(number, data)
-        return Command.decode(pb.bytes_field(2, data))
-
-    yield "real time control", within(2, 3)
-    yield "jog", within(4)
-    yield "mobility", within(3, 2)
-    for number in (3, 4, 5, 7, 8):
-        yield f"body {number}", within(3, 3, number)
-    for part in (2, 3, 4):
-        for number in range(3, 8):
-            yield f"part {part} {number}", within(3, 3, 6, part, number)
-    yield "head", within(3, 4, 3)
 
 
 def walks() -> Iterator[Walk]:
@@ -239,6 +149,8 @@ def walks() -> Iterator[Walk]:
             **dict.fromkeys(METHODS.effects, named),
             "GetAuthToken": {**named, "username": "twin", "password": "twin"},
             "GetServiceEntry": {**named, "service_name": "lease"},
+            "GetImage": {**named, "image_requests": [{"image_source_name": "back_depth"}]},
+            "RecordOperatorComments": {**named, "operator_comments": [{"message": "hello"}]},
             "AcquireLease": {**named, "resource": spot.LEASE_RESOURCE},
             "TakeLease": {"header": {"client_name": "other"}, "resource": spot.LEASE_RESOURCE},
             "ReturnLease": lease,
@@ -276,6 +188,10 @@ def walks() -> Iterator[Walk]:
             "full_body_command.safe_power_off_request": {"unsafe_action": 1},
             "mobility_command.se2_velocity_request": VELOCITY,
             "mobility_command.se2_trajectory_request": TRAJECTORY,
+            "mobility_command.stance_request": STANCE,
+            "arm_command.arm_cartesian_command": HAND,
+            "arm_command.arm_velocity_command": UPWARDS,
+            "arm_command.arm_gaze_command": GAZE,
             "arm_command.named_arm_position_command": READY,
             "arm_command.arm_joint_move_command": ARM,
             "gripper_command.claw_gripper_command": {"trajectory": {"points": [{"point": -1.0}]}},
@@ -288,31 +204,4 @@ def walks() -> Iterator[Walk]:
             "arm_command.arm_stop_command": reaching,
         },
     )
-    yield Walk(
-        "rby1",
-        RBY1,
-        [*Method, *(f"/rb.api.{name}" for name in RBY1_OTHERS)],
-        rby1_on,
-        ask_rby1,
-        {
-            **dict.fromkeys(Method, b""),
-            Method.STATE_STREAM: rby1.encode_rate(10.0),
-            Method.POWER: rby1.encode_order(".*", PowerOrder.ON),
-            Method.JOINT: rby1.encode_order(".*", JointOrder.SERVO_ON),
-            Method.SERVO_ON: rby1.encode_order(".*", 0),
-            Method.SERVO_OFF: rby1.encode_order(".*", 0),
-            Method.MANAGER: rby1.encode_manager_order(ManagerOrder.DISABLE),
-            Method.COMMAND: HEAD,
-            Method.COMMAND_STREAM: HEAD,
-        },
-        (b"",),
-        {
-            Method.JOINT: powered,
-            Method.SERVO_ON: powered,
-            Method.SERVO_OFF: energised,
-            Method.MANAGER: energised,
-            Method.CANCEL: moving,
-            Method.COMMAND: energised,
-            Method.COMMAND_STREAM: energised,
-        },
-    )
+    yield from rby1.walks()

@@ -13,11 +13,6 @@ from strands_actors.drivers.booster.robots import model_of as booster_model
 from strands_actors.drivers.booster.rpc import Api
 from strands_actors.drivers.booster.twin.onboard import Onboard as BoosterOnboard
 from strands_actors.drivers.booster.twin.requests import REQUESTS as BOOSTER
-from strands_actors.drivers.crazyflie import protocol as crazyflie
-from strands_actors.drivers.crazyflie.protocol import HighLevel, Port, Setpoint
-from strands_actors.drivers.crazyflie.robots import TABLES as CRAZYFLIES
-from strands_actors.drivers.crazyflie.twin.firmware import Firmware
-from strands_actors.drivers.crazyflie.twin.packets import ORDERS, PACKETS, SETPOINTS, key_of
 from strands_actors.drivers.stretch import frames as f
 from strands_actors.drivers.stretch import protocol as stretch
 from strands_actors.drivers.stretch.twin.boards import BoardDecoder
@@ -31,6 +26,7 @@ from strands_actors.drivers.unitree.twin import arm_actions, obstacles
 from strands_actors.drivers.unitree.twin.onboard import Onboard
 from strands_actors.drivers.unitree.twin.requests import ARM, OBSTACLES, SWITCHER, requests_of
 from strands_actors.drivers.unitree.walking.sport import LIE, LOCK, SIT
+from tests.drivers.crazyflie import walks as crazyflie
 
 from .walk import Answer, Walk
 
@@ -122,65 +118,6 @@ def lie(twin: BoosterOnboard) -> None:
 
 def move_odometer(twin: BoosterOnboard) -> None:
     twin.odometer = Odometer(1.0, 2.0, 0.5)
-
-
-# -- Crazyflie
-
-
-def firmware() -> Firmware:
-    return Firmware(CRAZYFLIES.table("crazyflie"), still)
-
-
-def armed() -> Firmware:
-    twin = firmware()
-    twin.receive(crazyflie.ARM)
-    return twin
-
-
-def ask_packet(twin: Firmware, key: str, data: bytes) -> Answer:
-    port, channel = map(int, key.split("."))
-    reaction = twin.receive(crazyflie.encode(port, channel, data))
-    return Answer(reaction.kind not in ("other", "garbled"), b"".join(reaction.replies))
-
-
-def ask_setpoint(twin: Firmware, kind: int, data: bytes) -> Answer:
-    return ask_packet(twin, key_of(Port.SETPOINT, 0), bytes((kind,)) + data)
-
-
-def ask_order(twin: Firmware, kind: int, data: bytes) -> Answer:
-    (reply,) = twin.receive(crazyflie.encode(Port.HIGH_LEVEL, 0, bytes((kind,)) + data)).replies
-    return Answer(reply[-1] == 0)
-
-
-def hover(twin: Firmware) -> None:
-    twin.receive(crazyflie.hover(0.1, 0.0, 0.0, 0.5))
-
-
-def take_off(twin: Firmware) -> None:
-    ask_order(twin, HighLevel.TAKEOFF, struct.pack("<Bff?f", 0, 0.5, 0.0, False, 2.0))
-
-
-PACKET_DATA = {
-    key_of(Port.PARAMETERS, 0): b"\3",
-    key_of(Port.PARAMETERS, 1): b"\0\0",
-    key_of(Port.PARAMETERS, 2): b"\0\0\1",
-    key_of(Port.RPYT, 0): struct.pack("<fffH", 0.0, 0.0, 0.0, 40000),
-    key_of(Port.MEMORY, 0): b"\1",
-    key_of(Port.MEMORY, 1): bytes(6),
-    key_of(Port.MEMORY, 2): bytes(6),
-    key_of(Port.LOG, 0): b"\3",
-    key_of(Port.LOG, 1): b"\6\1\7\0\0",
-    key_of(Port.LOCALIZATION, 1): b"\3",
-    key_of(Port.SETPOINT, 0): b"\0",
-    key_of(Port.SETPOINT, 1): b"\0",
-    key_of(Port.HIGH_LEVEL, 0): struct.pack("<BBff?f", HighLevel.TAKEOFF, 0, 0.5, 0.0, False, 2.0),
-    key_of(Port.SUPERVISOR, 0): b"\x0c",
-    key_of(Port.SUPERVISOR, 1): b"\1\0",
-    key_of(Port.PLATFORM, 1): b"\0",
-    key_of(Port.LINK, 0): b"x",
-    key_of(Port.LINK, 1): b"\0",
-    key_of(Port.LINK, 3): b"",
-}
 
 
 # -- Stretch
@@ -308,39 +245,7 @@ def walks() -> Iterator[Walk]:
         ("", '{"mode": 1, "start": true, "pitch": 0.1, "yaw": 0.1}'),
         {Api.GET_UP: lie, Api.RESET_ODOMETRY: move_odometer},
     )
-    data = (b"", b"\0", b"\1\1", bytes(16), b"\x05" * 29)
-    keys = [key_of(port, channel) for port in range(16) for channel in range(4)]
-    prepare = {key_of(Port.SETPOINT, 0): hover, key_of(Port.SETPOINT, 1): hover}
-    yield Walk("crazyflie", PACKETS, keys, armed, ask_packet, PACKET_DATA, data, prepare)
-    yield Walk(
-        "setpoints",
-        SETPOINTS,
-        range(256),
-        armed,
-        ask_setpoint,
-        {
-            Setpoint.STOP: b"",
-            Setpoint.VELOCITY_WORLD: struct.pack("<4f", 0.1, 0.0, 0.0, 0.0),
-            Setpoint.HOVER: struct.pack("<4f", 0.1, 0.0, 0.0, 0.5),
-        },
-        data,
-        {Setpoint.STOP: hover},
-    )
-    yield Walk(
-        "orders",
-        ORDERS,
-        range(256),
-        armed,
-        ask_order,
-        {
-            HighLevel.STOP: b"\0",
-            HighLevel.TAKEOFF: struct.pack("<Bff?f", 0, 0.5, 0.0, False, 2.0),
-            HighLevel.LAND: struct.pack("<Bff?f", 0, 0.0, 0.0, False, 2.0),
-            HighLevel.LAND_WITH_VELOCITY: struct.pack("<Bf?f?f", 0, 0.0, False, 0.0, False, 0.2),
-        },
-        data,
-        {HighLevel.STOP: take_off},
-    )
+    yield from crazyflie.walks()
     pimu_config = struct.pack("<9f5B22f", *[0.0] * 9, *[0] * 5, *[0.0] * 22)
     one = struct.pack("<I", stretch.RUNSTOP_ON)
     status = (b"", b"\0", bytes(4), bytes(8), bytes(29))

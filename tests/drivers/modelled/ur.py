@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Iterator
 
 from strands_actors.drivers.ur import protocol as p
-from strands_actors.drivers.ur.twin import commands as c
-from strands_actors.drivers.ur.twin.functions import Functions
 from strands_actors.drivers.ur.twin.requests import DASHBOARD
 from strands_actors.drivers.ur.twin.text_ports import Dashboard
 from tests.drivers.ur.world import World
@@ -24,23 +21,6 @@ OTHER_LINES = (
     "set remote control",
     "popups on",
     "",
-)
-OTHER_FUNCTIONS = (
-    "force_mode",
-    "end_force_mode",
-    "servoc",
-    "movec",
-    "path_offset_enable",
-    "set_conveyor_tick_count",
-    "get_tcp_force",
-    "tool_contact",
-    "get_mass_matrix",
-    "socket_open",
-    "modbus_add_signal",
-    "rpc_factory",
-    "set_tool_communication",
-    "encoder_enable_pulse_decode",
-    "powerdown",
 )
 
 
@@ -71,22 +51,6 @@ def paused(world: World) -> None:
     world.controller.paused = True
 
 
-def ask_function(world: World, name: str, arguments: str) -> Answer:
-    world.text(f"{name}({arguments})\n")
-    return Answer(not any("not available" in line for line in world.controller.log))
-
-
-def ask_command(world: World, number: int, doubles: tuple[float, ...]) -> Answer:
-    if world.controller.program is None:
-        world.start()
-    before = len(world.controller.log)
-    world.command(number, *doubles)
-    failed = len(world.controller.log) > before
-    if failed:
-        world.controller.log.clear()
-    return Answer((not failed and world.controller.program is not None) or number == c.Command.STOP_SCRIPT)
-
-
 def walks() -> Iterator[Walk]:
     """Yield the walks of this module."""
     log = frozenset(("quit", "clear operational mode", "play", "set operational mode", "load"))
@@ -115,9 +79,3 @@ def walks() -> Iterator[Walk]:
         # The dashboard itself keeps these: tests/drivers/ur/test_twin.py. A client sees "quit" by its connection.
         log - {"play"},
     )
-
-
-def known_functions() -> set[str]:
-    """Return the names of the functions that the twin carries out."""
-    names = {name for name, _ in inspect.getmembers(Functions, inspect.isfunction) if not name.startswith("_")}
-    return names | {"signal_async_progress"}

@@ -401,3 +401,26 @@ def test_unknown_lines_are_logged_and_move_nothing(world: World, text: str, why:
     assert world.controller.program is None
     assert why in world.controller.log[-1]
     assert np.allclose(world.joints, HOME_RAD, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        ("freedrive_mode([1, 0, 0, 0, 0, 0])", "along some axes only"),
+        ('popup("look", blocking=True)', "a blocking popup"),
+        ("signal_async_progress(5)", "signal_async_progress"),
+    ],
+)
+def test_an_argument_that_has_no_effect_here_ends_the_program(world: World, line: str, reason: str) -> None:
+    world.text(f"{line}\n")
+    assert world.controller.program is None and not world.controller.motion.limp
+    assert "not available" in world.controller.log[-1] and reason in world.controller.log[-1]
+
+
+def test_freedrive_of_ur_rtde_is_along_all_axes(world: World) -> None:
+    for axes, limp in (((1, 1, 1, 1, 1, 1), True), ((1, 1, 1, 0, 0, 0), False)):
+        world.start()
+        world.controller.write({f"input_int_register_{COMMAND + 1 + at}": one for at, one in enumerate(axes)})
+        world.command(c.Command.FREEDRIVE)
+        assert world.controller.motion.limp is limp
+    assert "along some axes only" in world.controller.log[-1] and world.controller.program is None
