@@ -4,8 +4,8 @@ Pure: no I/O.
 A message is a plain ``dict`` of the fields that are set. Decoding skips fields that are not in the
 tables. Source: the protobuf descriptors of Boston Dynamics' published API, version 5.2.
 
-Kinds: ``int`` (signed), ``uint``, ``bool``, ``double``, ``text``, or the name of a message. ``*``
-after a kind means repeated.
+Kinds: ``int`` (signed), ``uint``, ``bool``, ``float``, ``double``, ``text``, ``bytes``, or the name of a
+message. ``*`` after a kind means repeated.
 """
 
 from __future__ import annotations
@@ -131,6 +131,10 @@ TABLES: Mapping[str, str] = {
     "ParentEdge": "parent_frame_name 1 text, parent_tform_child 2 Pose",
     "BehaviorFaults": "faults 1 BehaviorFault*",
     "BehaviorFault": "behavior_fault_id 1 uint, cause 3 uint, status 4 uint",
+    "RobotMetricsRequest": _REQUEST,
+    "RobotMetricsResponse": f"{_REPLY}, robot_metrics 2 RobotMetrics",
+    "RobotMetrics": "timestamp 1 Timestamp, metrics 2 Parameter*",
+    "Parameter": "label 1 text, units 2 text, float_value 4 double, duration 6 Timestamp",
     "RobotHardwareConfigurationRequest": _REQUEST,
     "RobotHardwareConfigurationResponse": f"{_REPLY}, hardware_configuration 2 Hardware",
     "Hardware": "skeleton 1 Skeleton, can_power_command_request_off_robot 2 bool, "
@@ -158,7 +162,7 @@ TABLES: Mapping[str, str] = {
     "SafePowerOff": "unsafe_action 1 uint",
     "Synchronized": "arm_command 1 Arm, mobility_command 2 Mobility, gripper_command 3 Gripper",
     "Mobility": "se2_trajectory_request 1 Trajectory, se2_velocity_request 2 Velocity, sit_request 3 Empty, "
-    "stand_request 4 Empty, stance_request 5 Empty, stop_request 6 Empty, follow_arm_request 7 Empty, "
+    "stand_request 4 Empty, stance_request 5 StanceRequest, stop_request 6 Empty, follow_arm_request 7 FollowArm, "
     "freeze_request 8 Empty, params 100 Any",
     "Any": "type_url 1 text, value 2 MobilityParams",
     "MobilityParams": "vel_limit 1 TwistLimit, body_control 2 BodyControl, locomotion_hint 3 uint",
@@ -166,9 +170,26 @@ TABLES: Mapping[str, str] = {
     "BodyPose": "root_frame_name 1 text, base_offset_rt_root 2 Trajectory3",
     "Velocity": "end_time 1 Timestamp, velocity 2 Twist2, slew_rate_limit 4 Twist2, se2_frame_name 5 text",
     "Trajectory": "end_time 1 Timestamp, trajectory 2 Trajectory2, se2_frame_name 3 text",
-    "Arm": "arm_cartesian_command 3 Empty, arm_joint_move_command 4 ArmJointMove, "
-    "named_arm_position_command 5 NamedPosition, arm_velocity_command 6 Empty, arm_gaze_command 8 Empty, "
+    "StanceRequest": "end_time 1 Timestamp, stance 2 Stance",
+    "Stance": "se2_frame_name 3 text, foot_positions 2 FootPosition*, accuracy 4 float",
+    "FootPosition": "key 1 text, value 2 Vec2",
+    "FollowArm": "body_offset_from_hand 1 Vec3",
+    "Arm": "arm_cartesian_command 3 ArmCartesian, arm_joint_move_command 4 ArmJointMove, "
+    "named_arm_position_command 5 NamedPosition, arm_velocity_command 6 ArmVelocity, arm_gaze_command 8 Gaze, "
     "arm_stop_command 9 Empty, arm_drag_command 10 Empty, params 11 Empty, arm_impedance_command 12 Empty",
+    "ArmCartesian": "root_frame_name 19 text, wrist_tform_tool 6 Pose, root_tform_task 20 Pose, "
+    "pose_trajectory_in_task 2 Trajectory3, max_linear_velocity 4 Number, max_angular_velocity 5 Number, "
+    "max_pos_tracking_error 15 Number, max_rot_tracking_error 16 Number, x_axis 8 uint, y_axis 9 uint, "
+    "z_axis 10 uint, rx_axis 11 uint, ry_axis 12 uint, rz_axis 13 uint, wrench_trajectory_in_task 14 Empty",
+    "ArmVelocity": "cylindrical_velocity 1 CylindricalVelocity, cartesian_velocity 2 CartesianVelocity, "
+    "angular_velocity_of_hand_rt_odom_in_hand 6 Vec3, end_time 5 Timestamp",
+    "CylindricalVelocity": "linear_velocity 1 Cylindrical, max_linear_velocity 2 Number",
+    "Cylindrical": "r 1 double, theta 2 double, z 3 double",
+    "CartesianVelocity": "frame_name 1 text, velocity_in_frame_name 2 Vec3",
+    "Gaze": "target_trajectory_in_frame1 1 Places, frame1_name 2 text, tool_trajectory_in_frame2 10 Trajectory3, "
+    "frame2_name 11 text, wrist_tform_tool 9 Pose, max_linear_velocity 7 Number, max_angular_velocity 8 Number",
+    "Places": "points 1 PlacePoint*, reference_time 3 Timestamp",
+    "PlacePoint": "point 1 Vec3, time_since_reference 3 Timestamp",
     "ArmJointMove": "trajectory 1 ArmTrajectory",
     "NamedPosition": "position 1 uint",
     "ArmTrajectory": "points 1 ArmPoint*, reference_time 2 Timestamp, maximum_velocity 3 Number, "
@@ -183,18 +204,45 @@ TABLES: Mapping[str, str] = {
     "FullBodyFeedback": "stop_feedback 1 Empty, safe_power_off_feedback 4 Status1, status 100 uint",
     "SynchronizedFeedback": "arm_command_feedback 1 ArmFeedback, mobility_command_feedback 2 MobilityFeedback, "
     "gripper_command_feedback 3 GripperFeedback",
-    "ArmFeedback": "arm_joint_move_feedback 4 ArmJointMoveFeedback, named_arm_position_feedback 5 Status1, "
+    "ArmFeedback": "arm_cartesian_feedback 3 ArmCartesianFeedback, arm_joint_move_feedback 4 ArmJointMoveFeedback, "
+    "named_arm_position_feedback 5 Status1, arm_velocity_feedback 6 Empty, arm_gaze_feedback 8 GazeFeedback, "
     "arm_stop_feedback 9 Empty, status 100 uint",
+    "ArmCartesianFeedback": "status 1 uint, measured_pos_tracking_error 2 double, "
+    "measured_rot_tracking_error 3 double, measured_pos_distance_to_goal 4 double, "
+    "measured_rot_distance_to_goal 5 double",
+    "GazeFeedback": "status 1 uint, gazing_at_target 2 bool, gaze_to_target_rotation_measured 5 float, "
+    "hand_position_at_goal 3 bool, hand_distance_to_goal_measured 6 float, hand_roll_at_goal 4 bool, "
+    "hand_roll_to_target_roll_measured 7 float",
     "ArmJointMoveFeedback": "status 1 uint, planner_status 2 uint, time_to_goal 4 Timestamp",
     "GripperFeedback": "claw_gripper_feedback 1 Status1, status 2 uint",
     "MobilityFeedback": "se2_trajectory_feedback 1 TrajectoryFeedback, se2_velocity_feedback 2 VelocityFeedback, "
-    "sit_feedback 3 Status2, stand_feedback 4 StandFeedback, stop_feedback 6 Empty, status 100 uint",
+    "sit_feedback 3 Status2, stand_feedback 4 StandFeedback, stance_feedback 5 Status1, stop_feedback 6 Empty, "
+    "follow_arm_feedback 7 Empty, status 100 uint",
     "TrajectoryFeedback": "status 1 uint, body_movement_status 2 uint, final_goal_status 5 uint, "
     "request_information 6 Trajectory",
     "VelocityFeedback": "request_information 1 Velocity",
     "StandFeedback": "status 1 uint, standing_state 2 uint",
     "Status1": "status 1 uint",
     "Status2": "status 2 uint",
+    # image
+    "ListImageSourcesRequest": _REQUEST,
+    "ListImageSourcesResponse": f"{_REPLY}, image_sources 2 ImageSource*, transforms_snapshot 3 FrameTree",
+    "ImageSource": "name 2 text, cols 4 int, rows 5 int, depth_scale 6 double, pinhole 8 Pinhole, "
+    "image_type 9 uint, pixel_formats 10 uint*, image_formats 11 uint*",
+    "Pinhole": "intrinsics 1 Intrinsics",
+    "Intrinsics": "focal_length 1 Vec2, principal_point 2 Vec2, skew 3 Vec2",
+    "GetImageRequest": f"{_REQUEST}, image_requests 2 ImageRequest*",
+    "ImageRequest": "image_source_name 1 text, quality_percent 2 double, image_format 3 uint, "
+    "resize_ratio 4 double, pixel_format 5 uint, fallback_formats 7 uint*",
+    "GetImageResponse": f"{_REPLY}, image_responses 2 ImageResponse*",
+    "ImageResponse": "shot 1 ImageCapture, source 2 ImageSource, status 4 uint",
+    "ImageCapture": "acquisition_time 30 Timestamp, transforms_snapshot 31 FrameTree, "
+    "frame_name_image_sensor 5 text, image 3 Image",
+    "Image": "cols 2 int, rows 3 int, data 4 bytes, format 5 uint, pixel_format 6 uint",
+    # data-buffer
+    "RecordOperatorCommentsRequest": f"{_REQUEST}, operator_comments 2 OperatorComment*",
+    "RecordOperatorCommentsResponse": _REPLY,
+    "OperatorComment": "message 1 text, timestamp 2 Timestamp",
 }
 
 
@@ -238,10 +286,14 @@ def _encode_field(field: Field, value: Any) -> bytes:
             return pb.varint_field(field.number, int(value))
         case "int":
             return pb.varint_field(field.number, int(value) & _ALL_BITS)
+        case "float":
+            return pb.float_field(field.number, float(value))
         case "double":
             return pb.double_field(field.number, float(value))
         case "text":
             return pb.bytes_field(field.number, str(value).encode())
+        case "bytes":
+            return pb.bytes_field(field.number, value)
     return pb.bytes_field(field.number, encode(field.kind, value))
 
 
@@ -274,12 +326,16 @@ def _value(field: Field, wire_type: int, value: pb.Value) -> Any:
             return bool(value) if field.kind == "bool" else value
         case "double" if wire_type == pb.FIXED64 and isinstance(value, int):
             return pb.as_double(value)
+        case "float" if wire_type == pb.FIXED32 and isinstance(value, int):
+            return pb.as_float(value)
+        case "bytes" if isinstance(value, bytes):
+            return value
         case "text" if isinstance(value, bytes):
             try:
                 return value.decode()
             except UnicodeDecodeError:
                 raise MalformedFrame(f"protobuf: field {field.number} is no text") from None
-        case "uint" | "int" | "bool" | "double" | "text":
+        case "uint" | "int" | "bool" | "float" | "double" | "text" | "bytes":
             raise MalformedFrame(f"protobuf: field {field.number} is no {field.kind}")
     if not isinstance(value, bytes):
         raise MalformedFrame(f"protobuf: field {field.number} is no {field.kind}")

@@ -67,6 +67,8 @@ SERVICES: Mapping[str, str] = {
     "power": "PowerService",
     "robot-state": "RobotStateService",
     "robot-command": "RobotCommandService",
+    "image": "ImageService",
+    "data-buffer": "DataBufferService",
 }
 """Type of each service, by its name in the directory."""
 
@@ -91,12 +93,15 @@ METHODS: Mapping[str, Method] = {
         "robot-state",
         SERVICES["robot-state"],
         "GetRobotState:RobotState",
+        "GetRobotMetrics:RobotMetrics",
         "GetRobotHardwareConfiguration:RobotHardwareConfiguration",
         "GetRobotLinkModel:RobotLinkModel",
     ),
     **_methods(
         "robot-command", SERVICES["robot-command"], "RobotCommand", "RobotCommandFeedback", "ClearBehaviorFault"
     ),
+    **_methods("image", SERVICES["image"], "ListImageSources", "GetImage"),
+    **_methods("data-buffer", SERVICES["data-buffer"], "RecordOperatorComments"),
 }
 
 AUTHORITIES: Mapping[str, str] = {

@@ -33,7 +33,7 @@ from strands_actors.testing.still_camera import SETTINGS
 from tests.answers import pids, resumed, status, until, why
 
 from .broken_disk import Disk, broken, can_mount, small, small_shared_memory
-from .exhausted import GROUPED, SETTLE_S, Lacks, Roles, Row, can_get_signals, run_exhausted, take
+from .exhausted import GROUPED, SETTLE_S, Lacks, Roles, Row, can_get_signals, leave_groups, run_exhausted, take
 
 Start = Callable[..., tuple[RealRobot, Twin]]
 
@@ -128,6 +128,26 @@ def test_saf_024_a_standby_that_lacks_files_is_replaced_and_motion_goes_on(stran
     assert twin.log.first_safe(began_ns) is None
 
 
+@pytest.mark.skipif(Lacks.GROUP_MEMORY not in GROUPED, reason="this user may not make control groups of version 1")
+def test_saf_024_an_idle_standby_that_lacks_memory_is_replaced_before_it_has_to_act(strands_robot: Start) -> None:
+    """An idle standby uses no new memory. The kernel would end it in the middle of the stop that is its task."""
+    arm, twin = strands_robot("xarm7")
+    time.sleep(IDLE_S)
+    before = pids(arm)
+    began_ns = time.monotonic_ns()
+    try:
+        take(Lacks.GROUP_MEMORY, before["standby"])
+        after = until(
+            lambda: now if (now := pids(arm)).get("standby", 0) not in (0, before["standby"]) else None,
+            "a new standby",
+        )
+    finally:
+        leave_groups()
+    until(lambda: status(arm)["standby"] == "ready", "the standby is ready")
+    assert {role: after[role] for role in ("root", "wire")} == {role: before[role] for role in ("root", "wire")}
+    assert twin.log.first_safe(began_ns) is None
+
+
 def test_saf_024_a_wire_that_lacks_files_is_not_armed(strands_robot: Start) -> None:
     arm, twin = strands_robot("so101")
     assert arm.stop()["status"] == "success"
@@ -159,6 +179,8 @@ def test_saf_024_a_robot_without_room_for_its_pictures_is_not_started_and_says_s
         arm.cleanup()
 
 
+IDLE_S = 2.0
+"""After this time a standby has used all memory that it uses while it waits."""
 KILLS = (("root", "wire"), ("wire",), ("root",))
 DISKS = [
     pytest.param(how, killed, id=f"{how}-{'+'.join(killed)}", marks=() if killed == KILLS[0] else pytest.mark.long)

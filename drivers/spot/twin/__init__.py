@@ -1,4 +1,4 @@
-"""Simulate a Spot: its nine services on one port, behind TLS, with a clock that is two minutes
+"""Simulate a Spot: its services on one port, behind TLS, with a clock that is two minutes
 ahead. The address contains the path of the certificate to trust: ``127.1.2.3:40000?ca=PATH``.
 
 Control lines of this simulated robot: ``steal NAME`` takes the lease, ``press`` and ``release``

@@ -6,6 +6,7 @@ does not end a walk. The feedback of a replaced part reads "overridden".
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -15,17 +16,22 @@ from strands_actors.drivers.spot.messages import Message
 from strands_actors.drivers.spot.protocol import Motors
 
 from . import targets as t
+from .arm import ArmCommands
 from .feedback import ArmMove, BaseMove, ClawMove, Progress, WholeMove
-from .geometry import Pose, pose_at
-from .mechanism import CLAW_INDEX, CLAW_RAD_S, Mechanism
+from .frames import frames_of
+from .geometry import Pose, pose_at, turned
+from .mechanism import Mechanism
 from .paths import Path
-from .requests import COMMANDS, NAMED_POSITIONS, names_of
-from .walking import SpeedLimits, Trajectory
+from .requests import COMMANDS, names_of
+from .stance import accuracy_of
+from .walking import ArmFollow, SpeedLimits, Trajectory
 
 TOO_DISTANT_S = 600.0
 CLOCK = "twin-clock"
 PARAMS_TYPE = "bosdyn.api.spot.MobilityParams"
 _ARM_PARTS = ("arm_command", "gripper_command")
+BEHIND_HAND_M = 0.75
+"""How far the body stays behind the hand that it follows, by default [assumed]."""
 
 
 class Walk(NamedTuple):
@@ -53,6 +59,7 @@ class Commands:
         self._table = table
         self._has_arm = has_arm
         self._robot_ns = robot_ns
+        self._arm = ArmCommands(mechanism, table, has_arm, robot_ns)
         self._progress = Progress(mechanism)
 
     def feedback(self, number: int) -> Message:
@@ -98,8 +105,12 @@ class Commands:
     def _move(self, parts: Message, clock: str) -> tuple[p.Command, int]:
         """Check all parts of a command, then carry all of them out."""
         base = self._base(parts.get("mobility_command", {}), clock)
-        arm = self._arm(parts["arm_command"]) if "arm_command" in parts else None
-        claw = self._claw(parts["gripper_command"]) if "gripper_command" in parts else None
+
+        def left(request: Message) -> float | p.Command:
+            return self._seconds_left(request, clock)
+
+        arm = self._arm.arm(parts["arm_command"], left) if "arm_command" in parts else None
+        claw = self._arm.claw(parts["gripper_command"]) if "gripper_command" in parts else None
         for plan in (base, arm, claw):
             if isinstance(plan, p.Command):
                 return plan, 0
@@ -124,6 +135,8 @@ class Commands:
             return lambda: self._do(mechanism.halt_base, BaseMove("stop"))
         if names[0] == "sit_request":
             return lambda: self._do(mechanism.sit, BaseMove("sit"))
+        if names[0] == "follow_arm_request" and not self._has_arm:
+            return lambda: BaseMove("none")
         posture = self._posture(params.get("body_control", {}), stands=names[0] == "stand_request")
         if isinstance(posture, p.Command):
             return posture
@@ -135,11 +148,7 @@ class Commands:
                 return BaseMove("stand")
 
             return stand
-        walk = self._walk(content, params, clock, names[0])
-        if isinstance(walk, p.Command):
-            return walk
-        is_velocity = names[0] == "se2_velocity_request"
-        start = self._velocity(content, walk) if is_velocity else self._trajectory(content, walk)
+        start = self._start(names[0], content, params, clock)
         if isinstance(start, p.Command):
             return start
 
@@ -155,15 +164,34 @@ class Commands:
         action()
         return move
 
-    def _walk(self, request: Message, params: Message, clock: str, name: str) -> Walk | p.Command:
-        """Check the end time and the frame of a command to walk."""
+    def _start(
+        self, name: str, content: Message, params: Message, clock: str
+    ) -> Callable[[], BaseMove] | p.Command:
+        """Check a command that moves the feet. Return the function that begins it."""
+        if name == "follow_arm_request":
+            return self._follow_arm(content, params)
+        if name == "stance_request":
+            return self._stance(content, clock)
+        walk = self._walk(content, params, clock, name)
+        if isinstance(walk, p.Command):
+            return walk
+        is_velocity = name == "se2_velocity_request"
+        return self._velocity(content, walk) if is_velocity else self._trajectory(content, walk)
+
+    def _seconds_left(self, request: Message, clock: str) -> float | p.Command:
+        """Return the time until the end time of a command, seconds, or why that is refused."""
         if clock != CLOCK:
             return p.Command.NO_TIMESYNC
         seconds = (p.stamp_ns(request.get("end_time", {})) - self._robot_ns()) / p.NS
         if seconds <= 0:
             return p.Command.EXPIRED
-        if seconds > TOO_DISTANT_S:
-            return p.Command.TOO_DISTANT
+        return p.Command.TOO_DISTANT if seconds > TOO_DISTANT_S else seconds
+
+    def _walk(self, request: Message, params: Message, clock: str, name: str) -> Walk | p.Command:
+        """Check the end time and the frame of a command to walk."""
+        seconds = self._seconds_left(request, clock)
+        if isinstance(seconds, p.Command):
+            return seconds
         frames = t.VELOCITY_FRAMES if name == "se2_velocity_request" else t.TRAJECTORY_FRAMES
         frame = request.get("se2_frame_name", "")
         if frame not in frames:
@@ -195,6 +223,52 @@ class Commands:
 
         return start
 
+    def _follow_arm(self, request: Message, params: Message) -> Callable[[], BaseMove] | p.Command:
+        """Check a command to stay behind the hand. Only a hand with a goal in the world is followed [assumed]."""
+        mechanism = self._mechanism
+        offset = request.get("body_offset_from_hand", {"x": BEHIND_HAND_M})
+
+        def hand() -> tuple[float, float] | None:
+            goal = None if mechanism.hand is None else mechanism.hand.goal_in_world()
+            return None if goal is None else (goal.xyz[0], goal.xyz[1])
+
+        ahead = float(offset.get("x", 0.0)), float(offset.get("y", 0.0))
+        limits = t.limits_of(params, self._table)
+        follow = ArmFollow(hand, ahead, limits, float(self._table["ramp_m_s2"]))
+
+        def start() -> BaseMove:
+            mechanism.go(follow, math.inf, Commander.WIRE)
+            return BaseMove("follow_arm")
+
+        return start
+
+    def _stance(self, request: Message, clock: str) -> Callable[[], BaseMove] | p.Command:
+        """Check a command to put the feet to places. A stance that is too far away is accepted; its feedback
+        reports that, and the robot does not move (``StanceCommand``)."""
+        mechanism, stance = self._mechanism, request.get("stance", {})
+        seconds = self._seconds_left(request, clock)
+        if isinstance(seconds, p.Command):
+            return seconds
+        name, feet = stance.get("se2_frame_name", ""), t.feet_of(stance)
+        if name not in t.VELOCITY_FRAMES:
+            return p.Command.UNKNOWN_FRAME
+        if feet is None:
+            return p.Command.INVALID_REQUEST
+        frame = self.frame(name)
+        x, y, yaw = *frame.xyz[:2], frame.roll_pitch_yaw[2]
+        places = [(x + ahead, y + aside) for ahead, aside in (turned(yaw, *foot) for foot in feet)]
+        motion = mechanism.stance_at(places, accuracy_of(stance))
+        is_near = motion.is_near(mechanism.posture.default_feet[0][2])
+
+        def start() -> BaseMove:
+            if not is_near:
+                mechanism.halt_base()
+                return BaseMove("stance", mechanism.time_s + seconds)
+            mechanism.stand_at(motion, seconds, Commander.WIRE)
+            return BaseMove("stance", mechanism.time_s + seconds, stance=motion)
+
+        return start
+
     def _posture(self, control: Message, stands: bool) -> Path | p.Command:
         """Return the path of the body's posture. ``body_pose`` counts only for a robot that stands."""
         mechanism = self._mechanism
@@ -218,81 +292,7 @@ class Commands:
 
     def frame(self, name: str) -> Pose:
         """Return the pose of one of ``POSE_FRAMES``, relative to the place on the floor where the robot started."""
-        if name in t.WORLD_FRAMES:
-            return self._mechanism.odometry
-        body = self._mechanism.body_pose
-        return body if name == "body" else pose_at(*body.xyz, yaw=body.roll_pitch_yaw[2])
-
-    # -- arm and claw
-
-    def _arm(self, arm: Message) -> Callable[[], ArmMove] | p.Command | None:
-        names = [name for name in arm if name != "params"]
-        if not self._has_arm:
-            return lambda: ArmMove("none")
-        if not names:
-            return None
-        if names[0] == "arm_stop_command":
-
-            def stop() -> ArmMove:
-                self._mechanism.halt_arm()
-                return ArmMove("arm_stop")
-
-            return stop
-        if names[0] == "named_arm_position_command":
-            return self._named_position(arm[names[0]].get("position", 0))
-        return self._joint_move(arm[names[0]].get("trajectory", {}))
-
-    def _named_position(self, position: int) -> Callable[[], ArmMove] | p.Command:
-        if position not in NAMED_POSITIONS:
-            return p.Command.INVALID_REQUEST
-        goal = tuple(float(value) for value in self._table[NAMED_POSITIONS[position]][:CLAW_INDEX])
-        return self._arm_to(Path(0.0, goal, [(0.0, goal)]), float(self._table["arm_rad_s"]), "named", goal)
-
-    def _joint_move(self, trajectory: Message) -> Callable[[], ArmMove] | p.Command:
-        mechanism = self._mechanism
-        points = t.arm_points(trajectory, mechanism.joints)
-        claw = mechanism.joints[CLAW_INDEX]
-        limited = [tuple(mechanism.limited((*point, claw))[:CLAW_INDEX]) for point in points]
-        times = t.times_of(trajectory, self._robot_ns())
-        path = t.path_of(mechanism.time_s, tuple(mechanism.joints[:CLAW_INDEX]), times, limited)
-        if path is None:
-            return p.Command.INVALID_REQUEST
-        fastest = min(float(self._table["arm_rad_s"]), t.number(trajectory, "maximum_velocity"))
-        return self._arm_to(path, fastest, "joint_move", points[-1])
-
-    def _arm_to(self, path: Path, fastest: float, kind: str, requested: tuple[float, ...]) -> Callable[[], ArmMove]:
-        def start() -> ArmMove:
-            mechanism = self._mechanism
-            is_timed = not path.has_ended(mechanism.time_s)
-            present = mechanism.joints[:CLAW_INDEX]
-            speeds = (fastest,) * CLAW_INDEX if is_timed else t.together(present, path.last, fastest)
-            mechanism.follow_arm(path, speeds, Commander.WIRE)
-            return ArmMove(kind, is_limited=requested != path.last)
-
-        return start
-
-    def _claw(self, gripper: Message) -> Callable[[], ClawMove] | p.Command | None:
-        if not self._has_arm:
-            return lambda: ClawMove("none")
-        if not gripper:
-            return None
-        mechanism, request = self._mechanism, gripper["claw_gripper_command"]
-        trajectory = request.get("trajectory", {})
-        points = [
-            (mechanism.limited((*mechanism.joints[:CLAW_INDEX], float(point.get("point", 0.0))))[CLAW_INDEX],)
-            for point in trajectory.get("points", ())
-        ]
-        times = t.times_of(trajectory, self._robot_ns())
-        path = t.path_of(mechanism.time_s, tuple(mechanism.joints[CLAW_INDEX:]), times, points)
-        if path is None:
-            return p.Command.INVALID_REQUEST
-        speed = min(CLAW_RAD_S, t.number(request, "maximum_open_close_velocity"))
-
-        def start() -> ClawMove:
-            mechanism.follow_claw(path, speed, Commander.WIRE)
-            return ClawMove("claw")
-
-        return start
+        return frames_of(self._mechanism, self._has_arm)[name]
 
 
 def kind_of(command: Message) -> tuple[str, str | None]:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import Message
 from strands_actors.drivers.spot.protocol import Motors
 
-from .mechanism import Mechanism
+from .geometry import distance, gaze_and_roll
+from .hand import AT_GOAL_M, AT_GOAL_RAD, Follow, Velocity
+from .mechanism import CLAW_INDEX, Mechanism
+from .stance import Stance
 from .walking import Trajectory
 
 PROCESSING, OVERRIDDEN, TIMED_OUT, INCOMPATIBLE_HARDWARE = 1, 2, 3, 5
@@ -21,6 +25,9 @@ BODY_MOVING, BODY_SETTLED = 1, 2
 GOAL_IN_PROGRESS, GOAL_ACHIEVABLE = 1, 2
 PLANNER_SUCCESS, PLANNER_MODIFIED = 1, 2
 CLAW_IN_PROGRESS, CLAW_AT_GOAL = 1, 2
+STANCED, GOING_TO_STANCE, TOO_FAR_AWAY = 1, 2, 3
+CANCELLED, HAND_STALLED = 3, 4
+"""Statuses of ``ArmCartesianCommand.Feedback``, beside ``DONE`` and ``IN_PROGRESS``."""
 CONTROLLED = 1
 """The robot stands and balances (``StandingState``)."""
 KEPT = 100
@@ -34,20 +41,26 @@ class WholeMove(NamedTuple):
 
 
 class BaseMove(NamedTuple):
-    """A command to the base: ``stop``, ``sit``, ``stand``, ``velocity`` or ``trajectory``."""
+    """A command to the base: ``stop``, ``sit``, ``stand``, ``velocity``, ``trajectory``, ``stance``,
+    ``follow_arm``, or ``none`` if it needs an arm that the robot lacks."""
 
     kind: str
     ends_s: float = 0.0
     trajectory: Trajectory | None = None
     request: Message = {}  # noqa: RUF012
+    stance: Stance | None = None
+    """None for a stance that is too far away."""
 
 
 class ArmMove(NamedTuple):
-    """A command to the arm: ``joint_move``, ``named``, ``arm_stop``, or ``none`` without an arm."""
+    """A command to the arm: ``joint_move``, ``named``, ``cartesian``, ``gaze``, ``velocity``, ``arm_stop``, or
+    ``none`` without an arm."""
 
     kind: str
     is_limited: bool = False
     """True if the robot cannot reach the requested joints."""
+    motion: Follow | Velocity | None = None
+    """The motion of the hand."""
 
 
 class ClawMove(NamedTuple):
@@ -124,6 +137,12 @@ class Progress:
                 return {"status": status, "sit_feedback": {"status": DONE if mechanism.up == 0 else IN_PROGRESS}}
             case "stop":
                 return {"status": status, "stop_feedback": {}}
+            case "none":
+                return {"status": INCOMPATIBLE_HARDWARE}
+            case "follow_arm":
+                return {"status": status, "follow_arm_feedback": {}}
+            case "stance":
+                return self._stance(move, status)
         trajectory = move.trajectory
         has_arrived = trajectory is not None and trajectory.has_arrived
         if not overridden and mechanism.time_s >= move.ends_s and not has_arrived:
@@ -131,6 +150,15 @@ class Progress:
         if trajectory is None:
             return {"status": status, "se2_velocity_feedback": {"request_information": move.request}}
         return {"status": status, "se2_trajectory_feedback": self._trajectory(trajectory, move.request)}
+
+    def _stance(self, move: BaseMove, status: int) -> Message:
+        mechanism, stance = self._mechanism, move.stance
+        if stance is None:
+            return {"status": status, "stance_feedback": {"status": TOO_FAR_AWAY}}
+        is_done = stance.has_ended(mechanism.time_s) and mechanism.stands
+        if not is_done and status == PROCESSING and mechanism.time_s >= move.ends_s:
+            status = TIMED_OUT
+        return {"status": status, "stance_feedback": {"status": STANCED if is_done else GOING_TO_STANCE}}
 
     def _trajectory(self, trajectory: Trajectory, request: Message) -> Message:
         is_over = trajectory.has_arrived or trajectory.is_over
@@ -147,6 +175,14 @@ class Progress:
             return {"status": INCOMPATIBLE_HARDWARE}
         mechanism = self._mechanism
         status = OVERRIDDEN if overridden else PROCESSING
+        match move.motion:
+            case Follow() if move.kind == "gaze":
+                return {"status": status, "arm_gaze_feedback": self._gaze(move.motion, overridden)}
+            case Follow():
+                return {"status": status, "arm_cartesian_feedback": self._cartesian(move.motion, overridden)}
+            case Velocity():
+                has_ended = mechanism.time_s >= move.motion.ends_s and not overridden
+                return {"status": TIMED_OUT if has_ended else status, "arm_velocity_feedback": {}}
         if move.kind == "arm_stop":
             return {"status": status, "arm_stop_feedback": {}}
         progress = IN_PROGRESS
@@ -162,6 +198,48 @@ class Progress:
                 "time_to_goal": p.duration(mechanism.arm_left_s),
             },
         }
+
+    def _cartesian(self, motion: Follow, overridden: bool) -> Message:
+        now_s, at_end = self._mechanism.time_s, self._off(motion, math.inf)
+        error_m, error_rad = self._off(motion, now_s)
+        return {
+            "status": self._progress(motion, overridden),
+            "measured_pos_tracking_error": error_m,
+            "measured_rot_tracking_error": error_rad,
+            "measured_pos_distance_to_goal": at_end[0],
+            "measured_rot_distance_to_goal": at_end[1],
+        }
+
+    def _gaze(self, motion: Follow, overridden: bool) -> Message:
+        progress = self._progress(motion, overridden)
+        far_m, _ = self._off(motion, math.inf)
+        tool = motion.tool_now(self._mechanism.body_pose, self._mechanism.joints[:CLAW_INDEX])
+        # The rotation between two gazes has two parts: the direction, and the roll about it.
+        look_rad, roll_rad = gaze_and_roll(tool.rotation, motion.desired(math.inf).rotation)
+        return {
+            "status": STALLED if progress in (CANCELLED, HAND_STALLED) else progress,
+            "gazing_at_target": look_rad <= AT_GOAL_RAD,
+            "gaze_to_target_rotation_measured": look_rad,
+            "hand_position_at_goal": far_m <= AT_GOAL_M,
+            "hand_distance_to_goal_measured": far_m,
+            "hand_roll_at_goal": roll_rad <= AT_GOAL_RAD,
+            "hand_roll_to_target_roll_measured": roll_rad,
+        }
+
+    def _off(self, motion: Follow, time_s: float) -> tuple[float, float]:
+        """Return how far the tool is from where the command wants it at a time: metres and radians."""
+        mechanism = self._mechanism
+        return distance(motion.tool_now(mechanism.body_pose, mechanism.joints[:CLAW_INDEX]), motion.desired(time_s))
+
+    def _progress(self, motion: Follow, overridden: bool) -> int:
+        mechanism = self._mechanism
+        if motion.is_cancelled:
+            return CANCELLED
+        if overridden:
+            return IN_PROGRESS
+        if motion.has_arrived(mechanism.time_s, mechanism.body_pose, mechanism.joints[:CLAW_INDEX]):
+            return DONE
+        return HAND_STALLED if motion.is_stalled else IN_PROGRESS
 
     def _claw(self, move: ClawMove, overridden: bool) -> Message:
         if move.kind == "none":

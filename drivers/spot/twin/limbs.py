@@ -26,9 +26,9 @@ SOLE = 0.034
 """Radius of a foot."""
 
 SHOULDER: Vector = (0.292, 0.0, 0.188)
-_UPPER_ARM: Vector = (0.3385, 0.0, 0.0)
-_FOREARM: Vector = (0.4033, 0.0, 0.075)
-_HAND: Vector = (0.19557, 0.0, 0.0)
+UPPER_ARM: Vector = (0.3385, 0.0, 0.0)
+FOREARM: Vector = (0.4033, 0.0, 0.075)
+HAND: Vector = (0.19557, 0.0, 0.0)
 """The hand in the frame of the wrist: the default tool of ``ArmCartesianCommand`` (arm_command.proto)."""
 
 
@@ -69,11 +69,11 @@ def wrist_at(joints_rad: Sequence[float]) -> Pose:
     sh0, sh1, el0, el1, wr0, wr1 = joints_rad
     pose = pose_at(*SHOULDER, yaw=sh0)
     pose = pose.compose(pose_at(0.0, 0.0, 0.0, pitch=sh1))
-    pose = pose.compose(pose_at(*_UPPER_ARM, pitch=el0))
-    pose = pose.compose(pose_at(*_FOREARM, roll=el1))
+    pose = pose.compose(pose_at(*UPPER_ARM, pitch=el0))
+    pose = pose.compose(pose_at(*FOREARM, roll=el1))
     return pose.compose(pose_at(0.0, 0.0, 0.0, pitch=wr0)).compose(pose_at(0.0, 0.0, 0.0, roll=wr1))
 
 
 def hand_at(joints_rad: Sequence[float]) -> Pose:
     """Return the pose of the hand in the body."""
-    return wrist_at(joints_rad).compose(Pose(_HAND))
+    return wrist_at(joints_rad).compose(Pose(HAND))

@@ -11,11 +11,13 @@ from collections.abc import Callable, Iterator
 
 import h2.events
 
-from strands_actors.drivers.common.codecs.grpc_messages import MAX_MESSAGE, Event, ServerEnd, Status
+from strands_actors.drivers.common.codecs.grpc_messages import MAX_MESSAGE, Event, ServerEnd, Status, framed
 from strands_actors.drivers.common.twin import Connection
 from strands_actors.drivers.common.twin.grpc import GrpcClient, GrpcHost, GrpcService
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import Message
+
+from .tls import TlsConnection
 
 INVALID_LOGIN, INVALID_TOKEN = 2, 3
 """Statuses of ``GetAuthTokenResponse``."""
@@ -26,6 +28,8 @@ OPEN_SERVICES = ("auth", "robot-id")
 
 _OPEN_PATHS = frozenset(method.path for method in p.METHODS.values() if method.service in OPEN_SERVICES)
 _SCHEME = "bearer "
+_USUAL = 1 << 19
+"""Length of a message, bytes, that the base class sends in any case."""
 
 
 class Logins:
@@ -79,6 +83,11 @@ class LoginClient(GrpcClient):
         super().__init__(service, connection, max_message)
         self.end = _LoginEnd(logins, max_message)
 
+    def flush(self) -> None:
+        super().flush()
+        if isinstance(self.connection, TlsConnection):
+            self.connection.push()
+
 
 class LoginHost(GrpcHost):
     """All clients of the simulated Spot."""
@@ -97,6 +106,15 @@ class _LoginEnd(ServerEnd):
     def __init__(self, logins: Logins, max_message: int) -> None:
         super().__init__(max_message)
         self._logins = logins
+
+    def send(self, stream: int, message: bytes) -> None:
+        """Send one message. An answer with pictures may be longer than what the base class lets wait."""
+        if len(message) < _USUAL or stream not in self._decoders or not self.has_room(stream):
+            super().send(stream, message)
+            return
+        self._answer(stream)
+        self._waiting[stream] = framed(message)
+        self._flush(stream)
 
     def _events_of(self, event: h2.events.Event) -> Iterator[Event]:
         if not isinstance(event, h2.events.RequestReceived):

@@ -12,8 +12,10 @@ from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import ARM, CLAW
 
 from .geometry import Pose, pose_at, turned
+from .hand import HandMotion
 from .paths import Path, held, towards
 from .posture import Posture
+from .stance import Point, Stance, middle_of, under
 from .walking import REST, Place, Trajectory, Twist
 
 _STEP_S, _LEAST_STEP_S = 0.005, 1e-9
@@ -26,6 +28,8 @@ JOINTS = (*ARM, CLAW)
 CLAW_INDEX = len(ARM)
 CLAW_RAD_S = 10.0
 """Default of ``maximum_open_close_velocity`` (gripper_command.proto)."""
+HAND_RAD_S = 5.0
+"""Fastest joint of the arm while the hand moves along poses [assumed]."""
 NO_SLEW: Twist = (math.inf, math.inf, math.inf)
 
 
@@ -35,6 +39,8 @@ class Mechanism:
         self._now_s = now_s
         self._updated_s = now_s()
         self.time_s = 0.0
+        self.walked_m = self.walked_s = self.powered_s = 0.0
+        """How far and for how long it has walked, and for how long its motors had power."""
         self.reset()
 
     def reset(self) -> None:
@@ -52,10 +58,14 @@ class Mechanism:
         self._in_world = False
         self._ends_s = math.inf
         self.trajectory: Trajectory | None = None
+        self.stance: Stance | None = None
+        self._stepping: Twist = REST
+        """Speed of the footprint while the feet are put to places: in the frame of odometry."""
         self.x_m = self.y_m = self.yaw_rad = 0.0
         self.posture = Posture(self._table)
         self.joints = [float(value) for value in self._table["home_rad"]]
         self.speeds = [0.0] * len(self.joints)
+        self.hand: HandMotion | None = None
         self._reach_at(self.joints)
         self.stuck = False
 
@@ -107,11 +117,12 @@ class Mechanism:
         self.target_twist, self._ends_s = REST, math.inf
         self._in_world, self._slew = False, NO_SLEW
         self._leave_trajectory()
+        self.stance = None
         self.posture.hold()
 
     def halt_arm(self) -> None:
         """Stop the arm. The claw goes on."""
-        self._arm_path = held(self.joints[:CLAW_INDEX])
+        self._arm_path, self.hand = held(self.joints[:CLAW_INDEX]), None
 
     def walk(
         self, twist: Twist, for_s: float, commander: Commander, slew: Twist = NO_SLEW, in_world: bool = False
@@ -128,6 +139,7 @@ class Mechanism:
         """
         self.pass_time()
         self._leave_trajectory()
+        self.stance, self.posture.feet = None, self.posture.default_feet
         self.wants_up, self._cuts_when_down = True, False
         self.target_twist, self.commander = twist, commander
         self._slew, self._in_world = slew, in_world
@@ -137,6 +149,24 @@ class Mechanism:
         """Walk along a trajectory, for at most ``for_s`` seconds. A sitting robot stands up first [assumed]."""
         self.walk(REST, for_s, commander)
         self.trajectory = trajectory
+
+    def stand_at(self, stance: Stance, for_s: float, commander: Commander) -> None:
+        """Put the feet to places, within ``for_s`` seconds. A sitting robot stands up first [assumed]."""
+        self.pass_time()
+        self.halt_base()
+        self.wants_up, self._cuts_when_down = True, False
+        self.stance, self.commander = stance, commander
+        self._ends_s = self.time_s + for_s
+
+    def stance_at(self, goals: Sequence[Point], accuracy_m: float) -> Stance:
+        """Return the stance with the feet at these places on the floor."""
+        up_in_s = (1.0 - self.up) * float(self._table["stand_s"])
+        middle = middle_of(self.posture.default_feet)
+        return Stance(self.time_s + up_in_s, self.place, self._feet_on_the_floor(), goals, accuracy_m, middle)
+
+    def _feet_on_the_floor(self) -> list[Point]:
+        places = (self.footprint.compose(Pose(foot)).xyz for foot in self.posture.feet)
+        return [(x, y) for x, y, _ in places]
 
     def reach(self, goals_rad: Mapping[int, float], commander: Commander) -> None:
         """Move joints of the arm, by index, as fast as they can. A goal outside a joint's range becomes the nearest
@@ -150,6 +180,12 @@ class Mechanism:
         """Move the six joints of the arm along a path, with these highest speeds."""
         self.pass_time()
         self._arm_path, self._arm_speeds, self.commander = path, tuple(speeds_rad_s), commander
+        self.hand = None
+
+    def move_hand(self, motion: HandMotion, commander: Commander) -> None:
+        """Move the hand of the arm. When the motion is over, the arm stays where it is."""
+        self.pass_time()
+        self.hand, self.commander = motion, commander
 
     def follow_claw(self, path: Path, speed_rad_s: float, commander: Commander) -> None:
         self.pass_time()
@@ -165,6 +201,7 @@ class Mechanism:
         self._arm_path, self._claw_path = held(joints[:CLAW_INDEX]), held(joints[CLAW_INDEX:])
         self._arm_speeds = (math.inf,) * CLAW_INDEX
         self._claw_speed = math.inf
+        self.hand = None
 
     def _leave_trajectory(self) -> None:
         if self.trajectory is not None:
@@ -188,7 +225,8 @@ class Mechanism:
 
     @property
     def arm_arrived(self) -> bool:
-        return self._arm_path.has_ended(self.time_s) and tuple(self.joints[:CLAW_INDEX]) == self._arm_path.last
+        is_there = tuple(self.joints[:CLAW_INDEX]) == self._arm_path.last
+        return self.hand is None and self._arm_path.has_ended(self.time_s) and is_there
 
     @property
     def claw_arrived(self) -> bool:
@@ -205,7 +243,8 @@ class Mechanism:
     @property
     def walks(self) -> bool:
         """Return True if the robot is commanded to move, or still moves."""
-        wants = self.target_twist != REST or self.trajectory is not None
+        follows = self.trajectory is not None and not self.trajectory.waits
+        wants = self.target_twist != REST or follows or self.stance is not None
         return wants or any(abs(speed) > 1e-9 for speed in self.present_twist)
 
     @property
@@ -234,7 +273,8 @@ class Mechanism:
         vx, vy, wz = self.present_twist
         x, y, z, _, _, yaw = self.posture.rates if self.stands else (0.0,) * 6
         forwards, sideways = turned(self.yaw_rad, vx + x, vy + y)
-        return forwards, sideways, z, wz + yaw
+        to_x, to_y, turn = self._stepping
+        return forwards + to_x, sideways + to_y, z, wz + yaw + turn
 
     @property
     def legs_rad(self) -> list[tuple[float, ...]]:
@@ -268,11 +308,13 @@ class Mechanism:
         if self.time_s >= self._ends_s:
             self.target_twist, self._ends_s = REST, math.inf
             self._leave_trajectory()
+            self.stance = None
             self.commander = Commander.NONE if self.commander is Commander.WIRE else self.commander
         is_able = self.motors is Motors.ON and not self.stuck
         if is_able:
             self._rise(step_s)
         self._walk(is_able and self.stands, step_s)
+        self._put_feet(is_able and self.stands, step_s)
         self._move_arm(is_able, step_s)
 
     def _rise(self, step_s: float) -> None:
@@ -299,6 +341,22 @@ class Mechanism:
         self.x_m += x * step_s
         self.y_m += y * step_s
         self.yaw_rad += wz * step_s
+        self.walked_m += math.hypot(vx, vy) * step_s
+        self.walked_s += step_s if any(self.present_twist) else 0.0
+        self.powered_s += step_s if self.motors is Motors.ON else 0.0
+
+    def _put_feet(self, moves: bool, step_s: float) -> None:
+        self._stepping = REST
+        if self.stance is None or not moves:
+            return
+        before, place = self.place, self.stance.place_at(self.time_s)
+        x, y, yaw = ((after - now) / step_s for now, after in zip(before, place, strict=True))
+        self._stepping, (self.x_m, self.y_m, self.yaw_rad) = (x, y, yaw), place
+        down_m = self.posture.default_feet[0][2]
+        feet = self.stance.feet_at(self.time_s)
+        self.posture.feet = tuple(under(place, foot, down_m) for foot in feet)
+        if self.stance.has_ended(self.time_s):
+            self.stance = None
 
     def _commanded_twist(self) -> Twist:
         if self.trajectory is not None:
@@ -310,8 +368,12 @@ class Mechanism:
 
     def _move_arm(self, moves: bool, step_s: float) -> None:
         fastest = float(self._table["arm_rad_s"]) if moves else 0.0
-        goals = (*self._arm_path.values_at(self.time_s), *self._claw_path.values_at(self.time_s))
-        speeds = [min(fastest, speed) for speed in self._arm_speeds]
+        arm, speeds = self._arm_path.values_at(self.time_s), [min(fastest, speed) for speed in self._arm_speeds]
+        if self.hand is not None:
+            present = tuple(self.joints[:CLAW_INDEX])
+            step = self.hand.step(self.time_s, step_s, self.body_pose, present) if moves else None
+            arm, speeds = step or present, [HAND_RAD_S] * CLAW_INDEX
+        goals = (*arm, *self._claw_path.values_at(self.time_s))
         # A client's command moves the claw faster than the arm. A simulation moves both alike.
         claw = self._claw_speed if math.isfinite(self._claw_speed) else fastest
         speeds.append(claw if moves else 0.0)

@@ -42,7 +42,9 @@ class Posture:
         self.rates: Offset = LEVEL
         """Present change of the six, m/s and rad/s."""
         self._path = held(LEVEL)
-        self._feet = tuple(foot_at(leg, table["stand_leg_rad"]) for leg in range(len(HIPS)))
+        self.default_feet = tuple(foot_at(leg, table["stand_leg_rad"]) for leg in range(len(HIPS)))
+        self.feet = self.default_feet
+        """Places of the feet in the default pose of the body, in the order of the legs."""
 
     def follow(self, path: Path) -> None:
         self._path = path
@@ -56,6 +58,7 @@ class Posture:
         self._path = held(LEVEL)
         if at_once:
             self.offset = self.rates = LEVEL
+            self.feet = self.default_feet
 
     def has_arrived(self, time_s: float) -> bool:
         return self._path.has_ended(time_s) and self.offset == self._path.last
@@ -83,7 +86,8 @@ class Posture:
         sitting, standing = self._table["sit_leg_rad"], self._table["stand_leg_rad"]
         legs = []
         above = pose_at(*self.offset).inverse()
-        for leg, foot in enumerate(self._feet):
-            goal = standing if self.offset == LEVEL else leg_to(leg, above.compose(Pose(foot)).xyz) or standing
+        is_default = self.offset == LEVEL and self.feet == self.default_feet
+        for leg, foot in enumerate(self.feet):
+            goal = standing if is_default else leg_to(leg, above.compose(Pose(foot)).xyz) or standing
             legs.append(tuple(a + (b - a) * up for a, b in zip(sitting, goal, strict=True)))
         return legs

@@ -11,9 +11,10 @@ from strands_actors.drivers.spot.messages import Message
 from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import LEGS, wire_name
 
-from .geometry import Pose, pose_at
-from .limbs import foot_at, hand_at, wrist_at
-from .mechanism import CLAW_INDEX, JOINTS, Mechanism
+from .frames import frames_of
+from .geometry import Pose
+from .limbs import foot_at
+from .mechanism import JOINTS, Mechanism
 from .safety import Estop
 
 STOWED, DEPLOYED = 1, 2
@@ -34,6 +35,7 @@ IDENTITY: Mapping[str, Any] = {
     "software_release": {"version": {"major_version": 5, "minor_version": 2, "patch_level": 0}},
 }
 
+NO_FRAMES: Mapping[str, tuple[str, Pose]] = {}
 _LEG_LINKS = ("hip", "uleg", "lleg")
 _ARM_LINKS = ("sh0", "sh1", "el0", "el1", "wr0", "wr1", "fngr")
 
@@ -90,13 +92,25 @@ class Reports:
                 "acquisition_timestamp": stamp,
                 "joint_states": self.joints(),
                 **self._velocities(wrong_m_s),
-                "transforms_snapshot": {"edges": self._edges()},
+                "transforms_snapshot": self.frame_tree(),
             },
             "behavior_fault_state": {},
             "foot_state": self._feet(),
             "service_fault_state": {},
             "behavior_state": {"state": self._behaviour()},
             **({"manipulator_state": self._arm()} if self._has_arm else {}),
+        }
+
+    def metrics(self) -> Message:
+        """Return the metrics since the start. Their labels are [assumed]."""
+        mechanism = self._mechanism
+        return {
+            "timestamp": p.stamp(self._robot_ns()),
+            "metrics": [
+                {"label": "distance", "units": "m", "float_value": mechanism.walked_m},
+                {"label": "time moving", "duration": p.duration(mechanism.walked_s)},
+                {"label": "electric power", "duration": p.duration(mechanism.powered_s)},
+            ],
         }
 
     def hardware(self) -> Message:
@@ -145,27 +159,24 @@ class Reports:
         speed = {"linear": linear, "angular": {"z": wz}}
         return {"velocity_of_body_in_vision": speed, "velocity_of_body_in_odom": speed}
 
-    def _edges(self) -> list[Message]:
-        """Return the frame tree. Its root is the body. The frames are those that robot_state.proto promises."""
-        mechanism = self._mechanism
-        body = mechanism.body_pose
-        back = body.inverse()
-        level = pose_at(*body.xyz, yaw=body.roll_pitch_yaw[2])
-        frames = {
-            "odom": ("body", back.compose(mechanism.odometry)),
-            "vision": ("body", back.compose(mechanism.odometry)),
-            "flat_body": ("body", back.compose(level)),
-            "gpe": ("odom", mechanism.odometry.inverse().compose(mechanism.footprint)),
-            "feet_center": ("body", back.compose(mechanism.footprint)),
+    def frame_tree(self, more: Mapping[str, tuple[str, Pose]] = NO_FRAMES) -> Message:
+        """Return the message ``FrameTreeSnapshot``. Its root is the body.
+
+        Args:
+            more: Further frames by name: the name of the parent, and the pose in the parent.
+        """
+        poses = frames_of(self._mechanism, self._has_arm)
+        edges: dict[str, tuple[str, Pose]] = {"body": ("", Pose())}
+        for name, pose in poses.items():
+            if name != "body":
+                parent = "odom" if name == "gpe" else "body"
+                edges[name] = parent, poses[parent].inverse().compose(pose)
+        return {
+            "edges": [
+                {"key": name, "value": {"parent_frame_name": parent, "parent_tform_child": pose.as_message()}}
+                for name, (parent, pose) in {**edges, **more}.items()
+            ]
         }
-        if self._has_arm:
-            arm = mechanism.joints[:CLAW_INDEX]
-            frames |= {"arm0.link_wr1": ("body", wrist_at(arm)), "hand": ("body", hand_at(arm))}
-        edges = {"body": ("", Pose()), **frames}
-        return [
-            {"key": name, "value": {"parent_frame_name": parent, "parent_tform_child": pose.as_message()}}
-            for name, (parent, pose) in edges.items()
-        ]
 
     def _feet(self) -> list[Message]:
         feet = (foot_at(leg, angles) for leg, angles in enumerate(self._mechanism.legs_rad))

@@ -1,4 +1,4 @@
-"""Answer the requests to the nine services of the simulated Spot, all on one port."""
+"""Answer the requests to the services of the simulated Spot, all on one port."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from strands_actors.drivers.spot.protocol import Motors
 from strands_actors.drivers.spot.robots import TABLES
 
 from .body import SpotBody
+from .cameras import ImageService
 from .commands import CLOCK, Commands, kind_of
 from .login import OPEN_SERVICES, Logins
 from .mechanism import Mechanism
@@ -30,6 +31,8 @@ WRONG_M_S = 0.5
 DURATIONS = ("power_on_s", "stand_s", "sit_s")
 _PATHS: Mapping[str, p.Method] = {method.path: method for method in p.METHODS.values()}
 
+COMMENTS = 1000
+"""How many comments of operators are kept."""
 NOT_CLEARED = 2
 """Answer to a request to clear a fault of the behaviour. This robot never has such a fault."""
 
@@ -74,6 +77,9 @@ class SpotTwin:
         self.logins = Logins(now_s, user, password)
         self.commands = Commands(self.mechanism, table, arm, self.robot_ns)
         self.reports = Reports(self.mechanism, arm, lambda: self.estop, self.robot_ns, table)
+        self.images = ImageService(self.mechanism, arm, self.reports, self.robot_ns)
+        self.comments: list[Message] = []
+        """The latest comments of operators, as the robot's log keeps them."""
         self.faults = Faults()
         self.muted: set[str] = set()
         """Methods that are carried out and never answered."""
@@ -176,10 +182,19 @@ class SpotTwin:
                 return {"resources": [self.leases.listed()]}, ("read", None)
             case "GetRobotState":
                 return {"robot_state": self._stuck or self.state()}, ("read", None)
+            case "GetRobotMetrics":
+                return {"robot_metrics": self.reports.metrics()}, ("read", None)
             case "GetRobotHardwareConfiguration":
                 return {"hardware_configuration": self.reports.hardware()}, ("read", None)
             case "GetRobotLinkModel":
                 return {"link_model": self.reports.link(request.get("link_name", ""))}, ("read", None)
+            case "ListImageSources":
+                return self.images.listed(), ("read", None)
+            case "GetImage":
+                return self.images.pictures(request.get("image_requests", [])), ("read", None)
+            case "RecordOperatorComments":
+                self.comments = [*self.comments, *request.get("operator_comments", ())][-COMMENTS:]
+                return {}, ("config", None)
             case "PowerCommand":
                 reply = self._power(request, lease)
                 is_accepted = reply.get("status") in (p.Power.SUCCESS, p.Power.IN_PROGRESS)

@@ -12,10 +12,12 @@ from typing import Any
 
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.messages import Message
+from strands_actors.drivers.spot.protocol import Vector
 
 from .geometry import Pose, pose_of, wrapped
 from .paths import Path, Values
 from .posture import Offset, saturated
+from .stance import FEET
 from .walking import SpeedLimits, Twist
 
 ARM_JOINTS = ("sh0", "sh1", "el0", "el1", "wr0", "wr1")
@@ -61,9 +63,13 @@ def path_of(start_s: float, start: Values, times: Sequence[float], points: Seque
         times: The time of each point from now, seconds.
         points: The values of each point.
     """
-    if not points or any(after < before for before, after in pairwise(times)):
+    if not points or not is_sorted(times):
         return None
     return Path(start_s, start, [(start_s + time, point) for time, point in zip(times, points, strict=True)])
+
+
+def is_sorted(times: Sequence[float]) -> bool:
+    return all(before <= after for before, after in pairwise(times))
 
 
 # -- base
@@ -158,3 +164,30 @@ def number(message: Message, key: str) -> float:
     """Return the number in a wrapper message; infinity if it is not set, or not positive."""
     value = float(message[key].get("value", 0.0)) if key in message else 0.0
     return value if value > 0 else math.inf
+
+
+# -- hand
+
+
+def vector_of(message: Mapping[str, Any]) -> Vector:
+    """Read a message ``Vec3``."""
+    x, y, z = (float(message.get(axis, 0.0)) for axis in "xyz")
+    return x, y, z
+
+
+def poses_of(trajectory: Mapping[str, Any]) -> list[Pose] | None:
+    """Return the points of a message ``SE3Trajectory`` as poses; None if a rotation is invalid."""
+    poses = [pose_of(point.get("pose", {})) for point in trajectory.get("points", ())]
+    return None if None in poses else [pose for pose in poses if pose is not None]
+
+
+# -- feet
+
+
+def feet_of(stance: Mapping[str, Any]) -> list[tuple[float, float]] | None:
+    """Return the places of the four feet of a message ``Stance``, in the order of the legs; None if one is
+    missing."""
+    named = {entry.get("key", ""): entry.get("value", {}) for entry in stance.get("foot_positions", ())}
+    if set(named) != set(FEET):
+        return None
+    return [(float(named[foot].get("x", 0.0)), float(named[foot].get("y", 0.0))) for foot in FEET]

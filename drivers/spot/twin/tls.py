@@ -12,6 +12,9 @@ from importlib import resources
 from strands_actors.drivers.common.ports.tls_port import TlsRecords
 from strands_actors.drivers.common.twin import ClientGone, Connection
 
+MOST_WAITING = 16 << 20
+"""Most bytes that wait for a client. A client that reads more slowly loses the connection."""
+
 
 def certificate(name: str) -> str:
     """Return the path of a file in this package: ``ca.pem`` (certificate of the authority), or
@@ -32,6 +35,7 @@ class TlsConnection(Connection):
     def __init__(self, below: Connection, context: ssl.SSLContext) -> None:
         self._below = below
         self._records = TlsRecords(context)
+        self._queue = b""
         self.log = below.log
         self.frost = below.frost
 
@@ -61,7 +65,15 @@ class TlsConnection(Connection):
         except ssl.SSLError:
             self.abort()
             return
-        self._below.send(self._records.outgoing())
+        self._queue += self._records.outgoing()
+        self.push()
+
+    def push(self) -> None:
+        """Send the waiting bytes, as far as they fit into the client's buffer. A picture does not fit at once."""
+        while self._queue and (sent := self._below._sent(self._queue)):
+            self._queue = self._queue[sent:]
+        if len(self._queue) > MOST_WAITING:
+            self.abort()
 
     def abort(self) -> None:
         self._below.abort()
@@ -71,7 +83,6 @@ class TlsConnection(Connection):
             plain = self._records.decrypt(data)
         except ssl.SSLError:
             raise ClientGone from None
-        outgoing = self._records.outgoing()
-        if outgoing:
-            self._below.send(outgoing)
+        self._queue += self._records.outgoing()
+        self.push()
         return plain

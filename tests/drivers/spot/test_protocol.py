@@ -17,10 +17,13 @@ from strands_actors.drivers.spot.messages import TABLES, decode, encode, table
 from strands_actors.drivers.spot.twin import SpotTwin
 from tests.drivers.disturbed import DISTURBED
 
-KINDS = {1: "double", 3: "int", 4: "uint", 5: "int", 8: "bool", 9: "text", 13: "uint", 14: "uint"}
+KINDS = {1: "double", 2: "float", 3: "int", 4: "uint", 5: "int", 8: "bool", 9: "text", 13: "uint", 14: "uint"}
 """Kinds of the tables by the type number in the vendor's descriptors."""
 
-MODULES = ("auth", "directory", "time_sync", "estop", "lease", "power", "robot_state", "robot_command", "robot_id")
+MODULES = (
+    *("auth", "directory", "time_sync", "estop", "lease", "power", "robot_state", "robot_command", "robot_id"),
+    *("image", "data_buffer"),
+)
 
 
 def services() -> dict[str, Any]:
@@ -45,8 +48,8 @@ def compare(name: str, theirs: Any, seen: set[tuple[str, str]]) -> None:
         assert field.is_repeated == ours.repeated, f"{theirs.full_name}.{key}"
         if field.type == 11:
             compare(ours.kind, field.message_type, seen)
-        elif field.type == 12:  # bytes: the content of an Any
-            assert ours.kind == "MobilityParams"
+        elif field.type == 12:  # bytes: the content of an Any, or of a picture
+            assert ours.kind in ("MobilityParams", "bytes")
         else:
             assert KINDS[field.type] == ours.kind, f"{theirs.full_name}.{key}, field {number}"
 

@@ -59,8 +59,9 @@ def test_the_vendors_client_drives_the_twin(tmp_path: Path) -> None:
         "late": "ExpiredError",
         "far": "TooDistantError",
         "has_arm": True,
-        "pose": "UnsupportedError",
+        "force": "UnsupportedError",
         "freeze": "UnsupportedError",
+        "fans": "UnimplementedError",
         "legs": 12,
         "motors_after_silence": 1,
         "after_the_cut": "NotPoweredOnError",
@@ -116,8 +117,8 @@ def test_what_programs_ask_first(tmp_path: Path) -> None:
         "faults": [0, 0],
         "feet": [1, 1, 1, 1],  # CONTACT_MADE
         "stowed": 1,
-        "metrics": "UnimplementedError",
-        "images": "UnregisteredServiceNameError",
+        "metrics": ["distance", "time moving", "electric power"],
+        "objects": "UnregisteredServiceNameError",
     }
 
 
@@ -138,6 +139,42 @@ def test_arm_and_gripper_move_by_name_by_joints_and_through_points(tmp_path: Pat
         "claw": [1, 2, 50],  # STATUS_PROCESSING, STATUS_AT_GOAL
         "walk_goes_on": "STATUS_PROCESSING",
         "no_position": "InvalidRequestError",
+    }
+
+
+def test_the_hand_goes_where_the_vendors_client_sends_it(tmp_path: Path) -> None:
+    reported = scene("hand", tmp_path)
+    assert reported.pop("took_s") == pytest.approx(2.0, abs=0.4), "the pose is due after 2 s"
+    assert reported.pop("misses") < 0.01 and reported.pop("held_while_walking") < 0.02
+    assert reported.pop("raised_m") == pytest.approx(0.125, abs=0.03), "half of 0.5 m/s for 0.5 s"
+    assert reported == {
+        "far_m": 0.2,
+        "arrives": True,
+        "too_far": False,
+        "gazes": True,
+        "at_target": True,
+        "unknown_frame": "UnknownFrameError",
+        "follows": True,
+    }
+
+
+def test_the_feet_go_where_the_vendors_client_sends_them(tmp_path: Path) -> None:
+    reported = scene("stance", tmp_path)
+    assert reported.pop("misses_m") < 0.05
+    assert reported == {"stanced": 1, "too_far": 3}
+
+
+def test_the_vendors_client_gets_pictures(tmp_path: Path) -> None:
+    assert scene("images", tmp_path) == {
+        "sources": 20,
+        "raw": [20, True],
+        "sizes": [[640, 480], [424, 240], [640, 480]],
+        "formats": [[1, 1], [2, 5], [1, 3]],
+        "placed": [True, True, True],
+        "unknown": "UnknownImageSourceError",
+        "format": "UnsupportedImageFormatRequestedError",
+        "pixels": "UnsupportedPixelFormatRequestedError",
+        "ratio": "UnsupportedResizeRatioRequestedError",
     }
 
 

@@ -16,7 +16,6 @@ import trio
 from strands_actors.contract.driver import Candidate, GateState
 from strands_actors.contract.wire import Observation
 from strands_actors.drivers.spot import driver as spot_driver
-from strands_actors.drivers.spot import gates
 from strands_actors.drivers.spot import protocol as p
 from strands_actors.drivers.spot.driver import Spot
 from strands_actors.drivers.spot.messages import Message
@@ -26,6 +25,7 @@ from strands_actors.drivers.spot.twin.walking import REST
 from strands_actors.drivers.spot.wire import SpotWire
 from strands_actors.kernel.messages import Refused
 from tests.drivers.common.memory_port import virtual
+from tests.drivers.without_gates import checks, take_out
 
 from .rig import PORT, Go, World, answer, let_a_tablet_have_the_e_stop, pass_time, ready
 
@@ -70,6 +70,8 @@ def without_el0(target: tuple[float, ...]) -> tuple[float, ...]:
     return (*target[:5], math.nan, *target[6:])
 
 
+STALE = "check_named"
+"""The gate ``stale``, which checks only the joints that the action names."""
 WHOLE_ARM = dict.fromkeys(ARM, 0.1)
 
 CASES = (
@@ -80,10 +82,10 @@ CASES = (
     # The gate learns of the loss from this refusal of the robot.
     Case("_lease", {"vx": 0.3}, "lease_lost", "lease revoked", steal),
     # The API accepts the command and refuses the arm's part in its feedback.
-    Case("_has_part stale", WHOLE_ARM, "no_arm", "incompatible hardware", arm=False),
+    Case(f"_has_part {STALE}", WHOLE_ARM, "no_arm", "incompatible hardware", arm=False),
     Case("_whole_arm", {"arm_sh0": 0.1}, "stale", "invalid request", target=without_el0),
     # No refusal: the robot does not know how old the driver's reading is.
-    Case("stale", {"arm_sh0": 0.3}, "stale", "moves with 2.5 rad/s", age_s=1.0),
+    Case(STALE, {"arm_sh0": 0.3}, "stale", "moves with 2.5 rad/s", age_s=1.0),
     # No refusal: the API has no status for a speed that is too high. The robot walks as fast as it can.
     Case("past_range", {"vx": 3.0}, "past_travel", "walks with 1.6 m/s"),
     # The robot moves to the nearest joint that it can reach, and never reports the move as complete.
@@ -100,16 +102,6 @@ def judged(driver: Spot, action: Action, seen: Observation, case: Case) -> Candi
     return answer(action, state, driver)
 
 
-def take_out(monkeypatch: pytest.MonkeyPatch, names: str) -> Spot:
-    """Return a driver without these gates."""
-    for name in names.split():
-        if name.startswith("_"):
-            monkeypatch.setattr(gates, name, lambda *judged: None)
-        else:
-            monkeypatch.setattr(gates, name, lambda axes, *a, **limits: lambda candidate, state: None)
-    return Spot("spot", PORT, Spot.resolve("spot", {}))
-
-
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.gate} {next(iter(case.action))}")
 def test_the_robot_answers_what_a_gate_no_longer_refuses(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     async def test() -> None:
@@ -121,7 +113,9 @@ def test_the_robot_answers_what_a_gate_no_longer_refuses(case: Case, monkeypatch
         if case.robot != "lease revoked":
             refusal = judged(world.driver, case.action, seen, case)
             assert isinstance(refusal, Refused) and refusal.code == case.code
-        candidate = judged(take_out(monkeypatch, case.gate), case.action, seen, case)
+        driver = Spot("spot", PORT, Spot.resolve("spot", {}))
+        take_out(driver, case.gate.split(), monkeypatch)
+        candidate = judged(driver, case.action, seen, case)
         assert isinstance(candidate, Candidate), candidate
         sent = len(world.of("RobotCommand"))
         await wire.write(candidate.values, Go())
@@ -165,10 +159,7 @@ async def what_the_robot_did(world: World, wire: SpotWire) -> str:
 
 def test_every_gate_has_a_case() -> None:
     names = {name for case in CASES for name in case.gate.split()}
-    assert {condition.check.__name__ for condition in gates.conditions_of()} <= names
-    table = Spot("spot", PORT, {}).table
-    others = names - {condition.check.__name__ for condition in gates.conditions_of()}
-    assert len(gates.gates_of(table, 0.8)) == len(others) == 5
+    assert set(checks(Spot("spot", PORT, {}))) == names
 
 
 # -- what the driver adds to a command, and its services

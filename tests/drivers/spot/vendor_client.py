@@ -8,15 +8,14 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from typing import Any
 
-import bosdyn.client
 from bosdyn.api import basic_command_pb2, geometry_pb2, robot_command_pb2, trajectory_pb2
 from bosdyn.api.spot import robot_command_pb2 as spot_command_pb2
 from bosdyn.client import frame_helpers, math_helpers
 from bosdyn.client.estop import EstopEndpoint, EstopKeepAlive
+from bosdyn.client.image import build_image_request
 from bosdyn.client.lease import LeaseKeepAlive
 from bosdyn.client.robot_command import (
     RobotCommandBuilder,
@@ -27,81 +26,9 @@ from bosdyn.client.robot_command import (
 )
 from bosdyn.geometry import EulerZXY
 
+from .vendor_robot import Powered, connected, failure, feet_in_odom, powered
+
 STATUS = basic_command_pb2.RobotCommandFeedbackStatus.Status
-
-
-def failure(step: Callable[[], Any]) -> str:
-    """Return the class of the error that a step raises; empty for no error."""
-    try:
-        step()
-    except Exception as error:  # any of the vendor's errors
-        return type(error).__name__
-    return ""
-
-
-def connected(port: str) -> Any:
-    """Return the vendor's object of the robot, without a login."""
-    address, _, certificate = port.partition("?ca=")
-    host, _, number = address.rpartition(":")
-    sdk = bosdyn.client.create_standard_sdk("vendor", cert_resource_glob=certificate)
-    robot = sdk.create_robot(host)
-    robot.update_secure_channel_port(int(number))
-    return robot
-
-
-class Powered:
-    """A robot with power, and the clients of its services."""
-
-    def __init__(self, robot: Any) -> None:
-        self.robot = robot
-        self.commands = robot.ensure_client("robot-command")
-        self.states = robot.ensure_client("robot-state")
-
-    def command(self, command: Any, seconds: float = 5.0) -> int:
-        number: int = self.commands.robot_command(command, end_time_secs=time.time() + seconds)
-        return number
-
-    def walk(self, vx: float, vy: float = 0.0, wz: float = 0.0, seconds: float = 0.6, **how: Any) -> int:
-        return self.command(RobotCommandBuilder.synchro_velocity_command(vx, vy, wz, **how), seconds)
-
-    def feedback(self, number: int) -> Any:
-        return self.commands.robot_command_feedback(number).feedback.synchronized_feedback
-
-    @property
-    def state(self) -> Any:
-        return self.states.get_robot_state()
-
-    @property
-    def frames(self) -> Any:
-        return self.state.kinematic_state.transforms_snapshot
-
-    @property
-    def body(self) -> Any:
-        """The pose of the body in the frame of odometry."""
-        return frame_helpers.get_odom_tform_body(self.frames)
-
-    @property
-    def joints(self) -> dict[str, float]:
-        return {joint.name: joint.position.value for joint in self.state.kinematic_state.joint_states}
-
-
-@contextmanager
-def powered(port: str) -> Iterator[Powered]:
-    """Log in, take lease and e-stop, and power the motors on."""
-    robot = connected(port)
-    robot.authenticate("twin", "twin")
-    robot.time_sync.wait_for_sync(8)
-    leases = robot.ensure_client("lease")
-    leases.acquire("body")
-    with LeaseKeepAlive(leases, must_acquire=False, return_at_exit=False):
-        endpoint = EstopEndpoint(robot.ensure_client("estop"), "vendor", 5.0)
-        endpoint.force_simple_setup()
-        with EstopKeepAlive(endpoint):
-            robot.power_on(timeout_sec=10)
-            yield Powered(robot)
-
-
-# -- scenes
 
 
 def drive(port: str) -> dict[str, Any]:
@@ -136,9 +63,10 @@ def drive(port: str) -> dict[str, Any]:
     reported["late"] = failure(lambda: spot.walk(0.5, seconds=-1.0))
     reported["far"] = failure(lambda: spot.walk(0.5, seconds=700.0))
     reported["has_arm"] = robot.has_arm()
-    pose = RobotCommandBuilder.arm_pose_command(0.8, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, "body")
-    reported["pose"] = failure(lambda: spot.commands.robot_command(pose))
+    wrench = RobotCommandBuilder.arm_wrench_command(0, 0, -5, 0, 0, 0, "odom")
+    reported["force"] = failure(lambda: spot.commands.robot_command(wrench))
     reported["freeze"] = failure(lambda: spot.commands.robot_command(RobotCommandBuilder.freeze_command()))
+    reported["fans"] = failure(lambda: robot.ensure_client("power").fan_power_command(50, 1))
     reported["legs"] = sum(name[:2] in ("fl", "fr", "hl", "hr") for name in spot.joints)
     blocking_sit(spot.commands, timeout_sec=10)
     blocking_stand(spot.commands, timeout_sec=10)
@@ -277,13 +205,6 @@ def posed(body_pose: Any) -> Any:
     return spot_command_pb2.MobilityParams(body_control=spot_command_pb2.BodyControlParams(body_pose=body_pose))
 
 
-def feet_in_odom(spot: Powered) -> list[tuple[float, float, float]]:
-    state = spot.state
-    body = frame_helpers.get_odom_tform_body(state.kinematic_state.transforms_snapshot)
-    feet = [foot.foot_position_rt_body for foot in state.foot_state]
-    return [body.transform_point(foot.x, foot.y, foot.z) for foot in feet]
-
-
 def report(port: str) -> dict[str, Any]:
     """Read what programs ask first: state, frames, hardware, faults."""
     robot = connected(port)
@@ -303,8 +224,8 @@ def report(port: str) -> dict[str, Any]:
         "faults": [len(state.system_fault_state.faults), len(state.behavior_fault_state.faults)],
         "feet": [foot.contact for foot in state.foot_state],
         "stowed": state.manipulator_state.stow_state,
-        "metrics": failure(states.get_robot_metrics),
-        "images": failure(lambda: robot.ensure_client("image")),
+        "metrics": [metric.label for metric in states.get_robot_metrics().metrics],
+        "objects": failure(lambda: robot.ensure_client("world-objects")),
     }
 
 
@@ -355,6 +276,116 @@ def arm(port: str) -> dict[str, Any]:
     return reported
 
 
+def hand(port: str) -> dict[str, Any]:
+    """Move the hand as the vendor's examples arm_simple, arm_trajectory, arm_gaze and arm_freeze_hand do."""
+    reported: dict[str, Any] = {}
+    with powered(port) as spot:
+        blocking_stand(spot.commands, timeout_sec=10)
+        build, command = RobotCommandBuilder, spot.commands.robot_command
+        flat = frame_helpers.get_a_tform_b(spot.frames, "odom", "flat_body")
+        goal = flat * math_helpers.SE3Pose(0.75, 0.0, 0.25, math_helpers.Quat(math.sqrt(0.5), math.sqrt(0.5), 0, 0))
+        pose = (goal.x, goal.y, goal.z, goal.rot.w, goal.rot.x, goal.rot.y, goal.rot.z, "odom")
+        number = command(build.arm_pose_command(*pose, 2))
+        early = spot.feedback(number).arm_command_feedback.arm_cartesian_feedback
+        reported["far_m"] = round(early.measured_pos_distance_to_goal, 1)
+        began_s = time.monotonic()
+        reported["arrives"] = block_until_arm_arrives(spot.commands, number, 5)
+        reported["took_s"] = time.monotonic() - began_s
+        reported["misses"] = misses(frame_helpers.get_a_tform_b(spot.frames, "odom", "hand"), goal)
+        forwards = build.synchro_trajectory_command_in_body_frame(0.2, 0, 0, spot.frames)
+        block_for_trajectory_cmd(spot.commands, spot.command(forwards, 8.0), timeout_sec=8)
+        reported["held_while_walking"] = misses(frame_helpers.get_a_tform_b(spot.frames, "odom", "hand"), goal)
+        away = command(build.arm_pose_command(3.0, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0, "body", 1))
+        reported["too_far"] = block_until_arm_arrives(spot.commands, away, 5)
+        command(build.arm_ready_command())
+        target = flat.transform_point(x=3.0, y=4.0, z=0.0)
+        number = command(build.arm_gaze_command(*target, "odom"))
+        reported["gazes"] = block_until_arm_arrives(spot.commands, number, 4)
+        reported["at_target"] = spot.feedback(number).arm_command_feedback.arm_gaze_feedback.gazing_at_target
+        request = robot_command_pb2.RobotCommand()
+        velocity = request.synchronized_command.arm_command.arm_velocity_command
+        velocity.cylindrical_velocity.linear_velocity.z = 0.5
+        velocity.end_time.CopyFrom(spot.robot.time_sync.robot_timestamp_from_local_secs(time.time() + 0.5))
+        before = frame_helpers.get_a_tform_b(spot.frames, "flat_body", "hand").z
+        command(request)
+        time.sleep(1.0)
+        reported["raised_m"] = frame_helpers.get_a_tform_b(spot.frames, "flat_body", "hand").z - before
+        reported["unknown_frame"] = failure(
+            lambda: command(build.arm_pose_command(1, 0, 0, 1, 0, 0, 0, "fiducial"))
+        )
+        reach = frame_helpers.get_a_tform_b(spot.frames, "odom", "flat_body") * math_helpers.SE3Pose(
+            1.25, 0.0, 0.25, math_helpers.Quat()
+        )
+        there = build.arm_pose_command_from_pose(reach.to_proto(), "odom", 3)
+        number = command(build.build_synchro_command(build.follow_arm_command(), there))
+        reported["follows"] = block_until_arm_arrives(spot.commands, number, 6)
+    return reported
+
+
+def misses(now: Any, goal: Any) -> float:
+    """Return how far two poses are apart: the larger of metres and radians."""
+    difference = now.inverse() * goal
+    far = math.sqrt(difference.x**2 + difference.y**2 + difference.z**2)
+    return max(far, 2 * math.acos(min(1.0, abs(difference.rot.w))))
+
+
+def stance(port: str) -> dict[str, Any]:
+    """Put the feet to places as the vendor's example stance_in_place does."""
+    reported: dict[str, Any] = {}
+    with powered(port) as spot:
+        blocking_stand(spot.commands, timeout_sec=10)
+        body = frame_helpers.get_se2_a_tform_b(spot.frames, "vision", "flat_body")
+        places = [(body * math_helpers.SE2Pose(x, y, 0)).position for x in (0.3, -0.3) for y in (0.3, -0.3)]
+        request = RobotCommandBuilder.stance_command("vision", *places)
+        for _ in range(3):
+            number = spot.command(stanced(spot, request))
+            time.sleep(1.0)
+        reported["stanced"] = spot.feedback(number).mobility_command_feedback.stance_feedback.status
+        feet = [foot[:2] for foot in feet_in_odom(spot)]
+        reported["misses_m"] = max(
+            math.dist(foot, (place.x, place.y)) for foot, place in zip(feet, places, strict=True)
+        )
+        far = [(body * math_helpers.SE2Pose(2 + x, y, 0)).position for x in (0.3, -0.3) for y in (0.3, -0.3)]
+        number = spot.command(stanced(spot, RobotCommandBuilder.stance_command("vision", *far)))
+        reported["too_far"] = spot.feedback(number).mobility_command_feedback.stance_feedback.status
+    return reported
+
+
+def stanced(spot: Powered, command: Any) -> Any:
+    end = spot.robot.time_sync.robot_timestamp_from_local_secs(time.time() + 5)
+    command.synchronized_command.mobility_command.stance_request.end_time.CopyFrom(end)
+    return command
+
+
+def images(port: str) -> dict[str, Any]:
+    """Take pictures, and leave a comment, as the vendor's examples hello_spot and get_image do."""
+    robot = connected(port)
+    robot.authenticate("twin", "twin")
+    robot.time_sync.wait_for_sync(8)
+    client = robot.ensure_client("image")
+    sources = client.list_image_sources()
+    names = ["frontleft_fisheye_image", "frontleft_depth", "hand_color_image"]
+    pictures = client.get_image_from_sources(names)
+    frames = [picture.shot for picture in pictures]
+    robot.operator_comment("hello")
+    raw = [build_image_request(source.name, image_format=2) for source in sources]
+    sizes = [len(picture.shot.image.data) for picture in client.get_image(raw)]
+    return {
+        "sources": len(sources),
+        "raw": [len(sizes), sum(sizes) > 7_000_000],
+        "sizes": [[picture.shot.image.cols, picture.shot.image.rows] for picture in pictures],
+        "formats": [[picture.shot.image.format, picture.shot.image.pixel_format] for picture in pictures],
+        "placed": [
+            frame_helpers.get_a_tform_b(shot.transforms_snapshot, "odom", shot.frame_name_image_sensor) is not None
+            for shot in frames
+        ],
+        "unknown": failure(lambda: client.get_image_from_sources(["front"])),
+        "format": failure(lambda: client.get_image([build_image_request("back_depth", image_format=1)])),
+        "pixels": failure(lambda: client.get_image([build_image_request("back_fisheye_image", pixel_format=5)])),
+        "ratio": failure(lambda: client.get_image([build_image_request("back_depth", resize_ratio=3.0)])),
+    }
+
+
 def armless(port: str) -> dict[str, Any]:
     """Command an arm and a gripper that the robot lacks."""
     reported: dict[str, Any] = {}
@@ -385,7 +416,7 @@ def armless(port: str) -> dict[str, Any]:
 
 
 SCENES: Mapping[str, Callable[[str], dict[str, Any]]] = {
-    scene.__name__: scene for scene in (drive, walk, pose, report, arm, armless)
+    scene.__name__: scene for scene in (drive, walk, pose, report, arm, armless, hand, stance, images)
 }
 
 if __name__ == "__main__":
