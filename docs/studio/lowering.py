@@ -11,7 +11,7 @@ import trio
 import trio.testing
 
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.drivers.common.kit.chain import Chain
+from strands_actors.drivers.common.kinematics.chain import Chain
 from tests.drivers.servo.rig import DynamixelRig, FeetechRig, MakeRig, raised
 
 POSES: Mapping[str, tuple[MakeRig, tuple[float, ...]]] = {
