@@ -48,15 +48,35 @@ class Setpoint(enum.IntEnum):
     """Kinds of setpoints: the first byte of the data on ``Port.SETPOINT``, channel 0."""
 
     STOP = 0
+    OLD_VELOCITY_WORLD = 1
+    OLD_Z_DISTANCE = 2
+    ALTITUDE_HOLD = 4
+    OLD_HOVER = 5
+    FULL_STATE = 6
+    POSITION = 7
     VELOCITY_WORLD = 8
+    Z_DISTANCE = 9
     HOVER = 10
+    MANUAL = 11
 
 
 class HighLevel(enum.IntEnum):
+    """Orders to the high-level commander: the first byte of the data on ``Port.HIGH_LEVEL``."""
+
+    SET_GROUP_MASK = 0
+    OLD_TAKEOFF = 1
+    OLD_LAND = 2
     STOP = 3
+    GO_TO = 4
+    START_TRAJECTORY = 5
+    DEFINE_TRAJECTORY = 6
     TAKEOFF = 7
     LAND = 8
+    TAKEOFF_WITH_VELOCITY = 9
     LAND_WITH_VELOCITY = 10
+    SPIRAL = 11
+    GO_TO_2 = 12
+    START_TRAJECTORY_2 = 13
 
 
 class Order(enum.IntEnum):
@@ -65,6 +85,7 @@ class Order(enum.IntEnum):
     ARM = 1
     RECOVER = 2
     EMERGENCY_STOP = 3
+    KEEP_ALIVE = 4
 
 
 class Bit(enum.IntFlag):

@@ -141,6 +141,10 @@ def arming_not_confirmed() -> Refused:
     return Refused(Code.NOT_ARMED, "the drone did not confirm arming, so its motors stay off", "check the drone")
 
 
+def not_spun_up() -> Refused:
+    return Refused(Code.NOT_ARMED, "the motors did not spin up after arming", "check battery and propellers")
+
+
 def incomplete_takeoff(height_m: float, does_not_fly: bool, landing_failure: str) -> Refused:
     """Return the refusal for a takeoff that did not reach its height.
 

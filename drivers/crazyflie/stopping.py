@@ -118,7 +118,12 @@ class _Descent:
         return "" if Bit.LOCKED in bits else "the drone is not locked"
 
     async def _cut(self) -> str:
-        await self._send(p.STOP)
+        """Switch motors off and disarm.
+
+        ``YIELD`` follows, because the firmware ages the setpoint that switches motors off, too: it would lock the
+        drone after two seconds, or if it is armed again then.
+        """
+        await self._send(p.STOP, p.YIELD)
         return await self._disarm()
 
     async def _land(self) -> str:
@@ -132,7 +137,7 @@ class _Descent:
         bits = await self._read_supervisor(LANDING_LOOK_S)
         if bits is None:
             if self._accepted_s is not None:
-                await self._send(p.YIELD)
+                await self._send(self._order, p.YIELD)
             return "silent"
         if not bits.airborne or bits & (Bit.TUMBLED | Bit.LOCKED | Bit.CRASHED):
             return await self._cut()
@@ -143,8 +148,10 @@ class _Descent:
         if self._accepted_s is None:
             return self._reason_not_landing()
         if flies:
-            # Repeat YIELD. If the last one was lost, the drone still obeys the last setpoint.
-            await self._send(p.YIELD)
+            # Repeat YIELD. If the last one was lost, the drone still obeys the last setpoint. In the air, the order
+            # goes before it, because these flags may be from before a late setpoint that has ended the landing. A
+            # landing drone refuses the order, and flies on. On the floor, the order could start motors again.
+            await self._send(*(() if self._is_down() else (self._order,)), p.YIELD)
         if trio.current_time() - self._accepted_s < NOTICED_S:
             return self._reason_not_landing() if self._refused else "still in the air"
         over = Bit.TRAJECTORY_FINISHED in bits and Bit.HIGH_LEVEL_DISABLED not in bits

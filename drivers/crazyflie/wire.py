@@ -31,9 +31,15 @@ from .links import Link, open_link
 from .protocol import Bit
 from .robots import AXES, VX, VY, VZ, WZ, Z
 from .session import AGAIN_S, CrazyflieSession, handshake
-from .stopping import STOP_S, bring_down, first_frames
+from .stopping import LOOK_S, STOP_S, bring_down, first_frames
 
 ARM_S = 1.0
+CHECKS_S = 0.5
+"""Longest time for which the supervisor checks a drone that was just disarmed, before it may be armed again."""
+SPIN_UP_S = 2.5
+"""Longest time that motors need to spin up after arming. The firmware disarms the drone after two seconds."""
+HOPELESS = Bit.LOCKED | Bit.TUMBLED | Bit.CRASHED
+"""Flags of a drone that cannot be armed. It is not worth waiting then."""
 RISE_S = 3.0
 """How much longer than requested a takeoff may take."""
 NEAR_M = 0.05
@@ -210,7 +216,7 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
     async def _take_off(self, height_m: float, duration_s: float, permit: Permit) -> dict[str, Any] | Refused:
         session = self.session
         requested_ns = self._clock.now_ns()
-        bits = await session.supervisor(ARM_S)
+        bits = await _await_bit(session, Bit.ARMED | Bit.CAN_BE_ARMED, CHECKS_S)
         refusal = takeoff_refusal(bits, self._observation(session).sensors, self._config.battery_v)
         if refusal is not None:
             return refusal
@@ -221,9 +227,15 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
         if bits is None or not bits.airborne:
             answer = await session.ask(p.ARM_QUESTION, ARM_S, permit)
             if answer is None or not _says_armed(answer):
-                await session.send(p.STOP, p.DISARM)
+                await session.send(p.STOP, p.YIELD, p.DISARM)
                 return refusals.arming_not_confirmed()
             permit.check()
+            # The firmware ignores setpoints while motors spin up. A rise that began now would begin with a jump.
+            bits = await _await_bit(session, Bit.CAN_FLY, SPIN_UP_S)
+            permit.check()
+            if bits is None or Bit.CAN_FLY not in bits:
+                await session.send(p.STOP, p.YIELD, p.DISARM)
+                return refusals.not_spun_up()
         # Rise no faster than a command may request.
         duration_s = max(duration_s, abs(height_m - flight.z_m) / self._config.climb_m_s)
         # Allow for two delays on the link: the newest report is older than its arrival suggests, and the first
@@ -287,6 +299,17 @@ class CrazyflieWire(SessionWire[CrazyflieSession]):
             sensors=sensors_of(flight, position, (self._clock.now_ns() - session.position_ns) / NS, hover_s),
             faults={"drone": ", ".join(faults).lower()} if faults else {},
         )
+
+
+async def _await_bit(session: CrazyflieSession, flags: Bit, within_s: float) -> Bit | None:
+    """Read the supervisor's flags until one of ``flags`` is set, at most for ``within_s``. Return the last flags;
+    None if it does not answer."""
+    ends_s = trio.current_time() + within_s
+    while True:
+        bits = await session.supervisor(ARM_S)
+        if bits is None or bits & (flags | HOPELESS) or trio.current_time() > ends_s:
+            return bits
+        await trio.sleep(LOOK_S)
 
 
 def _says_armed(answer: bytes) -> bool:

@@ -1,7 +1,7 @@
-"""Simulate the firmware: commander, supervisor, high-level commander, log and parameters. It has no sockets.
+"""Simulate the firmware: commander, supervisor, high-level commander, log, parameters, memories. No sockets.
 
-The watchdog is that of the real firmware. Without a setpoint it levels out after 0.5 s, and cuts the motors
-after 2 s. The high-level commander has no watchdog, and flies its plan to the end.
+The watchdog is that of the real firmware. Without a setpoint it levels out after 0.5 s, and after 2 s it cuts the
+motors and locks the drone. The high-level commander has no watchdog, and flies its plan to the end.
 """
 
 from __future__ import annotations
@@ -9,74 +9,36 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.config import LANDING_M_S
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit, HighLevel, Order, Port, Setpoint
 
-from . import packets
+from . import packets, setpoints
 from .body import LONGEST_S, TIMESTEP_S, FlyingBody, Target
-from .tables import LOG, LOG_LAYOUTS, PARAMETERS, READ_ONLY, Reading, checksum, packed
+from .estimator import Estimator
+from .log_port import LogPort
+from .memories import Memories
+from .packets import Reaction, answer
+from .parameter_port import ParameterPort
+from .planner import Planner
+from .planner import State as PlannerState
+from .supervisor import PERIOD_S, Seen, State, Supervisor
+from .tables import Reading
 
-LEVEL_AFTER_S, CUT_AFTER_S = 0.5, 2.0
-"""Timeouts of the firmware's commander."""
-FLYING_S = 2.0
-"""How long the drone counts as flying after its motors stopped [assumed]."""
-AIRBORNE_M = 0.02
-TUMBLED_RAD, TUMBLED_S = math.radians(70.0), 0.3
-"""Tilt, and its duration, at which the drone counts as tumbled [assumed]."""
-LOW_V = 3.2
-USUAL_LANDING_M_S = 0.5
-"""Mean speed of a landing without a given speed."""
-REFUSED, BLOCKED = 1, 16
-"""Status of the high-level commander. ``REFUSED``: not in this state of the planner (a landing during a landing, a
-takeoff in flight). ``BLOCKED``: the supervisor does not permit a flight."""
+LOW_POWER_S = 5.0
+"""How long the voltage has to be low until the firmware reports low power."""
+VERSION, DEVICE = b"twin", b"Crazyflie 2.1 Brushless"
+ADDRESS = 0xE7
+"""Last byte of the radio's address."""
+_SUPERVISE_STEPS = round(PERIOD_S / TIMESTEP_S)
+_RESET = "kalman.resetEstimation"
+_POSITION_GROUP = "posCtlPid."
 
-LOG_BYTES = 26
-HOVER_THRUST = 36000.0
-"""In the firmware's units, of 65535 [assumed]."""
-
-
-class Reaction(NamedTuple):
-    """The effect of a packet: its kind for the packet log, the answers, and the safe state that it causes."""
-
-    kind: str
-    replies: tuple[bytes, ...] = ()
-    safe_state: str | None = None
-
-
-@dataclass
-class Plan:
-    """A flight of the high-level commander from one height to another."""
-
-    from_m: float
-    to_m: float
-    began_s: float
-    duration_s: float
-    lands: bool
-
-    @property
-    def ends_s(self) -> float:
-        return self.began_s + self.duration_s
-
-    def target(self, now_s: float) -> Target:
-        """Return the present setpoint of the plan. It follows a polynomial of degree 7 from rest to rest."""
-        share = min(1.0, (now_s - self.began_s) / self.duration_s)
-        passed = share**4 * (35 - 84 * share + 70 * share**2 - 20 * share**3)
-        rate = 140 * (share * (1 - share)) ** 3 / self.duration_s
-        rise = self.to_m - self.from_m
-        return Target(z_m=self.from_m + rise * passed, vz_m_s=rise * rate)
-
-
-@dataclass
-class RunningBlock:
-    # number of the variable in the table, and type in which it is sent
-    variables: list[tuple[int, int]] = field(default_factory=list)
-    period_s: float = 0.0  # 0 if the block is not started
-    due_s: float = 0.0
+_LANDS = (HighLevel.OLD_LAND, HighLevel.LAND, HighLevel.LAND_WITH_VELOCITY)
+_SETTINGS = (HighLevel.SET_GROUP_MASK, HighLevel.DEFINE_TRAJECTORY)
 
 
 class Firmware:
@@ -87,13 +49,27 @@ class Firmware:
         *,
         protocol: int = p.OLDEST,
         auto_arm: bool = False,
+        spin_up_s: float = 0.0,
         note: Callable[[str], None] = lambda text: None,
     ) -> None:
-        """Start the firmware. ``note`` is called with a text for each action of the watchdog or the supervisor."""
+        """Start the firmware.
+
+        Args:
+            table: The robot's table.
+            now_s: Returns the present time.
+            protocol: CRTP protocol version that it reports.
+            auto_arm: Arm without a request.
+            spin_up_s: How long motors need to spin up after arming.
+            note: Called with a text for each action of the watchdog or the supervisor.
+        """
         self.body = FlyingBody(table)
+        self.memories = Memories()
+        self.log = LogPort()
+        self.estimator = Estimator(self.body)
+        self.parameters = ParameterPort(self._take_parameter)
         self._now_s = now_s
         self._protocol = protocol
-        self._auto_arm = auto_arm
+        self._auto_arm, self._spin_up_s = auto_arm, spin_up_s
         self._note = note
         self._updated_s = now_s()
         self.battery_v = 4.0
@@ -104,17 +80,22 @@ class Firmware:
     def boot(self) -> None:
         """Restart the firmware as after switching the drone off and on. The drone stays where it is."""
         self._booted_s = self.time_s
-        self.armed = self._auto_arm
-        self.locked = self.tumbled = self.crashed = False
+        self.memories.boot()
+        self.log.boot()
+        self.parameters.boot()
+        values = self.parameters.values
+        for name in values:
+            if name.startswith(_POSITION_GROUP):
+                self._take_parameter(name)
+        self.estimator.reset((0.0, 0.0, 0.0), self.body.rpy_rad[2])
+        self.planner = Planner(values, self.memories.trajectories)
+        self.supervisor = Supervisor(self._auto_arm, self._spin_up_s, values, lambda text: self._note(text))
         self._setpoint: Target | None = None
-        self._setpoint_s = 0.0
-        self._plan: Plan | None = None  # None while no flight is planned
-        self._planned_until_s = -math.inf
-        self._flew_s = -math.inf
-        self._tipped_s = 0.0
-        self._levelled = False
-        self.blocks: dict[int, RunningBlock] = {}
-        self.parameters = [parameter.value for parameter in PARAMETERS]
+        self._setpoint_s: float | None = None  # None while the high-level commander has priority
+        self._high_level_s = self._charged_s = self.time_s
+        self._thrust_locked = True
+        self._steps = 0
+        self._unasked: list[bytes] = []
         self.simulated = False  # True while a local simulation flies the drone instead of a client
         self._simulated: Target | None = None
 
@@ -142,322 +123,308 @@ class Firmware:
 
     def step(self) -> None:
         """Advance the simulated firmware and its body by one time step."""
-        blocked = not (self.may_fly or self.simulated)
-        if self._plan is not None and (blocked or (self._plan.lands and self.time_s >= self._plan.ends_s)):
-            self._plan = None
-        self.body.target = self._present_target()
+        self._steps += 1
+        if self._steps % _SUPERVISE_STEPS == 0:
+            self._supervise()
+        target = self._present_target()
+        # Without thrust no motor turns.
+        is_off = target is None or target.lift == 0
+        self.body.target = None if target is None or is_off else self.estimator.to_world(target)
         self.body.step()
-        self._supervise()
 
     def fly(self, target: Target | None) -> None:
         """Obey a setpoint of a local simulation, in the place of a client; None switches the motors off."""
-        self._simulated, self._plan = target, None
+        self._simulated = target
+        self.planner.stop()
 
     def descend(self) -> None:
         """Land for a local simulation, in the place of a client."""
         if self._simulated is not None:
             self._simulated = None
-            self._begin(0.0, self.body.xyz_m[2] / LANDING_M_S, lands=True)
-
-    def _begin(self, to_m: float, duration_s: float, lands: bool) -> None:
-        """Start a flight of the high-level commander to a height."""
-        plan = Plan(self._planned_m(), to_m, self.time_s, max(duration_s, TIMESTEP_S), lands)
-        self._plan, self._planned_until_s = plan, plan.ends_s
-
-    def _planned_m(self) -> float:
-        """Return the height at which a new plan starts: the present height of a running plan, or else the
-        drone's height."""
-        planned = None if self._plan is None else self._plan.target(self.time_s).z_m
-        return max(0.0, self.body.xyz_m[2]) if planned is None else planned
+            start = self.estimator.moment
+            self.planner.land(start, max(0.0, start.xyz_m[2]) / LANDING_M_S, self.time_s)
 
     def _present_target(self) -> Target | None:
-        planned = None if self._plan is None else self._plan.target(self.time_s)
+        """Return the setpoint that is obeyed, in the frame of the estimate; None if motors are off."""
         if self.simulated:
-            return planned or self._simulated
-        if not self.may_fly:
+            return self.planner.target(self.time_s) or self._simulated
+        if not self.supervisor.motors_may_turn:
             return None
-        if self._setpoint is not None:
-            age_s = self.time_s - self._setpoint_s
-            if age_s > CUT_AFTER_S:
-                self._setpoint = self._plan = None
-                self._note("watchdog: motors off")
-                return None
-            if age_s > LEVEL_AFTER_S:
-                if not self._levelled:
-                    self._levelled = True
-                    self._note("watchdog: level")
-                return self._setpoint._replace(level=True, wz_rad_s=0.0)
-            return self._setpoint
-        return planned
+        if self._setpoint_s is None:
+            return self.planner.target(self.time_s)
+        if self._setpoint is not None and self.supervisor.state is State.LEVEL_OUT:
+            return self._setpoint.levelled()
+        return self._setpoint
 
     def _supervise(self) -> None:
-        if self.motors_on and self.body.xyz_m[2] > AIRBORNE_M:
-            self._flew_s = self.time_s
-        self._tipped_s = self._tipped_s + TIMESTEP_S if self.body.tilt_rad > TUMBLED_RAD else 0.0
-        tumbled = self._tipped_s >= TUMBLED_S
-        if tumbled and not self.tumbled:
-            self.crashed = self.crashed or self.flying
-            self._note("supervisor: tumbled")
-        self.tumbled = tumbled
+        now_s = self.time_s
+        planner = self.planner.state_at(now_s)
+        if planner is not PlannerState.DISABLED:
+            self._high_level_s = now_s
+        if self.battery_v > self.parameters.values["pm.lowVoltage"]:
+            self._charged_s = now_s
+        age_s = now_s - (self._high_level_s if self._setpoint_s is None else self._setpoint_s)
+        flags = {
+            # This flag is set even while the drone obeys a setpoint instead of the plan.
+            Bit.HIGH_LEVEL_ACTIVE: planner in (PlannerState.FLYING, PlannerState.LANDING),
+            Bit.TRAJECTORY_FINISHED: self.planner.is_finished(now_s),
+            Bit.HIGH_LEVEL_DISABLED: planner is PlannerState.DISABLED,
+        }
+        high_level = Bit(sum(bit for bit, on in flags.items() if on))
+        self.supervisor.update(Seen(now_s, self.body.lift > 0, self.body.acceleration_g, age_s, high_level))
+        if not (self.supervisor.motors_may_turn or self.simulated):
+            self.planner.stop()
 
     # -- reports
 
     @property
-    def flying(self) -> bool:
-        return self.time_s - self._flew_s < FLYING_S
+    def armed(self) -> bool:
+        return self.supervisor.armed
 
     @property
-    def sound(self) -> bool:
-        return not (self.locked or self.tumbled or self.crashed)
-
-    @property
-    def may_fly(self) -> bool:
-        return self.armed and self.sound
+    def locked(self) -> bool:
+        return self.supervisor.state is State.LOCKED
 
     @property
     def bits(self) -> Bit:
-        flags = {
-            Bit.CAN_BE_ARMED: self.sound,
-            Bit.ARMED: self.armed,
-            Bit.AUTO_ARMED: self._auto_arm,
-            Bit.CAN_FLY: self.may_fly,
-            Bit.FLYING: self.flying,
-            Bit.TUMBLED: self.tumbled,
-            Bit.LOCKED: self.locked,
-            Bit.CRASHED: self.crashed,
-            # This flag is set even while the drone obeys a setpoint instead of the plan.
-            Bit.HIGH_LEVEL_ACTIVE: self._plan is not None,
-            Bit.TRAJECTORY_FINISHED: self.time_s >= self._planned_until_s,
-        }
-        return Bit(sum(bit for bit, on in flags.items() if on))
+        return self.supervisor.bits
 
     @property
     def reading(self) -> Reading:
         if self.stuck is not None:
             return self.stuck
-        body = self.body
-        x, y, z = body.xyz_m
-        roll, pitch, yaw = (math.degrees(angle) for angle in body.rpy_rad)
-        state = Battery.LOW_POWER if self.battery_v < LOW_V else Battery.BATTERY
+        body, estimator = self.body, self.estimator
+        x, y, z = estimator.xyz_m
+        is_low = self.time_s - self._charged_s > LOW_POWER_S
         return Reading(
             (x, y, z + self.wrong_m),
-            body.velocity_m_s,
-            (roll, pitch, yaw),
-            math.degrees(body.wz_rad_s),
+            estimator.velocity_m_s,
+            estimator.rpy_rad,
+            body.turn_rad_s,
+            body.acceleration_g,
+            estimator.place_variances,
+            estimator.speed_variances,
+            estimator.external_m,
+            self._present_target() or Target(lift=0.0),
+            body.commanded_rad,
+            body.lift,
             self.battery_v,
-            int(state),
+            int(Battery.LOW_POWER if is_low else Battery.BATTERY),
             int(self.bits),
-            HOVER_THRUST if self.motors_on else 0.0,
+            self.memories.tester.errors,
         )
 
     def reports(self) -> Iterator[bytes]:
-        """Return the reports of the log that are due."""
-        for number, block in self.blocks.items():
-            if block.period_s and self.time_s >= block.due_s:
-                block.due_s = max(block.due_s + block.period_s, self.time_s)
-                reading = self.reading
-                values = (packed(LOG_LAYOUTS[code], LOG[index].read(reading)) for index, code in block.variables)
-                stamp_ms = round((self.time_s - self._booted_s) * 1e3) % p.STAMP_WRAP_MS
-                head = bytes((number,)) + stamp_ms.to_bytes(3, "little")
-                yield p.encode(Port.LOG, 2, head + b"".join(values))
+        """Return the reports of the log that are due, and what the drone tells without a request."""
+        yield from self._unasked
+        self._unasked.clear()
+        if self.log.is_due(self.time_s):
+            yield from self.log.reports(self.reading, self.time_s, self.time_s - self._booted_s)
 
     # -- received packets
 
     def receive(self, packet: bytes) -> Reaction:
         """Process a packet. A malformed one has no effect and no answer."""
         if p.is_null(packet):
-            return Reaction("poll", (p.encode(Port.LINK, 3),))
+            return answer(Port.LINK, 3, b"", "poll")
         try:
             port, channel, data = p.decode(packet)
             if packets.key_of(port, channel) not in packets.PACKETS:
                 return Reaction("other")
-            match port, channel:
-                case Port.SETPOINT, 0:
-                    return self._set(data)
-                case Port.SETPOINT, 1:
-                    self._setpoint = None
-                    return Reaction("yield")
-                case Port.HIGH_LEVEL, 0:
-                    return self._high_level(data)
-                case Port.RPYT, 0:
-                    struct.unpack("<fffH", data)
-                    return self._follow(Target(level=True), "setpoint")
-                case Port.SUPERVISOR, _:
-                    return self._supervisor(channel, data)
-                case Port.LOCALIZATION, 1 if data[:1] == b"\x03":
-                    return self._lock()
-                case Port.LINK, 1:
-                    return self._reply(Port.LINK, 1, p.NAME.ljust(30, b"\0"))
-                case Port.LINK, 0:
-                    return self._reply(Port.LINK, 0, data)
-                case Port.PLATFORM, 1 if data[:1] == b"\0":
-                    return self._reply(Port.PLATFORM, 1, bytes((0, self._protocol)))
-                case Port.PLATFORM, 1 if data[:1] == b"\1":
-                    return self._reply(Port.PLATFORM, 1, b"\1twin\0")
-                case Port.MEMORY, _:
-                    return self._memory(channel, data)
-                case Port.LOG, _:
-                    return self._log(channel, data)
-                case Port.PARAMETERS, _:
-                    return self._parameters(channel, data)
+            match port:
+                case Port.SETPOINT:
+                    return self._set(data) if channel == 0 else self._yield(data)
+                case Port.RPYT:
+                    return self._set_old(data)
+                case Port.HIGH_LEVEL:
+                    return self._order(data)
+                case Port.SUPERVISOR:
+                    return self._ask_supervisor(data) if channel == 0 else self._command_supervisor(data)
+                case Port.LOCALIZATION:
+                    return self._localize(channel, data)
+                case Port.MEMORY:
+                    return self._remember(channel, data)
+                case Port.LOG:
+                    return self.log.receive(channel, data, self.time_s)
+                case Port.PARAMETERS:
+                    return self.parameters.receive(channel, data)
+                case Port.PLATFORM:
+                    return self._command_platform(data) if channel == 0 else self._identify(data)
+                case Port.LINK:
+                    return answer(Port.LINK, channel, p.NAME.ljust(30, b"\0") if channel == 1 else data)
         except (MalformedFrame, struct.error, IndexError, ValueError):
             return Reaction("garbled")
         return Reaction("other")
 
-    def _reply(self, port: int, channel: int, data: bytes, kind: str = "read") -> Reaction:
-        return Reaction(kind, (p.encode(port, channel, data),))
+    # -- commanders
 
     def _set(self, data: bytes) -> Reaction:
-        if data[0] not in packets.SETPOINTS:
+        kind = data[0]
+        if kind not in packets.SETPOINTS:
             return Reaction("other")
-        match data[0]:
-            case Setpoint.STOP:
-                self._setpoint = self._plan = None
-                return Reaction("safe", (), "limp")
-            case Setpoint.HOVER:
-                vx, vy, turn, z = struct.unpack("<ffff", data[1:])
-                target = Target(vx, vy, 0.0, math.radians(turn), max(0.0, z), world=False)
-                still = (math.copysign(1.0, vx), vx, vy, turn) == (-1.0, 0.0, 0.0, 0.0)
-                return self._follow(target, "safe", "hold") if still else self._follow(target, "setpoint")
-            case Setpoint.VELOCITY_WORLD:
-                vx, vy, vz, turn = struct.unpack("<ffff", data[1:])
-                return self._follow(Target(vx, vy, vz, math.radians(turn)), "setpoint")
-        return Reaction("other")
+        if kind == Setpoint.STOP:
+            return self._follow(None, "safe", "limp")
+        target = setpoints.parse_setpoint(kind, data[1:])
+        still = kind == Setpoint.HOVER and data[1:13] == struct.pack("<fff", -0.0, 0.0, 0.0)
+        return self._follow(target, "safe", "hold") if still else self._follow(target, "setpoint")
 
-    def _follow(self, target: Target, kind: str, safe_state: str | None = None) -> Reaction:
-        self._setpoint, self._setpoint_s, self._levelled = target, self.time_s, False
-        self._plan = None
+    def _set_old(self, data: bytes) -> Reaction:
+        target, self._thrust_locked = setpoints.parse_rpyt(data, self._thrust_locked, self.parameters.values)
+        return self._follow(target, "setpoint")
+
+    def _follow(self, target: Target | None, kind: str, safe_state: str | None = None) -> Reaction:
+        self._setpoint, self._setpoint_s = target, self.time_s
+        self.planner.stop()
         return Reaction(kind, (), safe_state)
 
-    def _high_level(self, data: bytes) -> Reaction:
-        height_m = self._planned_m()
-        if data[0] not in packets.ORDERS:
-            return Reaction("other", _answer(data, packets.ENOEXEC))
-        match data[0]:
-            case HighLevel.STOP:
-                self._plan = None
-                return Reaction("safe", _answer(data, 0), "limp")
-            case HighLevel.TAKEOFF | HighLevel.LAND:
-                _, to_m, _, _, duration_s = struct.unpack("<Bff?f", data[1:])
-            case _:  # LAND_WITH_VELOCITY, the last one of the table
-                _, to_m, relative, _, _, mean_m_s = struct.unpack("<Bf?f?f", data[1:])
-                to_m = height_m - to_m if relative else to_m
-                duration_s = abs(to_m - height_m) / (mean_m_s if mean_m_s > 0 else USUAL_LANDING_M_S)
-        if not math.isfinite(to_m) or not 0 <= duration_s < 60:
-            return Reaction("garbled")
-        lands = data[0] != HighLevel.TAKEOFF
-        status = 0
-        if not self.may_fly:
-            status = BLOCKED
-        elif self._plan is not None and (self._plan.lands or not lands):
-            status = REFUSED
-        else:
-            self._begin(to_m, duration_s, lands)
-        answer = _answer(data, status)
-        return Reaction("safe", answer, "land") if lands else Reaction("setpoint", answer)
+    def _yield(self, data: bytes) -> Reaction:
+        if data[0] != 0:
+            return Reaction("other")
+        self._setpoint = self._setpoint_s = None
+        return Reaction("yield")
 
-    def _supervisor(self, channel: int, data: bytes) -> Reaction:
-        match channel, data[0]:
-            case 0, 0x0C:
-                return self._reply(Port.SUPERVISOR, 0, b"\x8c" + struct.pack("<H", self.reading.bits))
-            case 1, Order.ARM:
-                arms = bool(data[1])
-                done = not arms or Bit.CAN_BE_ARMED in self.bits
-                self.armed = arms if done else self.armed
-                answer = bytes((0x81, done, self.armed))
-                return self._reply(Port.SUPERVISOR, 1, answer, "arm" if arms else "disarm")
-            case 1, Order.RECOVER:
-                self.crashed = self.crashed and self.tumbled
-                return self._reply(Port.SUPERVISOR, 1, bytes((0x82, 1, not self.crashed)), "recover")
-            case 1, Order.EMERGENCY_STOP:
-                return self._lock()
+    def _order(self, data: bytes) -> Reaction:
+        kind = data[0]
+        if kind not in packets.ORDERS:
+            return Reaction("other", _status(data, packets.ENOEXEC))
+        blocked = not self.supervisor.motors_may_turn
+        status = self.planner.obey(kind, data[1:], self.estimator.moment, self.time_s, blocked)
+        if kind == HighLevel.STOP:
+            return Reaction("safe", _status(data, status), "limp")
+        if kind in _LANDS:
+            return Reaction("safe", _status(data, status), "land")
+        return Reaction("read" if kind in _SETTINGS else "setpoint", _status(data, status))
+
+    # -- supervisor
+
+    def _ask_supervisor(self, data: bytes) -> Reaction:
+        bits = self.reading.bits
+        match data[0]:
+            case 0x0C:
+                value = struct.pack("<H", bits)
+            case number if 1 <= number <= 11:
+                value = bytes((bits >> number - 1 & 1,))
+            case _:
+                return Reaction("other")
+        return answer(Port.SUPERVISOR, 0, bytes((0x80 | data[0],)) + value)
+
+    def _command_supervisor(self, data: bytes) -> Reaction:
+        match data[0]:
+            case Order.ARM:
+                reply = bytes((0x81, self.supervisor.arm(bool(data[1])), self.supervisor.armed))
+                return answer(Port.SUPERVISOR, 1, reply, "arm" if data[1] else "disarm")
+            case Order.RECOVER:
+                reply = bytes((0x82, self.supervisor.recover(), not self.supervisor.crashed))
+                return answer(Port.SUPERVISOR, 1, reply, "recover")
+            case Order.EMERGENCY_STOP:
+                return self._stop_in_emergency()
+            case Order.KEEP_ALIVE:
+                return self._keep_alive()
         return Reaction("other")
 
-    def _lock(self) -> Reaction:
-        self.locked = True
-        self._setpoint = self._plan = None
+    def _command_platform(self, data: bytes) -> Reaction:
+        """Obey a client that does not know the port of the supervisor."""
+        if data[0] not in (Order.ARM, Order.RECOVER):
+            return Reaction("other")
+        reaction = self._command_supervisor(data)
+        ((_, _, reply),) = (p.decode(one) for one in reaction.replies)
+        return answer(Port.PLATFORM, 0, bytes((data[0],)) + reply[1:], reaction.kind)
+
+    def _stop_in_emergency(self) -> Reaction:
+        self.supervisor.stop_in_emergency()
         return Reaction("safe", (), "off")
+
+    def _keep_alive(self) -> Reaction:
+        self.supervisor.keep_alive(self.time_s)
+        return Reaction("poll")
+
+    # -- estimator
+
+    def _localize(self, channel: int, data: bytes) -> Reaction:
+        if channel == 0:
+            self.estimator.correct(_place(data))
+            return Reaction("setpoint")
+        if channel == 2:
+            for drone, *place in struct.iter_unpack("<B3h", data):
+                if drone == ADDRESS:
+                    self.estimator.correct((place[0] / 1e3, place[1] / 1e3, place[2] / 1e3))
+            return Reaction("setpoint" if data else "garbled")
+        match data[0]:
+            case packets.EMERGENCY_STOP:
+                return self._stop_in_emergency()
+            case packets.KEEP_ALIVE:
+                return self._keep_alive()
+            case packets.EXTERNAL_POSE:
+                qx, qy, qz, qw = struct.unpack("<4f", data[13:])
+                self.estimator.correct(_place(data[1:13]), setpoints.yaw_of(qw, qx, qy, qz))
+            case packets.EXTERNAL_POSES if len(data) > 1:
+                for drone, x, y, z, packed in struct.iter_unpack("<B3hI", data[1:]):
+                    if drone == ADDRESS:
+                        yaw_rad = setpoints.yaw_of(*setpoints.unpack_quaternion(packed))
+                        self.estimator.correct((x / 1e3, y / 1e3, z / 1e3), yaw_rad)
+            case _:
+                return Reaction("other")
+        return Reaction("setpoint")
+
+    def _take_parameter(self, name: str) -> None:
+        """Carry out the effect of a new value."""
+        values = self.parameters.values
+        if name == _RESET and values[name]:
+            place = [values[f"kalman.initial{axis}"] for axis in "XYZ"]
+            self.estimator.reset((place[0], place[1], place[2]), values["kalman.initialYaw"])
+            values[name] = 0
+            self._unasked.append(self.parameters.updated(name))
+        elif name.startswith(_POSITION_GROUP):
+            axis, field = "xyz".find(name[len(_POSITION_GROUP)]), name[len(_POSITION_GROUP) + 1 :]
+            rows = {"Kp": self.body.gains.proportional, "VelMax": self.body.gains.most_m_s}
+            if axis >= 0 and field in rows:
+                rows[field][axis] = values[name]
+        elif name == "memTst.resetW" and values[name]:
+            self.memories.tester.errors = 0
 
     # -- tables
 
-    def _memory(self, channel: int, data: bytes) -> Reaction:
-        """Answer as a drone without memories."""
-        match channel, data[0]:
-            case 0, 1:
-                return self._reply(Port.MEMORY, 0, b"\1\0")
-            case 0, 2:
-                no_memory = bytes(1 + 4 + 8)  # type, size, and serial number
-                return self._reply(Port.MEMORY, 0, data[:2] + no_memory)
-            case 1 | 2, _:
-                return self._reply(Port.MEMORY, channel, data[:5].ljust(5, b"\0") + bytes((packets.EIO,)))
+    def _remember(self, channel: int, data: bytes) -> Reaction:
+        if channel == 0 and data[0] == 1:
+            return answer(Port.MEMORY, 0, bytes((1, len(self.memories))))
+        if channel == 0 and data[0] != 2:
+            return Reaction("other")
+        if data[1 if channel == 0 else 0] >= len(self.memories):
+            # The firmware checks this with an assertion.
+            self._note("assertion failed: restarted")
+            self.boot()
+            return Reaction("garbled")
+        if channel == 0:
+            return answer(Port.MEMORY, 0, data[:2] + self.memories.describe(data[1]))
+        number, address = struct.unpack("<BI", data[:5])
+        if channel == 1:
+            content = self.memories.read(number, address, data[5])
+            status = packets.EIO if content is None else 0
+            return answer(Port.MEMORY, 1, data[:5] + bytes((status,)) + (content or b""))
+        status = 0 if self.memories.write(number, address, data[5:]) else packets.EIO
+        return answer(Port.MEMORY, 2, data[:5] + bytes((status,)))
+
+    def _identify(self, data: bytes) -> Reaction:
+        match data[0]:
+            case 0:
+                return answer(Port.PLATFORM, 1, b"\0" + struct.pack("<i", self._protocol))
+            case 1:
+                return answer(Port.PLATFORM, 1, b"\1" + VERSION + b"\0")
+            case 2:
+                return answer(Port.PLATFORM, 1, b"\2" + DEVICE + b"\0")
         return Reaction("other")
 
-    def _log(self, channel: int, data: bytes) -> Reaction:
-        command = data[0]
-        if channel == 0 and command == 3:
-            info = struct.pack("<BHIBB", 3, len(LOG), checksum(LOG), 16, 128)
-            return self._reply(Port.LOG, 0, info)
-        if channel == 0 and command == 2:
-            index = struct.unpack("<H", data[1:3])[0]
-            variable = LOG[index]
-            names = f"{variable.group}\0{variable.name}\0".encode()
-            return self._reply(Port.LOG, 0, data[:3] + bytes((variable.type_code,)) + names)
-        if channel != 1:
-            return Reaction("other")
-        if command == 5:
-            self.blocks.clear()
-            return self._reply(Port.LOG, 1, b"\5\0\0")
-        return self._reply(Port.LOG, 1, bytes((command, data[1], self._change_block(command, data))))
 
-    def _change_block(self, command: int, data: bytes) -> int:
-        """Create, start, stop or delete a log block. Return an errno; 0 for success."""
-        number, block = data[1], self.blocks.get(data[1])
-        if command == 6:
-            if block is not None:
-                return packets.EEXIST
-            items = [struct.unpack("<BH", data[index : index + 3]) for index in range(2, len(data), 3)]
-            variables = [(index, type_code & 0x0F) for type_code, index in items]
-            if any(index >= len(LOG) or type_code not in LOG_LAYOUTS for index, type_code in variables):
-                return packets.ENOENT
-            if sum(struct.calcsize(LOG_LAYOUTS[type_code]) for _, type_code in variables) > LOG_BYTES:
-                return packets.E2BIG
-            self.blocks[number] = RunningBlock(variables)
-            return 0
-        if command not in (2, 3, 4):
-            return packets.ENOEXEC
-        if block is None:
-            return packets.ENOENT
-        if command == 3:
-            block.period_s, block.due_s = data[2] / 100, self.time_s
-        elif command == 4:
-            block.period_s = 0.0
-        else:
-            del self.blocks[number]
-        return 0
-
-    def _parameters(self, channel: int, data: bytes) -> Reaction:
-        if channel == 0 and data[0] == 3:
-            info = struct.pack("<BHI", 3, len(PARAMETERS), checksum(PARAMETERS))
-            return self._reply(Port.PARAMETERS, 0, info)
-        if channel == 0 and data[0] == 2:
-            parameter = PARAMETERS[struct.unpack("<H", data[1:3])[0]]
-            names = f"{parameter.group}\0{parameter.name}\0".encode()
-            return self._reply(Port.PARAMETERS, 0, data[:3] + bytes((parameter.type_code,)) + names)
-        if channel not in (1, 2):
-            return Reaction("other")
-        index = struct.unpack("<H", data[:2])[0]
-        if index >= len(PARAMETERS):
-            return self._reply(Port.PARAMETERS, channel, data[:2] + bytes((packets.ENOENT,)))
-        layout = PARAMETERS[index].layout
-        if channel == 2 and PARAMETERS[index].type_code & READ_ONLY:
-            return Reaction("other")  # The firmware does not answer.
-        if channel == 1:
-            value = packed(layout, self.parameters[index])
-            return self._reply(Port.PARAMETERS, 1, data[:2] + b"\0" + value)
-        self.parameters[index] = struct.unpack(layout, data[2:])[0]
-        return self._reply(Port.PARAMETERS, 2, data)
-
-
-def _answer(data: bytes, status: int) -> tuple[bytes, ...]:
+def _status(data: bytes, status: int) -> tuple[bytes, ...]:
     """Encode the high-level commander's answer to an order: the first three bytes of the order, and a status."""
     return (p.encode(Port.HIGH_LEVEL, 0, data[:3].ljust(3, b"\0") + bytes((status,))),)
+
+
+def _place(data: bytes) -> tuple[float, float, float]:
+    x, y, z = struct.unpack("<fff", data)
+    if not all(map(math.isfinite, (x, y, z))):
+        raise MalformedFrame("a position with a number that is not finite")
+    return x, y, z
+
+
+__all__ = ["ADDRESS", "Firmware"]

@@ -1,7 +1,7 @@
 """Run the simulated drone as a process: its firmware behind one link, which may lose and delay packets.
 
-Besides the control lines of every simulated robot it takes ``battery VOLTS``, ``tip-over`` (onto its back) and
-``link LOSS DELAY_S`` (the share of packets that are lost, and their delay in seconds).
+Besides the control lines of every simulated robot it takes ``battery VOLTS``, ``tip-over`` (onto its back),
+``stand-up`` (onto its feet) and ``link LOSS DELAY_S`` (the share of lost packets, and their delay in seconds).
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ class CrazyflieTwinOptions(NetworkOptions, frozen=True):
     auto_arm: Annotated[bool, option("whether it arms by itself at boot, as a drone with brushed motors does")] = (
         False
     )
+    spin_up_s: Annotated[float, option("seconds that its motors need to spin up after arming", ge=0, le=1.9)] = 0.2
     trace: Annotated[str, option("path of a file with time, height and tilt, a line every 10 ms; empty: none")] = ""
 
 
@@ -77,6 +78,7 @@ class CrazyflieServer:
             time.monotonic,
             protocol=options.protocol,
             auto_arm=options.auto_arm,
+            spin_up_s=options.spin_up_s,
             note=self._note,
         )
         self.body = CrazyflieBody(self.firmware)
@@ -201,6 +203,8 @@ class CrazyflieServer:
                 self.firmware.battery_v = float(volts)
             case ["tip-over"]:
                 self.firmware.body.tip_over()
+            case ["stand-up"]:
+                self.firmware.body.stand_up()
             case ["link", loss, delay_s]:
                 self._loss, self._delay_s = float(loss), float(delay_s)
             case _:

@@ -13,7 +13,7 @@ from strands_actors.drivers.crazyflie.driver import SERVICE_RANGES, Crazyflie
 from strands_actors.drivers.crazyflie.gates import takeoff_refusal
 from strands_actors.drivers.crazyflie.protocol import Battery, Bit
 from strands_actors.drivers.crazyflie.stopping import STOP_S
-from strands_actors.drivers.crazyflie.wire import ARM_S, LANDED_S, RISE_S
+from strands_actors.drivers.crazyflie.wire import ARM_S, CHECKS_S, LANDED_S, RISE_S, SPIN_UP_S
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 
@@ -203,7 +203,8 @@ def test_saf_005_a_stop_has_the_time_that_a_landing_from_the_ceiling_takes() -> 
     assert landing_s + counts_as_flying_s < STOP_S < driver.timing.safe_s <= driver.timing.handover_s
     longest_s = SERVICE_RANGES["duration"][1]
     assert longest_s + LANDED_S < driver.SERVICES["land"].within_s
-    assert 2 * ARM_S + longest_s + RISE_S + STOP_S < driver.SERVICES["takeoff"].within_s
+    arming_s = CHECKS_S + ARM_S + SPIN_UP_S
+    assert arming_s + ARM_S + longest_s + RISE_S + STOP_S < driver.SERVICES["takeoff"].within_s
 
 
 def test_the_one_option() -> None:

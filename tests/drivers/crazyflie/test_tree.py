@@ -290,7 +290,7 @@ def test_the_firmware_acts_after_all_our_processes_end_at_once(cf: Drone) -> Non
     assert not cf.log.host("setpoint", began_ns + 100_000_000), "no process re-sends a setpoint"
     cf.lands(began_ns, 3.0)
     notes = [entry.data.decode() for entry in cf.log.entries(began_ns) if entry.kind == "note"]
-    assert notes == ["watchdog: level", "watchdog: motors off"]
+    assert notes == ["watchdog: level", "watchdog: motors off", "supervisor: locked"]
 
 
 def test_saf_004_a_frozen_wire_feeds_no_hover(cf: Drone) -> None:

@@ -13,42 +13,12 @@ import pytest
 
 from strands_actors.drivers.crazyflie import protocol as p
 from strands_actors.drivers.crazyflie.protocol import Bit
-from strands_actors.drivers.crazyflie.robots import TABLES
 from strands_actors.drivers.crazyflie.twin.body import Target
-from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.testing import Twin
 
+from .bench import Bench
+
 CLIENT = Path(__file__).with_name("crtp_client.py")
-
-
-class Bench:
-    """A firmware with its own clock."""
-
-    def __init__(self, **options: bool) -> None:
-        self.now_s = 0.0
-        self.notes: list[str] = []
-        self.firmware = Firmware(TABLES.table("crazyflie"), lambda: self.now_s, note=self.notes.append, **options)
-
-    def run(self, seconds: float, packet: bytes = b"") -> None:
-        """Let time pass, with 20 packets a second."""
-        for _ in range(round(seconds / 0.05)):
-            if packet:
-                self.firmware.receive(packet)
-            self.now_s += 0.05
-            self.firmware.pass_time()
-
-    def fly(self, height_m: float = 0.5) -> None:
-        self.firmware.receive(p.ARM)
-        self.run(2.5, p.hover(0.0, 0.0, 0.0, height_m))
-        assert self.height_m == pytest.approx(height_m, abs=0.02)
-
-    @property
-    def height_m(self) -> float:
-        return self.firmware.body.xyz_m[2]
-
-    @property
-    def tilt_deg(self) -> float:
-        return math.degrees(self.firmware.body.tilt_rad)
 
 
 def test_a_client_of_others_scans_reads_its_tables_flies_it_and_lands_it(tmp_path: Path) -> None:
@@ -109,7 +79,7 @@ def test_saf_013_without_setpoints_it_levels_out_after_half_a_second_and_cuts_af
     bench.run(0.5)
     assert bench.tilt_deg < 1.0 and bench.height_m > 0.4
     bench.run(1.0)
-    assert bench.notes[-1] == "watchdog: motors off"
+    assert bench.notes[1:] == ["watchdog: motors off", "supervisor: locked"]
     bench.run(1.0)
     assert abs(bench.height_m) < 0.02
 
@@ -118,7 +88,7 @@ def test_requests_without_a_command_do_not_feed_the_watchdog() -> None:
     bench = Bench()
     bench.fly()
     bench.run(2.2, p.NULL)
-    assert bench.notes == ["watchdog: level", "watchdog: motors off"]
+    assert bench.notes == ["watchdog: level", "watchdog: motors off", "supervisor: locked"]
 
 
 def test_a_landing_that_it_has_taken_is_flown_to_the_end_by_itself() -> None:
@@ -137,8 +107,9 @@ def test_a_landing_waits_while_the_last_setpoint_has_it() -> None:
     bench = Bench()
     bench.fly()
     bench.firmware.receive(p.land(1.0))
+    bench.run(0.05)
     assert Bit.HIGH_LEVEL_ACTIVE in bench.firmware.bits, "this bit does not show which setpoint is followed"
-    bench.run(0.9)
+    bench.run(0.85)
     assert bench.height_m > 0.45, "the last setpoint still has priority over the landing"
     bench.firmware.receive(p.YIELD)
     bench.run(0.05)
@@ -181,6 +152,8 @@ def test_its_planner_refuses_invalid_orders() -> None:
     bench = Bench()
     assert status(p.land_with_velocity(0.4)) == status(takeoff) == 16, "a drone that is not armed refuses to fly"
     bench.firmware.receive(p.ARM)
+    assert status(takeoff) == 16, "the supervisor has not run since"
+    bench.run(0.15)
     assert status(takeoff) == 0
     bench.run(0.5)
     assert status(takeoff) == 1, "a second takeoff is refused during a trajectory"
@@ -197,7 +170,7 @@ def test_its_planner_refuses_invalid_orders() -> None:
 
 def test_a_landing_on_the_floor_turns_the_motors_of_an_armed_drone_for_a_moment() -> None:
     bench = Bench()
-    bench.firmware.receive(p.ARM)
+    bench.arm()
     assert bench.firmware.receive(p.land(0.2)).replies[0][-1] == 0
     bench.run(0.1)
     assert bench.firmware.motors_on
@@ -260,7 +233,7 @@ def test_it_notices_that_it_lies_on_its_back() -> None:
     bench.firmware.body.tip_over()
     bench.run(1.0)
     assert bench.firmware.bits & Bit.TUMBLED and Bit.CRASHED in bench.firmware.bits
-    assert bench.firmware.receive(p.ARM).replies[0][2:] == bytes((0, 1)), "a drone on its back refuses to arm"
+    assert bench.firmware.receive(p.ARM).replies[0][2:] == bytes((0, 0)), "a drone on its back refuses to arm"
     assert not bench.firmware.motors_on
 
 
@@ -275,8 +248,10 @@ def test_a_malformed_packet_is_logged_as_such_and_not_obeyed(packet: bytes) -> N
 
 def test_a_log_block_that_cannot_be_is_refused() -> None:
     firmware = Bench().firmware
-    assert firmware.receive(p.encode(5, 1, b"\6\1" + b"\7\xff\xff")).replies[0][-1] == 2
-    assert firmware.receive(p.encode(5, 1, b"\6\1" + 7 * b"\7\3\0")).replies[0][-1] == 7
-    assert firmware.receive(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == 0
-    assert firmware.receive(p.encode(5, 1, b"\6\1\7\3\0")).replies[0][-1] == p.EXISTS
-    assert firmware.receive(p.encode(5, 1, b"\3\2\5")).replies[0][-1] == 2
+    assert firmware.receive(p.encode(5, 1, b"\6\1" + b"\7\xfe\xff")).replies[0][-1] == 2
+    assert firmware.receive(p.encode(5, 1, b"\6\2" + 7 * b"\7\3\0")).replies[0][-1] == 7
+    assert firmware.receive(p.encode(5, 1, b"\6\3\7\3\0")).replies[0][-1] == 0
+    for number in (1, 2, 3):
+        again = p.encode(5, 1, bytes((6, number, 7, 3, 0)))
+        assert firmware.receive(again).replies[0][-1] == p.EXISTS, "a block that was refused is there, too"
+    assert firmware.receive(p.encode(5, 1, b"\3\4\5")).replies[0][-1] == 2

@@ -13,6 +13,7 @@ from strands_actors.drivers.crazyflie.robots import TABLES
 from strands_actors.drivers.crazyflie.session import CrazyflieSession, handshake
 from strands_actors.drivers.crazyflie.twin.firmware import Firmware
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from .virtual import Air, Flight, VirtualClock, fly, take_off
 
@@ -44,7 +45,7 @@ def test_a_takeoff_that_loses_its_feed_comes_down(monkeypatch: pytest.MonkeyPatc
     async def script(flight: Flight) -> None:
         async with trio.open_nursery() as nursery:
             nursery.start_soon(flight.wire.perform, "takeoff", {"height": 1.0}, flight.permit)
-            await trio.sleep(1.0)
+            await trio.sleep(1.3)
             flight.feeds = False
             assert flight.height_m > 0.2
             nursery.cancel_scope.cancel()
@@ -84,18 +85,18 @@ def test_a_hover_that_never_rose_is_not_re_sent_and_not_reported_as_landed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def script(flight: Flight) -> None:
-        began_s, fed_s = trio.current_time(), 0.0
+        fed_s: list[float] = []
 
         def lose(packet: bytes) -> bool:
-            nonlocal fed_s
             is_hover = packet[:2] == b"\x7c\x0a"
-            fed_s = trio.current_time() - began_s if is_hover else fed_s
+            if is_hover:
+                fed_s.append(trio.current_time())
             return is_hover
 
         flight.air.lose = lose
         answer = await flight.wire.perform("takeoff", {"height": 0.2, "duration": 0.5}, flight.permit)
         assert isinstance(answer, Refused) and "the drone does not fly" in answer.text
-        assert fed_s < 0.5 + 0.3
+        assert fed_s[-1] - fed_s[0] < 0.5 + 0.3
 
     fly(script, monkeypatch)
 
@@ -243,7 +244,7 @@ def test_motors_off_and_locked(monkeypatch: pytest.MonkeyPatch, safe_state: str)
 
 def test_saf_019_a_hold_starts_no_motor_on_the_floor(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
-        flight.air.firmware.armed = True
+        flight.air.firmware.supervisor.armed = True
         await flight.wire.make_safe("hold")
         assert not flight.wire.hold_failed, "a drone on the floor counts as held"
         await trio.sleep(1.0)
@@ -270,7 +271,7 @@ def test_saf_002_a_silent_drone_lands_and_gets_no_setpoint_after_that(
 def test_a_hover_that_fell_is_not_fed_any_more(monkeypatch: pytest.MonkeyPatch) -> None:
     async def script(flight: Flight) -> None:
         await take_off(flight)
-        flight.air.firmware.armed = False  # as its supervisor may decide
+        flight.air.firmware.supervisor.armed = False  # as its supervisor may decide
         await trio.sleep(1.0)
         sent = len(flight.setpoints())
         await trio.sleep(1.0)
@@ -319,5 +320,93 @@ def test_a_wire_that_is_armed_finds_it_on_the_floor(monkeypatch: pytest.MonkeyPa
         await flight.wire.make_safe("off")
         with pytest.raises(WireDown, match="Switch it off and on"):
             await flight.wire.arm(flight.permit)
+
+    fly(script, monkeypatch)
+
+
+# -- spinning up, and arming again
+
+
+@pytest.mark.parametrize("spin_up_s", [0.0, 0.5, 1.8])
+def test_a_rise_begins_after_the_motors_have_spun_up(monkeypatch: pytest.MonkeyPatch, spin_up_s: float) -> None:
+    """A rise that began earlier would begin with a jump, to the height that the setpoint has by then."""
+
+    async def script(flight: Flight) -> None:
+        hovers: list[Bit] = []
+
+        def note(packet: bytes) -> bool:
+            if packet[:2] == b"\x7c\x0a":
+                hovers.append(flight.air.firmware.bits)
+            return False
+
+        flight.air.lose = note
+        began_s = trio.current_time()
+        answer = await flight.wire.perform("takeoff", {"height": 1.0, "duration": 2.0}, flight.permit)
+        assert not isinstance(answer, Refused), answer
+        assert hovers and all(Bit.CAN_FLY in bits for bits in hovers)
+        assert trio.current_time() - began_s > spin_up_s + 2.0
+        assert max(speed for _, speed in flight.track) < 0.6
+
+    fly(script, monkeypatch, spin_up_s=spin_up_s)
+
+
+def test_motors_that_do_not_spin_up_are_disarmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def script(flight: Flight) -> None:
+        answer = await flight.wire.perform("takeoff", {}, flight.permit)
+        assert isinstance(answer, Refused) and answer.code is Code.NOT_ARMED and "did not spin up" in answer.text
+        assert flight.air.sent[-3:] == [p.STOP, p.YIELD, p.DISARM]
+        assert not any(packet[:2] == b"\x7c\x0a" for packet in flight.air.sent)
+        assert Bit.ARMED not in flight.air.firmware.bits and abs(flight.height_m) < 0.02
+
+    fly(script, monkeypatch, spin_up_s=10.0)
+
+
+def test_saf_009_a_stop_while_motors_spin_up_prevents_the_takeoff(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def script(flight: Flight) -> None:
+        async with trio.open_nursery() as nursery:
+
+            async def take_off_in_vain() -> None:
+                with pytest.raises(PermitDenied):
+                    await flight.wire.perform("takeoff", {}, flight.permit)
+
+            nursery.start_soon(take_off_in_vain)
+            await trio.sleep(0.5)
+            flight.permit.denied = "a stop is waiting"
+        assert not any(packet[:2] == b"\x7c\x0a" for packet in flight.air.sent)
+
+    fly(script, monkeypatch, spin_up_s=1.5)
+
+
+def test_a_drone_that_was_just_disarmed_takes_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The firmware checks a drone that was disarmed, and refuses to arm it until it has."""
+
+    async def script(flight: Flight) -> None:
+        firmware = flight.air.firmware
+        firmware.receive(p.ARM)
+        await trio.sleep(0.2)
+        firmware.receive(p.DISARM)
+        while Bit.ARMED in firmware.bits:
+            await trio.sleep(0.01)
+            firmware.pass_time()
+        assert Bit.CAN_BE_ARMED not in firmware.bits
+        await take_off(flight)
+
+    fly(script, monkeypatch)
+
+
+@pytest.mark.parametrize("safe_state", ["limp", "land"])
+def test_a_drone_that_was_stopped_is_not_locked_later(monkeypatch: pytest.MonkeyPatch, safe_state: str) -> None:
+    """The firmware ages the setpoint that switches motors off. Alone, it would lock the drone when it is armed."""
+
+    async def script(flight: Flight) -> None:
+        await take_off(flight)
+        assert all(report.safe for report in await flight.wire.make_safe(safe_state))
+        await trio.sleep(4.0)
+        assert Bit.CAN_BE_ARMED in flight.air.firmware.bits
+        flight.air.firmware.receive(p.ARM)
+        await trio.sleep(1.0)
+        assert Bit.CAN_FLY in flight.air.firmware.bits
+        await flight.wire.arm(flight.permit)
+        await take_off(flight)
 
     fly(script, monkeypatch)

@@ -139,10 +139,14 @@ class Flight:
 
 
 def fly(
-    script: Callable[[Flight], Awaitable[None]], monkeypatch: pytest.MonkeyPatch, *, auto_arm: bool = False
+    script: Callable[[Flight], Awaitable[None]],
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    auto_arm: bool = False,
+    spin_up_s: float = 0.0,
 ) -> None:
     async def main() -> None:
-        firmware = Firmware(TABLES.table("crazyflie"), trio.current_time, auto_arm=auto_arm)
+        firmware = Firmware(TABLES.table("crazyflie"), trio.current_time, auto_arm=auto_arm, spin_up_s=spin_up_s)
         air = Air(firmware)
 
         async def open_link(endpoint: Endpoint) -> Link:
