@@ -1,4 +1,4 @@
-"""Encode and decode commands of an RB-Y1 and the robot's feedback to them. Pure: no I/O.
+"""Encode the commands of this driver, and decode the robot's feedback to them. Pure: no I/O.
 
     RobotCommand > ComponentBasedCommand > body: BodyComponentBasedCommand > torso, right arm, left arm
                                          > head
@@ -10,8 +10,7 @@ long the controller holds them after that. For the field numbers see ``protocol`
 from __future__ import annotations
 
 import enum
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
@@ -61,16 +60,6 @@ class JointPosition(msgspec.Struct, frozen=True):
             + pb.double_fields(3, self.position, packed=True)
         )
 
-    @classmethod
-    def decode(cls, data: bytes) -> JointPosition:
-        """Decode the request. Raise ``MalformedFrame``, also for numbers that are not finite."""
-        fields = pb.message(data)
-        position = pb.doubles(data, 3)
-        if not all(map(math.isfinite, position)):
-            raise MalformedFrame(f"rb.api: joints at {position}")
-        hold_s = decode_duration(pb.last_bytes(pb.message(pb.last_bytes(fields, 1)), 1))
-        return cls(position, decode_duration(pb.last_bytes(fields, 2)), hold_s)
-
 
 def encode_command(parts: Mapping[str, JointPosition], priority: int) -> bytes:
     """Encode ``RobotCommandRequest`` for the given parts."""
@@ -84,71 +73,6 @@ def encode_command(parts: Mapping[str, JointPosition], priority: int) -> bytes:
     return pb.bytes_field(2, pb.bytes_field(3, components)) + pb.varint_field(3, priority)
 
 
-class Command(msgspec.Struct, frozen=True):
-    """The fields of a ``RobotCommandRequest`` that the simulated robot uses."""
-
-    parts: dict[str, JointPosition]
-    priority: int = 0
-    stops: bool = False  # True for a ``StopCommand`` to the whole body
-    has_others: bool = False  # True if it also has a command of another kind, such as a Cartesian pose
-
-    @classmethod
-    def decode(cls, data: bytes) -> Command:
-        """Decode joint positions of torso, arms and head, given by part or for the body as a whole. Raise
-        ``MalformedFrame``."""
-        fields = pb.message(data)
-        request = pb.message(pb.last_bytes(fields, 2))
-        components = pb.message(pb.last_bytes(request, 3))
-        parts = dict(_parts(components))
-        for name, part in parts.items():
-            if len(part.position) != PARTS[name]:
-                raise MalformedFrame(f"rb.api: {len(part.position)} positions for {name}, which has {PARTS[name]}")
-        whole = pb.message(pb.last_bytes(request, 2))
-        return cls(parts, pb.last_int(fields, 3), 2 in whole, _has_others(request, components))
-
-
-def _has_others(request: dict[int, list[pb.Value]], components: dict[int, list[pb.Value]]) -> bool:
-    """Return True if a request has a field for a command that ``Command`` does not decode. Field 1 is a header."""
-    body = pb.message(pb.last_bytes(components, 3))
-    by_part = pb.message(pb.last_bytes(body, 6))
-    parts = [pb.message(pb.last_bytes(by_part, number)) for number in _BODY.values()]
-    head = pb.message(pb.last_bytes(components, 4))
-    whole = pb.message(pb.last_bytes(request, 2))
-    decoded: list[tuple[Mapping[int, object], set[int]]] = [
-        (request, {1, 2, 3}),
-        (whole, {1, 2}),
-        (components, {1, 3, 4}),
-        (body, {1, 2, 6}),
-        (by_part, {1, *_BODY.values()}),
-        *((part, {1, 2}) for part in (*parts, head)),
-    ]
-    return any(set(fields) - numbers for fields, numbers in decoded)
-
-
-def _parts(components: dict[int, list[pb.Value]]) -> Iterator[tuple[str, JointPosition]]:
-    body = pb.message(pb.last_bytes(components, 3))
-    if 2 in body:
-        yield from _whole_body(JointPosition.decode(pb.last_bytes(body, 2)))
-    by_part = pb.message(pb.last_bytes(body, 6))
-    for name, number in _BODY.items():
-        command = pb.message(pb.last_bytes(by_part, number))
-        if 2 in command:
-            yield name, JointPosition.decode(pb.last_bytes(command, 2))
-    head = pb.message(pb.last_bytes(components, 4))
-    if 2 in head:
-        yield "head", JointPosition.decode(pb.last_bytes(head, 2))
-
-
-def _whole_body(body: JointPosition) -> Iterator[tuple[str, JointPosition]]:
-    """Split a body of twenty joints into torso, right arm and left arm."""
-    start = 0
-    for name in ("torso", "right_arm", "left_arm"):
-        yield name, msgspec.structs.replace(body, position=body.position[start : start + PARTS[name]])
-        start += PARTS[name]
-    if len(body.position) != start:
-        raise MalformedFrame(f"rb.api: {len(body.position)} positions for a body of {start}")
-
-
 _BODY = {"right_arm": 2, "left_arm": 3, "torso": 4}
 """Fields of ``BodyComponentBasedCommand``."""
 
@@ -159,8 +83,13 @@ class Feedback(msgspec.Struct, frozen=True):
     status: int = Status.IDLE
     finish: int = Finish.UNKNOWN
 
-    def encode(self) -> bytes:
-        return pb.bytes_field(2, pb.varint_field(10, self.status) + pb.varint_field(11, self.finish))
+    def encode(self, parts: bytes = b"") -> bytes:
+        """Encode the response.
+
+        Args:
+            parts: Encoded feedback of the single parts of the command.
+        """
+        return pb.bytes_field(2, parts + pb.varint_field(10, self.status) + pb.varint_field(11, self.finish))
 
     @classmethod
     def decode(cls, data: bytes) -> Feedback:

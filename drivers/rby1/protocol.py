@@ -21,6 +21,8 @@ ALL = ".*"
 MOTOR_SUPPLY = "48v"
 
 _CODE_OK = 1
+_CODE_INVALID_REQUEST = 3
+_NS = 1_000_000_000
 
 
 class Method(enum.StrEnum):
@@ -30,17 +32,45 @@ class Method(enum.StrEnum):
     GET_ROBOT_INFO = "/rb.api.RobotInfoService/GetRobotInfo"
     GET_ROBOT_MODEL = "/rb.api.RobotInfoService/GetRobotModel"
     GET_ROBOT_STATE = "/rb.api.RobotStateService/GetRobotState"
+    IMPORT_ROBOT_MODEL = "/rb.api.RobotInfoService/ImportRobotModel"
     STATE_STREAM = "/rb.api.RobotStateService/GetRobotStateStream"
+    RESET_ODOMETRY = "/rb.api.RobotStateService/ResetOdometry"
     GET_MANAGER_STATE = "/rb.api.RobotStateService/GetControlManagerState"
     POWER = "/rb.api.PowerService/PowerCommand"
     JOINT = "/rb.api.PowerService/JointCommand"
     SERVO_ON = "/rb.api.JointOperationService/ServoOn"
     SERVO_OFF = "/rb.api.JointOperationService/ServoOff"
+    GET_GAINS = "/rb.api.JointOperationService/GetPositionPIDGain"
+    SET_GAINS = "/rb.api.JointOperationService/SetPositionPIDGain"
+    FLANGE_POWER = "/rb.api.PowerService/ToolFlangePowerCommand"
+    FLANGE_OUTPUT = "/rb.api.ToolFlangeService/SetDigitalOutput"
     MANAGER = "/rb.api.ControlManagerService/ControlManagerCommand"
     CANCEL = "/rb.api.ControlManagerService/CancelControl"
+    GET_TIME_SCALE = "/rb.api.ControlManagerService/GetTimeScale"
+    SET_TIME_SCALE = "/rb.api.ControlManagerService/SetTimeScale"
     WAIT_READY = "/rb.api.ControlManagerService/WaitForControlReady"
     COMMAND = "/rb.api.RobotCommandService/RobotCommand"
     COMMAND_STREAM = "/rb.api.RobotCommandService/RobotCommandStream"
+    GET_PARAMETERS = "/rb.api.ParameterService/GetParameterList"
+    GET_PARAMETER = "/rb.api.ParameterService/GetParameter"
+    SET_PARAMETER = "/rb.api.ParameterService/SetParameter"
+    RESET_PARAMETER = "/rb.api.ParameterService/ResetParameter"
+    RESET_PARAMETERS = "/rb.api.ParameterService/ResetAllParameters"
+    FACTORY_PARAMETER = "/rb.api.ParameterService/FactoryResetParameter"
+    FACTORY_PARAMETERS = "/rb.api.ParameterService/FactoryResetAllParameters"
+    DEFAULT_PARAMETER = "/rb.api.ParameterService/ResetParameterToDefault"
+    DEFAULT_PARAMETERS = "/rb.api.ParameterService/ResetAllParametersToDefault"
+    LED = "/rb.api.LEDService/SetLEDColor"
+    GET_TIME = "/rb.api.SystemService/GetSystemTime"
+    SET_TIME = "/rb.api.SystemService/SetSystemTime"
+    BATTERY_LEVEL = "/rb.api.SystemService/SetBatteryLevel"
+    BATTERY_CONFIG = "/rb.api.SystemService/SetBatteryConfig"
+    RESET_BATTERY = "/rb.api.SystemService/ResetBatteryConfig"
+    LAST_LOG = "/rb.api.LogService/GetLastLog"
+    LOG_STREAM = "/rb.api.LogService/GetLogStream"
+    LOG_LEVEL = "/rb.api.LogService/SetLogLevel"
+    FAULT_LOGS = "/rb.api.LogService/GetFaultLogList"
+    DOWNLOAD = "/rb.api.FileService/DownloadFile"
 
 
 class Manager(enum.IntEnum):
@@ -138,10 +168,23 @@ def decode_rate(data: bytes) -> float:
 # -- answers
 
 
-def headed(answer: bytes) -> bytes:
+def headed(answer: bytes, received_ns: int = 0, sent_ns: int = 0) -> bytes:
     """Put a ``ResponseHeader`` before an answer. Without a header that reports success, the
-    vendor's client treats the call as failed."""
-    return pb.bytes_field(1, pb.bytes_field(4, pb.varint_field(1, _CODE_OK))) + answer
+    vendor's client treats the call as failed.
+
+    Args:
+        answer: The answer.
+        received_ns: When the robot received the request, by its own clock. 0 leaves both times out.
+        sent_ns: When it sends the answer.
+    """
+    times = pb.bytes_field(2, _stamp(received_ns)) + pb.bytes_field(3, _stamp(sent_ns)) if received_ns else b""
+    return pb.bytes_field(1, times + pb.bytes_field(4, pb.varint_field(1, _CODE_OK))) + answer
+
+
+def refused(reason: str) -> bytes:
+    """Encode an answer whose header reports an invalid request."""
+    error = pb.varint_field(1, _CODE_INVALID_REQUEST) + pb.bytes_field(2, reason.encode())
+    return pb.bytes_field(1, pb.bytes_field(4, error))
 
 
 def error_of(answer: bytes) -> str:
@@ -223,6 +266,7 @@ class RobotInfo(msgspec.Struct, frozen=True):
     supplies: tuple[str, ...] = ()
     emergency_stops: tuple[str, ...] = ()
     parts: tuple[tuple[str, tuple[int, ...]], ...] = ()  # name of a body part -> indices of its joints
+    unbraked: tuple[str, ...] = ()  # joints without a brake
 
     @property
     def motor_supply(self) -> int | None:
@@ -236,7 +280,7 @@ class RobotInfo(msgspec.Struct, frozen=True):
             pb.bytes_field(1, self.model.encode())
             + b"".join(pb.bytes_field(3, pb.bytes_field(1, name.encode())) for name in self.supplies)
             + pb.varint_field(4, len(self.joints))
-            + b"".join(pb.bytes_field(5, pb.bytes_field(1, name.encode())) for name in self.joints)
+            + b"".join(pb.bytes_field(5, self._joint(name)) for name in self.joints)
             + b"".join(pb.bytes_field(11, pb.bytes_field(1, name.encode())) for name in self.emergency_stops)
             + pb.bytes_field(12, self.model.encode())
             + pb.bytes_field(16, self.version.encode())
@@ -247,6 +291,17 @@ class RobotInfo(msgspec.Struct, frozen=True):
         for number, part in _PARTS.items():
             info += b"".join(pb.varint_field(number, index) for index in parts.get(part, ()))
         return pb.bytes_field(2, info)
+
+    def _joint(self, name: str) -> bytes:
+        """Encode ``JointInfo``. The motors of the head are Dynamixels."""
+        product = b"Dynamixel" if name.startswith("head") else b"RB"
+        has_brake = name not in self.unbraked
+        return (
+            pb.bytes_field(1, name.encode())
+            + pb.varint_field(2, int(has_brake))
+            + pb.bytes_field(3, product)
+            + pb.bytes_field(4, b"simulated")
+        )
 
     @classmethod
     def decode(cls, data: bytes) -> RobotInfo:
@@ -288,6 +343,12 @@ def text(data: bytes) -> str:
         return data.decode()
     except UnicodeDecodeError:
         raise MalformedFrame("rb.api: a text that is no UTF-8") from None
+
+
+def _stamp(time_ns: int) -> bytes:
+    """Encode a ``Timestamp``."""
+    seconds, nanos = divmod(time_ns, _NS)
+    return pb.varint_field(1, seconds) + pb.varint_field(2, nanos)
 
 
 def _names(fields: dict[int, list[pb.Value]], number: int) -> tuple[str, ...]:

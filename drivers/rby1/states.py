@@ -49,6 +49,10 @@ class RobotState(msgspec.Struct, frozen=True):
     center_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
     manager: ManagerState = ManagerState()
     time_ns: int = 0  # time by the robot's clock
+    # Encoded, and not decoded: the states of the right and the left tool flange, and the pairs of links that are
+    # nearest to each other.
+    flanges: tuple[bytes, ...] = ()
+    collisions: tuple[bytes, ...] = ()
 
     @property
     def pressed(self) -> bool:
@@ -114,6 +118,7 @@ class RobotState(msgspec.Struct, frozen=True):
             + pb.bytes_field(3, battery)
             + b"".join(pb.bytes_field(4, pb.varint_field(1, power) + _volts(power)) for power in self.powers)
             + b"".join(pb.bytes_field(5, self._joint(joint)) for joint in range(count))
+            + b"".join(pb.bytes_field(number, flange) for number, flange in enumerate(self.flanges, 6))
             + pb.double_fields(30, [float(ready) for ready in self.ready], packed=True)
             + pb.double_fields(31, self.position, packed=True)
             + pb.double_fields(32, self.velocity, packed=True)
@@ -125,6 +130,7 @@ class RobotState(msgspec.Struct, frozen=True):
             + pb.double_fields(44, [0.0] * count, packed=True)
             + pb.bytes_field(45, pb.bytes_field(1, place) + pb.double_field(2, heading))
             + pb.bytes_field(46, _vector(self.center_of_mass))
+            + b"".join(pb.bytes_field(47, pair) for pair in self.collisions)
             + b"".join(pb.varint_field(48, round(celsius)) for celsius in self.temperature)
             + b"".join(pb.bytes_field(100, pb.varint_field(1, pressed)) for pressed in self.emergency_stops)
         )

@@ -18,6 +18,8 @@ from strands_actors.drivers.rby1.driver import RBY1
 from strands_actors.drivers.rby1.robots import TABLES
 from strands_actors.drivers.rby1.stop_channel import RBY1StopChannel
 from strands_actors.drivers.rby1.twin.controller import Controller
+from strands_actors.drivers.rby1.twin.parts import JointMove
+from strands_actors.drivers.rby1.twin.requests import Request
 from strands_actors.drivers.rby1.twin.service import RBY1Service
 from strands_actors.drivers.rby1.wire import RBY1Wire
 from strands_actors.kernel.clock import NS, Clock
@@ -89,6 +91,12 @@ class World:
 
     def setpoints(self) -> list[bytes]:
         return [entry.data for entry in self.written if entry.kind == "setpoint"]
+
+
+def moves(message: bytes) -> dict[str, JointMove]:
+    """Decode a command that moves joints to positions, by part."""
+    parts = Request.decode(message).parts
+    return {name: part for name, part in parts.items() if isinstance(part, JointMove)}
 
 
 class _Log:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import pytest
 import strands
 
 from strands_actors import Robot
@@ -24,7 +25,7 @@ def test_an_agent_keeps_it_and_can_stop_it(tmp_path: Path, run_dir: Path) -> Non
         agent("Look, then stop.")
         ((first,), (sensors,), (reported,), (stopped,), (refused,)) = model.heard
         assert len(json_of(first)["positions"]) == 22
-        assert json_of(sensors)["sensors"]["battery_pct"] == [80.0]
+        assert json_of(sensors)["sensors"]["battery_pct"] == [pytest.approx(80.0, abs=0.5)]
         assert json_of(reported)["state"] == "armed"
         assert json_of(stopped)["safe_state"] == "stop"
         assert "Use sensors, state, status, move_to, stop" in why(refused)

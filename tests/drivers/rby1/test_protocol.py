@@ -17,7 +17,6 @@ from strands_actors.drivers.common.codecs.malformed import MalformedFrame
 from strands_actors.drivers.rby1 import protocol as p
 from strands_actors.drivers.rby1.commands import (
     PARTS,
-    Command,
     Feedback,
     Finish,
     JointPosition,
@@ -31,9 +30,12 @@ from strands_actors.drivers.rby1.model import Limits, limits_of
 from strands_actors.drivers.rby1.protocol import Manager, ManagerState, RobotInfo
 from strands_actors.drivers.rby1.robots import TABLES
 from strands_actors.drivers.rby1.states import RobotState
+from strands_actors.drivers.rby1.twin.requests import Request
 from strands_actors.drivers.rby1.twin.service import kind_of
 from strands_actors.drivers.rby1.twin.urdf import urdf_of
 from tests.drivers.disturbed import DISTURBED
+
+from .rig import moves
 
 rad = st.floats(-7.0, 7.0)
 seconds = st.integers(0, 1 << 20).map(lambda value: value / 64)  # exact in both forms
@@ -52,8 +54,10 @@ rows = st.tuples(*[rad] * 24)
 
 @given(some_parts, st.integers(0, 100))
 def test_a_command_is_read_as_it_was_written(parts: dict[str, JointPosition], priority: int) -> None:
-    read = Command.decode(encode_command(parts, priority))
-    assert (read.parts, read.priority, read.stops) == (parts, priority, False)
+    data = encode_command(parts, priority)
+    request = Request.decode(data)
+    read = {name: JointPosition(move.position, move.minimum_s, move.hold_s) for name, move in moves(data).items()}
+    assert (read, request.priority, request.stops, request.others) == (parts, priority, False, ())
 
 
 @given(st.floats(0.0, 1e6))
@@ -173,7 +177,7 @@ def test_a_model_that_is_no_plain_urdf_is_refused(urdf: str) -> None:
 # -- invalid input
 
 READERS: dict[str, Callable[[bytes], Any]] = {
-    "command": Command.decode,
+    "command": Request.decode,
     "state": RobotState.decode,
     "info": RobotInfo.decode,
     "manager": p.decode_manager_answer,
@@ -243,11 +247,11 @@ def test_a_disturbed_command_moves_only_the_joints_that_it_names() -> None:
 def test_invalid_numbers_are_refused(value: float) -> None:
     bad = encode_command({"torso": JointPosition((value, *(0.0,) * 5))}, 1)
     with pytest.raises(MalformedFrame, match="joints at"):
-        Command.decode(bad)
+        Request.decode(bad)
     with pytest.raises(MalformedFrame, match="not finite"):
         RobotState.decode(RobotState(*[(value,) * 2] * 5, (30.0,) * 2, (True,) * 2).encode())
 
 
 def test_a_part_with_another_number_of_joints_is_refused() -> None:
-    with pytest.raises(MalformedFrame, match="5 positions for torso, which has 6"):
-        Command.decode(encode_command({"torso": JointPosition((0.0,) * 5)}, 1))
+    with pytest.raises(MalformedFrame, match="5 positions for 6 joints"):
+        Request.decode(encode_command({"torso": JointPosition((0.0,) * 5)}, 1))

@@ -102,14 +102,14 @@ async def test_saf_005_an_unanswered_cancel_is_retried_then_the_manager_is_disab
 ) -> None:
     wire = await armed(world)
     before, began_s = len(world.written), trio.current_time()
-    answer = world.service._obey
+    answer = world.service._order
 
     def mute(method: Method, message: bytes) -> bytes:
         if method is Method.CANCEL:
             raise p.MalformedFrame("refused")
         return answer(method, message)
 
-    world.service._obey = mute  # type: ignore[method-assign]
+    world.service._order = mute  # type: ignore[method-assign]
     motors = await wire.make_safe("stop")
     orders = [entry for entry in world.written[before:] if entry.kind == "safe"]
     assert [bool(entry.data) for entry in orders] == [False] * (ATTEMPTS + 1) + [True]
@@ -126,8 +126,7 @@ async def test_a_robot_that_goes_on_although_it_was_cancelled_is_disabled(world:
     await wire.write(stepped(world, 0.02), Permission())
     world.controller.cancel = lambda: None  # type: ignore[method-assign]
     world.controller.leave = lambda owner: None  # type: ignore[method-assign]
-    torso = world.controller._motions["torso"]
-    world.controller._motions["torso"] = msgspec.structs.replace(torso, until_s=9e9)
+    world.controller._motions[0]._until_s = 9e9
     motors = await wire.make_safe("stop")
     assert all(motor.safe for motor in motors)
     assert world.controller.manager == Manager.IDLE
@@ -140,8 +139,7 @@ async def test_a_hold_does_not_disable(world: World) -> None:
     await wire.write(stepped(world, 0.02), Permission())
     world.controller.cancel = lambda: None  # type: ignore[method-assign]
     world.controller.leave = lambda owner: None  # type: ignore[method-assign]
-    torso = world.controller._motions["torso"]
-    world.controller._motions["torso"] = msgspec.structs.replace(torso, until_s=9e9)
+    world.controller._motions[0]._until_s = 9e9
     motors = await wire.make_safe("hold")
     assert not any(motor.safe for motor in motors)
     assert {motor.detail for motor in motors} == {"its controller is EXECUTING (2)"}

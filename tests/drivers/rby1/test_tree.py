@@ -65,7 +65,7 @@ def test_connect_observe_act_stop_resume(robot: RealRobot, twin: Twin) -> None:
     reported = status(robot)
     assert (reported["state"], reported["model"], reported["limits"]) == ("armed", "A", "the robot's own model")
     assert reported["firmware_watchdog"].startswith("control_hold_time, 300 ms")
-    assert reported["sensors"]["battery_pct"] == [80.0]
+    assert reported["sensors"]["battery_pct"] == [pytest.approx(80.0, abs=0.5)]
     seen = robot.get_observation()
     assert len(seen) == 22 and next(iter(seen)) == "torso_0" and list(seen)[-1] == "head_1"
     answer = json_of(robot.send_action({"torso_5": seen["torso_5"] + 0.05}))

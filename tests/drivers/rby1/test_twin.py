@@ -6,10 +6,11 @@ import pytest
 
 from strands_actors.drivers.common.physics.body import Commander
 from strands_actors.drivers.common.physics.controlled_body import SharedBody
-from strands_actors.drivers.rby1.commands import Command, Finish, JointPosition
+from strands_actors.drivers.rby1.commands import Finish, JointPosition, encode_command
 from strands_actors.drivers.rby1.protocol import Control, JointOrder, Manager, ManagerOrder
 from strands_actors.drivers.rby1.robots import TABLES
 from strands_actors.drivers.rby1.twin.controller import Controller
+from strands_actors.drivers.rby1.twin.requests import Request
 
 
 class Robot(Controller):
@@ -38,8 +39,8 @@ class Client:
         self.reasons.append(reason)
 
 
-def head(*rad: float, minimum_s: float = 0.1, hold_s: float = 0.3, priority: int = 1) -> Command:
-    return Command({"head": JointPosition(rad, minimum_s, hold_s)}, priority)
+def head(*rad: float, minimum_s: float = 0.1, hold_s: float = 0.3, priority: int = 1) -> Request:
+    return Request.decode(encode_command({"head": JointPosition(rad, minimum_s, hold_s)}, priority))
 
 
 def test_nothing_is_enabled_without_power_and_servos() -> None:

@@ -12,9 +12,11 @@ from typing import Any
 
 import pytest
 
-from strands_actors.drivers.rby1.commands import Command
+from strands_actors.drivers.rby1.twin.parts import JointMove
 from tests.answers import PATIENCE_S
 from tests.drivers.common.twin_process import TwinProcess
+
+from .rig import moves
 
 pytestmark = pytest.mark.needs("rby1-sdk")
 
@@ -65,10 +67,10 @@ def run(twin: TwinProcess, program: str) -> dict[str, Any]:
     return reported
 
 
-def commands(twin: TwinProcess) -> list[Command]:
+def commands(twin: TwinProcess) -> list[dict[str, JointMove]]:
     """Return the commands in the twin's log, decoded by the wire's codec."""
     rows = map(json.loads, twin.log_path.read_text().splitlines())
-    return [Command.decode(bytes.fromhex(row["hex"])) for row in rows if row["kind"] == "setpoint"]
+    return [moves(bytes.fromhex(row["hex"])) for row in rows if row["kind"] == "setpoint"]
 
 
 def test_the_sdk_connects_and_reads_the_robots_identity(twin: TwinProcess) -> None:
@@ -77,7 +79,7 @@ def test_the_sdk_connects_and_reads_the_robots_identity(twin: TwinProcess) -> No
         """
 info, state = robot.get_robot_info(), robot.get_state()
 limits = robot.get_dynamics()
-link = limits.make_state(["base", "left_6"], [joint.name for joint in info.joint_infos])
+link = limits.make_state(["base", "ee_left"], [joint.name for joint in info.joint_infos])
 end(model=info.robot_model_name, joints=[joint.name for joint in info.joint_infos],
     torso=list(info.torso_joint_idx), head=list(info.head_joint_idx), powers=[p.name for p in info.power_infos],
     position=list(state.position), emo=[int(emo.state.value) for emo in state.emo_states],
@@ -93,7 +95,8 @@ end(model=info.robot_model_name, joints=[joint.name for joint in info.joint_info
         [22, 23],
     )
     assert reported["powers"] == ["5v", "12v", "24v", "48v"]
-    assert (reported["emo"], reported["battery"], reported["on"], reported["servo"]) == ([0], 80.0, False, False)
+    assert (reported["emo"], reported["on"], reported["servo"]) == ([0], False, False)
+    assert reported["battery"] == pytest.approx(80.0, abs=0.5)
     assert reported["position"][:6] == pytest.approx([0, 0, 0, 0.4, -0.8, 0.4], abs=0.01)
     torso_0 = reported["joints"].index("torso_0")
     assert (reported["lower"][torso_0], reported["upper"][torso_0]) == pytest.approx((-0.261799, 0.261799))
@@ -114,8 +117,8 @@ end(moved=list(robot.get_state().position[8:15] - here), finish=feedback.finish_
     assert reported["finish"] == "Ok" and reported["manager"] == "Enabled"
     assert reported["moved"] == pytest.approx([0.1] * 7, abs=0.02)
     (command,) = commands(twin)
-    assert list(command.parts) == ["right_arm"]
-    assert (command.parts["right_arm"].minimum_s, command.parts["right_arm"].hold_s) == (0.3, 0.1)
+    assert list(command) == ["right_arm"]
+    assert (command["right_arm"].minimum_s, command["right_arm"].hold_s) == (0.3, 0.1)
 
 
 def test_its_streams_of_states_and_commands(twin: TwinProcess) -> None:

@@ -14,14 +14,15 @@ from strands_actors.drivers.common.codecs.grpc_messages import Status
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.common.twin.grpc import ServerCall
 from strands_actors.drivers.rby1 import protocol as p
-from strands_actors.drivers.rby1.commands import Command, Finish
+from strands_actors.drivers.rby1.commands import Finish
 from strands_actors.drivers.rby1.driver import HOLD_S
 from strands_actors.drivers.rby1.protocol import Control, Manager, Method
+from strands_actors.drivers.rby1.twin.requests import Request
 from strands_actors.drivers.rby1.wire import QUIET_S, RBY1Wire
 from strands_actors.kernel.messages import Refused
 from tests.drivers.common.memory_port import Permission, virtual
 
-from .rig import World, armed, cycle, in_a_world, stepped, with_each
+from .rig import World, armed, cycle, in_a_world, moves, stepped, with_each
 
 # -- opening
 
@@ -66,7 +67,7 @@ async def test_joints_in_another_order_are_another_robot(world: World) -> None:
 
 @with_each("urdf", ["", "<robot/>", "no xml", '<robot><joint name="torso_0"/></robot>'])
 async def test_limits_for_fewer_joints_than_named_refuse_bring_up(world: World, urdf: str) -> None:
-    world.controller.urdf = urdf
+    world.controller.devices.urdf = urdf
     with pytest.raises(WireDown, match="the robot's model"):
         await world.wire().open()
     assert set(world.kinds()) == {"read"}
@@ -236,13 +237,13 @@ async def test_a_setpoint_names_every_part_with_its_times(world: World) -> None:
     target = stepped(world, 0.03)
     await wire.write(target, Permission())
     (data,) = world.setpoints()
-    command = Command.decode(data)
-    assert command.priority == 1
-    assert list(command.parts) == ["right_arm", "left_arm", "torso", "head"]
-    assert command.parts["torso"].position == pytest.approx(target[:6])
-    assert command.parts["head"].position == pytest.approx(target[20:])
-    assert {part.minimum_s for part in command.parts.values()} == {0.02}
-    assert {part.hold_s for part in command.parts.values()} == {HOLD_S}
+    assert Request.decode(data).priority == 1
+    parts = moves(data)
+    assert list(parts) == ["right_arm", "left_arm", "torso", "head"]
+    assert parts["torso"].position == pytest.approx(target[:6])
+    assert parts["head"].position == pytest.approx(target[20:])
+    assert {part.minimum_s for part in parts.values()} == {0.02}
+    assert {part.hold_s for part in parts.values()} == {HOLD_S}
     await cycle(wire, 20)
     assert world.controller.plant.position_rad[0] == pytest.approx(0.03, abs=0.01)
 
@@ -252,8 +253,8 @@ def test_priority_and_frequency_reach_the_wire() -> None:
         async with World(priority=7, control_frequency=25).living() as world:
             wire = await armed(world)
             await wire.write(stepped(world, 0.03), Permission())
-            command = Command.decode(world.setpoints()[0])
-            assert (command.priority, command.parts["head"].minimum_s) == (7, 0.04)
+            (data,) = world.setpoints()
+            assert (Request.decode(data).priority, moves(data)["head"].minimum_s) == (7, 0.04)
 
     virtual(main)
 
