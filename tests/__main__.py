@@ -16,6 +16,8 @@ without further arguments also records the figure (``tests/covered.py``).
 
 ``mutate``: break the safety code in many small ways (``tests/mutate``).
 
+``strangers``: run vendors' clients and their example programs against the simulated robots (``tests/strangers``).
+
 ``release``: build the wheel and the source distribution of a commit, and check them (``tests/release.py``).
 
 ``newton``, ``peers``: separate suites, because they need gigabytes of packages, minutes to compile, or
@@ -47,6 +49,11 @@ if sys.argv[1:2] == ["mutate"]:
 
 if sys.argv[1:2] == ["release"]:
     from tests.release import main
+
+    sys.exit(main(sys.argv[2:]))
+
+if sys.argv[1:2] == ["strangers"]:
+    from tests.strangers.main import main
 
     sys.exit(main(sys.argv[2:]))
 
