@@ -1,6 +1,6 @@
 """Simulate robotd: its JSON-RPC on a unix socket, with a walking duck behind it.
 
-It behaves as robotd of API 31: it answers each connection in order, refuses unknown fields by name, limits no
+It behaves as robotd of API 31. It answers each connection in order, refuses unknown fields by name, limits no
 value, and zeroes a twist that is not repeated. With ``api_version=16`` it has the methods of that version. It
 makes no sound and has no camera.
 """
@@ -52,7 +52,7 @@ from .twin_methods import CALLS, METHODS, SINCE, Param
 
 
 class DuckTwinOptions(TwinOptions, frozen=True):
-    path: Annotated[str | None, option("path of the socket; None: one in a directory of its own")] = None
+    path: Annotated[str | None, option("path of the socket; None: a socket in a new directory")] = None
     deadman_s: Annotated[
         float, option("seconds after which a twist that nobody says again is zeroed; 0: never", ge=0)
     ] = DEADMAN_S

@@ -90,9 +90,11 @@ def pages() -> list[Path]:
 
 
 def files() -> list[Path]:
-    """Return the sources and pages. ``strands_actors`` has links to folders beside it: each file stands once."""
+    """Return the sources and pages, without the environments that some commands make in hidden folders.
+    ``strands_actors`` has links to folders beside it: each file stands once."""
     sources = (path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
-    return sorted({path.resolve() for path in (*sources, *pages())})
+    shown = (path for path in sources if not any(part.startswith(".") for part in path.relative_to(ROOT).parts))
+    return sorted({path.resolve() for path in (*shown, *pages())})
 
 
 def too_many() -> dict[str, int]:

@@ -109,7 +109,9 @@ def assignments(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[tu
         match each:
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
                 yield name, value
-            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)) if len(names) == len(
+                values
+            ):
                 yield from (
                     (name.id, value)
                     for name, value in zip(names, values, strict=True)

@@ -87,6 +87,7 @@ READERS = {
     "drivers/common/rtps/sockets.py",
     "drivers/yahboom/twin/bridge.py",
     "drivers/rby1/twin/controller.py",
+    "drivers/kinova/twin/topics.py",
     "drivers/spot/session.py",
     "supervisors/mesh/pictures.py",
     "supervisors/root/audit.py",

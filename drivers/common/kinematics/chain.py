@@ -80,9 +80,10 @@ def _end(row: Row, rows: Sequence[Row]) -> Vector:
         return _vector(point)
     # The far face of a box, seen from the joint.
     sizes = numbers(shape)
-    ways = [math.copysign(size, at) if abs(at) > 1e-9 else 0.0 for size, at in zip(sizes, point, strict=True)]
-    most = max(range(3), key=lambda each: abs(point[each]))
-    return _vector([at + (ways[each] if each == most else 0.0) for each, at in enumerate(point)])
+    longest = max(range(3), key=lambda axis: abs(point[axis]))
+    end = list(point)
+    end[longest] += math.copysign(sizes[longest], point[longest])
+    return _vector(end)
 
 
 def _vector(values: Sequence[float]) -> Vector:

@@ -1,7 +1,7 @@
 """Lower the arm of a servo bus: send goals and torque limits, and watch the arm meanwhile.
 
 ``lowering`` decides the next goals and limits. This module reads the servos, writes to them, and ends at once when
-something is wrong. Its caller then switches the torque off, whatever the end was.
+something is wrong. Its caller then switches the torque off in any case.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ class BringDown(Generic[PacketT]):
             passed_s = (clock.now_ns() - began_ns) / NS
             if passed_s >= path.seconds or clock.now_ns() >= self._end_ns - round(RELEASE_S * NS):
                 return None
-            goals = self._counts(path.at(passed_s + PERIOD_S))
+            goals = self._counts(path.pose_after(passed_s + PERIOD_S))
             self._send(goals, shares)
             if (end := await self._next_look()) is not None:
                 return end

@@ -134,18 +134,18 @@ class RestPath:
 
     def __init__(self, chain: Chain, start_rad: Sequence[float], rest_rad: Sequence[float]) -> None:
         self._start = tuple(start_rad)
-        self._way = tuple(to - at for at, to in zip(start_rad, rest_rad, strict=True))
+        self._way = tuple(last - first for first, last in zip(start_rad, rest_rad, strict=True))
         progress = [_smooth(number / SAMPLES) for number in range(SAMPLES + 1)]
-        points = [chain.points(self._at(part)) for part in progress]
+        points = [chain.points(self._pose(part)) for part in progress]
         self.seconds = max(pace_of(*pair, 1.0 / SAMPLES) for pair in itertools.pairwise(points))
         """Duration of the whole path."""
 
-    def at(self, seconds: float) -> tuple[float, ...]:
-        """Return the angle of each joint at a time since the begin of the path."""
-        return self._at(_smooth(min(1.0, seconds / self.seconds)) if self.seconds else 1.0)
+    def pose_after(self, seconds: float) -> tuple[float, ...]:
+        """Return the angle of each joint this long after the begin of the path."""
+        return self._pose(_smooth(min(1.0, seconds / self.seconds)) if self.seconds else 1.0)
 
-    def _at(self, part: float) -> tuple[float, ...]:
-        return tuple(at + way * part for at, way in zip(self._start, self._way, strict=True))
+    def _pose(self, part: float) -> tuple[float, ...]:
+        return tuple(first + way * part for first, way in zip(self._start, self._way, strict=True))
 
 
 def _smooth(part: float) -> float:

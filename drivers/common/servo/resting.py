@@ -1,4 +1,4 @@
-"""The options of a servo arm for the end of a program: what the arm does then, and in which pose it rests.
+"""The options of a servo arm for the end of a program: its safe state, and the pose in which it rests.
 
 A rest pose is a JSON file ``{joint: value}`` in lerobot's folder of calibrations, beside the folders of robots and
 of leaders. ``strands-actors rest`` writes it. Only the process of the user's script reads it.
@@ -59,7 +59,7 @@ def on_exit_of(robot: str, value: object, lowers: bool) -> OnExit:
         lowers: True if the robot is an arm that can be lowered.
 
     Raises:
-        ValueError: The value is none of the accepted words.
+        ValueError: The value is not accepted.
     """
     accepted = [OnExit.LIMP, OnExit.LOWER, OnExit.HOLD] if lowers else [OnExit.LIMP, OnExit.HOLD]
     if value is None:

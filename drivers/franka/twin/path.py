@@ -34,7 +34,7 @@ class Limits(NamedTuple):
     acceleration: float
     jerk: float
     rounding: tuple[float, float, float]
-    """What the single precision of states in FCI 10 adds: a client repeats numbers that are off by 3e-8."""
+    """Error of the single precision of states in FCI 10: a client repeats numbers that are off by 3e-8."""
 
     def most(self, index: int) -> float:
         """Return the limit of the speed (0), the acceleration (1) or the jerk (2), with its tolerance."""

@@ -40,7 +40,7 @@ LOGGED_BYTES = 64
 """Bytes of a command to log: its number and q. The log grows by this much per millisecond."""
 
 MUCH = 0.05
-"""Share of stretched milliseconds of a motion of which the user is told."""
+"""Share of stretched milliseconds of a motion at which the user is warned."""
 
 LIMIT_SIZE = 1 + 24 + 128 + 1
 """Bytes of the reply to a request for a Cartesian limit."""
@@ -110,7 +110,7 @@ class FrankaServer(TcpServer):
         self._body = FrankaBody(self.controller)
         self._name = robot
         self._pace = Pace(tick_wait_s, stretches, Processors())
-        self._told = False  # True once the user was told that time is stretched.
+        self._has_warned = False  # True after the warning that time is stretched.
         self._listeners_of_state: dict[Connection, tuple[str, int]] = {}
         self._mover: Connection | None = None
         self._late: deque[tuple[float, bytes]] = deque()
@@ -293,8 +293,8 @@ class FrankaServer(TcpServer):
         if pace.stretched:
             text = f"{pace.stretched} of {pace.ticks} ms"
             self._log.write(time.monotonic_ns(), "robot", [("stretched", text.encode())])
-            if not self._told and pace.stretched > MUCH * pace.ticks:
-                self._told = True
+            if not self._has_warned and pace.stretched > MUCH * pace.ticks:
+                self._has_warned = True
                 print(
                     f"{self._name}: the simulated controller has stretched {text} of a motion, because this "
                     "computer is busy. Close other programs for real time",

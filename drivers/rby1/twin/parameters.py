@@ -132,12 +132,12 @@ class Parameters:
 
     def encoded(self, name: str) -> str:
         """Return a value as the robot sends it. Raise ``Invalid`` for an unknown name."""
-        self._known(name)
+        self._find(name)
         return json.dumps({"value": self._used[name]})
 
     def set(self, name: str, encoded: str) -> None:
         """Set a parameter from a client's text. Raise ``Invalid`` for an unknown name or another kind of value."""
-        parameter = self._known(name)
+        parameter = self._find(name)
         try:
             content = json.loads(encoded)
             value, stores = content["value"], bool(content.get("write_db", True))
@@ -149,20 +149,20 @@ class Parameters:
 
     def put(self, name: str, value: Value) -> None:
         """Set and store a parameter. Raise ``Invalid`` for another kind of value."""
-        self._used[name] = self._stored[name] = _checked(name, self._known(name), value)
+        self._used[name] = self._stored[name] = _checked(name, self._find(name), value)
 
     def reset(self, name: str = "") -> None:
         """Set a parameter, or all, to the stored value. Raise ``Invalid`` for an unknown name."""
         for each in [name] if name else PARAMETERS:
-            self._known(each)
+            self._find(each)
             self._used[each] = self._stored[each]
 
     def restore(self, name: str = "") -> None:
         """Set a parameter, or all, to the default. Raise ``Invalid`` for an unknown name."""
         for each in [name] if name else PARAMETERS:
-            self._stored[each] = self._used[each] = self._known(each).default
+            self._stored[each] = self._used[each] = self._find(each).default
 
-    def _known(self, name: str) -> Parameter:
+    def _find(self, name: str) -> Parameter:
         if name not in PARAMETERS:
             raise Invalid(f"no parameter {name[:64]!r}")
         return PARAMETERS[name]

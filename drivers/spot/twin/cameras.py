@@ -28,7 +28,7 @@ GREY, RGB, DEPTH = 1, 3, 5
 VISUAL_TYPE, DEPTH_TYPE = 1, 2
 MM_IN_M = 1000.0
 UNKNOWN_CAMERA, NO_DATA, NO_FORMAT, NO_PIXEL_FORMAT, NO_RATIO = 2, 4, 5, 6, 7
-"""Statuses of ``ImageResponse``, beside 1 for success."""
+"""Statuses of ``ImageResponse`` other than 1 (success)."""
 MOST_BYTES = 8 << 20
 """Most bytes of the pictures of one answer. All sources together, without JPEG, have fewer [assumed]."""
 

@@ -44,7 +44,7 @@ class Pose(NamedTuple):
 
 
 def pose_of(message: Mapping[str, Any]) -> Pose | None:
-    """Read a message ``SE3Pose``. Return None if its rotation is no unit quaternion. A missing rotation is none."""
+    """Read a message ``SE3Pose``; without a rotation it is not turned. Return None if the quaternion is no unit."""
     position, rotation = message.get("position", {}), message.get("rotation") or {"w": 1.0}
     x, y, z = (float(position.get(axis, 0.0)) for axis in "xyz")
     w, qx, qy, qz = (float(rotation.get(axis, 0.0)) for axis in "wxyz")
@@ -125,13 +125,13 @@ def distance(a: Pose, b: Pose) -> tuple[float, float]:
 
 
 def rotated_by(rotation: Quaternion, axis: Vector, angle_rad: float) -> Quaternion:
-    """Return a rotation that is turned about an axis of its own frame, a unit vector."""
+    """Turn a rotation about an axis of its frame, a unit vector."""
     sin = math.sin(angle_rad / 2)
     return _product(rotation, (math.cos(angle_rad / 2), axis[0] * sin, axis[1] * sin, axis[2] * sin))
 
 
 def looking_at(eye: Vector, target: Vector, up: Vector) -> Quaternion | None:
-    """Return the rotation whose x axis points from ``eye`` to ``target``, and whose z axis is as near to ``up`` as
+    """Return the rotation with the x axis from ``eye`` to ``target``, and with the z axis as near to ``up`` as
     possible; None if the target is at the eye, or in the direction of ``up``."""
     x_axis = _unit((target[0] - eye[0], target[1] - eye[1], target[2] - eye[2]))
     y_axis = None if x_axis is None else _unit(_cross(up, x_axis))
@@ -173,7 +173,7 @@ def _rotation_of(x_axis: Vector, y_axis: Vector, z_axis: Vector) -> Quaternion:
         1 - x_axis[0] + y_axis[1] - z_axis[2],
         1 - x_axis[0] - y_axis[1] + z_axis[2],
     )
-    # Divide by the largest of the four numbers, so that none of the others is lost.
+    # Divide by the largest of the four numbers, so that the others are not lost.
     largest = max(range(4), key=squares.__getitem__)
     double = math.sqrt(squares[largest])
     parts = (

@@ -1,4 +1,4 @@
-"""Simulate the current of one stepper motor: what its load needs, and more while something blocks the joint."""
+"""Simulate the current of one stepper motor: that of its load, and more while something blocks the joint."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ class Segment(NamedTuple):
     coefficients: tuple[float, ...]
     number: int
 
-    def at(self, time_s: float) -> float:
+    def position_after(self, time_s: float) -> float:
         """Return the position at a time of the segment, in motor radians."""
         return sum(factor * time_s**power for power, factor in enumerate(self.coefficients))
 
@@ -62,7 +62,7 @@ class Trajectory:
         if segment is None or segment.number != FIRST or self._segment is not None:
             return False
         self._segment, self._next, self._time_s, self.waits = segment, None, 0.0, waits
-        self.goal = segment.at(0.0)
+        self.goal = segment.position_after(0.0)
         return True
 
     def append(self, segment: Segment | None) -> None:
@@ -76,8 +76,8 @@ class Trajectory:
             return
         self._time_s += step_s
         while self._segment is not None and self._time_s >= self._segment.duration_s:
-            self.goal = self._segment.at(self._segment.duration_s)
+            self.goal = self._segment.position_after(self._segment.duration_s)
             self._time_s -= self._segment.duration_s
             self._segment, self._next = self._next, None
         if self._segment is not None:
-            self.goal = self._segment.at(self._time_s)
+            self.goal = self._segment.position_after(self._time_s)

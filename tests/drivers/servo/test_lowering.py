@@ -319,12 +319,12 @@ def test_torque_falls_while_the_arm_stands_and_rises_while_it_is_too_fast() -> N
 def test_a_rest_path_is_as_fast_as_allowed_and_no_faster() -> None:
     chain, start, rest = arm(), (0.4, 0.3, -0.5, 0.3, 0.0, 0.5), (0.0, -1.0, 1.0, 0.5, 0.0, 0.1)
     path = RestPath(chain, start, rest)
-    assert path.at(0.0) == pytest.approx(start)
-    assert path.at(path.seconds) == path.at(path.seconds + 1) == pytest.approx(rest)
+    assert path.pose_after(0.0) == pytest.approx(start)
+    assert path.pose_after(path.seconds) == path.pose_after(path.seconds + 1) == pytest.approx(rest)
     paces = []
     for number in range(200):
         at_s = path.seconds * number / 200
-        here, ahead = path.at(at_s), path.at(at_s + 0.001)
+        here, ahead = path.pose_after(at_s), path.pose_after(at_s + 0.001)
         paces.append(pace(chain, here, [(b - a) / 0.001 for a, b in zip(here, ahead, strict=True)]))
     assert 0.9 < max(paces) < 1.1
 
