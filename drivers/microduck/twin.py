@@ -308,7 +308,7 @@ class DuckTwin:
 
 
 class DuckServer(UnixServer):
-    """Serve the simulated robotd. Beside the control lines of all twins it knows two of its own."""
+    """Serve the simulated robotd. Beside the control lines of all twins it has two others."""
 
     def __init__(self, twin: DuckTwin, log: WireLog, path: str | None) -> None:
         super().__init__(twin, serving(twin), log, path)
