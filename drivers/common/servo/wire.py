@@ -225,9 +225,10 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             return await self._hold(session)
         if safe_state == SafeState.LOWERED and (self._armed or self._is_lowering):
             await self._lower(session)
+        was_lowering = self._is_lowering
         self._armed = self._is_lowering = False
         reports = await session.safing.limp()
-        if session.limits_torque:
+        if was_lowering:
             # The limits would weaken the arm for the next program. Arming checks them again.
             with contextlib.suppress(WireDown):
                 session.bus.send(self.CODEC.full_torque(session.full_torque))

@@ -262,6 +262,17 @@ def test_arming_lifts_the_limits_of_a_lowering_whose_process_died(make: MakeRig)
     virtual(main)
 
 
+def test_a_stop_leaves_the_limits_of_another_program_alone() -> None:
+    async def main() -> None:
+        rig = FeetechRig()
+        rig.servo().put(rig.protocol.TORQUE_LIMIT, 30)
+        await rig.wire.open()
+        await rig.wire.make_safe(SafeState.LIMP)
+        assert rig.servo().get(rig.protocol.TORQUE_LIMIT) == 30
+
+    virtual(main)
+
+
 def test_a_servo_that_keeps_a_low_limit_is_not_armed() -> None:
     async def main() -> None:
         rig = FeetechRig()
