@@ -71,7 +71,8 @@ def test_constructor_keywords_are_those_of_the_driver_and_ours() -> None:
     ours = ["cameras", "data_config", "id", "mesh", "port", "require_drill", "sim", "tool_name", "transport"]
     assert constructor_keywords(UR) == sorted([*ours, "control", "control_frequency", "model", "rtde_frequency"])
     servos = ["baud", "baud_rate", "calibration", "max_jump", "max_relative_target", "motor_ids", "timeout"]
-    assert constructor_keywords(Feetech) == sorted([*ours, *servos])
+    ends = ["lower_s", "on_exit", "rest"]
+    assert constructor_keywords(Feetech) == sorted([*ours, *servos, *ends])
 
     class Seeing(Feetech):
         reads_cameras = True

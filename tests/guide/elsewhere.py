@@ -37,6 +37,7 @@ PAGES: Mapping[str, Blocks] = {
     ),
     "docs/datasets.md": Blocks(How.ON_TWINS),  # a busy machine may mark missing frames
     "docs/lerobot.md": Blocks(How.ON_TWINS, {1: "needs LeRobot, with which tests/lerobot runs its robots"}),
+    "docs/lowering.md": Blocks(How.ON_TWINS),
     "docs/mesh.md": Blocks(How.ON_TWINS, {1: "needs the keys of a mesh, and stops every robot of it"}),
     "docs/motion.md": Blocks(How.ON_TWINS),
     "docs/own-drivers.md": Blocks(How.AS_SCRIPT),

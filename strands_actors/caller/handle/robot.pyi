@@ -1069,7 +1069,8 @@ def Robot(
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
-    max_jump: float | None = None, max_relative_target: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
+    rest: str | os.PathLike[str] | Mapping[str, float] | None = None, lower_s: float | None = None,
 ) -> Dynamixel: ...
 @overload
 def Robot(
@@ -1093,7 +1094,8 @@ def Robot(
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
-    max_jump: float | None = None, max_relative_target: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
+    rest: str | os.PathLike[str] | Mapping[str, float] | None = None, lower_s: float | None = None,
 ) -> Feetech: ...
 @overload
 def Robot(
@@ -1536,7 +1538,8 @@ def open_robot(
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
-    max_jump: float | None = None, max_relative_target: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
+    rest: str | os.PathLike[str] | Mapping[str, float] | None = None, lower_s: float | None = None,
 ) -> AbstractAsyncContextManager[AsyncDynamixel]: ...
 @overload
 def open_robot(
@@ -1560,7 +1563,8 @@ def open_robot(
     guarded: tuple[str, ...] = ..., approve_within_s: float = 30.0,
     calibration: str | os.PathLike[str] | Mapping[str, Any] | None = None, baud: int | None = None,
     baud_rate: int | None = None, motor_ids: Sequence[int] | None = None, timeout: float | None = None,
-    max_jump: float | None = None, max_relative_target: float | None = None,
+    max_jump: float | None = None, max_relative_target: float | None = None, on_exit: str | None = None,
+    rest: str | os.PathLike[str] | Mapping[str, float] | None = None, lower_s: float | None = None,
 ) -> AbstractAsyncContextManager[AsyncFeetech]: ...
 @overload
 def open_robot(
