@@ -19,8 +19,8 @@ PORT = {"mode": "real", "port": "/dev/ttyACM0"}
 TWIN = {"mode": "real", "transport": "twin"}
 
 KEYWORDS = (
-    "It takes baud, baud_rate, calibration, cameras, data_config, id, lower_s, max_jump, max_relative_target, mesh, "
-    "motor_ids, on_exit, port, require_drill, rest, sim, timeout, tool_name, transport"
+    "It takes baud, baud_rate, calibration, cameras, data_config, id, lower_s, max_jump, max_relative_target, "
+    "mesh, motor_ids, on_exit, port, require_drill, rest, sim, timeout, tool_name, transport"
 )
 SERVOS = "Give 6 different ids, 0 to 252, in the order shoulder_pan, shoulder_lift, elbow_flex, wrist_flex"
 
