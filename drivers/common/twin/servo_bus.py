@@ -185,6 +185,8 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
         self.body = JointedBody(plant, self.pass_time)
         self._decoder = decoder
         self._last_received_s = self._targets_moved_s = now_s()
+        # Before the first request the arm stays in its first pose.
+        self._watched_until_s = -math.inf
 
     @abstractmethod
     def exchange(self, packet: PacketT, replies: Sequence[Reply]) -> Exchange:
@@ -208,6 +210,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
             # frames.
             self._decoder.clear()
         self._last_received_s = now_s
+        self._watched_until_s = now_s + WATCHED_S
         for packet in self._decoder.feed(data):
             yield self.exchange(packet, self.handle(packet, bits_per_s))
 
@@ -246,7 +249,7 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
     def events(self) -> list[tuple[str, bytes]]:
         """Advance to the present time, if a host has sent something lately, and return what happened since the last
         call: kind and JSON text of each event."""
-        if self.plant.watches_touches and self.now_s() - self._last_received_s < WATCHED_S:
+        if self.plant.watches_touches and self.now_s() < self._watched_until_s:
             self.pass_time()
         return [
             ("touch", f'{{"body": "{touch.body}", "speed_m_s": {touch.speed_m_s:.4f}}}'.encode())
