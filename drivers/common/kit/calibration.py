@@ -110,7 +110,7 @@ def load(path: Path, motors: Mapping[str, int], max_offset: int) -> dict[str, Mo
         ValueError: The file cannot be read, or its content is wrong.
     """
     try:
-        content = json.loads(_text_of(path))
+        content = json.loads(text_of(path))
     except (OSError, ValueError, RecursionError) as error:
         raise ValueError(f"calibration {path}: cannot be read ({error}). Give a lerobot calibration file") from None
     return check(content, motors, max_offset, str(path))
@@ -139,9 +139,17 @@ def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
     Raises:
         OSError: The file could not be written.
     """
+    save_json(path, {key: {field: getattr(motor, field) for field in FIELDS} for key, motor in motors.items()})
+
+
+def save_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file. If writing fails, an existing file is unchanged.
+
+    Raises:
+        OSError: The file could not be written.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     new = _beside(path)
-    content = {key: {field: getattr(motor, field) for field in FIELDS} for key, motor in motors.items()}
     with new.open("w") as file:
         json.dump(content, file, indent=4)
         file.flush()
@@ -149,7 +157,7 @@ def save(path: Path, motors: Mapping[str, MotorCalibration]) -> None:
     os.replace(new, path)
 
 
-def _text_of(path: Path) -> str:
+def text_of(path: Path) -> str:
     """Return the text of a regular file of at most ``MAX_BYTES``. A device or a pipe is refused, because reading it
     might never end.
 

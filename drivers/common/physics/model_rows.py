@@ -6,9 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strands_actors.drivers.common.kinematics.link_rows import Row as Row
-from strands_actors.drivers.common.kinematics.link_rows import numbers
-from strands_actors.drivers.common.kinematics.link_rows import parse_rows as parse_rows
+from strands_actors.drivers.common.kinematics.link_rows import Row, numbers, parse_rows
 
 from .body import TIMESTEP_S
 from .lean_mujoco import mujoco

@@ -30,9 +30,9 @@ from .lowering import LoweringConfig
 from .resting import (
     CONFIRM_S,
     LOWER_S,
+    LOWERINGS_S,
     WITHOUT_HURRY,
     OnExit,
-    lower_s_of,
     on_exit_of,
     rest_counts,
     rest_file,
@@ -40,8 +40,8 @@ from .resting import (
 )
 
 TIMEOUT_S = 0.5
-LONGEST_TIMEOUT_S = 10.0
-SHORTEST_TIMEOUT_S = 0.1
+TIMEOUTS_S = (0.1, 10.0)
+"""Shortest and longest timeout."""
 LAST_ID = 252
 """Largest id of a servo. Both protocols reserve the ids above for broadcasts and errors."""
 
@@ -68,7 +68,7 @@ class ServoOptions(DriverOptions, frozen=True):
     timeout: Annotated[
         float | None,
         option(
-            f"seconds the whole bus may be silent before it counts as lost, at most {LONGEST_TIMEOUT_S:g}; "
+            f"seconds the whole bus may be silent before it counts as lost, at most {TIMEOUTS_S[1]:g}; "
             f"None: {TIMEOUT_S:g}"
         ),
     ] = None
@@ -161,11 +161,11 @@ class ServoDriver(Driver):
         return {
             "baud": int(baud),
             "motor_ids": list(ids.values()),
-            "timeout": _timeout_s(robot, options.get("timeout")),
+            "timeout": _seconds(robot, "timeout", options.get("timeout"), TIMEOUT_S, TIMEOUTS_S),
             "max_jump": _max_jump_deg(robot, options.get("max_jump")),
             "on_exit": str(on_exit),
             "rest": cls._rest(name, on_exit, options),
-            "lower_s": lower_s_of(robot, options.get("lower_s")),
+            "lower_s": _seconds(robot, "lower_s", options.get("lower_s"), LOWER_S, LOWERINGS_S),
             "calibration": motors and {key: _plain(motor) for key, motor in motors.items()},
             "calibration_source": source,
             "tool_name": options.get("tool_name"),
@@ -309,12 +309,12 @@ class ServoDriver(Driver):
         return lerobot.load(path, ids, cls.MAX_OFFSET), str(path)
 
 
-def _timeout_s(robot: str, timeout: object) -> float:
-    seconds = TIMEOUT_S if timeout is None else finite(timeout)
-    if seconds is None or not SHORTEST_TIMEOUT_S <= seconds <= LONGEST_TIMEOUT_S:
-        raise ValueError(
-            f"{robot}: timeout is {timeout!r}. Give seconds, {SHORTEST_TIMEOUT_S:g} to {LONGEST_TIMEOUT_S:g}"
-        )
+def _seconds(robot: str, name: str, value: object, usual: float, accepted: tuple[float, float]) -> float:
+    """Return an option in seconds; ``usual`` if it is None. Raise ``ValueError`` if it is no number in range."""
+    shortest, longest = accepted
+    seconds = usual if value is None else finite(value)
+    if seconds is None or not shortest <= seconds <= longest:
+        raise ValueError(f"{robot}: {name} is {value!r}. Give seconds, {shortest:g} to {longest:g}")
     return seconds
 
 

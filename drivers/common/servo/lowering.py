@@ -101,9 +101,9 @@ class FallingTorque:
     """
 
     def __init__(self, efforts: Mapping[int, float], seconds: float) -> None:
-        self._least = {motor: max(LEAST_SHARE, START * abs(effort)) for motor, effort in efforts.items()}
+        self._highest = {motor: max(LEAST_SHARE, START * abs(effort)) for motor, effort in efforts.items()}
         self._seconds = seconds
-        self.shares = {motor: min(1.0, share) for motor, share in self._least.items()}
+        self.shares = {motor: min(1.0, share) for motor, share in self._highest.items()}
         """The present limits, as shares of the full torque, by id."""
 
     @property
@@ -113,11 +113,10 @@ class FallingTorque:
     def step(self, pace: float, seconds: float) -> Mapping[int, float]:
         """Return the limits after the next ``seconds``. ``pace`` is the speed as a share of the allowed one."""
         change = max(-1.0 / self._seconds, RISE_PER_S * (pace - STEADY_PACE))
-        for motor, least in self._least.items():
+        for motor, highest in self._highest.items():
             # A limit that has risen far falls as fast as it must to reach zero in the same time.
-            scale = max(least, self.shares[motor])
-            self.shares[motor] = min(1.0, max(0.0, self.shares[motor] + scale * change * seconds))
-            self._least[motor] = max(least, self.shares[motor])
+            share = self.shares[motor] = min(1.0, max(0.0, self.shares[motor] + highest * change * seconds))
+            self._highest[motor] = max(highest, share)
         return self.shares
 
 

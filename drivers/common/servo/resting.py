@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import enum
 import json
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.driver import Reason
@@ -19,14 +18,15 @@ from strands_actors.contract.safe_state import SafeState
 from strands_actors.drivers.common.kit import calibration as lerobot
 
 from .axes import Axis
+from .calibrating import Person
 from .setup import Setup
 
 RESTS = "rest"
 """Folder of the rest poses."""
 
 LOWER_S = 2.8
-SHORTEST_LOWER_S = 0.5
-LONGEST_LOWER_S = 10.0
+LOWERINGS_S = (0.5, 10.0)
+"""Shortest and longest time for a lowering."""
 CONFIRM_S = 2.0
 """Time to confirm that the torque is off, after a lowering, with a margin."""
 
@@ -69,16 +69,6 @@ def on_exit_of(robot: str, value: object, lowers: bool) -> OnExit:
     return OnExit(value)
 
 
-def lower_s_of(robot: str, value: object) -> float:
-    """Return the option ``lower_s``. Raise ``ValueError`` if it is no number in range."""
-    seconds = LOWER_S if value is None else finite(value)
-    if seconds is None or not SHORTEST_LOWER_S <= seconds <= LONGEST_LOWER_S:
-        raise ValueError(
-            f"{robot}: lower_s is {value!r}. Give seconds, {SHORTEST_LOWER_S:g} to {LONGEST_LOWER_S:g}"
-        )
-    return seconds
-
-
 def rest_file(types: Iterable[str], robot_id: str) -> Path:
     """Return the path of the rest pose of one robot. Raise ``ValueError`` if the id cannot be the name of a
     file."""
@@ -110,7 +100,7 @@ def rest_of(robot: str, value: object, joints: Iterable[str], taught: Path | Non
 def read(robot: str, path: Path, joints: Iterable[str]) -> dict[str, float]:
     """Return the rest pose in a file. Raise ``ValueError`` if it cannot be read, or does not name every joint."""
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(lerobot.text_of(path))
     except (OSError, ValueError, RecursionError) as failure:
         raise ValueError(
             f"{robot}: the rest pose {path} cannot be read ({failure}). Teach it again: "
@@ -152,22 +142,6 @@ def rest_counts(robot: str, pose: Mapping[str, float], axes: Iterable[Axis]) -> 
             )
         counts[axis.id] = axis.count(pose[axis.key])
     return counts
-
-
-def save(path: Path, pose: Mapping[str, float]) -> None:
-    """Write a rest pose. If that fails, an existing file is unchanged. Raise ``OSError``."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_suffix(f".{os.getpid()}.new")
-    with new.open("w") as file:
-        json.dump(dict(pose), file, indent=4)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(new, path)
-
-
-class Person(Protocol):
-    async def ready(self, text: str) -> None:
-        """Show an instruction, and wait until the person has carried it out."""
 
 
 async def teach(setup: Setup[Any], person: Person) -> dict[str, float]:

@@ -166,8 +166,7 @@ class Safing(Generic[PacketT]):
 
     async def hold_unconfirmed(self, goals: Mapping[int, int]) -> None:
         """Send these goals as a hold, without confirmation. Raise ``WireDown`` if the port is lost."""
-        if goals:
-            await self._burst(self._codec.hold(goals), Tally(self._axes))
+        await self._burst(self._codec.hold(goals), Tally(self._axes))
 
     async def limp(self) -> tuple[MotorReport, ...]:
         """Switch off the torque of all servos, and confirm it for each servo. Never raises."""

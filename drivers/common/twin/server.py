@@ -66,6 +66,11 @@ class Controls(Protocol):
 class HasEvents(Protocol):
     """A simulated robot on whose body something may happen without a request."""
 
+    @property
+    def has_events(self) -> bool:
+        """False if this body has no events."""
+        ...
+
     def events(self) -> Sequence[tuple[str, bytes]]:
         """Return what happened since the last call: kind and bytes of each entry for the log."""
         ...
@@ -249,7 +254,7 @@ class Server:
         """Serve the robot's client until cancelled."""
         async with trio.open_nursery() as nursery:
             nursery.start_soon(self._conversation.serve)
-            if isinstance(self._robot, HasEvents):
+            if isinstance(self._robot, HasEvents) and self._robot.has_events:
                 nursery.start_soon(self._frost.every, EVENTS_S, partial(self._log_events, self._robot))
 
     def _log_events(self, robot: HasEvents) -> None:

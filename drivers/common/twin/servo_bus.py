@@ -246,10 +246,14 @@ class ServoBus(ABC, Generic[ServoT, PacketT]):
     def pass_time(self) -> None:
         self.step_to(self.now_s())
 
+    @property
+    def has_events(self) -> bool:
+        return self.plant.watches_touches
+
     def events(self) -> list[tuple[str, bytes]]:
         """Advance to the present time, if a host has sent something lately, and return what happened since the last
         call: kind and JSON text of each event."""
-        if self.plant.watches_touches and self.now_s() < self._watched_until_s:
+        if self.now_s() < self._watched_until_s:
             self.pass_time()
         return [
             ("touch", f'{{"body": "{touch.body}", "speed_m_s": {touch.speed_m_s:.4f}}}'.encode())

@@ -22,7 +22,7 @@ from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.kinova import protocol as p
 from strands_actors.drivers.kinova.protocol import SubError
 
-from .kinematics import Kinematics, Matrix, least_rates
+from .kinematics import Kinematics, Matrix
 from .paths import Leg
 
 ALL = range(p.JOINTS)
@@ -213,12 +213,12 @@ class Arm:
         pose, jacobian = kinematics.jacobian(self._target)
         parts = zip(self._twist.reshape(2, 3), self._twist_in_tool, strict=True)
         twist = np.concatenate([pose.rotation @ part if in_tool else part for part, in_tool in parts])
-        rates = least_rates(jacobian, twist)
+        rates = kinematics.search.least_rates(jacobian, twist)
         at_limit = self._leaving(rates)
         if at_limit.any():
             # The other joints move the tool alone. If they cannot, the tool stops [assumed].
             jacobian[:, at_limit] = 0.0
-            rates = least_rates(jacobian, twist)
+            rates = kinematics.search.least_rates(jacobian, twist)
             missing = np.linalg.norm(jacobian @ rates - twist)
             if self._leaving(rates).any() or missing > MISSING * np.linalg.norm(twist):
                 return [0.0] * p.JOINTS

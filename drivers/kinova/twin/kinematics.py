@@ -14,6 +14,7 @@ import numpy as np
 
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.physics.model_rows import build
+from strands_actors.drivers.common.physics.pose_search import PoseSearch
 
 Matrix = Any
 """A numpy array."""
@@ -22,12 +23,7 @@ NEAR_M, NEAR_RAD = 1e-4, 5e-4
 """A solution may differ from the requested pose by this much."""
 
 _M_OF_RAD = 0.3
-"""One rad of rotation weighs as much as so many metres, about half of the arm's reach."""
-
 _DAMPING_M = 3e-3
-"""Damping of the steps near singular positions."""
-
-_LONGEST_RAD = 0.3
 
 
 class Pose(NamedTuple):
@@ -101,7 +97,8 @@ class Kinematics:
         self._link = self._model.body(link).id
         self._tool = tool
         ranges = [joint.get("range_rad", (-math.inf, math.inf)) for joint in table["joints"]]
-        self._low, self._high = (np.array(ends) for ends in zip(*ranges, strict=True))
+        low, high = (np.array(ends) for ends in zip(*ranges, strict=True))
+        self.search = PoseSearch(low, high, NEAR_M, NEAR_RAD, _M_OF_RAD, _DAMPING_M)
 
     def pose(self, rad: Sequence[float]) -> Pose:
         """Return the pose of the tool at these joint positions."""
@@ -135,34 +132,17 @@ class Kinematics:
             steps: Steps of the search at most.
 
         Returns:
-            The joint positions in rad; None if the search finds none.
+            The joint positions in rad; None without a solution.
         """
-        joints: Matrix = np.clip(np.array(rad, dtype=float), self._low, self._high)
-        for _ in range(steps):
+
+        def look(joints: Matrix) -> tuple[Matrix, Matrix]:
             here, jacobian = self.jacobian(joints)
-            missing = np.concatenate((pose.m - here.m, here.rotation @ turn_between(here, pose)))
-            if np.linalg.norm(missing[:3]) < NEAR_M and np.linalg.norm(missing[3:]) < NEAR_RAD:
-                return joints
-            step = least_rates(jacobian, missing)
-            longest = float(np.abs(step).max())
-            joints = np.clip(joints + step * min(1.0, _LONGEST_RAD / max(longest, 1e-9)), self._low, self._high)
-        return None
+            return np.concatenate((pose.m - here.m, here.rotation @ turn_between(here, pose))), jacobian
+
+        return self.search.solve(look, rad, steps)
 
 
 @cache
 def _model_of(rows: str) -> Any:
     """Return the model of an arm. Nothing changes it, so all bases of a process share it."""
     return build({"model_rows": rows}).compile()
-
-
-def least_rates(jacobian: Matrix, twist: Matrix) -> Matrix:
-    """Return the least joint motion for a motion of the tool, damped near singular positions.
-
-    Args:
-        jacobian: See ``Kinematics.jacobian``.
-        twist: The motion of the tool: along the axes of the base, then about them. In m and rad, or m/s and rad/s.
-    """
-    weights = np.array((1.0, 1.0, 1.0, _M_OF_RAD, _M_OF_RAD, _M_OF_RAD))
-    weighted = jacobian * weights[:, None]
-    square = weighted @ weighted.T + _DAMPING_M**2 * np.eye(6)
-    return weighted.T @ np.linalg.solve(square, twist * weights)

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from strands_actors.drivers.common.kinematics.link_rows import parse_rows
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
-from strands_actors.drivers.common.physics.model_rows import build, parse_rows
+from strands_actors.drivers.common.physics.model_rows import build
 
 from .links import places_of
 from .parts import Matrix, Pose, Vector

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from strands_actors.drivers.common.physics.model_rows import Row
+from strands_actors.drivers.common.kinematics.link_rows import Row
 
 Matrix = Any
 

@@ -214,6 +214,17 @@ def _joint_impedance(data: bytes, path: tuple[int, ...], joints: tuple[int, ...]
     return msgspec.structs.replace(move, spring=f.checked(spring))
 
 
+def _reach(entry: Fields) -> Reach:
+    """Return a pose that a link should reach, with the limits that every kind of Cartesian command has."""
+    return Reach(
+        reference=f.name(entry, 1),
+        link=f.name(entry, 2),
+        pose=f.pose(entry, 3),
+        linear_m_s=f.optional(entry, 4, math.inf),
+        angular_rad_s=f.optional(entry, 5, math.inf),
+    )
+
+
 def _cartesian(data: bytes, path: tuple[int, ...], joints: tuple[int, ...]) -> Part:
     fields = pb.message(data)
     return CartesianMove(
@@ -222,14 +233,7 @@ def _cartesian(data: bytes, path: tuple[int, ...], joints: tuple[int, ...]) -> P
         minimum_s=f.minimum_s(fields, 2),
         hold_s=f.hold_s(fields),
         reaches=tuple(
-            Reach(
-                reference=f.name(entry, 1),
-                link=f.name(entry, 2),
-                pose=f.pose(entry, 3),
-                linear_m_s=f.optional(entry, 4, math.inf),
-                angular_rad_s=f.optional(entry, 5, math.inf),
-                acceleration_scale=f.optional(entry, 6, 1.0),
-            )
+            msgspec.structs.replace(_reach(entry), acceleration_scale=f.optional(entry, 6, 1.0))
             for entry in messages(fields, 3)
         ),
         aims=f.aims(fields, 10),
@@ -246,12 +250,8 @@ def _cartesian_impedance(data: bytes, path: tuple[int, ...], joints: tuple[int, 
         minimum_s=f.minimum_s(fields, 2),
         hold_s=f.hold_s(fields),
         reaches=tuple(
-            Reach(
-                reference=f.name(entry, 1),
-                link=f.name(entry, 2),
-                pose=f.pose(entry, 3),
-                linear_m_s=f.optional(entry, 4, math.inf),
-                angular_rad_s=f.optional(entry, 5, math.inf),
+            msgspec.structs.replace(
+                _reach(entry),
                 linear_m_s2=f.optional(entry, 6, math.inf),
                 angular_rad_s2=f.optional(entry, 7, math.inf),
             )

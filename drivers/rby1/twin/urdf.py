@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from math import pi
 from typing import Any
 
-from strands_actors.drivers.common.physics.model_rows import LINK_EXTENT_M, Row, parse_rows
+from strands_actors.drivers.common.kinematics.link_rows import Row, parse_rows
+from strands_actors.drivers.common.physics.model_rows import LINK_EXTENT_M
 
 from .collisions import CAPSULES
 from .links import FLANGE_M, frames_of, link_of

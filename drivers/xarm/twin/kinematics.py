@@ -15,6 +15,7 @@ import numpy as np
 
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 from strands_actors.drivers.common.physics.physics import Plant
+from strands_actors.drivers.common.physics.pose_search import PoseSearch
 from strands_actors.drivers.xarm.arms import AXES, ArmType, mirrored, model_table
 
 from .poses import ORIGIN, Matrix, Pose, vector_of
@@ -23,13 +24,8 @@ NEAR_MM, NEAR_RAD = 0.05, 5e-4
 """A solution may differ from the requested pose by this much."""
 
 _MM_OF_RAD = 300.0
-"""One rad of rotation weighs as much as so many millimetres, about half of the arm's reach."""
-
-_DAMPING = 3.0
-"""Damping of the steps near singular positions, in millimetres."""
-
+_DAMPING_MM = 3.0
 _STEPS, _SEEDS = 80, 5
-_LONGEST_RAD = 0.3
 
 _BENT_RAD = (0.0, -0.3, 0.0, 0.9, 0.0, 1.2, 0.0)
 """A bent pose, from which many poses in front of the arm can be reached."""
@@ -45,7 +41,8 @@ class Kinematics:
         self._joints = np.array([joint.id for joint in joints])
         self._qpos = np.array([int(self._model.jnt_qposadr[joint.id]) for joint in joints])
         self._flange = self._model.body("link7").id
-        self._low, self._high = (np.array(ends) for ends in zip(*arm_type.range_rad, strict=True))
+        low, high = (np.array(ends) for ends in zip(*arm_type.range_rad, strict=True))
+        self._search = PoseSearch(low, high, NEAR_MM, NEAR_RAD, _MM_OF_RAD, _DAMPING_MM)
         self._bent = mirrored(arm_type, _BENT_RAD)
         # A flange farther from the shoulder than the sum of the links is out of reach.
         links = [self._model.body_pos[self._model.body(f"link{number}").id] for number in range(1, len(AXES) + 1)]
@@ -84,7 +81,7 @@ class Kinematics:
     def rates(self, rad: Sequence[float], twist: Matrix) -> Matrix:
         """Return the joint speeds in rad/s for a twist of the tool: mm/s, then rad/s about the axes of the base."""
         _, jacobian = self.jacobian(rad)
-        return _damped(jacobian, np.asarray(twist))
+        return self._search.least_rates(jacobian, twist)
 
     def near(self, pose: Pose, rad: Sequence[float], steps: int = 8) -> Matrix | None:
         """Return joint positions for a pose, in the joint ranges.
@@ -95,20 +92,14 @@ class Kinematics:
             steps: Steps of the search at most.
 
         Returns:
-            The joint positions in rad; None if the search finds none.
+            The joint positions in rad; None without a solution.
         """
-        joints_rad: Any = np.clip(np.array(rad, dtype=float), self._low, self._high)
-        for _ in range(steps):
+
+        def look(joints_rad: Matrix) -> tuple[Matrix, Matrix]:
             here, jacobian = self.jacobian(joints_rad)
-            missing = np.concatenate((pose.mm - here.mm, vector_of(pose.rotation @ here.rotation.T)))
-            if np.linalg.norm(missing[:3]) < NEAR_MM and np.linalg.norm(missing[3:]) < NEAR_RAD:
-                return joints_rad
-            step = _damped(jacobian, missing)
-            longest = float(np.abs(step).max())
-            joints_rad = np.clip(
-                joints_rad + step * min(1.0, _LONGEST_RAD / max(longest, 1e-9)), self._low, self._high
-            )
-        return None
+            return np.concatenate((pose.mm - here.mm, vector_of(pose.rotation @ here.rotation.T))), jacobian
+
+        return self._search.solve(look, rad, steps)
 
     def solve(self, pose: Pose, rad: Sequence[float], most_rad: float = math.inf) -> Matrix | None:
         """Return joint positions for a pose, from any start.
@@ -137,18 +128,10 @@ class Kinematics:
 
     @property
     def _ranges(self) -> list[tuple[float, float]]:
-        return list(zip(self._low.tolist(), self._high.tolist(), strict=True))
+        return list(zip(self._search.low.tolist(), self._search.high.tolist(), strict=True))
 
 
 @cache
 def _model_of(robot: str, arm_type: ArmType) -> Any:
     """Return the model of an arm. Nothing changes it, so all controllers of a process share it."""
     return Plant.from_table(model_table(robot, arm_type)).model
-
-
-def _damped(jacobian: Matrix, missing: Matrix) -> Matrix:
-    """Return the least joint motion for a motion of the tool, damped near singular positions."""
-    weights = np.array((1.0, 1.0, 1.0, _MM_OF_RAD, _MM_OF_RAD, _MM_OF_RAD))
-    weighted = jacobian * weights[:, None]
-    square = weighted @ weighted.T + _DAMPING**2 * np.eye(6)
-    return weighted.T @ np.linalg.solve(square, missing * weights)

@@ -15,7 +15,7 @@ from .calibrate import Terminal, of_servos, run_for_person
 from .errors import Problem
 
 TEACH = "strands_actors.drivers.common.servo.resting:teach"
-SAVE = "strands_actors.drivers.common.servo.resting:save"
+SAVE = "strands_actors.drivers.common.kit.calibration:save_json"
 READ = "strands_actors.drivers.common.servo.resting:read"
 
 
