@@ -94,7 +94,7 @@ SCRIPT = """
 import sys
 from strands_actors import Robot
 arm = Robot("so101", mode="real", port=sys.argv[1])
-arm.move_to({"shoulder_pan": float(sys.argv[2])}, seconds=20.0)
+print(arm.move_to({"shoulder_pan": float(sys.argv[2])}, seconds=20.0))
 """
 
 

@@ -124,7 +124,8 @@ def test_a_named_policy_may_do_all_that_a_policy_needs(arm: RealRobot, twin: Twi
     """It sends setpoints, ends, and leaves the robot in a hold."""
     began_ns = time.monotonic_ns()
     json_of(arm.start_task("wave", policy_provider="sine", duration=0.5))
-    assert task_ended(arm)["exit_reason"] == "duration"
+    ended = task_ended(arm)
+    assert ended["exit_reason"] == "duration", ended
     assert len(twin.log.host("setpoint", began_ns)) > 5
     json_of(arm.send_action({"shoulder_pan": 5.0}))
 

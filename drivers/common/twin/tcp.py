@@ -99,7 +99,7 @@ class Connection:
         """True if the last offered frame was sent completely, so that a new frame may be offered. Reading this
         property first tries to send the rest of the last frame."""
         if self._unsent:
-            self._unsent = self._unsent[self._sent(self._unsent) :]
+            self._unsent = self._unsent[self.send_part(self._unsent) :]
         return not self._unsent
 
     def offer(self, data: bytes) -> None:
@@ -112,9 +112,10 @@ class Connection:
             with contextlib.suppress(OSError):
                 self._sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, OFFERED_BYTES)
         if self.takes:
-            self._unsent = data[self._sent(data) :]
+            self._unsent = data[self.send_part(data) :]
 
-    def _sent(self, data: bytes) -> int:
+    def send_part(self, data: bytes) -> int:
+        """Send as many of these bytes as fit into the client's buffer, without waiting. Return their number."""
         try:
             return self._sock.send(data)
         except BlockingIOError:

@@ -70,7 +70,7 @@ class TlsConnection(Connection):
 
     def push(self) -> None:
         """Send the waiting bytes, as far as they fit into the client's buffer. A picture does not fit at once."""
-        while self._queue and (sent := self._below._sent(self._queue)):
+        while self._queue and (sent := self._below.send_part(self._queue)):
             self._queue = self._queue[sent:]
         if len(self._queue) > MOST_WAITING:
             self.abort()

@@ -86,7 +86,9 @@ def test_saf_001_the_arm_keeps_the_twist_and_does_not_prolong_it(m3: RealRobot, 
 
 def test_an_arm_goal_goes_out_once_in_whole_degrees_and_the_others_stay(m3: RealRobot, twin: Twin) -> None:
     assert "unknown" in why(m3.send_action({"arm1.pos": 0.5})), "the robot does not report its arm"
+    began_ns = time.monotonic_ns()
     json_of(m3.home())
+    until(lambda: of(twin.log.host("setpoint", began_ns), m.ARM), "the goal of home")
     began_ns = time.monotonic_ns()
     answer = json_of(m3.send_action({"arm1.pos": 0.5, "time_ms": 400}))
     assert answer == {"arm_deg": [119, 120, 0, 0, 90, 180], "time_ms": 400}
