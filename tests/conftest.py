@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, settings
 
 from strands_actors import drivers
 from strands_actors.drivers import list_native_drivers
+from strands_actors.drivers.common.servo import resting
 from strands_actors.kernel.health import busy
 
 from .forked import fork_what_is_started_here
@@ -64,6 +65,15 @@ def pytest_collection() -> Generator[None, object, object]:
 def on_an_idle_computer() -> Iterator[None]:
     """Keep the messages on missed deadlines in this process the same on a busy computer."""
     with busy.assumed(busy.IDLE):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def limp_at_the_end() -> Iterator[None]:
+    """Make an arm of a test limp at its end, unless the test says otherwise. A lowering takes up to 3 s, and
+    hundreds of tests end with a stop. What is started as a program has the usual default."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resting, "USUAL", resting.OnExit.LIMP)
         yield
 
 

@@ -83,9 +83,9 @@ class ServoOptions(DriverOptions, frozen=True):
     on_exit: Annotated[
         str | None,
         option(
-            "what stop(), cleanup() and the end of your program do to the robot: limp (torque off at once: an arm "
-            "falls), lower (bring an arm down, then torque off) or hold (leave it energised where it is); None: "
-            "limp"
+            "what stop(), cleanup() and the end of your program do to the robot: lower (bring an arm down, then "
+            "torque off), limp (torque off at once: an arm falls) or hold (leave it energised where it is); None: "
+            "lower for an arm that can be lowered, else limp"
         ),
     ] = None
     rest: Annotated[

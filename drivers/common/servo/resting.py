@@ -45,6 +45,9 @@ class OnExit(enum.StrEnum):
 
 _SAFE_STATES = {OnExit.LOWER: SafeState.LOWERED, OnExit.LIMP: SafeState.LIMP, OnExit.HOLD: SafeState.HOLD}
 
+USUAL = OnExit.LOWER
+"""What an arm does that can be lowered. Any other robot is limp."""
+
 WITHOUT_HURRY = (Reason.STOP, Reason.CLEANUP, Reason.CALLER)
 """The reasons of a stop that ``on_exit`` decides about. After all others the torque is switched off at once,
 because something is broken or a person is in danger."""
@@ -61,9 +64,9 @@ def on_exit_of(robot: str, value: object, lowers: bool) -> OnExit:
     Raises:
         ValueError: The value is not accepted.
     """
-    accepted = [OnExit.LIMP, OnExit.LOWER, OnExit.HOLD] if lowers else [OnExit.LIMP, OnExit.HOLD]
+    accepted = [OnExit.LOWER, OnExit.LIMP, OnExit.HOLD] if lowers else [OnExit.LIMP, OnExit.HOLD]
     if value is None:
-        return accepted[0]
+        return USUAL if lowers else OnExit.LIMP
     if not isinstance(value, str) or value not in accepted:
         raise ValueError(f"{robot}: on_exit is {value!r}. Use one of {', '.join(accepted)}")
     return OnExit(value)
