@@ -336,6 +336,11 @@ class Driver(ABC):
         return cls if class_path is None else load(class_path)
 
     @classmethod
+    def is_lowered(cls, robot: str) -> bool:
+        """Return True if the robot is an arm that can be lowered before its torque is switched off."""
+        return False
+
+    @classmethod
     def resolve(cls, robot: str, options: Mapping[str, Any]) -> dict[str, Any]:
         """Check the keywords, read files, and return plain options for ``__init__``.
 

@@ -24,6 +24,11 @@ class SafeState(enum.StrEnum):
     OFF = "off"  # motors off or power cut, even if a load falls
 
     @property
+    def first(self) -> SafeState:
+        """The state to which the first frame of a stop brings the robot. An arm that is lowered holds first."""
+        return SafeState.HOLD if self is SafeState.LOWERED else self
+
+    @property
     def cut_short(self) -> SafeState:
         """The state that a further stop leads to while the robot is still on its way to this one.
 

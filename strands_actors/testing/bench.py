@@ -21,13 +21,14 @@ from typing import Any
 
 from strands_actors.caller.resolve.planning import plan
 from strands_actors.contract.driver import Driver
+from strands_actors.drivers import get_native_driver_class
 from strands_actors.kernel.processes.interpreter import environment
 from strands_actors.supervisors.introspection import ALLOW_FAULTS
 
 from .faults import Victims
 from .queueing import Queue
 from .recorder_process import RecorderProcess
-from .registering import class_of, class_path_of, column
+from .registering import LOWERING, class_of, class_path_of, column, end_of
 from .still_camera import SETTINGS
 from .template import Template
 from .twin import Twin
@@ -182,7 +183,7 @@ class Bench:
     """A simulated robot, and a caller (a script in another process) that moves it, as a context manager.
 
     Args:
-        robot: The robot's name. ``robot:level`` if the robot can be commanded in two ways.
+        robot: The robot's name, or another name of a column (``registering.column``).
         driver_class: The driver of a robot that is no part of this package.
         far: How far the first joint moves, in the driver's units. By default 10 degrees, or 0.1 in any
             other unit.
@@ -191,7 +192,8 @@ class Bench:
     def __init__(self, robot: str, driver_class: type[Driver] | None = None, far: float | None = None) -> None:
         self.robot, class_path = column(robot)
         self._driver_class = driver_class or class_of(class_path)
-        self.driver = driver_of(self.robot, self._driver_class)
+        self.driver = driver_of(robot, self._driver_class)
+        self._options = end_of(self.robot, type(self.driver), lowered=robot.endswith(LOWERING))
         self.far = far if far is not None else 10.0 if "degrees" in self.driver.unit else 0.1
         self._caller: Caller | None = None
 
@@ -226,7 +228,7 @@ class Bench:
         """Return a caller that moves its robot. It is the present caller or a new one.
 
         Args:
-            motion: ``loop``, ``task`` or ``rollout`` (``testing.caller``).
+            motion: ``loop``, ``task``, ``rollout`` or ``raise`` (``testing.caller``).
             extras: The extra processes that must run, by role (``EXTRAS``).
 
         Raises:
@@ -287,6 +289,7 @@ class Bench:
             "robot": self.robot,
             "port": self.twin.port,
             "driver": self._class_path,
+            "options": self._options,
             "motion": motion,
             "far": str(self.far),
             "cameras": {"eye": SETTINGS} if CAMERA in extras else {},
@@ -361,9 +364,11 @@ def driver_of(robot: str, driver_class: type[Driver] | None = None) -> Driver:
 
     ``robot`` is the name of a column of the kill matrix (``registering.column``).
     """
+    lowered = robot.endswith(LOWERING)
     robot, class_path = column(robot)
     driver_class = driver_class or class_of(class_path)
+    options = end_of(robot, driver_class or get_native_driver_class(robot), lowered=lowered)
     if driver_class is not None:
-        return driver_class(robot, "", driver_class.resolve(robot, {}))
-    planned = plan(robot, "real", transport="twin")
+        return driver_class(robot, "", driver_class.resolve(robot, options))
+    planned = plan(robot, "real", transport="twin", **options)
     return planned.driver_class(planned.robot, "", planned.options)

@@ -2,10 +2,10 @@
 
 The settings of ``main`` are:
 
-* ``robot``, ``port``, and ``cameras`` of the robot.
+* ``robot``, ``port``, ``cameras`` and further ``options`` of the robot.
 * ``driver``: ``module:Class``, or empty.
-* ``motion``: ``loop`` (the script moves the first joint at 50 Hz), ``task`` (a policy process moves it) or
-  ``rollout`` (a policy in this process).
+* ``motion``: ``loop`` (the script moves the first joint at 50 Hz), ``task`` (a policy process moves it),
+  ``rollout`` (a policy in this process) or ``raise`` (the script raises the arm, and holds it there).
 * ``far``: how far the joint moves, in the driver's units.
 * ``trigger``: a file that makes the policy fail (``testing.policies``).
 
@@ -14,6 +14,7 @@ orders:
 
 * ``exception``, ``exit`` and ``spin`` make the script itself fail.
 * ``stop`` stops the robot and prints the report.
+* ``lower`` orders a stop, prints when, and does not wait for its end.
 * ``again MOTION`` resumes and moves the robot, and prints the tree.
 * ``tree`` prints the tree.
 """
@@ -24,6 +25,7 @@ import json
 import math
 import select
 import sys
+import threading
 import time
 from typing import Any
 
@@ -35,6 +37,14 @@ from .registering import register
 STEPS = 10
 """Steps of a task until the robot counts as moving."""
 MOVED_S = 0.2
+RAISED = {
+    "so100": {"shoulder_lift": -15.0, "elbow_flex": 10.0, "wrist_flex": 15.0},
+    "so101": {"shoulder_lift": -15.0, "elbow_flex": 10.0, "wrist_flex": 15.0},
+    "koch": {"shoulder_lift": -15.0, "elbow_flex": -10.0, "wrist_flex": 15.0},
+}
+"""Poses from which an arm falls (degrees)."""
+RAISE_S = 2.0
+STANDS_S = 0.3
 
 
 class Caller:
@@ -50,7 +60,11 @@ class Caller:
         self._far = float(settings["far"])
         self._trigger: str = settings["trigger"]
         self.robot: Any = Robot(
-            settings["robot"], mode="real", port=settings["port"], cameras=settings["cameras"] or None
+            settings["robot"],
+            mode="real",
+            port=settings["port"],
+            cameras=settings["cameras"] or None,
+            **settings["options"],
         )
         problem: str | None = "never tried"
         # If the simulated robot waits for a processor of a busy computer, it looks silent. So connecting is tried
@@ -72,6 +86,10 @@ class Caller:
     def begin(self, motion: str) -> None:
         """Move the robot, and print its processes (the tree) when it moves."""
         self._loops = motion == "loop"
+        if motion == "raise":
+            self._raise()
+            print(json.dumps(self.robot.tree()), flush=True)
+            return
         problem = "the robot has no joint"
         observation = self.robot.get_observation()
         self._others = dict(observation) if self.robot.driver.WHOLE_ACTIONS else {}
@@ -84,6 +102,13 @@ class Caller:
             # A robot that has fallen may have some joints at their end stops. At least one joint can still move.
             self.resume()
         raise SystemExit(problem)
+
+    def _raise(self) -> None:
+        """Raise the arm, and wait until it stands. Raise ``SystemExit`` if it is refused."""
+        answer = self.robot.move_to(RAISED[self.robot.driver.robot], seconds=RAISE_S)
+        if answer["status"] != "success":
+            raise SystemExit(f"the arm is not raised: {answer}")
+        time.sleep(STANDS_S)
 
     def _move(self, motion: str) -> str:
         """Begin to move the robot. Return why it does not move, or an empty text if it moves."""
@@ -158,6 +183,9 @@ class Caller:
                 at_ns = time.monotonic_ns()
                 answer = self.robot.stop()
                 print(json.dumps({"at_ns": at_ns, "confirmed": answer["status"] == "success"}), flush=True)
+            case ["lower"]:
+                print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
+                threading.Thread(target=self.robot.stop, daemon=True).start()
             case [how]:
                 print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
                 fall(how)

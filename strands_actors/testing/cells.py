@@ -19,6 +19,7 @@ import trio
 import trio.lowlevel
 
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.actor import first_of
 from strands_actors.kernel.channels.zenoh_mesh import ZenohMesh, unix_endpoint
 from strands_actors.kernel.clock import MonotonicClock
@@ -244,7 +245,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
         nursery.start_soon(watch)
         await trio.lowlevel.checkpoint()
         queue = bench.queue(caller, pid)
-        began_ns = await _inflict(caller, cell, pid)
+        began_ns = await inflict(caller, cell, pid)
         await until_safe(bench.log, began_ns, queue)
         waited_ms = queue.waited_ms()
         await trio.sleep(settle_s)
@@ -266,7 +267,7 @@ async def _break_process(bench: Bench, caller: Caller, cell: Cell, settle_s: flo
 async def _break_bystander(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
     pid = caller.pid(cell.victim)
     queue = bench.queue(caller, pid)
-    broken_ns = await _inflict(caller, cell, pid)
+    broken_ns = await inflict(caller, cell, pid)
     expected = expected_of(bench.driver, cell)
     outcome = await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
     with contextlib.suppress(ProcessLookupError):
@@ -301,7 +302,7 @@ async def stop_after(
     return with_story(outcome if confirmed else replace(outcome, all_motors=False), bench.log, broken_ns)
 
 
-async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
+async def inflict(caller: Caller, cell: Cell, pid: int) -> int:
     """Break the victim (a process or the robot), and return the time of the fault (ns)."""
     if cell.fault in SIGNALS:
         began_ns = monotonic_ns()
@@ -317,7 +318,7 @@ async def _inflict(caller: Caller, cell: Cell, pid: int) -> int:
     if cell.victim is Victims.POLICY:
         caller.trigger.write_text(cell.fault)
         try:
-            return await _until(caller.policy_broke_ns)
+            return await until(caller.policy_broke_ns)
         except trio.TooSlowError:
             raise NotMoving("the policy had ended before it was to break") from None
     return await ask_to_break(caller, cell.victim, cell.fault)
@@ -341,7 +342,7 @@ async def ask_to_break(caller: Caller, process: str, how: str) -> int:
                 began_ns = monotonic_ns()
                 return began_ns if node.send_frame(address, TELL, 0, node.address, Break(how)) else None
 
-            began_ns = await _until(send_break)
+            began_ns = await until(send_break)
             nursery.cancel_scope.cancel()
     finally:
         await trio.to_thread.run_sync(mesh.close)
@@ -532,10 +533,10 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
         )
 
     with contextlib.suppress(trio.TooSlowError):
-        await _until(look)
+        await until(look)
 
 
-async def _until(look: Callable[[], T | None]) -> T:
+async def until(look: Callable[[], T | None]) -> T:
     """Call the function ``look`` repeatedly until it returns a result.
 
     Raise ``TooSlowError`` after ``PATIENCE_S``.
@@ -551,4 +552,4 @@ def is_safe_state(entry: Entry, safe_state: str) -> bool:
 
     If the frame's entry in the log does not name a state, every safe frame (stop command) counts.
     """
-    return entry.safe_state is None or entry.safe_state == safe_state
+    return entry.safe_state is None or entry.safe_state == SafeState(safe_state).first

@@ -126,6 +126,11 @@ class Cell:
         return (self.victim,)
 
     @property
+    def faults(self) -> tuple[tuple[str, Faults], ...]:
+        """The victim with its fault. ``Pair`` has the same attribute."""
+        return ((self.victim, self.fault),)
+
+    @property
     def returns(self) -> bool:
         """True if the time is measured from the end of the fault, when the robot has returned."""
         return self.victim is Victims.TWIN and self.fault in RETURNING

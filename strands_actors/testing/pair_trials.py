@@ -28,7 +28,7 @@ from .cells import (
     until_safe,
     with_story,
 )
-from .faults import SIGNALS, Faults, Victims, spoils
+from .faults import SIGNALS, Cell, Faults, Victims, spoils
 from .pairs import APART_S, Pair, expected_safe_states, pair_bound_s
 
 
@@ -56,7 +56,7 @@ def _motion(pair: Pair, driver: Driver) -> str:
 
 
 async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, settle_s: float) -> Outcome:
-    orders = _orders(pair, caller)
+    orders = orders_of(pair, caller)
     queue = bench.queue(caller)
     began_ns = broken_ns = monotonic_ns()
     for number, (pid, order) in enumerate(orders):
@@ -73,19 +73,19 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
     expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     if pair.stops:
         outcome = await stop_after(bench, caller, expected, broken_ns, queue, settle_s)
-        _let_go(pair, caller)
+        let_go(pair, caller)
         return outcome
     await until_safe(bench.log, began_ns, queue)
     waited_ms = queue.waited_ms()
     await trio.sleep(settle_s + pair_bound_s(bench.driver, pair))
-    _let_go(pair, caller)
+    let_go(pair, caller)
     await trio.sleep(settle_s)
     require_motion(bench.log, began_ns)
     return with_story(read(bench.log, expected, began_ns, broken_ns, 0.0, waited_ms), bench.log, began_ns)
 
 
-def _let_go(pair: Pair, caller: Caller) -> None:
-    """Let the frozen processes of a pair continue.
+def let_go(pair: Cell | Pair, caller: Caller) -> None:
+    """Let the frozen processes of a pair, or of a cell, continue.
 
     They must not write: they were killed, or they have no connection to the robot.
     """
@@ -95,7 +95,7 @@ def _let_go(pair: Pair, caller: Caller) -> None:
                 os.kill(caller.pid(member), signal.SIGCONT)
 
 
-def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
+def orders_of(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
     """Return the process ids and the signals for them, in random order."""
     if not pair.members:
         own = [pid for role, pid in caller.pids().items() if role != Victims.TWIN]

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import get_native_driver_class, register_native_driver
+
+LOWERING = ":lowering"
+"""The end of the name of a column in which an arm is broken while it is lowered."""
 
 
 def class_path_of(driver_class: type[Driver]) -> str:
@@ -30,13 +35,15 @@ def column(name: str, class_path: str = "") -> tuple[str, str]:
 
     The second text is empty for the usual driver of the robot.
 
-    The name of a column is that of a robot, or ``robot:level`` if the robot can be commanded in two ways
-    (``Driver.LEVELS``).
+    The name of a column is that of a robot. It is ``robot:level`` if the robot can be commanded in two ways
+    (``Driver.LEVELS``), and ``robot:lowering`` for an arm that is lowered.
 
     Raises:
         ValueError: The robot has no such level.
     """
-    robot, _, level = name.partition(":")
+    robot, _, level = name.removesuffix(LOWERING).partition(":")
+    if name.endswith(LOWERING) and not end_of(robot, get_native_driver_class(robot), lowered=True):
+        raise ValueError(f"{robot} is not lowered: there is no column {name}")
     if not level or class_path:
         return robot, class_path
     driver_class = get_native_driver_class(robot)
@@ -58,3 +65,18 @@ def prepare(robot: str, class_path: str) -> None:
         name, level = column(robot)
         if class_of(level) is None:
             get_native_driver_class(name)
+
+
+def end_of(robot: str, driver_class: type | None, *, lowered: bool) -> dict[str, Any]:
+    """Return the options of a robot in a trial that concern its end.
+
+    An arm that can be lowered is limp at once in trials, as the other arms are. Its lowering has trials of its own.
+
+    Args:
+        robot: The robot.
+        driver_class: Its driver.
+        lowered: True for the options of those trials.
+    """
+    if driver_class is None or not issubclass(driver_class, Driver) or not driver_class.is_lowered(robot):
+        return {}
+    return {"on_exit": "lower" if lowered else "limp"}

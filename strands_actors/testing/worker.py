@@ -16,9 +16,10 @@ import msgspec
 
 from .bench import Bench, NotMoving
 from .cells import Outcome, run_cell, tries
+from .lowering_trials import run_lowering
 from .pair_trials import run_pair
 from .pairs import Pair
-from .registering import class_of, prepare
+from .registering import LOWERING, class_of, prepare
 from .trials import Done, Trial, cell_named, encode, trial
 
 
@@ -57,6 +58,8 @@ class Worker:
 
     def _tries(self, order: Order, bench: Bench) -> Iterator[Outcome]:
         cell = cell_named(order.victim, order.fault)
+        if order.robot.endswith(LOWERING):
+            return tries(cell, bench, order.trials, run_lowering)
         if isinstance(cell, Pair):
             return tries(cell, bench, order.trials, run_pair)
         return tries(cell, bench, order.trials, run_cell)

@@ -346,7 +346,7 @@ def _classify_write(address: int, rows: Sequence[bytes]) -> str:
     ):
         return "lowering"
     if address == GOAL_PWM.address and len(covers) == GOAL_PWM.size and len(rows) > 1:
-        return "lowering"
+        return "config"  # the limits of the torque, without a goal
     if covers.start < GOALS.stop and covers.stop > GOALS.start:
         return "setpoint"
     return "config"

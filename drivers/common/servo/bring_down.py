@@ -54,6 +54,7 @@ class BringDown(Generic[PacketT]):
         readings: The newest readings of the servos. ``measure`` updates them.
         measure: Read all servos once. It returns False if a servo does not answer.
         full_torque: The value of each servo's torque limit register for its full torque, by id.
+        end_ns: The time at which the torque is switched off, wherever the arm is.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class BringDown(Generic[PacketT]):
         readings: Readings[PacketT],
         measure: Callable[[], Awaitable[bool]],
         full_torque: Mapping[int, int],
+        end_ns: int,
     ) -> None:
         self._bus = bus
         self._codec = codec
@@ -75,7 +77,7 @@ class BringDown(Generic[PacketT]):
         self._readings = readings
         self._measure = measure
         self._full_torque = full_torque
-        self._end_ns = bus.clock.now_ns() + round(config.seconds * NS)
+        self._end_ns = end_ns
 
     async def run(self) -> LoweringEnd:
         """Lower the arm, which holds its position now. Raise ``WireDown`` if the port is lost."""

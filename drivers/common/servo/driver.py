@@ -224,7 +224,6 @@ class ServoDriver(Driver):
 
     @classmethod
     def is_lowered(cls, robot: str) -> bool:
-        """Return True if the robot is an arm that can be lowered before its torque is switched off."""
         return bool(cls.TABLES.table(robot).get("lowers"))
 
     @classmethod

@@ -121,8 +121,9 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self._armed = False
         self.lowered: LoweringEnd | None = None
         """How the last lowering ended; None if it was cut off, or if there was none."""
-        # True from the begin of a lowering until the torque is off. A lowering that was cut off is begun anew.
-        self._is_lowering = False
+        # When a lowering must end; None if there is none. A lowering that was cut off and is begun anew has no
+        # more time than the first one.
+        self._lowering_end_ns: int | None = None
         lowering = config.lowering
         self._chain = None if lowering is None else Chain(lowering.model, [axis.key for axis in self.axes])
 
@@ -223,10 +224,10 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             return unreachable(self.axes, "not connected")
         if safe_state == SafeState.HOLD:
             return await self._hold(session)
-        if safe_state == SafeState.LOWERED and (self._armed or self._is_lowering):
+        if safe_state == SafeState.LOWERED and (self._armed or self._lowering_end_ns is not None):
             await self._lower(session)
-        was_lowering = self._is_lowering
-        self._armed = self._is_lowering = False
+        was_lowering = self._lowering_end_ns is not None
+        self._armed, self._lowering_end_ns = False, None
         reports = await session.safing.limp()
         if was_lowering:
             # The limits would weaken the arm for the next program. Arming checks them again.
@@ -320,7 +321,9 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             await self._measure(session)
             return not session.health.silent()
 
-        self._is_lowering = session.limits_torque = True
+        if self._lowering_end_ns is None:
+            self._lowering_end_ns = self.clock.now_ns() + round(config.seconds * NS)
+        session.limits_torque = True
         self.lowered = None
         with contextlib.suppress(WireDown):
             goals = session.safing.goals(session.reachable_goals(session.goals) | session.recent_positions())
@@ -337,6 +340,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
                 session.readings,
                 measure,
                 session.full_torque,
+                self._lowering_end_ns,
             )
             self.lowered = await bring_down.run()
 

@@ -16,11 +16,12 @@ from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.testing import trials as testing_trials
 from strands_actors.testing.bench import Bench, NotMoving, roles_of
 from strands_actors.testing.faults import Cell, Victims, cells_of
-from strands_actors.testing.jobs import Cells, Plan, measure_all
+from strands_actors.testing.jobs import Plan, measure_all
+from strands_actors.testing.lowering_trials import lowering_cells
 from strands_actors.testing.matrix import Row, rows_of, shown, summary, verdict
 from strands_actors.testing.matrix_page import INTRODUCTION, PAIRS, Columns, columns_of, encode, load, page
 from strands_actors.testing.pairs import Pair, pairs_of
-from strands_actors.testing.registering import column
+from strands_actors.testing.registering import LOWERING, column, end_of
 from strands_actors.testing.trials import Trial, Trials, cell_named
 
 from .errors import Problem
@@ -56,11 +57,15 @@ def run(
     Raises:
         Problem: An argument is wrong, or a cell cannot be measured. The other cells are written nevertheless.
     """
-    robots = dict.fromkeys(_chosen(drivers) if drivers else every_column())
+    robots = dict.fromkeys(_chosen(drivers) if drivers else [*every_column(), *lowering_columns()])
     kept = {} if out is None else _kept(out)
     roles = _roles_of(robots)
     of: Callable[[Driver, Iterable[str]], Iterable[Cell | Pair]] = pairs_of if pairs else cells_of
-    cells: Cells = lambda robot, driver: of(driver, roles[robot])  # noqa: E731
+
+    def cells(robot: str, driver: Driver) -> Iterable[Cell | Pair]:
+        found = of(driver, roles[robot])
+        return lowering_cells(found) if robot.endswith(LOWERING) else found
+
     only = frozenset(name.strip() for name in (victims or "").split(",") if name.strip())
     names = {role for process_names in roles.values() for role in process_names} | set(Victims)
     if unknown := sorted(only - names):
@@ -158,6 +163,12 @@ def every_column() -> list[str]:
     robots = one_of_each()
     levels = (name for robot in robots for name in getattr(get_native_driver_class(robot), "LEVELS", ()))
     return sorted([*robots, *(name for name in levels if column(name)[0] in robots)])
+
+
+def lowering_columns() -> list[str]:
+    """Return the column of each arm that is lowered, of the robots of ``one_of_each``."""
+    classes = {robot: get_native_driver_class(robot) for robot in one_of_each()}
+    return [f"{robot}{LOWERING}" for robot, cls in classes.items() if end_of(robot, cls, lowered=True)]
 
 
 def _chosen(text: str) -> list[str]:

@@ -1,0 +1,184 @@
+"""Run one trial of a column ``robot:lowering``: a process, or the robot, breaks while an arm is lowered.
+
+The caller (a script) raises the arm and orders a stop. Some time after the first frame of the lowering, the victims
+break. There are three cases:
+
+* The wire or the root process breaks. Another process must switch the torque off within the bound of that fault.
+* The robot or its cable fails. The torque is off when the robot is back, or at the end of the lowering's time.
+* Any other process breaks. The arm goes on down, and is limp at the end of the time for it.
+
+The log of the frames that the robot receives has the result. No frame may move or energise the arm afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from time import monotonic_ns
+
+import trio
+
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.safe_state import SafeState
+
+from .bench import Bench, Caller, NotMoving, extras_for
+from .cells import (
+    AWAY_S,
+    PATIENCE_S,
+    SETTLE_S,
+    Outcome,
+    inflict,
+    persevere,
+    with_story,
+)
+from .faults import RETURN_S, Cell, Faults, Victims, bound_s, spoils
+from .pair_trials import let_go, orders_of
+from .pairs import APART_S, Pair, pair_bound_s
+from .queueing import Queue
+from .wirelog import Entry, WireLog
+
+LONGEST_S = 1.2
+"""Longest time from the first frame of the lowering to the fault. The arm still sinks then."""
+LOOK_S = 0.002
+MOVING = ("setpoint", "enable", "lowering")
+"""Kinds of frames that may move or energise the arm."""
+
+
+def lowering_cells(cells: Iterable[Cell | Pair]) -> Iterator[Cell | Pair]:
+    """Yield the cells, or pairs, of a column ``robot:lowering``."""
+    for cell in cells:
+        ended = Victims.POLICY in cell.members
+        why_not = cell.why_not or ("the policy has ended before the arm is lowered" if ended else "")
+        yield replace(cell, why_not=why_not, proves=() if why_not else ("SAF-002", "SAF-026"))
+
+
+def run_lowering(cell: Cell | Pair, bench: Bench, settle_s: float = SETTLE_S) -> Outcome:
+    """Run one trial, as ``cells.run_cell`` does for a moving robot. The moment of the fault is random.
+
+    Raises:
+        NotMoving: The arm cannot be raised, or is not lowered.
+    """
+    after_s = random.uniform(0.0, LONGEST_S)
+
+    def trial(caller: Caller) -> Outcome:
+        return trio.run(_break, bench, caller, cell, after_s, settle_s)
+
+    drop = not cell.members or any(spoils(member, fault) for member, fault in cell.faults)
+    return persevere(bench, "raise", trial, drop, extras_for(cell.members))
+
+
+def longest_s(driver: Driver, cell: Cell | Pair) -> float:
+    """Return the published time from the fault until the torque is off, in seconds."""
+    if isinstance(cell, Cell) and cell.returns:
+        return RETURN_S
+    if not {Victims.WIRE, Victims.ROOT} & set(cell.members):
+        return driver.timing.safe_s
+    return pair_bound_s(driver, cell) if isinstance(cell, Pair) else bound_s(driver, cell.victim, cell.fault)
+
+
+async def _break(bench: Bench, caller: Caller, cell: Cell | Pair, after_s: float, settle_s: float) -> Outcome:
+    log, bound = bench.log, longest_s(bench.driver, cell)
+    caller.send_order("lower")
+    began_ns: int = (await trio.to_thread.run_sync(caller.line))["at_ns"]
+    if not await _seen(log, began_ns, "lowering", PATIENCE_S):
+        raise NotMoving("the arm is not lowered")
+    await trio.sleep(after_s)
+    if _limp(log, began_ns) is not None:
+        raise NotMoving("the arm was down before the fault")
+    queue = bench.queue(caller)
+    broken_ns, since_ns = await _do(bench, caller, cell)
+    await _until_limp(log, broken_ns, queue, bound + PATIENCE_S)
+    waited_ms = queue.waited_ms()
+    await trio.sleep(settle_s)
+    if cell.victim is Victims.TWIN:
+        bench.twin.fault("ok")
+    else:
+        let_go(cell, caller)
+    await trio.sleep(settle_s)
+    outcome = _read(log, cell, began_ns, broken_ns, since_ns, bound)
+    return with_story(replace(outcome, stood_ms=waited_ms), log, broken_ns)
+
+
+async def _do(bench: Bench, caller: Caller, cell: Cell | Pair) -> tuple[int, int]:
+    """Break the victims. Return the time of the first fault, and the time from which the delay is measured."""
+    broken_ns = monotonic_ns()
+    if cell.victim is Victims.TWIN:
+        fault = Faults(cell.fault)
+        if isinstance(cell, Cell) and cell.returns:
+            twin = bench.twin
+            away, back = (twin.pause, twin.go_on) if fault is Faults.FREEZE else (twin.unplug, twin.plug)
+            await trio.to_thread.run_sync(away)
+            await trio.sleep(AWAY_S)
+            since_ns = monotonic_ns()
+            await trio.to_thread.run_sync(back)
+            return broken_ns, since_ns
+        await trio.to_thread.run_sync(bench.twin.fault, "delayed" if fault is Faults.LATE_REPLY else fault)
+        return broken_ns, broken_ns
+    if isinstance(cell, Cell):
+        broken_ns = await inflict(caller, cell, caller.pid(cell.victim))
+        return broken_ns, broken_ns
+    later_ns, apart_s = broken_ns, random.uniform(0.0, APART_S)
+    for number, (pid, signal_number) in enumerate(orders_of(cell, caller)):
+        if number and cell.members:
+            await trio.sleep(apart_s)
+        later_ns = monotonic_ns()
+        try:
+            os.kill(pid, signal_number)
+        except ProcessLookupError:
+            if not number:
+                raise NotMoving(f"a process of {cell.victim} had ended before it was to break") from None
+    return broken_ns, later_ns
+
+
+# -- the log
+
+
+async def _seen(log: WireLog, since_ns: int, kind: str, within_s: float) -> bool:
+    with trio.move_on_after(within_s):
+        while not log.host(kind, since_ns):  # noqa: ASYNC110  # another process causes it, so there is no event
+            await trio.sleep(LOOK_S)
+        return True
+    return False
+
+
+async def _until_limp(log: WireLog, since_ns: int, queue: Queue, within_s: float) -> None:
+    with trio.move_on_after(within_s):
+        while _limp(log, since_ns) is None:
+            queue.look()
+            await trio.sleep(LOOK_S)
+
+
+def _limp(log: WireLog, since_ns: int) -> Entry | None:
+    """Return the first frame that switches the torque of the whole arm off."""
+    return next((entry for entry in log.host("safe", since_ns) if entry.safe_state == SafeState.LIMP), None)
+
+
+def _read(log: WireLog, cell: Cell | Pair, began_ns: int, broken_ns: int, since_ns: int, bound: float) -> Outcome:
+    limp = _limp(log, broken_ns)
+    if limp is None:
+        return Outcome(cell.victim, cell.fault, SafeState.LIMP, math.inf, bound * 1e3, -1, False)
+    safe_ms = max(0.0, (limp.t_ns - since_ns) / 1e6)
+    return Outcome(
+        cell.victim, cell.fault, SafeState.LIMP, safe_ms, bound * 1e3, _moved(log, began_ns, broken_ns), True
+    )
+
+
+def _moved(log: WireLog, began_ns: int, broken_ns: int) -> int:
+    """Count the frames that may move the arm after its torque was switched off, and setpoints after its hold.
+
+    The order in the log decides.
+    """
+    held = limp = False
+    count = 0
+    for entry in log.entries(began_ns):
+        if entry.sender != "host":
+            continue
+        is_hold = entry.kind == "safe" and entry.safe_state == SafeState.HOLD
+        count += limp and (entry.kind in MOVING or is_hold)
+        count += held and not limp and entry.kind == "setpoint"
+        held = held or is_hold
+        limp = limp or (entry.kind == "safe" and entry.safe_state == SafeState.LIMP and entry.t_ns >= broken_ns)
+    return count
