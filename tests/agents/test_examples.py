@@ -18,14 +18,14 @@ SAID = {
         "in its own: ",
         "too fast: ",
         "Step at most",
-        "stopped:         limp, 6 motors confirmed",
+        "stopped:         lowered, 6 motors confirmed",
     ),
     "agent": (
         "error: move_to: shoulder_pan 400.0 deg is past 110.1. Stay within -110.0..110.1",
         "success: {'commanded': {'shoulder_pan': 20.0}}",
         "operator: agent asks so101: set_torque enabled=True? no",
         "error: set_torque: set_torque needs an operator's approval: it was not given",
-        "success: {'stopped': True, 'safe_state': 'limp', 'unconfirmed': []}",
+        "success: {'stopped': True, 'safe_state': 'lowered', 'unconfirmed': []}",
     ),
 }
 

@@ -138,5 +138,5 @@ def test_saf_006_a_stop_as_text_stops_and_each_line_is_answered(twin: Twin, run_
     assert answers[None]["error"]["code"] == PARSE_ERROR
     for number in (3, 4):
         reply = answers[number]["result"]["structuredContent"]
-        assert reply["content"][0]["json"]["safe_state"] == "limp", reply
+        assert reply["content"][0]["json"]["safe_state"] == "lowered", reply
     assert limps(twin.log)

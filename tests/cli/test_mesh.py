@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 from pathlib import Path
@@ -162,7 +163,8 @@ def test_saf_007_a_mesh_file_that_cannot_be_used_keeps_no_stop_from_the_robots_o
     )
     for verb in (("stop", "so101"), ("stop", "--all"), ("estop",), ("estop", "so101")):
         done = cli.run(*verb)
-        assert done.returncode == 1 and done.stdout.startswith("so101: limp, 6 motors confirmed"), done
+        assert done.returncode == 1, done
+        assert re.match("so101: (limp|lowered), 6 motors confirmed", done.stdout), done
         assert done.stderr.startswith(others) and done.stderr.count("\n") == 1
         assert "no.toml cannot be read" in done.stderr
         assert state(robot) != "armed"

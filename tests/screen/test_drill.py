@@ -18,6 +18,7 @@ import strands_actors
 from strands_actors import Robot
 from strands_actors.caller.resolve.planning import plan
 from strands_actors.drivers import get_native_driver_class
+from strands_actors.drivers.common.servo import resting
 from strands_actors.surfaces.cli.matrix import one_of_each
 from strands_actors.surfaces.drill.certificate import (
     TWIN,
@@ -68,7 +69,8 @@ ATTEMPTS = 4
 
 @pytest.fixture(autouse=True)
 def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Command) -> Path:
-    """Return the folder of this test's certificates."""
+    """Return the folder of this test's certificates. The drill is a program, so an arm has its usual end."""
+    monkeypatch.setattr(resting, "USUAL", resting.OnExit.LOWER)
     monkeypatch.setenv("STRANDS_ACTORS_DATA", str(tmp_path / "data"))
     cli.environment["STRANDS_ACTORS_DATA"] = str(tmp_path / "data")
     return tmp_path / "data"

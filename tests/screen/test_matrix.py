@@ -348,7 +348,7 @@ def test_a_policy_that_has_ended_before_it_was_to_break_is_begun_again(monkeypat
     async def inflict(*_: object) -> int:
         raise NotMoving("it had ended")
 
-    monkeypatch.setattr(cells, "_inflict", inflict)
+    monkeypatch.setattr(cells, "inflict", inflict)
     with pytest.raises(NotMoving, match=r"^it had ended$"):
         cells.run_cell(Cell(Victims.POLICY, Faults.SPIN, "", ()), NobodyBreaks())  # type: ignore[arg-type]
     assert began == ended == ["task"] * cells.STARTS, "a tree that could not be broken is not used again"

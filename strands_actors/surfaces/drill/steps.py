@@ -31,6 +31,7 @@ from msgspec.structs import replace
 from strands_actors.caller.processes.robot_processes import NotConnected
 from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.kernel.clock import NS
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.processes.process import wait_for_end_of
@@ -290,13 +291,10 @@ class Drill:
         return result if self._twin is None else self._with_log(result, self._twin.log, began_ns)
 
     def _with_log(self, result: StepResult, log: WireLog, began_ns: int) -> StepResult:
-        safe = next(
-            (entry for entry in log.host("safe", began_ns) if entry.safe_state in (None, result.safe_state)), None
-        )
+        first = SafeState(result.safe_state).first
+        safe = next((entry for entry in log.host("safe", began_ns) if entry.safe_state in (None, first)), None)
         if safe is None:
-            return replace(
-                result, passed=False, detail=f"no frame on the wire brings all motors to {result.safe_state}"
-            )
+            return replace(result, passed=False, detail=f"no frame on the wire brings all motors to {first}")
         safe_ms, after = (safe.t_ns - began_ns) / 1e6, log.setpoints_after_safe(began_ns)
         result = replace(result, safe_ms=round(safe_ms, 1), setpoints_after=after)
         if after:

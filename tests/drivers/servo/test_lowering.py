@@ -369,8 +369,8 @@ def test_on_exit_decides_about_stops_without_hurry_only(options: dict[str, str],
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"on_exit": "fall"}, "Use one of limp, lower, hold"),
-        ({"on_exit": 1}, "Use one of limp, lower, hold"),
+        ({"on_exit": "fall"}, "Use one of lower, limp, hold"),
+        ({"on_exit": 1}, "Use one of lower, limp, hold"),
         ({"on_exit": "lower", "rest": {"shoulder_pan": 0.0}}, "has no number for shoulder_lift"),
         ({"on_exit": "lower", "rest": {"shoulder_pam": 0.0}}, "is no joint"),
         ({"on_exit": "lower", "rest": 5}, "Give a pose"),
