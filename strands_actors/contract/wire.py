@@ -117,6 +117,14 @@ class Wire(ABC):
     """Why the last hold failed and the robot was stopped in another way; empty if it did not fail.
     No setpoint is written until the robot is armed again. The transport clears it before arming."""
 
+    @property
+    def seen(self) -> Observation | None:
+        """The newest reading of a stop that takes seconds (land, lowered, settle); None if it reads no positions.
+
+        The transport publishes it, so that others see how the robot comes down.
+        """
+        return None
+
     @abstractmethod
     async def open(self) -> dict[str, Any]:
         """Connect to the robot and identify it, without moving anything.

@@ -330,7 +330,10 @@ class Transport(Actor):
         motors: tuple[MotorReport, ...] | None = ()
         if self._wire is not None:
             motors = None
-            with self._cancelled_by_stop((holds or safe_state in SLOW) and self._wire.interruptible):
+            with (
+                self._cancelled_by_stop((holds or safe_state in SLOW) and self._wire.interruptible),
+                self._published(self._wire, safe_state in SLOW),
+            ):
                 motors = await self._wire.make_safe(safe_state)
         if motors is None or any(motor.written or motor.safe for motor in motors):
             return motors
@@ -346,6 +349,26 @@ class Transport(Actor):
         with self._cancelled_by_stop(safe_state in SLOW):
             reached = await self._reach(safe_state, began_ns)
         return None if reached is None else reached or motors
+
+    @contextlib.contextmanager
+    def _published(self, wire: Wire, is_slow: bool) -> Iterator[None]:
+        """Publish what a stop that takes seconds reads meanwhile."""
+        scope = trio.CancelScope()
+        if is_slow:
+            self.context.start_soon(self._publish, wire, scope)
+        try:
+            yield
+        finally:
+            scope.cancel()
+
+    async def _publish(self, wire: Wire, scope: trio.CancelScope) -> None:
+        published = None
+        with scope:
+            while True:
+                await trio.sleep(self._cycle_ns / NS)
+                if (seen := wire.seen) is not None and seen is not published:
+                    published = seen
+                    self._gate.tell(Observed(seen, self._writes, self._reads))
 
     async def _read_held_position(self, motors: tuple[MotorReport, ...]) -> Observation | None:
         """Read the robot after a hold, if the report of the hold has no positions. Otherwise the next command would

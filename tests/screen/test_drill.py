@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 import pytest
+import trio
 
 import strands_actors
 from strands_actors import Robot
@@ -30,8 +31,10 @@ from strands_actors.surfaces.drill.certificate import (
     parse_age_s,
     path_of,
 )
-from strands_actors.surfaces.drill.report import Peer, parse
+from strands_actors.surfaces.drill.lowering import LoweringDrill
+from strands_actors.surfaces.drill.report import LOWERED, Peer, parse
 from strands_actors.surfaces.drill.steps import Drill
+from strands_actors.testing import Twin
 from strands_actors.testing.bench import driver_of
 from tests.cli.command import Command
 
@@ -109,7 +112,8 @@ def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robo
             break
         assert done["certificate"] is None
     assert done["passed"] is True
-    assert [figure["step"] for figure in done["figures"]] == STEPS[robot]
+    lowered = [LOWERED] if robot == "so101" else []
+    assert [figure["step"] for figure in done["figures"]] == STEPS[robot] + lowered
     for figure in done["figures"]:
         assert figure["passed"], figure
         assert figure["setpoints_after"] == 0
@@ -119,11 +123,11 @@ def test_saf_003_it_passes_on_a_twin_and_leaves_a_certificate(cli: Command, robo
     assert Path(done["certificate"]).parent == data / "drills"
     assert (kept.robot, kept.port, kept.config) == (robot, TWIN, config(robot))
     assert set(kept.versions) == {"strands-actors", "python", "system"}
-    assert len(kept.results) == len(STEPS[robot])
+    assert len(kept.results) == len(STEPS[robot] + lowered)
     assert find(robot, config(robot)) == kept
     report = parse(json.dumps(done["report"]).encode())
     assert (report.peer, report.robot, report.passed) == (Peer.TWIN, robot, True)
-    assert [each.step for each in report.steps] == STEPS[robot]
+    assert [each.step for each in report.steps] == STEPS[robot] + lowered
 
 
 def test_it_fails_when_one_line_of_the_safety_wiring_is_changed(cli: Command, tmp_path: Path) -> None:
@@ -227,3 +231,38 @@ def test_ages(text: str, seconds: float) -> None:
 def test_an_invalid_age_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="require_drill"):
         Robot("so101", mode="real", transport="twin", require_drill=text)
+
+
+# -- the script that holds an arm is killed
+
+
+class Hand:
+    """A person who raises the arm when the drill asks for it."""
+
+    def __init__(self, twin: Twin) -> None:
+        self._twin = twin
+        self.asked: list[str] = []
+
+    async def hear(self, text: str) -> None:
+        self.asked.append(text)
+        if text.startswith("Raise"):
+            await trio.to_thread.run_sync(lambda: self._twin.move_by_hand(shoulder_lift=-1.2, elbow_flex=0.8))
+
+
+@pytest.mark.long
+def test_saf_026_an_arm_that_a_person_has_raised_is_laid_down_when_its_script_is_killed(tmp_path: Path) -> None:
+    with Twin("so101", tmp_path) as twin:
+        hand = Hand(twin)
+        result = trio.run(LoweringDrill(plan("so101", "real", port=twin.port), {}, None, hand.hear).script_kill)
+        assert len(hand.asked) == 2, "raise it, and hands off"
+        assert result.passed, result
+        assert result.confirmed_ms is not None and 500 < result.confirmed_ms < 4800
+        assert twin.log.setpoints_after_safe(twin.log.host("lowering")[0].t_ns) == 0
+
+
+def test_saf_026_a_tool_that_comes_down_fast_has_fallen() -> None:
+    step = LoweringDrill(plan("so101", "real", port="/dev/null"), {}, None, print)  # type: ignore[arg-type]
+    for passed_s, height_m in ((0.0, 0.3), (0.1, 0.29), (0.2, 0.25)):
+        step._course.append((round((1.0 + passed_s) * 1e9), (0.0, 0.0, height_m)))
+    result = step._judge(1_000_000_000, 2_000_000_000)
+    assert not result.passed and result.detail.startswith("it fell: limp after 1.0 s, its tool at most 0.40 m/s")

@@ -400,7 +400,7 @@ MOVING = """
 import time
 from strands_actors.testing.bench import moving_robot
 with moving_robot("so101") as (bench, caller):
-    caller.tell("spin")
+    caller.send_order("spin")
     print(caller.process.pid, bench.twin.process.pid, flush=True)
     time.sleep(600)
 """

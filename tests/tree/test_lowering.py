@@ -13,7 +13,7 @@ import trio
 from strands_actors.contract.driver import Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.wire import MotorReport
+from strands_actors.contract.wire import MotorReport, Observation
 from strands_actors.kernel.messages import Message
 from strands_actors.supervisors.gate.messages import Accepted, Resume, Resumed, Stop, StopReport
 from strands_actors.testing import InlineTree, open_inline_tree, run_virtual
@@ -161,5 +161,29 @@ def test_saf_026_a_resume_during_a_lowering_is_refused() -> None:
             nursery.start_soon(tree.gate.ask, Stop(Reason.STOP, "test"), 9.0)
             await trio.sleep(0.5)
             assert not isinstance(await tree.gate.ask(Resume("test"), 1.0), Resumed)
+
+    run_virtual(run)
+
+
+def test_what_the_wire_reads_meanwhile_is_published(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Others see how the arm comes down, and nothing later than the end of the stop."""
+
+    async def run() -> None:
+        clock_ns = [0]
+
+        def seen(self: FakeWire) -> Observation:
+            return Observation(clock_ns[0], (clock_ns[0] / 1e9, 0.0), (clock_ns[0], clock_ns[0]))
+
+        monkeypatch.setattr(FakeWire, "seen", property(seen))
+        async with moving() as (tree, _), trio.open_nursery() as nursery:
+            nursery.start_soon(tree.gate.ask, Stop(Reason.STOP, "test"), 9.0)
+            positions = []
+            for _look in range(4):
+                clock_ns[0] = tree.node.clock.now_ns()
+                await trio.sleep(0.3)
+                status = await tree.status()
+                assert status.observation is not None
+                positions.append(status.observation.position[0])
+            assert positions == sorted(set(positions)), positions
 
     run_virtual(run)

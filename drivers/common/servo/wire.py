@@ -127,6 +127,11 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         lowering = config.lowering
         self._chain = None if lowering is None else Chain(lowering.model, [axis.key for axis in self.axes])
 
+    @property
+    def seen(self) -> Observation | None:
+        session = self.session_or_none
+        return None if session is None or self._lowering_end_ns is None else session.observation
+
     # -- steps that depend on the protocol
 
     @abstractmethod

@@ -10,6 +10,8 @@ import msgspec
 import trio
 
 from strands_actors.caller.processes.plan import Plan
+from strands_actors.contract.driver import Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.surfaces.drill.certificate import StepResult
 from strands_actors.surfaces.drill.run import Outcome, run_drill
 from strands_actors.surfaces.drill.steps import Failed, runs_policies
@@ -24,6 +26,9 @@ It energises the robot where it is, moves nothing, and makes it safe {count} tim
 and its wire process, by freezing its root process, and with its cable out (you will be asked to pull it).
 Each time an arm may sink or fall: {safe_states}.
 Have it at rest on its support, hands off, your hand near its power switch.
+"""
+LOWERING = """\
+In the end you will be asked to raise the arm. It is laid down when the script that holds it is killed.
 """
 
 
@@ -116,6 +121,8 @@ def _consent(robot: str, port: str, keywords: dict[str, str]) -> None:
     )
     count = 5 if runs_policies(driver) else 4
     print(CONSENT.format(robot=robot, port=port, count=count, safe_states=safe_states), file=sys.stderr)
+    if driver.fallbacks[Reason.CALLER] is SafeState.LOWERED:
+        print(LOWERING, file=sys.stderr)
     if driver.BEFORE_MOTION:
         print(f"Before each of them it does {driver.BEFORE_MOTION}(). Keep clear of it.", file=sys.stderr)
     if not sys.stdin.isatty():

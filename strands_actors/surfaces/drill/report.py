@@ -35,6 +35,8 @@ FORM = "Stop drill on a real robot"
 STEPS = ("stop", "policy kill", "wire kill", "root freeze", "link loss")
 OPTIONAL = "policy kill"
 """The step that a robot without policies in a separate process leaves out."""
+LOWERED = "script kill"
+"""The last step for an arm that is lowered."""
 LARGEST_BYTES = 64 * 1024
 FIRMWARE_FACTS = ("firmware", "polyscope", "software", "daemon_version")
 """Names under which the wires report the version of a robot's software (``Wire.open``)."""
@@ -267,7 +269,8 @@ def _drivers_of(robot: str) -> set[str]:
 def _implausible(report: Report) -> str:
     """Return which value cannot come from a drill; empty if all can."""
     names = [step.step for step in report.steps]
-    if names != list(STEPS) and names != [step for step in STEPS if step != OPTIONAL]:
+    usual = [step for step in names if step != LOWERED]
+    if usual != list(STEPS) and usual != [step for step in STEPS if step != OPTIONAL]:
         return f"its steps are {', '.join(names)[:80] or 'missing'}, and a drill has {', '.join(STEPS)}"
     if report.passed is not all(step.passed for step in report.steps):
         return '"passed" does not agree with its steps'

@@ -18,6 +18,7 @@ from strands_actors.caller.processes.robot_processes import NotConnected
 from strands_actors.caller.resolve.planning import completed, plan
 from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver, Reason
+from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.wire import WireDown
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.node import AskTimeout, Unreachable
@@ -26,6 +27,7 @@ from strands_actors.version import __version__
 
 from .certificate import TWIN, Certificate, StepResult, config_of, keep, revoke
 from .connection import Connection, connection_of
+from .lowering import LoweringDrill
 from .report import Report, is_reportable, report_of
 from .steps import Drill, Failed
 
@@ -95,6 +97,10 @@ async def run_drill(
             for step in Drill(tree, twin, tell).steps.values():
                 results.append(await _try(step, tree.driver))
                 done(results[-1])
+            driver = tree.driver
+        if driver.fallbacks[Reason.CALLER] is SafeState.LOWERED:
+            results.append(await _try(LoweringDrill(drilled, options, twin, tell).script_kill, driver))
+            done(results[-1])
     report = None
     if is_reportable(drilled.robot, drilled.driver_class):
         connection = Connection.TWIN if twin else connection_of(address)
