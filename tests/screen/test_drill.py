@@ -251,7 +251,7 @@ class Hand:
 
 @pytest.mark.long
 def test_saf_026_an_arm_that_a_person_has_raised_is_laid_down_when_its_script_is_killed(tmp_path: Path) -> None:
-    with Twin("so101", tmp_path) as twin:
+    with Twin("so101", tmp_path, by_hand=True) as twin:
         hand = Hand(twin)
         result = trio.run(LoweringDrill(plan("so101", "real", port=twin.port), {}, None, hand.hear).script_kill)
         assert len(hand.asked) == 2, "raise it, and hands off"

@@ -3,7 +3,7 @@
 It reads its settings as one line of JSON: ``robot``, ``port``, ``options``, and ``pose`` (a value for each joint to
 move; null if a person raises the arm). It prints a line of JSON for each state that it has reached:
 
-* ``connected``: the arm has no torque, and a person may raise it,
+* ``connected``: a person may raise the arm, which has no torque then,
 * ``raised``: the arm is energised and holds its pose.
 
 It ends with code 1 and the text of the error if it cannot go on.
@@ -35,26 +35,37 @@ def main() -> int:
     robot: Any = Robot(settings["robot"], mode="real", port=settings["port"], **settings["options"])
     problem = robot.connect_eagerly()
     if problem is None:
-        print(json.dumps({"state": "connected"}), flush=True)
         problem = _moved(robot, settings["pose"]) if settings["pose"] else _raised_by_hand(robot)
     if problem is not None:
         print(problem, file=sys.stderr)
         return 1
-    print(json.dumps({"state": "raised"}), flush=True)
+    _tell("raised")
     while True:
         time.sleep(1.0)
 
 
+def _tell(state: str) -> None:
+    print(json.dumps({"state": state}), flush=True)
+
+
 def _moved(robot: Any, pose: Mapping[str, float]) -> str | None:
-    answer = robot.move_to(pose, seconds=RAISE_S)
+    _tell("connected")
+    return _problem(robot.move_to(pose, seconds=RAISE_S))
+
+
+def _problem(answer: Mapping[str, Any]) -> str | None:
     return None if answer["status"] == "success" else answer["content"][0]["text"]
 
 
 def _raised_by_hand(robot: Any) -> str | None:
     """Wait until a person has raised the arm and holds it still, then energise it where it is."""
+    # A person cannot move an arm that holds itself.
+    if (problem := _problem(robot.stop())) is not None:
+        return problem
     first = before = robot.driver.tool_m(robot.get_observation())
     if first is None:
         return "not every joint can be read"
+    _tell("connected")
     still_s, deadline_s = time.monotonic(), time.monotonic() + BY_HAND_S
     while time.monotonic() < deadline_s:
         time.sleep(LOOK_S)
@@ -62,8 +73,7 @@ def _raised_by_hand(robot: Any) -> str | None:
         if max(abs(to - at) for to, at in zip(here, before, strict=True)) > STILL_M:
             before, still_s = here, time.monotonic()
         if here[2] - first[2] >= HIGHER_M and time.monotonic() - still_s >= STILL_S:
-            answer = robot.resume()
-            return None if answer["status"] == "success" else answer["content"][0]["text"]
+            return _problem(robot.resume())
     return f"the tool was not raised by {HIGHER_M * 100:.0f} cm and held still within {BY_HAND_S:.0f} s"
 
 
