@@ -121,6 +121,11 @@ the faults.
 * If the end of a victim has no effect on the wire (standby, spawner, camera, recorder, stop
   process), the robot must continue for half a second. After this half second a stop is ordered, and
   the time of the cell counts from this stop.
+* A column **`robot:lowering`** is of an arm that is [laid down, then limp](lowering.md). The victim
+  breaks at a random time in the first 1.2 s of a lowering. The time of its cells goes to the frame
+  that switches the torque off. If the wire or the root process breaks, that is the time until
+  another process does it. If another process breaks, the arm goes on down. All other columns of
+  such arms are measured with `on_exit="limp"`.
 * **proves**: the ids of the requirements in [safety-evidence.md](safety-evidence.md#requirements)
   that the trials of the cell prove.
 """

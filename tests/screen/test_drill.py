@@ -256,7 +256,9 @@ def test_saf_026_an_arm_that_a_person_has_raised_is_laid_down_when_its_script_is
         result = trio.run(LoweringDrill(plan("so101", "real", port=twin.port), {}, None, hand.hear).script_kill)
         assert len(hand.asked) == 2, "raise it, and hands off"
         assert result.passed, result
-        assert result.confirmed_ms is not None and 500 < result.confirmed_ms < 4800
+        assert result.confirmed_ms is not None and 0 < result.confirmed_ms < 4800, (
+            "a hand holds it, so it does not sink"
+        )
         assert twin.log.setpoints_after_safe(twin.log.host("lowering")[0].t_ns) == 0
 
 
