@@ -352,7 +352,7 @@ class Transport(Actor):
 
     @contextlib.contextmanager
     def _published(self, wire: Wire, is_slow: bool) -> Iterator[None]:
-        """Publish what a stop that takes seconds reads meanwhile."""
+        """Publish the readings of a slow stop during the block."""
         scope = trio.CancelScope()
         if is_slow:
             self.context.start_soon(self._publish, wire, scope)

@@ -76,6 +76,7 @@ class ServoArm(RobotModel):
     """An so101 that is made limp at once."""
 
     PORT = "/dev/serial/by-id/explored"
+    OPTIONS: ClassVar[Mapping[str, Any]] = {"on_exit": "limp"}
     KEEPS_TORQUE_BY_RESUME = True
 
     def __init__(self, world: World, robot: str, goal_energises: bool = True) -> None:

@@ -63,8 +63,8 @@ def run(
     of: Callable[[Driver, Iterable[str]], Iterable[Cell | Pair]] = pairs_of if pairs else cells_of
 
     def cells(robot: str, driver: Driver) -> Iterable[Cell | Pair]:
-        found = of(driver, roles[robot])
-        return lowering_cells(found) if robot.endswith(LOWERING) else found
+        usual_cells = of(driver, roles[robot])
+        return lowering_cells(usual_cells) if robot.endswith(LOWERING) else usual_cells
 
     only = frozenset(name.strip() for name in (victims or "").split(",") if name.strip())
     names = {role for process_names in roles.values() for role in process_names} | set(Victims)

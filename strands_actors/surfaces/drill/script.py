@@ -12,6 +12,7 @@ It ends with code 1 and the text of the error if it cannot go on.
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Mapping
@@ -70,7 +71,7 @@ def _raised_by_hand(robot: Any) -> str | None:
     while time.monotonic() < deadline_s:
         time.sleep(LOOK_S)
         here = robot.driver.tool_m(robot.get_observation()) or before
-        if max(abs(to - at) for to, at in zip(here, before, strict=True)) > STILL_M:
+        if math.dist(here, before) > STILL_M:
             before, still_s = here, time.monotonic()
         if here[2] - first[2] >= HIGHER_M and time.monotonic() - still_s >= STILL_S:
             return _problem(robot.resume())
