@@ -15,7 +15,6 @@ import zenoh
 import zenoh.ext
 from rosbags.typesys import Stores, get_typestore
 
-
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TRIGGER_HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
 """Of std_srvs/srv/Trigger, as ROS 2 Jazzy computes it. ``rosbags`` has no services."""

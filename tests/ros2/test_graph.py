@@ -3,49 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from math import radians
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import pytest
 
-from strands_actors import Robot
-from strands_actors.surfaces.ros2.bridge import Options
-from strands_actors.testing import Twin
 from tests.answers import until
-from tests.ports import free_port
 
-from .peer import Program, router
-from .world import RunningBridge
+from .conftest import World
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
-
-
-class World(NamedTuple):
-    """An armed arm behind a twin, and a program of ROS on the graph that shows it."""
-
-    arm: Any
-    twin: Twin
-    program: Program
-    bridge: RunningBridge
-    endpoint: str
-
-
-@pytest.fixture
-def world(tmp_path: Path, run_dir: Path) -> Iterator[World]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    options = Options(namespace="/lab", router=endpoint, allow_motion=True)
-    with Twin("so101", tmp_path) as twin, router(endpoint), RunningBridge(options) as bridge:
-        arm = Robot("so101", mode="real", port=twin.port)
-        try:
-            assert arm.connect_eagerly() is None
-            assert arm.release()["status"] == "success"
-            with Program(endpoint) as program:
-                until(lambda: "/lab/so101" in program.nodes(), f"the node appears: {bridge.lines}")
-                yield World(arm, twin, program, bridge, endpoint)
-        finally:
-            arm.cleanup()
 
 
 def test_the_arm_is_a_node_with_topics_and_services_until_it_leaves(world: World) -> None:

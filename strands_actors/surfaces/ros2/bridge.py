@@ -16,7 +16,7 @@ from strands_actors.surfaces.mesh.client import MeshClient
 from .graph import Graph, connect
 from .joints import layout_of
 from .names import Dialect, ros_name
-from .robot_node import RobotNode
+from .robot_node import RobotNode, Surroundings
 from .samples import TOPICS, Presence, read_sample
 
 ROUTER = "tcp/localhost:7447"
@@ -62,7 +62,7 @@ class Bridge:
         """The nodes by the name of their robot."""
         self._mesh = mesh
         self._graph = graph
-        self._nursery = nursery
+        self._around = Surroundings(mesh, graph, nursery, options.namespace, options.allow_motion, log)
         self._options = options
         self._log = log
         self._refused: set[str] = set()
@@ -76,7 +76,9 @@ class Bridge:
         while True:
             await trio.sleep(LOOK_S)
             for robot in [robot for robot in self.nodes if not self._mesh.is_there(robot)]:
-                await trio.to_thread.run_sync(self.nodes.pop(robot).close)
+                node = self.nodes.pop(robot)
+                node.end()
+                await trio.to_thread.run_sync(node.close)
                 self._log(f"{robot} has left")
             if self._graph.is_connected != was_connected:
                 was_connected = not was_connected
@@ -105,12 +107,8 @@ class Bridge:
         layout = layout_of(presence.hw, presence.action_keys)
         if layout is None:
             self._log(f"{robot}: the units of a {presence.hw} are not known here, so its joints are not shown")
-        options = self._options
-        node = RobotNode(
-            self._mesh, self._graph, self._nursery, robot, options.namespace, layout, options.allow_motion
-        )
-        self.nodes[robot] = node
-        self._log(f"{robot} is on the graph as {options.namespace}/{node.name}")
+        node = self.nodes[robot] = RobotNode(robot, layout, self._around)
+        self._log(f"{robot} is on the graph as {self._options.namespace}/{node.name}")
         return node
 
 

@@ -86,13 +86,13 @@ def _put_field(body: bytearray, field: FieldType, value: Any) -> None:
         _put_values(body, field.base, [_default(field.base) if value is None else value])
         return
     if field.kind == ARRAY:
-        values: Any = [_default(field.base)] * field.count if value is None else value
-        if len(values) != field.count:
-            raise ValueError(f"an array of {field.count} {field.base} has {len(values)} values")
+        values: Any = [_default(field.base)] * field.size if value is None else value
+        if len(values) != field.size:
+            raise ValueError(f"an array of {field.size} {field.base} has {len(values)} values")
     else:
         values = () if value is None else value
-        if field.kind == BOUNDED and len(values) > field.count:
-            raise ValueError(f"a sequence of at most {field.count} {field.base} has {len(values)} values")
+        if field.kind == BOUNDED and len(values) > field.size:
+            raise ValueError(f"a sequence of at most {field.size} {field.base} has {len(values)} values")
         _put_number(body, "uint32", len(values))
     _put_values(body, field.base, values)
 
@@ -140,9 +140,9 @@ class _Reader:
     def _field(self, field: FieldType, where: str) -> Any:
         if field.kind == SINGLE:
             return self._values(field.base, 1, where)[0]
-        count = field.count if field.kind == ARRAY else self._number("uint32", where)
-        if field.kind == BOUNDED and count > field.count:
-            raise MalformedCdr(f"{where}: {count} elements, and at most {field.count} are allowed")
+        count = field.size if field.kind == ARRAY else self._number("uint32", where)
+        if field.kind == BOUNDED and count > field.size:
+            raise MalformedCdr(f"{where}: {count} elements, and at most {field.size} are allowed")
         return self._values(field.base, count, where)
 
     def _values(self, base: str, count: int, where: str) -> Any:

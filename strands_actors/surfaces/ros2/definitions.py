@@ -133,12 +133,12 @@ class FieldType(NamedTuple):
     Attributes:
         base: A basic type, or the name of a message.
         kind: The form of the value.
-        count: The number of elements of an array, or the greatest number of a bounded sequence; else 0.
+        size: The number of elements of an array, or the greatest number of a bounded sequence; else 0.
     """
 
     base: str
     kind: str
-    count: int
+    size: int
 
 
 SINGLE, ARRAY, SEQUENCE, BOUNDED = "", "array", "sequence", "bounded"

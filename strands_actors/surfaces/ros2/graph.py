@@ -234,6 +234,11 @@ class Graph:
         """Return True if the router is connected. zenoh connects again by itself."""
         return bool(self.session.info.routers_zid())
 
+    def publishers(self, topic: str) -> list[str]:
+        """Return the names of all nodes that publish a topic."""
+        found = (each for each in self.endpoints.values() if each.kind == Entity.PUBLISHER and each.topic == topic)
+        return sorted({endpoint.node for endpoint in found})
+
     def node(self, namespace: str, name: str) -> Node:
         """Add a node to the graph."""
         return Node(self, NodeName(str(self.session.info.zid()), self.number(), namespace, name))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from strands_actors.contract.axis import Axis, AxisMode, PartKind
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
+from strands_actors.contract.sensors import Sensor
 from strands_actors.drivers import get_native_driver_class
 
 SCALES: Mapping[str, float] = {"rad": 1.0, "deg": 180.0 / math.pi, "m": 1.0, "mm": 1000.0}
@@ -28,6 +29,8 @@ TWIST_AXES: Mapping[str, tuple[str, str]] = {
     "angular.z": ("angular", "z"),
 }
 """The component of geometry_msgs/msg/Twist for each axis of a base. An axis counts only with an SI unit."""
+UNIT_ENDINGS = ("_rad", "_rad_s", "_m", "_m_s", "_m_s2", "_wxyz", "_pct", "_v")
+"""The ends of sensors' names that state a unit which is converted here. A robot's raw numbers have no such end."""
 _SPEED_UNITS = ("m/s", "rad/s")
 
 
@@ -60,12 +63,16 @@ class Layout(NamedTuple):
         commanded: The keys of the joints that can be commanded.
         twist: For each component of a twist, the key of the axis that takes it. Empty without a base.
         stale_s: A reading that is older than this many seconds is not published.
+        lifetime_s: How long a command of a stream is valid, in seconds.
+        fields: For each topic of a sensor, its fields with a known unit.
     """
 
     joints: tuple[Joint, ...]
     commanded: frozenset[str]
     twist: Mapping[tuple[str, str], str]
     stale_s: float
+    lifetime_s: float
+    fields: Mapping[str, frozenset[str]]
 
 
 def layout_of(robot_type: str, keys: Sequence[str]) -> Layout | None:
@@ -95,7 +102,7 @@ def _drivers(robot_type: str) -> Iterator[Driver]:
 
 def read_driver(driver: Driver) -> Layout:
     """Return the layout that a driver declares."""
-    joints = []
+    joints: list[Joint] = []
     twist: dict[tuple[str, str], str] = {}
     units = dict(zip(driver.axes, driver.model_units(), strict=True))
     for part in driver.parts:
@@ -107,7 +114,16 @@ def read_driver(driver: Driver) -> Layout:
                 joints.extend(_joint(axis, part.kind, units[axis.key]))
     commanded = frozenset(joint.key for joint in joints)
     joints += [Joint(each.key, 0.0, SCALES[each.unit]) for each in driver.READ_ONLY_JOINTS if each.unit in SCALES]
-    return Layout(tuple(joints), commanded, twist, max(driver.timing.state_ttl_s, 1.0))
+    timing = driver.timing
+    fields = {sensor.topic: _fields(sensor) for sensor in driver.SENSORS}
+    return Layout(tuple(joints), commanded, twist, max(timing.state_ttl_s, 1.0), timing.stream_ttl_s, fields)
+
+
+def _fields(sensor: Sensor) -> frozenset[str]:
+    """Return the fields of a topic for which the sensor's name has a unit, such as ``gyro_rad_s``."""
+    return frozenset(
+        field for field, source in sensor.fields.items() if source.partition("[")[0].endswith(UNIT_ENDINGS)
+    )
 
 
 def _joint(axis: Axis, part: PartKind, unit: tuple[float, float]) -> Iterator[Joint]:

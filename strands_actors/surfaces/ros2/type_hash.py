@@ -84,7 +84,7 @@ def _type(text: str) -> dict[str, Any]:
     number = _IDS.get(field.base, _NESTED) + _OFFSETS[field.kind]
     return {
         "type_id": number,
-        "capacity": field.count,
+        "capacity": field.size,
         "string_capacity": 0,
         "nested_type_name": "" if field.base in _IDS else field.base,
     }
