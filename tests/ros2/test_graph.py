@@ -25,6 +25,11 @@ def test_the_arm_is_a_node_with_topics_and_services_until_it_leaves(world: World
     assert message.position[0] == pytest.approx(radians(observed["shoulder_pan"]), abs=0.02)
     stamp_s = message.header.stamp.sec + message.header.stamp.nanosec / 1e9
     assert -0.1 < time.time() - stamp_s < 10.0  # the time of the reading, on this computer's clock
+    described = program.listen("/lab/so101/robot_description", "std_msgs/msg/String", latched=True)
+    assert (
+        'joint name="shoulder_pan"'
+        in until(lambda: described, "the description, though it was sent before")[0].data
+    )
     world.arm.cleanup()
     until(lambda: "/lab/so101" not in program.nodes(), "the node disappears")
 

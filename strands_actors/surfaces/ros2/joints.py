@@ -65,6 +65,7 @@ class Layout(NamedTuple):
         stale_s: A reading that is older than this many seconds is not published.
         lifetime_s: How long a command of a stream is valid, in seconds.
         fields: For each topic of a sensor, its fields with a known unit.
+        link_rows: The links of the robot; empty if the driver does not have them.
     """
 
     joints: tuple[Joint, ...]
@@ -73,6 +74,7 @@ class Layout(NamedTuple):
     stale_s: float
     lifetime_s: float
     fields: Mapping[str, frozenset[str]]
+    link_rows: str = ""
 
 
 def layout_of(robot_type: str, keys: Sequence[str]) -> Layout | None:
@@ -116,7 +118,15 @@ def read_driver(driver: Driver) -> Layout:
     joints += [Joint(each.key, 0.0, SCALES[each.unit]) for each in driver.READ_ONLY_JOINTS if each.unit in SCALES]
     timing = driver.timing
     fields = {sensor.topic: _fields(sensor) for sensor in driver.SENSORS}
-    return Layout(tuple(joints), commanded, twist, max(timing.state_ttl_s, 1.0), timing.stream_ttl_s, fields)
+    return Layout(
+        tuple(joints),
+        commanded,
+        twist,
+        max(timing.state_ttl_s, 1.0),
+        timing.stream_ttl_s,
+        fields,
+        driver.link_rows(),
+    )
 
 
 def _fields(sensor: Sensor) -> frozenset[str]:

@@ -14,12 +14,13 @@ from strands_actors.surfaces.mesh.outcome import UNREACHABLE, Outcome
 
 from . import answers, readings
 from .commands import targets_of_joints, targets_of_twist
-from .definitions import BATTERY, DIAGNOSTICS, IMU, JOINT_STATE, ODOMETRY, TF, TRIGGER, TWIST
+from .definitions import BATTERY, DIAGNOSTICS, IMU, JOINT_STATE, ODOMETRY, STRING, TF, TRIGGER, TWIST
 from .diagnostics import Known, diagnostics
 from .graph import Arrival, Call, Graph, Publisher
 from .joints import Layout
-from .names import ros_name
+from .names import Qos, ros_name
 from .samples import Battery, Health, Imu, Odom, Presence, Sample, State
+from .urdf import urdf_of
 from .writer import Writer, is_at_rest
 
 NOTHING: frozenset[str] = frozenset()
@@ -73,6 +74,9 @@ class RobotNode:
         self._topics = {name: self._publish(name, type_name) for name, type_name in self._published()}
         if "odom" in self._topics:
             self._topics["tf"] = self.node.publisher("/tf", TF)
+        if layout is not None and layout.link_rows:
+            description = self.node.publisher(f"{self._prefix}/robot_description", STRING, Qos.LATCHED)
+            description.publish({"data": urdf_of(self.name, layout.link_rows)})
         self._serve("stop", self._stop)
         self._serve("estop", self._estop)
         if around.allow_motion:
