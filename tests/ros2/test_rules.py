@@ -1,4 +1,4 @@
-"""Pure rules: which stream commands a robot, units, and what is published of a reading."""
+"""Pure rules: streams, units, and the messages that are made from readings."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def test_odometry_and_its_transform_agree() -> None:
     assert readings.odometry(Odom(1.0), known, "r/odom", "r/base") is None
 
 
-# -- what the graph is told
+# -- answers and diagnostics
 
 
 def test_every_mode_has_a_level() -> None:

@@ -61,7 +61,7 @@ def joint_state(state: State, layout: Layout) -> dict[str, Any] | None:
 
 
 def imu(sample: Imu, known: frozenset[str], frame: str) -> dict[str, Any] | None:
-    """Return sensor_msgs/msg/Imu. What the robot does not measure is marked so.
+    """Return sensor_msgs/msg/Imu. Parts that the robot does not measure have the covariance -1.
 
     Args:
         sample: The reading.
@@ -92,7 +92,7 @@ def imu(sample: Imu, known: frozenset[str], frame: str) -> dict[str, Any] | None
 
 
 def battery(sample: Battery, known: frozenset[str]) -> dict[str, Any] | None:
-    """Return sensor_msgs/msg/BatteryState. What the robot does not measure is NaN."""
+    """Return sensor_msgs/msg/BatteryState. Numbers that the robot does not measure are NaN."""
     charge = finite(sample.pct) if "pct" in known else None
     voltage = finite(sample.voltage) if "voltage" in known else None
     if charge is None and voltage is None:

@@ -1,7 +1,7 @@
 """Write the description of a robot (URDF) from the rows of its links. Pure.
 
-The rows are those of ``drivers/common/kinematics/link_rows.py``, which the twin is built from. The names of links
-have no prefix, and the first one is ``base``. Shapes are the coarse ones of the twin. URDF has no capsule, so that a
+The rows are those of ``drivers/common/kinematics/link_rows.py``, from which the twin is built. The names of links
+have no prefix, and the first one is ``base``. Shapes are the coarse ones of the twin. URDF has no capsule, so a
 capsule becomes a cylinder of the same length.
 """
 

@@ -75,7 +75,7 @@ class Writer:
 
     @property
     def holder(self) -> str:
-        """Return the name of the program whose commands are sent; empty if there is none."""
+        """The name of the program that commands the robot over the graph; empty without such a program."""
         return self._streams.sender.name if self._streams.sender is not None and self._remote is not None else ""
 
     def offer(self, topic: str, arrival: Arrival, sender: str, targets: Targets | Refused, at_rest: bool) -> None:
