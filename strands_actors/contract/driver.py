@@ -581,7 +581,7 @@ class Driver(ABC):
     def link_rows(self) -> str:
         """Return the links of the robot, one row of text for each moving link.
 
-        ``drivers/common/kinematics/link_rows.py`` describes the form of the rows, in metres and radians. Joints have
+        ``drivers/common/kinematics/link_rows.py`` describes the rows, which are in metres and radians. Joints have
         the keys of the axes. The default is an empty text, for a robot without such rows.
         """
         return ""
