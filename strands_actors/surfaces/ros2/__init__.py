@@ -9,7 +9,6 @@ type_hash     the hash of a type's definition, which is part of each key
 names         keys, liveliness tokens, quality of service, attachments
 joints        between the units of a robot and radians, metres and seconds
 readings      the JSON of a robot's topics to ROS messages
-urdf          the description of a robot, from its table of links
 graph         the session with the router: nodes, publishers, subscriptions, services
 writer        hold the lease (the right to command) for the graph
 robot_node    one robot as a node of the graph

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import trio
 
+from strands_actors.contract.loading import load
+from strands_actors.drivers import URDF
 from strands_actors.kernel.messages import Refused
 from strands_actors.surfaces.mesh.client import STOP_S, MeshClient
 from strands_actors.surfaces.mesh.outcome import UNREACHABLE, Outcome
@@ -20,7 +22,6 @@ from .graph import Arrival, Call, Graph, Publisher
 from .joints import Layout
 from .names import Qos, ros_name
 from .samples import Battery, Health, Imu, Odom, Presence, Sample, State
-from .urdf import urdf_of
 from .writer import Writer, is_at_rest
 
 NOTHING: frozenset[str] = frozenset()
@@ -76,7 +77,7 @@ class RobotNode:
             self._topics["tf"] = self.node.publisher("/tf", TF)
         if layout is not None and layout.link_rows:
             description = self.node.publisher(f"{self._prefix}/robot_description", STRING, Qos.LATCHED)
-            description.publish({"data": urdf_of(self.name, layout.link_rows)})
+            description.publish({"data": load(URDF)(self.name, layout.link_rows)})
         self._serve("stop", self._stop)
         self._serve("estop", self._estop)
         if around.allow_motion:

@@ -1,6 +1,6 @@
 """Write the description of a robot (URDF) from the rows of its links. Pure.
 
-The rows are those of ``drivers/common/kinematics/link_rows.py``, from which the twin is built. The names of links
+The rows are those of ``link_rows``, from which the twin is built. The names of links
 have no prefix, and the first one is ``base``. Shapes are the coarse ones of the twin. URDF has no capsule, so a
 capsule becomes a cylinder of the same length.
 """
@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from xml.sax.saxutils import quoteattr
 
-from strands_actors.drivers.common.kinematics.link_rows import Row, numbers, parse_rows
+from .link_rows import Row, numbers, parse_rows
 
 BASE = "base"
 _ZERO = (0.0, 0.0, 0.0)

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from strands_actors.contract.driver import Driver
 from strands_actors.drivers import get_native_driver_class, list_native_drivers
 from strands_actors.drivers.common.kinematics.link_rows import quaternion
+from strands_actors.drivers.common.kinematics.urdf import rpy_of, urdf_of
 from strands_actors.drivers.common.physics.model_rows import build
-from strands_actors.surfaces.ros2.urdf import rpy_of, urdf_of
 
 
 def drivers() -> Mapping[str, Driver]:
