@@ -38,7 +38,8 @@ def world(tmp_path: Path, run_dir: Path) -> Iterator[World]:
             assert arm.connect_eagerly() is None
             assert arm.release()["status"] == "success"
             with Program(endpoint) as program:
-                until(lambda: "/lab/so101" in program.nodes(), f"the node appears: {bridge.lines}")
+                # This subscription is declared last, after the services.
+                until(lambda: "/lab/so101/joint_command" in program.names("MS"), f"the node: {bridge.lines}")
                 yield World(arm, twin, program, bridge, endpoint)
         finally:
             arm.cleanup()

@@ -8,7 +8,7 @@ import itertools
 import json
 import struct
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import zenoh
@@ -78,15 +78,22 @@ class Program:
             assert len(attachment) == 33 and attachment[16] == 16  # rmw_zenoh drops all others
             received.append(STORE.deserialize_cdr(sample.payload.to_bytes(), type_name))
 
-        key = self._key(topic, type_name)
+        self._subscribe(self._key(topic, type_name), on_sample, latched)
+        return received
+
+    def listen_raw(self, key: str, latched: bool = False) -> list[bytes]:
+        """Return a list that grows with the bytes of each message of a key."""
+        received: list[bytes] = []
+        self._subscribe(key, lambda sample: received.append(sample.payload.to_bytes()), latched)
+        return received
+
+    def _subscribe(self, key: str, on_sample: Callable[[zenoh.Sample], None], latched: bool) -> None:
         if latched:
             history = zenoh.ext.HistoryConfig(detect_late_publishers=True)
-            self._declared.append(
-                zenoh.ext.declare_advanced_subscriber(self._session, key, on_sample, history=history)
-            )
+            subscriber = zenoh.ext.declare_advanced_subscriber(self._session, key, on_sample, history=history)
+            self._declared.append(subscriber)
         else:
             self._declared.append(self._session.declare_subscriber(key, on_sample))
-        return received
 
     def publish(self, topic: str, message: Any) -> None:
         payload = STORE.serialize_cdr(message, message.__msgtype__)
@@ -105,21 +112,26 @@ class Program:
 
     def trigger(self, service: str, payload: bytes = b"\0\1\0\0\0") -> tuple[bool, str]:
         """Call a service of type std_srvs/srv/Trigger, and return ``success`` and ``message``."""
+        data = self.call(f"0{service}/std_srvs::srv::dds_::Trigger_/{TRIGGER_HASH}", payload)
+        (length,) = struct.unpack_from("<I", data, 8)
+        return bool(data[4]), data[12 : 12 + length - 1].decode()
+
+    def call(self, key: str, payload: bytes) -> bytes:
+        """Call a service by its key, and return the bytes of the response."""
+        sent = self._attachment(time.time_ns())
         replies = self._session.get(
-            f"0{service}/std_srvs::srv::dds_::Trigger_/{TRIGGER_HASH}",
+            key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             payload=payload,
-            attachment=(sent := self._attachment(time.time_ns())),
-            timeout=20.0,
+            attachment=sent,
+            timeout=30.0,
         )
         (reply,) = [reply.ok for reply in replies if reply.ok]
         assert reply.attachment is not None
         answered = reply.attachment.to_bytes()
         assert (answered[:8], answered[17:]) == (sent[:8], sent[17:])  # rmw_zenoh matches responses by these
-        data = reply.payload.to_bytes()
-        (length,) = struct.unpack_from("<I", data, 8)
-        return bool(data[4]), data[12 : 12 + length - 1].decode()
+        return bytes(reply.payload.to_bytes())
 
     def _attachment(self, time_ns: int) -> bytes:
         return struct.pack("<qqB", next(self._numbers), time_ns, 16) + self._gid

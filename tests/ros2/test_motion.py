@@ -112,7 +112,7 @@ WRONG: list[tuple[dict[str, float], str]] = [
     ({"shoulder_pan": 9.0}, "past"),
     ({"shoulder_pan": float("nan")}, "as JSON"),
 ]
-GARBAGE = [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"\0\7\0\0" + bytes(80), bytes(70_000)]
+GARBAGE = [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"\0\7\0\0" + bytes(80), bytes(1_100_000)]
 
 
 def test_saf_014_what_is_wrong_is_refused_with_a_reason_and_writes_nothing(world: World) -> None:

@@ -93,6 +93,9 @@ check "a resume energises the arm" "armed" ros2 service call /so101/resume std_s
 check "a command moves the arm" "publishing" timeout 20 ros2 topic pub --rate 50 --times 200 \
     /so101/joint_command sensor_msgs/msg/JointState "{name: [shoulder_pan], position: [0.3]}"
 check "the arm has moved" "0\.2[5-9]\|0\.3[0-4]" ros2 topic echo --once --field position /so101/joint_states sensor_msgs/msg/JointState
+check "a trajectory is carried out" "SUCCEEDED" ros2 action send_goal \
+    /so101/follow_joint_trajectory control_msgs/action/FollowJointTrajectory \
+    "{trajectory: {joint_names: [shoulder_pan], points: [{positions: [0.1], time_from_start: {sec: 2}}]}}"
 check "an e-stop locks the arm" "locked" ros2 service call /so101/estop std_srvs/srv/Trigger "{}"
 
 if [ "$failures" -gt 0 ]; then

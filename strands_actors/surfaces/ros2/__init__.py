@@ -8,8 +8,12 @@ cdr           messages to bytes (XCDR1) and back
 type_hash     the hash of a type's definition, which is part of each key
 names         keys, liveliness tokens, quality of service, attachments
 joints        between the units of a robot and radians, metres and seconds
+streams       which messages may command a robot
+commands      messages to targets in the units of a driver
 readings      the JSON of a robot's topics to ROS messages
 graph         the session with the router: nodes, publishers, subscriptions, services
+trajectory    goals of the action, and the positions on their paths
+action        the action server FollowJointTrajectory
 writer        hold the lease (the right to command) for the graph
 robot_node    one robot as a node of the graph
 bridge        the process: robots come and go

@@ -76,9 +76,7 @@ class Bridge:
         while True:
             await trio.sleep(LOOK_S)
             for robot in [robot for robot in self.nodes if not self._mesh.is_there(robot)]:
-                node = self.nodes.pop(robot)
-                node.end()
-                await trio.to_thread.run_sync(node.close)
+                await self.nodes.pop(robot).close()
                 self._log(f"{robot} has left")
             if self._graph.is_connected != was_connected:
                 was_connected = not was_connected

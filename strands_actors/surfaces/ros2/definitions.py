@@ -25,6 +25,22 @@ TWIST = "geometry_msgs/msg/Twist"
 TF = "tf2_msgs/msg/TFMessage"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 TRIGGER = "std_srvs/srv/Trigger"
+STATUS = "action_msgs/msg/GoalStatusArray"
+CANCEL = "action_msgs/srv/CancelGoal"
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+SEND_GOAL, GET_RESULT, FEEDBACK = f"{FOLLOW}_SendGoal", f"{FOLLOW}_GetResult", f"{FOLLOW}_FeedbackMessage"
+DURATION = "builtin_interfaces/msg/Duration"
+UUID = "unique_identifier_msgs/msg/UUID"
+_GOAL_INFO = "action_msgs/msg/GoalInfo"
+_POINT, _MULTI_POINT = (
+    "trajectory_msgs/msg/JointTrajectoryPoint",
+    "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+)
+_TRAJECTORY, _MULTI_TRAJECTORY = (
+    "trajectory_msgs/msg/JointTrajectory",
+    "trajectory_msgs/msg/MultiDOFJointTrajectory",
+)
+_TOLERANCE, _COMPONENT_TOLERANCE = "control_msgs/msg/JointTolerance", "control_msgs/msg/JointComponentTolerance"
 
 MESSAGES: Mapping[str, Fields] = {
     TIME: {"sec": "int32", "nanosec": "uint32"},
@@ -100,6 +116,56 @@ MESSAGES: Mapping[str, Fields] = {
     },
     DIAGNOSTICS: {"header": HEADER, "status": "diagnostic_msgs/msg/DiagnosticStatus[]"},
     COMPRESSED_IMAGE: {"header": HEADER, "format": "string", "data": "uint8[]"},
+    DURATION: {"sec": "int32", "nanosec": "uint32"},
+    UUID: {"uuid": "uint8[16]"},
+    _GOAL_INFO: {"goal_id": UUID, "stamp": TIME},
+    "action_msgs/msg/GoalStatus": {"goal_info": _GOAL_INFO, "status": "int8"},
+    STATUS: {"status_list": "action_msgs/msg/GoalStatus[]"},
+    _POINT: {
+        "positions": "float64[]",
+        "velocities": "float64[]",
+        "accelerations": "float64[]",
+        "effort": "float64[]",
+        "time_from_start": DURATION,
+    },
+    _TRAJECTORY: {"header": HEADER, "joint_names": "string[]", "points": f"{_POINT}[]"},
+    _MULTI_POINT: {
+        "transforms": "geometry_msgs/msg/Transform[]",
+        "velocities": f"{TWIST}[]",
+        "accelerations": f"{TWIST}[]",
+        "time_from_start": DURATION,
+    },
+    _MULTI_TRAJECTORY: {"header": HEADER, "joint_names": "string[]", "points": f"{_MULTI_POINT}[]"},
+    _TOLERANCE: {"name": "string", "position": "float64", "velocity": "float64", "acceleration": "float64"},
+    _COMPONENT_TOLERANCE: {
+        "joint_name": "string",
+        "component": "uint16",
+        "position": "float64",
+        "velocity": "float64",
+        "acceleration": "float64",
+    },
+    f"{FOLLOW}_Goal": {
+        "trajectory": _TRAJECTORY,
+        "multi_dof_trajectory": _MULTI_TRAJECTORY,
+        "path_tolerance": f"{_TOLERANCE}[]",
+        "component_path_tolerance": f"{_COMPONENT_TOLERANCE}[]",
+        "goal_tolerance": f"{_TOLERANCE}[]",
+        "component_goal_tolerance": f"{_COMPONENT_TOLERANCE}[]",
+        "goal_time_tolerance": DURATION,
+    },
+    f"{FOLLOW}_Result": {"error_code": "int32", "error_string": "string"},
+    f"{FOLLOW}_Feedback": {
+        "header": HEADER,
+        "joint_names": "string[]",
+        "desired": _POINT,
+        "actual": _POINT,
+        "error": _POINT,
+        "multi_dof_joint_names": "string[]",
+        "multi_dof_desired": _MULTI_POINT,
+        "multi_dof_actual": _MULTI_POINT,
+        "multi_dof_error": _MULTI_POINT,
+    },
+    FEEDBACK: {"goal_id": UUID, "feedback": f"{FOLLOW}_Feedback"},
     "service_msgs/msg/ServiceEventInfo": {
         "event_type": "uint8",
         "stamp": TIME,
@@ -123,6 +189,15 @@ class Service(NamedTuple):
 
 SERVICES: Mapping[str, Service] = {
     TRIGGER: Service(request=_NOTHING, response={"success": "bool", "message": "string"}),
+    CANCEL: Service(
+        request={"goal_info": _GOAL_INFO},
+        response={"return_code": "int8", "goals_canceling": f"{_GOAL_INFO}[]"},
+    ),
+    # The two services of an action that have types of their own.
+    SEND_GOAL: Service(
+        request={"goal_id": UUID, "goal": f"{FOLLOW}_Goal"}, response={"accepted": "bool", "stamp": TIME}
+    ),
+    GET_RESULT: Service(request={"goal_id": UUID}, response={"status": "int8", "result": f"{FOLLOW}_Result"}),
 }
 """The messages of each service, by its name."""
 

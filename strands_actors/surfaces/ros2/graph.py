@@ -25,8 +25,8 @@ from .names import TOKENS, Attachment, Dialect, Endpoint, Entity, NodeName, Qos,
 
 RETRY_S = 0.5
 """How long to wait between two attempts to reach the router."""
-MAX_BYTES = 64 * 1024
-"""A received message that is larger is dropped before it is decoded. Commands are much smaller."""
+MAX_BYTES = 1024 * 1024
+"""A received message that is larger is dropped before it is decoded. A trajectory of 5,000 points fits."""
 _KEPT = 16
 _CALLS_KEPT = 64
 _HANDLED_AT_ONCE = 64

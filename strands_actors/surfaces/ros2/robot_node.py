@@ -15,6 +15,7 @@ from strands_actors.surfaces.mesh.client import STOP_S, MeshClient
 from strands_actors.surfaces.mesh.outcome import UNREACHABLE, Outcome
 
 from . import answers, readings
+from .action import TrajectoryAction
 from .commands import targets_of_joints, targets_of_twist
 from .definitions import BATTERY, DIAGNOSTICS, IMU, JOINT_STATE, ODOMETRY, STRING, TF, TRIGGER, TWIST
 from .diagnostics import Known, diagnostics
@@ -68,8 +69,9 @@ class RobotNode:
         self._last_stamp: dict[str, int] | None = None
         self._known = Known()
         self._reported: dict[str, float] = {}
-        self._running = trio.CancelScope()
+        self._running: list[tuple[trio.CancelScope, trio.Event]] = []
         self._writer: Writer | None = None
+        self._action: TrajectoryAction | None = None
         self.node = around.graph.node(around.namespace, self.name)
         self._diagnostics = self.node.publisher("/diagnostics", DIAGNOSTICS)
         self._topics = {name: self._publish(name, type_name) for name, type_name in self._published()}
@@ -105,13 +107,12 @@ class RobotNode:
             case Odom():
                 self._on_odometry(sample)
 
-    def close(self) -> None:
-        """Take the robot off the graph. Blocks for a few milliseconds. ``end`` must have been called."""
-        self.node.close()
-
-    def end(self) -> None:
-        """Stop sending commands of the graph."""
-        self._running.cancel()
+    async def close(self) -> None:
+        """End the commands of the graph, and then take the robot off it."""
+        for scope, ended in self._running:
+            scope.cancel()
+            await ended.wait()
+        await trio.to_thread.run_sync(self.node.close)
 
     # -- topics out
 
@@ -136,6 +137,8 @@ class RobotNode:
         message = readings.joint_state(state, layout)
         if message is not None and message["header"]["stamp"] != self._last_stamp:
             self._last_stamp = message["header"]["stamp"]
+            if self._action is not None:
+                self._action.on_positions(message, state.age_s or 0.0)
             self._send("joint_states", lambda: message)
 
     def _on_odometry(self, sample: Odom) -> None:
@@ -154,7 +157,7 @@ class RobotNode:
 
     def _take_commands(self, layout: Layout) -> None:
         writer = self._writer = Writer(self._around.mesh, self.robot, layout.lifetime_s, self._report)
-        self._around.nursery.start_soon(self._run, writer)
+        self._around.nursery.start_soon(self._run, writer.run)
         if layout.commanded:
             topic = f"{self._prefix}/joint_command"
 
@@ -162,6 +165,17 @@ class RobotNode:
                 targets = targets_of_joints(topic, arrival.message, layout)
                 writer.offer(topic, arrival, self._publisher_of(topic, arrival), targets, False)
 
+            self._action = TrajectoryAction(
+                self.node,
+                f"{self._prefix}/follow_joint_trajectory",
+                self._around.mesh,
+                self.robot,
+                layout,
+                writer,
+                self._report,
+                self._around.log,
+            )
+            self._around.nursery.start_soon(self._run, self._action.run)
             self.node.subscribe(topic, JOINT_STATE, on_joints)
         if layout.twist:
             velocity_topic = f"{self._prefix}/cmd_vel"
@@ -173,9 +187,14 @@ class RobotNode:
 
             self.node.subscribe(velocity_topic, TWIST, on_twist)
 
-    async def _run(self, writer: Writer) -> None:
-        with self._running:
-            await writer.run()
+    async def _run(self, task: Callable[[], Awaitable[None]]) -> None:
+        ended = trio.Event()
+        try:
+            with trio.CancelScope() as scope:
+                self._running.append((scope, ended))
+                await task()
+        finally:
+            ended.set()
 
     def _publisher_of(self, topic: str, arrival: Arrival) -> str:
         """Return the name of a message's publisher. Its identifier is in no token, so several are all named."""

@@ -13,9 +13,10 @@ from strands_actors.kernel.refusals import Code
 from strands_actors.surfaces.mesh.client import MeshClient
 from strands_actors.surfaces.mesh.remote import RemoteRobot
 
+from . import refusals
 from .commands import Targets
 from .graph import Arrival
-from .streams import Sender, Streams
+from .streams import PAUSE_S, Sender, Streams
 
 LOOK_S = 0.1
 ENDING = frozenset(
@@ -72,6 +73,12 @@ class Writer:
         self._waiting: _Command | None = None
         self._came = trio.Event()
         self._remote: RemoteRobot | None = None
+        self._suspended_by = ""
+
+    def suspend(self, holder: str) -> None:
+        """Refuse all streams until ``suspend("")``, because ``holder`` commands the robot over the graph. A stream
+        that was refused stays refused until it has paused."""
+        self._suspended_by = holder
 
     @property
     def holder(self) -> str:
@@ -93,7 +100,11 @@ class Writer:
         admitted = self._streams.admit(
             topic, Sender(attachment.gid, sender), attachment.sent_ns, arrival.arrived_ns
         )
-        if isinstance(admitted, Refused):
+        if self._suspended_by:
+            refused = refusals.second_writer(topic, sender, self._suspended_by, PAUSE_S)
+            self._streams.end(refused.text)
+            self._report(refused)
+        elif isinstance(admitted, Refused):
             self._report(admitted)
         elif isinstance(targets, Refused):
             self._report(targets)
