@@ -14,7 +14,7 @@ from strands_actors.supervisors.gate.failsafe import Mode
 from strands_actors.surfaces.mesh.outcome import Outcome
 from strands_actors.surfaces.ros2 import answers, readings
 from strands_actors.surfaces.ros2.commands import targets_of_joints, targets_of_twist
-from strands_actors.surfaces.ros2.diagnostics import LEVELS, Known, Level, diagnostics
+from strands_actors.surfaces.ros2.diagnostics import LEVELS, Level, Summary, diagnostics
 from strands_actors.surfaces.ros2.joints import Layout, layout_of
 from strands_actors.surfaces.ros2.samples import Battery, Health, Imu, Odom, Presence, State
 from strands_actors.surfaces.ros2.streams import PAUSE_S, Delay, Sender, Streams
@@ -191,12 +191,12 @@ def test_every_mode_has_a_level() -> None:
 
 def test_diagnostics_name_the_state_the_lock_and_the_fault() -> None:
     presence = Presence("so101", ARM, True, "disarmed", 4, "the red button", "")
-    message = diagnostics("so101", Known(presence, Health(), 0.1), 5.0)
+    message = diagnostics("so101", Summary(presence, Health(), 0.1), 5.0)
     (status,) = message["status"]
     assert status["level"] == Level.WARN and "locked by the red button" in status["message"]
-    faulty = Known(presence, Health(faults={"gripper": "overload"}), 0.1)
+    faulty = Summary(presence, Health(faults={"gripper": "overload"}), 0.1)
     assert diagnostics("so101", faulty, 5.0)["status"][0]["level"] == Level.ERROR
-    assert diagnostics("so101", Known(), 5.0)["status"][0]["level"] == Level.ERROR
+    assert diagnostics("so101", Summary(), 5.0)["status"][0]["level"] == Level.ERROR
 
 
 def test_saf_023_only_a_confirmed_stop_is_a_success() -> None:

@@ -82,7 +82,7 @@ def _joint(row: Row) -> str:
     limit = f'<limit {bounds}effort="{effort:g}" velocity="{velocity:g}"/>'
     kind = ("prismatic" if row.slide else "revolute") if row.limits else "continuous"
     axis = f'<axis xyz="{_words(row.axis)}"/>'
-    return f"<joint name={quoteattr(name)} type={quoteattr(kind)}>{places}{origin}{axis}{limit}</joint>"
+    return f'<joint name={quoteattr(name)} type="{kind}">{places}{origin}{axis}{limit}</joint>'
 
 
 def rpy_of(quat: Sequence[float]) -> tuple[float, float, float]:

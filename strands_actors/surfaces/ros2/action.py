@@ -155,15 +155,15 @@ class TrajectoryAction:
         return None
 
     def _on_cancel(self, call: Call) -> None:
-        wanted = bytes(call.arrival.message["goal_info"]["goal_id"]["uuid"])
+        requested_id = bytes(call.arrival.message["goal_info"]["goal_id"]["uuid"])
         goal = self._active
-        if goal is not None and (wanted == goal.id or not any(wanted)):
+        if goal is not None and (requested_id == goal.id or not any(requested_id)):
             goal.is_canceled = True
             self._set_state(goal, GoalState.CANCELING)
             call.reply({"return_code": 0, "goals_canceling": [goal.info]})
         else:
-            # 2: the goal is unknown, 3: it has ended. Without an id all goals are meant, which are none.
-            code = 0 if not any(wanted) else 3 if wanted in self._goals else 2
+            # 2: the goal is unknown, 3: it has ended. A request without an id is for all goals.
+            code = 0 if not any(requested_id) else 3 if requested_id in self._goals else 2
             call.reply({"return_code": code, "goals_canceling": []})
 
     async def _on_result(self, call: Call) -> None:

@@ -27,7 +27,7 @@ LOG_S = 5.0
 
 
 class Options(NamedTuple):
-    """What the user has asked for.
+    """The options of the command.
 
     Attributes:
         robots: The names of the robots to show; empty for all.
@@ -51,7 +51,7 @@ class Bridge:
         mesh: The mesh.
         graph: The graph.
         nursery: The nursery in which calls of services run.
-        options: What the user has asked for.
+        options: The options of the command.
         log: Called with each line for the user.
     """
 
@@ -130,7 +130,7 @@ async def open_bridge(mesh: MeshClient, options: Options, log: Callable[[str], N
 
     Args:
         mesh: The mesh.
-        options: What the user has asked for.
+        options: The options of the command.
         log: Called with each line for the user.
     """
     waiting: list[str] = []

@@ -131,7 +131,7 @@ class _Reader:
     def __init__(self, data: bytes, order: str) -> None:
         self._data = data
         self._order = order
-        self._at = 4
+        self._offset = 4
 
     def message(self, name: str) -> dict[str, Any]:
         types = fields_of(name).items()
@@ -157,7 +157,7 @@ class _Reader:
             # A bool on the wire may have any byte. ``struct`` reads every byte but 0 as True.
             return list(struct.unpack(f"{self._order}{count}{FORMATS[base]}", data))
         # Each element has at least one byte. So a false count cannot make this loop longer than the message.
-        if count > len(self._data) - self._at:
+        if count > len(self._data) - self._offset:
             raise MalformedCdr(f"{where}: {count} elements do not fit into the message")
         return [self._text(where) if base == "string" else self.message(base) for _ in range(count)]
 
@@ -175,11 +175,11 @@ class _Reader:
         return int(self._values(base, 1, where)[0])
 
     def _align(self, size: int) -> None:
-        self._at += -(self._at - 4) % size
+        self._offset += -(self._offset - 4) % size
 
     def _take(self, size: int, where: str) -> bytes:
-        data = self._data[self._at : self._at + size]
+        data = self._data[self._offset : self._offset + size]
         if len(data) < size:
             raise MalformedCdr(f"{where}: the message ends after {len(self._data)} bytes")
-        self._at += size
+        self._offset += size
         return data

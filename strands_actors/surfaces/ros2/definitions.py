@@ -193,7 +193,7 @@ SERVICES: Mapping[str, Service] = {
         request={"goal_info": _GOAL_INFO},
         response={"return_code": "int8", "goals_canceling": f"{_GOAL_INFO}[]"},
     ),
-    # The two services of an action that have types of their own.
+    # The two services of an action that have separate types.
     SEND_GOAL: Service(
         request={"goal_id": UUID, "goal": f"{FOLLOW}_Goal"}, response={"accepted": "bool", "stamp": TIME}
     ),

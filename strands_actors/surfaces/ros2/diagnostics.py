@@ -37,14 +37,14 @@ LEVELS: dict[str, Level] = {
 """The level of each mode of the failsafe machine. A robot with a fault is an error in any mode."""
 
 
-class Known(NamedTuple):
-    """What is known of a robot.
+class Summary(NamedTuple):
+    """The newest facts about a robot.
 
     Attributes:
-        presence: Its newest presence; None if there was none yet.
-        health: Its newest health, which is published every two seconds; None if there was none yet.
+        presence: Its newest presence; None before the first one.
+        health: Its newest health, which is published every two seconds; None before the first one.
         age_s: The age of its newest reading, in seconds; None if it was not read.
-        writer: The program of the graph whose commands are sent; empty if there is none.
+        writer: The program that commands the robot over the graph; empty without such a program.
         refused: The number of messages of the graph that were refused.
         last_refusal: The text of the last of these refusals, with its remedy.
     """
@@ -57,15 +57,15 @@ class Known(NamedTuple):
     last_refusal: str = ""
 
 
-def diagnostics(robot: str, known: Known, now_s: float) -> dict[str, Any]:
+def diagnostics(robot: str, summary: Summary, now_s: float) -> dict[str, Any]:
     """Return the message for one robot.
 
     Args:
         robot: The name of the robot.
-        known: What is known of it.
+        summary: The newest facts about it.
         now_s: The time of the wall clock, in seconds.
     """
-    presence, health = known.presence or Presence(hw=""), known.health or Health()
+    presence, health = summary.presence or Presence(hw=""), summary.health or Health()
     faults = ", ".join(f"{name}: {fault}" for name, fault in health.faults.items())
     level = LEVELS.get(presence.state, Level.ERROR)
     message = presence.state or "unreachable"
@@ -84,12 +84,12 @@ def diagnostics(robot: str, known: Known, now_s: float) -> dict[str, Any]:
         "last_stop_cause": health.last_stop_cause,
         "connect_error": health.connect_error,
         "faults": faults,
-        "reading_age_s": "" if known.age_s is None else f"{known.age_s:.3f}",
+        "reading_age_s": "" if summary.age_s is None else f"{summary.age_s:.3f}",
         "refusals": str(health.refusals),
         "last_refusal": health.last_refusal,
-        "ros_writer": known.writer,
-        "ros_refusals": str(known.refused),
-        "ros_last_refusal": known.last_refusal,
+        "ros_writer": summary.writer,
+        "ros_refusals": str(summary.refused),
+        "ros_last_refusal": summary.last_refusal,
     }
     status = {
         "level": int(level),

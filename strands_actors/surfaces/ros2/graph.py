@@ -236,8 +236,10 @@ class Graph:
 
     def publishers(self, topic: str) -> list[str]:
         """Return the names of all nodes that publish a topic."""
-        found = (each for each in self.endpoints.values() if each.kind == Entity.PUBLISHER and each.topic == topic)
-        return sorted({endpoint.node for endpoint in found})
+        matching = (
+            each for each in self.endpoints.values() if each.kind == Entity.PUBLISHER and each.topic == topic
+        )
+        return sorted({endpoint.node for endpoint in matching})
 
     def node(self, namespace: str, name: str) -> Node:
         """Add a node to the graph."""

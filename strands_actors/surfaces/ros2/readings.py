@@ -60,24 +60,24 @@ def joint_state(state: State, layout: Layout) -> dict[str, Any] | None:
     }
 
 
-def imu(sample: Imu, known: frozenset[str], frame: str) -> dict[str, Any] | None:
+def imu(sample: Imu, fields: frozenset[str], frame: str) -> dict[str, Any] | None:
     """Return sensor_msgs/msg/Imu. Parts that the robot does not measure have the covariance -1.
 
     Args:
         sample: The reading.
-        known: The fields with a known unit. All others are left out.
+        fields: The fields with a known unit. All others are left out.
         frame: The frame of the sensor.
 
     Returns:
         None if nothing was measured.
     """
     orientation = None
-    if "quaternion" in known and (quaternion := _numbers(sample.quaternion, 4)):
+    if "quaternion" in fields and (quaternion := _numbers(sample.quaternion, 4)):
         orientation = _quaternion(*quaternion)
-    elif "rpy" in known and (rpy := _numbers(sample.rpy, 3)):
+    elif "rpy" in fields and (rpy := _numbers(sample.rpy, 3)):
         orientation = _of_angles(*rpy)
-    gyro = _numbers(sample.gyro, 3) if "gyro" in known else None
-    accel = _numbers(sample.accel, 3) if "accel" in known else None
+    gyro = _numbers(sample.gyro, 3) if "gyro" in fields else None
+    accel = _numbers(sample.accel, 3) if "accel" in fields else None
     if orientation is None and gyro is None and accel is None:
         return None
     return {
@@ -91,10 +91,10 @@ def imu(sample: Imu, known: frozenset[str], frame: str) -> dict[str, Any] | None
     }
 
 
-def battery(sample: Battery, known: frozenset[str]) -> dict[str, Any] | None:
+def battery(sample: Battery, fields: frozenset[str]) -> dict[str, Any] | None:
     """Return sensor_msgs/msg/BatteryState. Numbers that the robot does not measure are NaN."""
-    charge = finite(sample.pct) if "pct" in known else None
-    voltage = finite(sample.voltage) if "voltage" in known else None
+    charge = finite(sample.pct) if "pct" in fields else None
+    voltage = finite(sample.voltage) if "voltage" in fields else None
     if charge is None and voltage is None:
         return None
     not_measured = dict.fromkeys(("temperature", "current", "charge", "capacity", "design_capacity"), math.nan)
@@ -107,35 +107,35 @@ def battery(sample: Battery, known: frozenset[str]) -> dict[str, Any] | None:
     }
 
 
-def odometry(sample: Odom, known: frozenset[str], frame: str, child: str) -> dict[str, Any] | None:
+def odometry(sample: Odom, fields: frozenset[str], frame: str, child: str) -> dict[str, Any] | None:
     """Return nav_msgs/msg/Odometry. Its covariances are zero, because no robot reports them.
 
     Args:
         sample: The reading.
-        known: The fields with a known unit. All others are left out.
+        fields: The fields with a known unit. All others are left out.
         frame: The frame of the position.
         child: The frame of the robot, in which its speeds are.
 
     Returns:
         None without a position.
     """
-    position = _numbers(sample.xyz, 3) if "xyz" in known else None
-    if position is None and "xy" in known and (flat := _numbers(sample.xy, 2)):
+    position = _numbers(sample.xyz, 3) if "xyz" in fields else None
+    if position is None and "xy" in fields and (flat := _numbers(sample.xy, 2)):
         position = (*flat, 0.0)
     if position is None:
         return None
-    if "quaternion" in known and (quaternion := _numbers(sample.quaternion, 4)):
+    if "quaternion" in fields and (quaternion := _numbers(sample.quaternion, 4)):
         orientation = _quaternion(*quaternion)
     else:
-        orientation = _of_angles(0.0, 0.0, _heading(sample, known))
+        orientation = _of_angles(0.0, 0.0, _heading(sample, fields))
     return {
         "header": header(sample.t, frame),
         "child_frame_id": child,
         "pose": {"pose": {"position": _vector(position), "orientation": orientation}},
         "twist": {
             "twist": {
-                "linear": _vector(_speeds(sample.linear, first=True) if "linear" in known else None),
-                "angular": _vector(_speeds(sample.angular, first=False) if "angular" in known else None),
+                "linear": _vector(_speeds(sample.linear, first=True) if "linear" in fields else None),
+                "angular": _vector(_speeds(sample.angular, first=False) if "angular" in fields else None),
             }
         },
     }
@@ -155,10 +155,10 @@ def transform(odometry_message: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _heading(sample: Odom, known: frozenset[str]) -> float:
+def _heading(sample: Odom, fields: frozenset[str]) -> float:
     for field in ("theta", "yaw", "heading"):
         angle = finite(getattr(sample, field))
-        if field in known and angle is not None:
+        if field in fields and angle is not None:
             return angle
     return 0.0
 

@@ -18,7 +18,7 @@ from . import answers, readings
 from .action import TrajectoryAction
 from .commands import targets_of_joints, targets_of_twist
 from .definitions import BATTERY, DIAGNOSTICS, IMU, JOINT_STATE, ODOMETRY, STRING, TF, TRIGGER, TWIST
-from .diagnostics import Known, diagnostics
+from .diagnostics import Summary, diagnostics
 from .graph import Arrival, Call, Graph, Publisher
 from .joints import Layout
 from .names import Qos, ros_name
@@ -67,7 +67,7 @@ class RobotNode:
         self._fields = {} if layout is None else layout.fields
         self._prefix = f"{around.namespace}/{self.name}"
         self._last_stamp: dict[str, int] | None = None
-        self._known = Known()
+        self._summary = Summary()
         self._reported: dict[str, float] = {}
         self._running: list[tuple[trio.CancelScope, trio.Event]] = []
         self._writer: Writer | None = None
@@ -91,19 +91,19 @@ class RobotNode:
         """Publish a sample of one of the robot's topics."""
         match sample:
             case State():
-                self._known = self._known._replace(age_s=sample.age_s)
+                self._summary = self._summary._replace(age_s=sample.age_s)
                 self._on_state(sample)
             case Presence():
-                self._known = self._known._replace(presence=sample)
+                self._summary = self._summary._replace(presence=sample)
                 self._tell_state()
             case Health():
-                self._known = self._known._replace(health=sample)
+                self._summary = self._summary._replace(health=sample)
             case Imu():
-                known = self._fields.get("imu", NOTHING)
-                self._send("imu", lambda: readings.imu(sample, known, f"{self.name}/imu"))
+                fields = self._fields.get("imu", NOTHING)
+                self._send("imu", lambda: readings.imu(sample, fields, f"{self.name}/imu"))
             case Battery():
-                known = self._fields.get("battery", NOTHING)
-                self._send("battery_state", lambda: readings.battery(sample, known))
+                fields = self._fields.get("battery", NOTHING)
+                self._send("battery_state", lambda: readings.battery(sample, fields))
             case Odom():
                 self._on_odometry(sample)
 
@@ -142,8 +142,8 @@ class RobotNode:
             self._send("joint_states", lambda: message)
 
     def _on_odometry(self, sample: Odom) -> None:
-        known = self._fields.get("odom", NOTHING)
-        message = readings.odometry(sample, known, f"{self.name}/odom", f"{self.name}/base")
+        fields = self._fields.get("odom", NOTHING)
+        message = readings.odometry(sample, fields, f"{self.name}/odom", f"{self.name}/base")
         if message is not None:
             self._send("odom", lambda: message)
             self._send("tf", lambda: readings.transform(message))
@@ -151,7 +151,7 @@ class RobotNode:
     def _tell_state(self) -> None:
         if self._diagnostics.has_subscribers:
             writer = "" if self._writer is None else self._writer.holder
-            self._diagnostics.publish(diagnostics(self.robot, self._known._replace(writer=writer), time.time()))
+            self._diagnostics.publish(diagnostics(self.robot, self._summary._replace(writer=writer), time.time()))
 
     # -- topics in
 
@@ -202,8 +202,8 @@ class RobotNode:
         return f"{nodes} (publisher {arrival.attachment.gid.hex()[:8]})"
 
     def _report(self, refused: Refused) -> None:
-        known = self._known
-        self._known = known._replace(refused=known.refused + 1, last_refusal=refused.text)
+        summary = self._summary
+        self._summary = summary._replace(refused=summary.refused + 1, last_refusal=refused.text)
         now = trio.current_time()
         if now - self._reported.get(refused.code, -REPORT_S) >= REPORT_S:
             self._reported[refused.code] = now

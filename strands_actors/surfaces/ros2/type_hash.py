@@ -66,12 +66,12 @@ def _fields(name: str) -> Fields:
 
 
 def _referenced(name: str) -> set[str]:
-    found: set[str] = set()
+    names: set[str] = set()
     for text in _fields(name).values():
         base = parse_type(text).base
         if base not in _IDS:
-            found |= {base} | _referenced(base)
-    return found
+            names |= {base} | _referenced(base)
+    return names
 
 
 def _description(name: str) -> dict[str, Any]:

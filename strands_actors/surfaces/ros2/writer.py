@@ -40,10 +40,13 @@ ENDING = frozenset(
         Code.STALE_EPOCH,
         Code.CLOCK,
         Code.TIMEOUT,
+        Code.NOT_APPROVED,
+        Code.NO_DRILL,
+        Code.NO_STANDBY,
     }
 )
-"""Refusals that are about the robot or the lease. They end a stream. All others are about one target, such as its
-range, so that the next target may be better."""
+"""Refusals that are about the robot, the lease or a permission. They end a stream. All others are about one target,
+such as its range, so that the next target may be better."""
 
 
 class _Command(NamedTuple):
