@@ -45,6 +45,7 @@ def twist(x: float) -> Any:
     return STORE.types["geometry_msgs/msg/Twist"](vector(x, 0.0, 0.0), vector(0.0, 0.0, 0.0))
 
 
+@pytest.mark.long
 def test_a_twist_moves_the_base_and_zeros_give_the_lease_back(base: World) -> None:
     odometry = base.program.listen("/yahboom_m3pro/odom", "nav_msgs/msg/Odometry")
     transforms = base.program.listen("/tf", "tf2_msgs/msg/TFMessage")

@@ -139,7 +139,7 @@ def _values(text: str) -> st.SearchStrategy[Any]:
     return st.lists(one, max_size=field.size or 4)
 
 
-@settings(max_examples=12)
+@settings(max_examples=5)
 @given(st.data())
 @pytest.mark.parametrize("name", THEIRS)
 def test_bytes_are_those_that_rosbags_writes_and_reads(name: str, data: st.DataObject) -> None:

@@ -52,6 +52,7 @@ def test_saf_005_a_stop_from_the_graph_reports_each_motor_and_is_on_the_wire(wor
     assert "NOT CONFIRMED" in until(refusal, "a stop that is not confirmed")
 
 
+@pytest.mark.long
 def test_saf_007_an_estop_from_the_graph_locks_the_arm_until_a_resume(world: World) -> None:
     success, message = world.program.trigger("/lab/so101/estop")
     assert success and "locked" in message

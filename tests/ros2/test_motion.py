@@ -115,6 +115,7 @@ WRONG: list[tuple[dict[str, float], str]] = [
 GARBAGE = [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40, b"\0\7\0\0" + bytes(80), bytes(1_100_000)]
 
 
+@pytest.mark.long
 def test_saf_014_what_is_wrong_is_refused_with_a_reason_and_writes_nothing(world: World) -> None:
     before = pan(world)
     for joints, why in WRONG:
