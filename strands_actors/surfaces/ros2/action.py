@@ -29,6 +29,8 @@ from .writer import Writer
 
 KEPT = 32
 """So many results are kept for clients that ask later."""
+MOST_WAITING = 64
+"""So many clients may wait for results at the same time."""
 FEEDBACK_S = 0.1
 FRESH_S = 1.0
 
@@ -95,6 +97,7 @@ class TrajectoryAction:
         self._log = log
         self._goals: OrderedDict[bytes, Goal] = OrderedDict()
         self._active: Goal | None = None
+        self._waiting = 0
         self._measured: dict[str, float] = {}
         self._measured_at = -FRESH_S
         self._nursery: trio.Nursery | None = None
@@ -168,10 +171,12 @@ class TrajectoryAction:
 
     async def _on_result(self, call: Call) -> None:
         goal = self._goals.get(bytes(call.arrival.message["goal_id"]["uuid"]))
-        if goal is None:
+        if goal is None or self._waiting >= MOST_WAITING:
             call.reply({"status": int(GoalState.UNKNOWN)})
             return
+        self._waiting += 1
         await goal.done.wait()
+        self._waiting -= 1
         result = {"error_code": int(goal.error), "error_string": goal.text}
         call.reply({"status": int(goal.state), "result": result})
 

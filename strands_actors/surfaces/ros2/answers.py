@@ -31,6 +31,11 @@ def of_resume(robot: str, answer: Mapping[str, Any] | Refused) -> dict[str, Any]
     return _response(True, f"{robot}: armed at the measured position, epoch {answer.get('epoch')}")
 
 
+def of_flood(robot: str, service: str, calls: int) -> dict[str, Any]:
+    """Return the response to a call that is not carried out, because many calls of the service are under way."""
+    return _response(False, f"{robot}: {calls} calls of {service} are under way already. Wait for their responses")
+
+
 def _motor(motor: Mapping[str, Any]) -> str:
     axis = motor.get("axis", "a motor")
     return f"{axis} confirmed" if motor.get("safe") is True else f"{axis} NOT confirmed ({motor.get('detail')})"

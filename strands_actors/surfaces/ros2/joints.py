@@ -99,7 +99,11 @@ def _drivers(robot_type: str) -> Iterator[Driver]:
         return
     levels = [load(place) for name, place in driver_class.LEVELS.items() if name.partition(":")[0] == robot_type]
     for each in (driver_class, *levels):
-        yield each(robot_type, "", each.resolve(robot_type, {}))
+        try:
+            driver = each(robot_type, "", each.resolve(robot_type, {}))
+        except (TypeError, ValueError):
+            continue  # A driver of another package may need options that are not known here.
+        yield driver
 
 
 def read_driver(driver: Driver) -> Layout:

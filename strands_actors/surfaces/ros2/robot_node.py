@@ -28,6 +28,8 @@ from .writer import Writer, is_at_rest
 NOTHING: frozenset[str] = frozenset()
 REPORT_S = 1.0
 """A refusal with the same code is printed once in this many seconds."""
+MOST_CALLS = 16
+"""So many calls of one service are carried out at the same time."""
 
 
 class Surroundings(NamedTuple):
@@ -128,7 +130,10 @@ class RobotNode:
         """Publish a message, if there is a subscriber and something was measured."""
         publisher = self._topics.get(topic)
         if publisher is not None and publisher.has_subscribers and (message := make()) is not None:
-            publisher.publish(message)
+            try:
+                publisher.publish(message)
+            except ValueError as error:  # A number of the robot is too large for the message.
+                self._print_rarely(topic, f"{topic} is not published: {error}")
 
     def _on_state(self, state: State) -> None:
         layout = self._layout
@@ -204,19 +209,33 @@ class RobotNode:
     def _report(self, refused: Refused) -> None:
         summary = self._summary
         self._summary = summary._replace(refused=summary.refused + 1, last_refusal=refused.text)
+        self._print_rarely(refused.code, f"refused: {refused.text}")
+
+    def _print_rarely(self, kind: str, text: str) -> None:
+        """Print a line, unless one of the same kind was printed less than ``REPORT_S`` ago."""
         now = trio.current_time()
-        if now - self._reported.get(refused.code, -REPORT_S) >= REPORT_S:
-            self._reported[refused.code] = now
-            self._around.log(f"{self.robot}: refused: {refused.text}")
+        if now - self._reported.get(kind, -REPORT_S) >= REPORT_S:
+            self._reported[kind] = now
+            self._around.log(f"{self.robot}: {text}")
 
     # -- services
 
     def _serve(self, service: str, carry_out: Callable[[str], Awaitable[dict[str, Any]]]) -> None:
+        under_way = 0
+
         async def answer(call: Call) -> None:
-            call.reply(await carry_out(self._sender(call)))
+            nonlocal under_way
+            under_way += 1
+            try:
+                call.reply(await carry_out(self._sender(call)))
+            finally:
+                under_way -= 1
 
         def on_call(call: Call) -> None:
-            self._around.nursery.start_soon(answer, call)
+            if under_way < MOST_CALLS:
+                self._around.nursery.start_soon(answer, call)
+            else:
+                call.reply(answers.of_flood(self.robot, service, under_way))
 
         self.node.serve(f"{self._prefix}/{service}", TRIGGER, on_call)
 

@@ -77,16 +77,18 @@ class Writer:
         self._came = trio.Event()
         self._remote: RemoteRobot | None = None
         self._suspended_by = ""
+        self._is_sending = False
 
     def suspend(self, holder: str) -> None:
         """Refuse all streams until ``suspend("")``, because ``holder`` commands the robot over the graph. A stream
-        that was refused stays refused until it has paused."""
-        self._suspended_by = holder
+        that was refused stays refused until it has paused. A command that was not sent yet is dropped."""
+        self._suspended_by, self._waiting = holder, None
 
     @property
     def holder(self) -> str:
         """The name of the program that commands the robot over the graph; empty without such a program."""
-        return self._streams.sender.name if self._streams.sender is not None and self._remote is not None else ""
+        is_active = self._remote is not None or self._is_sending
+        return self._streams.sender.name if self._streams.sender is not None and is_active else ""
 
     def offer(self, topic: str, arrival: Arrival, sender: str, targets: Targets | Refused, at_rest: bool) -> None:
         """Take the command of a message, if its stream may command the robot. A newer command replaces one that
@@ -124,7 +126,9 @@ class Writer:
                 self._came = trio.Event()
                 command, self._waiting = self._waiting, None
                 if command is not None:
+                    self._is_sending = True
                     await self._send(command)
+                    self._is_sending = False
                 elif self._streams.is_over(self._mesh.now_ns()):
                     self._streams.forget()
                     await self._release()
