@@ -93,6 +93,9 @@ LEADERS = {
 SIMULATION = "strands_actors.drivers.sim.driver:SimDriver"
 """Location of the class that drives any of these robots in simulation."""
 
+URDF = "strands_actors.drivers.common.kinematics.urdf:urdf_of"
+"""Location of the function that writes the URDF of a robot, from ``Driver.link_rows``."""
+
 MODEL = "strands_actors.drivers.model.driver:ModelDriver"
 """Location of the class that simulates a user's model file."""
 

@@ -20,7 +20,7 @@ from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 
-from .arms import arm_of, arms
+from .arms import arm_of, arms, model_table
 from .config import FrankaConfig
 from .gates import CONDITIONS, all_gates
 from .generator import limits_of
@@ -95,6 +95,9 @@ class Franka(Driver):
         )
         self.declare(Part(PartKind.ARM, axes))
         self.gates = all_gates(self.table, self.timing.state_ttl_s)
+
+    def link_rows(self) -> str:
+        return str(model_table(self.arm)["model_rows"])
 
     def check_port(self) -> None:
         _ = self.config.host

@@ -90,6 +90,9 @@ class Kinova(Driver):
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
 
+    def link_rows(self) -> str:
+        return str(TABLES.table(self.robot)["model_rows"])
+
     def check_port(self) -> None:
         self.config.address()
 

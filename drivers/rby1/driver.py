@@ -112,6 +112,9 @@ class RBY1(Driver):
         )
         self.gates = all_gates(self.table, self.timing.state_ttl_s, period_s)
 
+    def link_rows(self) -> str:
+        return str(TABLES.table(self.robot)["model_rows"])
+
     def check_port(self) -> None:
         self.config.address()
 

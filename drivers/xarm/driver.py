@@ -19,7 +19,7 @@ from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 
-from .arms import TABLES, arm_of, axes_of
+from .arms import TABLES, arm_of, axes_of, model_table
 from .config import LATE_S, XArmConfig
 from .gates import CONDITIONS, all_gates
 
@@ -74,6 +74,9 @@ class XArm(Driver):
             tick_s=min(0.01, 1 / hz),
         )
         self.gates = all_gates(self.arm, self.table, 1 / hz, self.timing.state_ttl_s)
+
+    def link_rows(self) -> str:
+        return str(model_table(self.robot, arm_of(self.robot).usual)["model_rows"])
 
     def check_port(self) -> None:
         self.config.address()

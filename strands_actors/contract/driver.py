@@ -578,6 +578,14 @@ class Driver(ABC):
         """
         return ((0.0, 1.0),) * len(self.axes)
 
+    def link_rows(self) -> str:
+        """Return the links of the robot, one row of text for each moving link.
+
+        ``drivers/common/kinematics/link_rows.py`` describes the rows, which are in metres and radians. Joints have
+        the keys of the axes. The default is an empty text, for a robot without such rows.
+        """
+        return ""
+
     def travel(self) -> dict[str, tuple[float, float]]:
         """Return the calibrated range (low, high) of each axis, in the driver's units.
 

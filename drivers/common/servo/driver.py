@@ -267,6 +267,9 @@ class ServoDriver(Driver):
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return tuple((axis.value(MIDDLE), COUNTS_PER_RADIAN / axis.scale) for axis in self.joints)
 
+    def link_rows(self) -> str:
+        return str(self.TABLES.table(self.robot).get("model_rows", ""))
+
     def travel(self) -> dict[str, tuple[float, float]]:
         return {axis.key: axis.limits for axis in self.joints} if self.config.calibration else {}
 

@@ -544,6 +544,31 @@ def mcp(
 
 
 @app.command()
+def ros2(
+    robot: Annotated[
+        list[str] | None, typer.Argument(metavar="[ROBOT...]", help="Robots to show. Default: all running robots.")
+    ] = None,
+    domain: Annotated[int, typer.Option(min=0, max=232, help="The ROS domain.")] = 0,
+    namespace: Annotated[str, typer.Option(help="The namespace of the robots' nodes, such as /lab.")] = "",
+    router: Annotated[
+        str, typer.Option(metavar="ENDPOINT", help="The zenoh router of the graph, which `rmw_zenohd` is.")
+    ] = "tcp/localhost:7447",
+    humble: Annotated[
+        bool, typer.Option("--humble", help="Speak to ROS 2 Humble, which has no type hashes.")
+    ] = False,
+    allow_motion: Annotated[
+        bool, typer.Option("--allow-motion", help="Let every program of the graph resume and move the robots.")
+    ] = False,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Show running robots on a ROS 2 graph (rmw_zenoh), until interrupted. ROS need not be installed."""
+    from .ros2 import ros2 as run
+
+    run(robot or [], domain, namespace, router, not humble, allow_motion, mesh, as_json=json)
+
+
+@app.command()
 def drill(
     robot: Kind,
     port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
