@@ -14,7 +14,7 @@ orders:
 
 * ``exception``, ``exit`` and ``spin`` make the script itself fail.
 * ``stop`` stops the robot and prints the report.
-* ``lower`` orders a stop, prints when, and does not wait for its end.
+* ``lower`` and ``estop`` order a stop or an e-stop, print when, and do not wait for its end.
 * ``again MOTION`` resumes and moves the robot, and prints the tree.
 * ``tree`` prints the tree.
 """
@@ -31,6 +31,7 @@ from typing import Any
 
 from strands_actors import Robot
 from strands_actors.supervisors.introspection import fall
+from strands_actors.surfaces.mesh import estop
 
 from .registering import register
 
@@ -183,9 +184,10 @@ class Caller:
                 at_ns = time.monotonic_ns()
                 answer = self.robot.stop()
                 print(json.dumps({"at_ns": at_ns, "confirmed": answer["status"] == "success"}), flush=True)
-            case ["lower"]:
+            case ["lower" | "estop" as order]:
+                target = self.robot.stop if order == "lower" else estop
                 print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
-                threading.Thread(target=self.robot.stop, daemon=True).start()
+                threading.Thread(target=target, daemon=True).start()
             case [how]:
                 print(json.dumps({"at_ns": time.monotonic_ns()}), flush=True)
                 fall(how)
