@@ -238,7 +238,10 @@ class Policy(Actor):
         rollout = self._rollout
         if self._ended is not None:
             return
-        if now_ns - self._began_ns >= rollout.duration_s * NS:
+        if self._lease is None and rollout.load_s:
+            if now_ns - self._began_ns >= rollout.load_s * NS:
+                await self._end("policy", f"it returned no action within {rollout.load_s:g} s")
+        elif now_ns - self._began_ns >= rollout.duration_s * NS:
             await self._end("duration", f"the duration of {rollout.duration_s:g} s has passed")
         elif self._buffer and self._lease is not None:
             await self._send(self._buffer.next(), now_ns)
@@ -339,6 +342,8 @@ class Policy(Actor):
                         if not await self._acquire():
                             return
                         moving.enter_context(gc_freeze.frozen_objects())
+                        if self._rollout.load_s:
+                            self._began_ns = self.context.clock.now_ns()
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
                     # During the computation, ticks have requested more actions. These were just added.
                     self._actions_requested = trio.Event()

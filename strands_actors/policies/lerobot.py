@@ -87,7 +87,7 @@ class LerobotLocal:
         rtc: bool = False,
         execution_horizon: int = HORIZON,
     ) -> None:
-        folder = _folder(pretrained_name_or_path)
+        folder = checkpoint_folder(pretrained_name_or_path)
         self._axes = list(axes)
         self._scale = _scale(self._axes, units, unit, travel or {})
 
@@ -287,7 +287,8 @@ def _leave_a_processor() -> None:
     torch.set_num_threads(min(torch.get_num_threads(), max(1, (os.cpu_count() or 1) - 1)))
 
 
-def _folder(path: str) -> str:
+def checkpoint_folder(path: str) -> str:
+    """Return the path of a checkpoint. Raise ``ValueError`` if it is not a folder with all files of one."""
     if not path:
         raise ValueError("lerobot_local: no checkpoint is given. Set pretrained_name_or_path to its folder")
     folder = Path(path).expanduser()

@@ -126,6 +126,20 @@ def list_providers() -> dict[str, Provider]:
     return providers | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
 
 
+def is_alias(name: str) -> bool:
+    """Return True if a name is another name of a registered policy."""
+    return name in _aliases
+
+
+def is_of_script(policy: type[Any]) -> bool:
+    """Return True if only this process can make a policy, because the script itself defines its class."""
+    return _is_of_script(policy.__module__, policy.__qualname__)
+
+
+def _is_of_script(module: str, place: str) -> bool:
+    return module == "__main__" or "<locals>" in place
+
+
 def find_provider(name: str) -> Provider:
     """Return the description of a policy, by its name or by ``module:factory``.
 
@@ -170,7 +184,7 @@ def choose_provider(
         return PROVIDERS["remote"], {**options, "host": host, "port": server_port, "path": path}
     provider = find_provider(name)
     module, _, place = provider.where.partition(":")
-    if module == "__main__" or "<locals>" in place:
+    if _is_of_script(module, place):
         raise ValueError(
             f"policy_provider {name!r} is {place}, which is defined in the script. start_task runs a policy in a "
             "separate process, which cannot import it. Move it to a module, or use run_policy(create_policy(...))"
