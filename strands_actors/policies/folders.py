@@ -1,10 +1,11 @@
 """Find out which policy a folder holds, by the names of its files. No file is loaded here.
 
     config.json                        a checkpoint of lerobot, with the weights in model.safetensors
+    manifest.json                      a network in the ONNX format, with the description of its inputs and outputs
     *.pt, *.pth, *.pkl, *.bin, ...     refused: reading such a file can run code that it contains
 
-Model files are data for this package: safetensors. A file in Python's pickle format is a program. So a checkpoint
-in that format is refused, with instructions to convert it.
+Model files are data for this package: safetensors and ONNX. A file in Python's pickle format is a program. So a
+checkpoint in that format is refused, with instructions to convert it.
 """
 
 from __future__ import annotations
@@ -13,8 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .lerobot import FILES, checkpoint_folder
+from .onnx.folder import manifest_of
+from .onnx.manifest import FILE
 
 LEROBOT = "lerobot_local"
+ONNX = "onnx"
 CONFIG, WEIGHTS = FILES[:2]
 PICKLES = frozenset({".bin", ".ckpt", ".joblib", ".pickle", ".pkl", ".pt", ".pth"})
 """Endings of files that torch, joblib and others write in Python's pickle format."""
@@ -50,21 +54,29 @@ def read_folder(path: Path) -> FolderPolicy:
     names = _names(path)
     if CONFIG in names and WEIGHTS in names:
         return FolderPolicy(LEROBOT, {"pretrained_name_or_path": checkpoint_folder(str(path))})
+    if FILE in names:
+        manifest = manifest_of(path)
+        return FolderPolicy(ONNX, {"folder": str(path)}, None if manifest is None else manifest.control_hz)
+    if networks := sorted(name for name in names if name.endswith(".onnx")):
+        raise ValueError(f"{path / networks[0]} has no {FILE} beside it. Write one: docs/policies.md describes it")
     if pickles := sorted(name for name in names if Path(name).suffix.lower() in PICKLES):
         raise ValueError(pickle_refusal(path, pickles[0]))
     for part in PARTS:
         if (path / part / WEIGHTS).is_file():
             raise ValueError(f"{path} is a training folder of lerobot. Give its checkpoint: {path / part}")
     has = ", ".join(sorted(names)[:5]) or "no files"
-    raise ValueError(f"{path} holds no policy ({has}). Give a folder with {' and '.join(FILES[:2])} of lerobot")
+    raise ValueError(
+        f"{path} holds no policy ({has}). Give a folder with {CONFIG} and {WEIGHTS} of lerobot, or with {FILE} "
+        "and an ONNX network"
+    )
 
 
 def pickle_refusal(folder: Path, name: str) -> str:
     """Return the text of the refusal of a file in Python's pickle format."""
     return (
         f"{folder / name} is in Python's pickle format, and reading such a file can run code. Convert it on a "
-        "computer where that is no risk: save its weights by safetensors.torch.save_file, or by save_pretrained of "
-        "lerobot"
+        "computer where that is no risk: save its weights by safetensors.torch.save_file or save_pretrained of "
+        "lerobot, or the whole network by torch.onnx.export"
     )
 
 

@@ -29,7 +29,8 @@ class Provider(NamedTuple):
     """
 
     where: str  # the policy's class or factory, as module:factory
-    needs: str = ""  # package that must be installed; the extra of this package that installs it has the same name
+    needs: str = ""  # package that must be installed
+    extra: str = ""  # extra of this package that installs it
     takes_address: bool = True  # True if it has options host and port, which policy_host and policy_port set
     takes_units: bool = False  # True if it has options unit and travel, which the driver sets
     takes_cameras: bool = False  # True if it has options robot (its name) and cameras (their names)
@@ -43,9 +44,13 @@ PROVIDERS = {
     "lerobot_local": Provider(
         "strands_actors.policies.lerobot:LerobotLocal",
         needs="lerobot",
+        extra="lerobot",
         takes_address=False,
         takes_units=True,
         takes_cameras=True,
+    ),
+    "onnx": Provider(
+        "strands_actors.policies.onnx.policy:OnnxPolicy", needs="onnxruntime", extra="onnx", takes_address=False
     ),
 }
 
@@ -158,7 +163,7 @@ def find_provider(name: str) -> Provider:
     if provider.needs and importlib.util.find_spec(provider.needs) is None:
         others = ", ".join(sorted(name for name, entry in providers.items() if not entry.needs))
         raise ValueError(
-            f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
+            f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.extra}]'. "
             f"Policies that need no package are {others}"
         )
     return provider

@@ -210,7 +210,7 @@ def run_(
         str,
         typer.Option(
             metavar="NAME|DIR|ws://HOST:PORT|MODULE:CLASS",
-            help="A policy by name (mock, sine ...), the folder of a checkpoint, or a policy server.",
+            help="A policy by name (mock, sine ...), the folder of a checkpoint or an ONNX policy, or a server.",
         ),
     ],
     seconds: Annotated[
