@@ -40,7 +40,7 @@ class Provider(NamedTuple):
 PROVIDERS = {
     "mock": Provider("strands_actors.policies.mock:Mock", takes_address=False),
     "sine": Provider("strands_actors.policies.registry:Sine", takes_address=False),
-    "remote": Provider("strands_actors.policies.remote:Remote"),
+    "remote": Provider("strands_actors.policies.remote:Remote", takes_cameras=True),
     "lerobot_local": Provider(
         "strands_actors.policies.lerobot:LerobotLocal",
         needs="lerobot",

@@ -11,9 +11,11 @@ from typing import Any
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
+from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import choose_provider, robot_facts
 from strands_actors.policies.sources import Source, choose
+from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.root.messages import TaskStatus
 
 from ..session.tree import RobotTree
@@ -68,6 +70,7 @@ class Run:
         self._instruction = instruction
         self._refused_before = 0
         self._last = Progress(True, 0, 0.0, 0.0, None, 0)
+        self._expired = False
         if self.source.provider:
             chosen = choose_provider(self.source.provider, "localhost", None, dict(self.source.options))
             self._provider, self._options = chosen
@@ -91,6 +94,7 @@ class Run:
         """Return how far the rollout is."""
         gate, task = await tree.status(), await tree.rollouts.task()
         self._last = progress_of(task, gate, self._refused_before)
+        self._expired = gate is not None and gate.lapse == Lapse.EXPIRED
         return self._last
 
     async def end(self, tree: RobotTree) -> Answer:
@@ -111,6 +115,8 @@ class Run:
         json = held["content"][-1].get("json", done)
         unconfirmed = "" if held["status"] == "success" else f". {held['content'][0]['text']}"
         detail = f": {status.exit_detail}" if status.exit_detail else ""
+        if self._expired:
+            detail = busy.explained(detail)
         return answers.error(f"{RUN}: {self.source.label} ended: {status.exit_reason}{detail}{unconfirmed}", json)
 
 
