@@ -1,13 +1,18 @@
 """Write tiny networks in the ONNX format, without the package ``onnx``.
 
+``python -m tests.agents.tiny_onnx FOLDER`` writes an ONNX policy to try ``strands-actors run`` with.
+
 The format is protobuf. The numbers of the fields are those of ``onnx.proto3`` (onnx 1.x).
 """
 
 from __future__ import annotations
 
+import json
 import math
 import struct
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 FLOAT = 1
 OPSET = 13
@@ -87,3 +92,17 @@ def linear(
 def constant(inputs: int, bias: Sequence[float]) -> bytes:
     """Return a network that ignores its input and writes ``bias``."""
     return linear([[0.0] * len(bias)] * inputs, bias)
+
+
+def write_drift(folder: Path) -> None:
+    """Write an ONNX policy for an SO-101: a network that asks for 0.01 rad more of shoulder_pan in each step."""
+    joints = [{"name": "shoulder_pan", "unit": "rad"}, {"name": "gripper", "unit": "share"}]
+    manifest = {"format": "strands-actors-onnx", "version": 1, "file": "policy.onnx", "control_hz": 50}
+    blocks = {"joints": joints, "observation": [{"block": "position"}], "action": {"kind": "delta"}}
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "policy.onnx").write_bytes(constant(2, [0.01, 0.0]))
+    (folder / "manifest.json").write_text(json.dumps({**manifest, **blocks}))
+
+
+if __name__ == "__main__":
+    write_drift(Path(sys.argv[1]))
