@@ -345,7 +345,7 @@ class Policy(Actor):
                         self._rollout.instruction,
                         abandon_on_cancel=True,
                     )
-                    if self._lease is None:
+                    if chunk and self._lease is None:
                         if not await self._acquire():
                             return
                         moving.enter_context(gc_freeze.frozen_objects())

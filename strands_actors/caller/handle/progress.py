@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TextIO
@@ -88,6 +87,9 @@ class TerminalLine:
             return  # It has ended before its first step. The answer of ``run`` has the reason.
         line = line_of(progress, self._seconds)
         if self._is_terminal:
+            # The import takes some milliseconds, and only a terminal needs it.
+            import shutil
+
             width = shutil.get_terminal_size().columns - 1
             end = "" if progress["running"] else "\n"
             print(f"\r\x1b[K{line[:width]}", end=end, file=self._stream, flush=True)

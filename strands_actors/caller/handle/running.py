@@ -7,14 +7,13 @@ The policy may be given in any form (``policies.sources``). It runs as a rollout
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.plain_numbers import as_python
 from strands_actors.kernel.health import busy
 from strands_actors.kernel.messages import Refused
 from strands_actors.policies.registry import choose_provider, robot_facts
-from strands_actors.policies.sources import Source, choose
 from strands_actors.supervisors.gate.cause import Lapse
 from strands_actors.supervisors.root.messages import TaskStatus
 
@@ -23,6 +22,9 @@ from . import envelopes as answers
 from .envelopes import Answer
 from .progress import Progress, Show, progress_of, show_of
 from .verbs import DONE, check_length
+
+if TYPE_CHECKING:
+    from strands_actors.policies.sources import Source
 
 RUN = "run"
 LOAD_S = 300.0
@@ -58,6 +60,9 @@ class Run:
         progress: Show | bool | None,
         options: Mapping[str, Any],
     ) -> None:
+        # Only a program that runs a policy needs this module.
+        from strands_actors.policies.sources import choose
+
         self._seconds, hz = as_python(seconds), as_python(control_frequency)
         check_length(self._seconds, None, hz, "seconds")
         if not isinstance(instruction, str):
