@@ -13,7 +13,7 @@ import trio
 
 from strands_actors import open_robot
 from strands_actors.caller.handle.robot import RealRobot
-from strands_actors.policies import register_policy
+from strands_actors.policies import registry
 from strands_actors.testing import Twin
 from tests.agents.test_policies import forward, server
 from tests.answers import json_of, task, until, why
@@ -79,12 +79,14 @@ def test_an_object_a_name_and_a_server_run_and_the_arm_holds_afterwards(arm: Rea
             assert until(lambda ns=began_ns: holds(twin.log, ns), "the arm holds")  # type: ignore[misc]
 
 
-def test_a_class_of_the_script_runs_by_its_registered_name(arm: RealRobot) -> None:
+def test_a_class_of_the_script_runs_by_its_registered_name(arm: RealRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_registered", {})  # no other test sees the name
+
     class Local:
         def step(self, seen: Seen) -> dict[str, float]:
             return creep(seen)
 
-    register_policy("of_this_test", lambda: Local, overwrite=True)
+    registry.register_policy("of_this_test", lambda: Local)
     assert ran(arm.run("of_this_test", seconds=0.3))["source"] == "object"
 
 
