@@ -18,8 +18,8 @@ from strands_actors.policies.onnx.microduck import COMMAND, HOME_RAD, read_micro
 from strands_actors.policies.onnx.policy import OnnxPolicy
 from strands_actors.policies.sources import choose
 from strands_actors.testing import Twin
-from tests.answers import json_of, until, why
-from tests.robot.helpers import at, holds
+from tests.answers import until, why
+from tests.robot.helpers import at, completed_run, holds
 
 from .tiny_onnx import constant, linear
 
@@ -312,9 +312,8 @@ def test_a_network_drives_the_arm_and_its_lies_do_not(arm: RealRobot, twin: Twin
     target = math.radians(arm.get_observation()["shoulder_pan"] + 4.0)
     step = {"kind": "absolute", "chunk": 1}
     began_ns = time.monotonic_ns()
-    answer = arm.run(write(tmp_path, constant(2, [target, 20.0]), joints=joints, action=step), seconds=0.5)
-    report = json_of(answer)
-    assert (report["source"], report["exit_reason"], report["refused"]) == ("folder", "duration", 0)
+    folder = write(tmp_path, constant(2, [target, 20.0]), joints=joints, action=step)
+    assert completed_run(arm, folder, seconds=0.5)["source"] == "folder"
     at(arm, "shoulder_pan", math.degrees(target), within=2.0)
     assert until(lambda: holds(twin.log, began_ns), "the arm holds")
 

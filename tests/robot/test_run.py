@@ -19,7 +19,7 @@ from tests.agents.test_policies import forward, server
 from tests.answers import json_of, task, until, why
 
 from .conftest import NewArm
-from .helpers import holds
+from .helpers import completed_run, holds
 
 SLOW_S = 0.6
 KEYS = {
@@ -51,15 +51,6 @@ class SlowToLoad:
         return creep(seen)
 
 
-def ran(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the report of a run that went through its whole time."""
-    report = json_of(answer)
-    assert report.keys() >= KEYS
-    assert (report["exit_reason"], report["refused"], report["unconfirmed"]) == ("duration", 0, []), report
-    assert report["steps"] >= 1 and report["running"] is False
-    return report
-
-
 # -- every form of policy
 
 
@@ -73,7 +64,8 @@ def test_an_object_a_name_and_a_server_run_and_the_arm_holds_afterwards(arm: Rea
         ):
             began_ns = time.monotonic_ns()
             # The time counts from the first action: one of the policies needs longer than that to load.
-            report = ran(arm.run(policy, seconds=0.3))
+            report = completed_run(arm, policy, seconds=0.3)
+            assert report.keys() >= KEYS
             assert (report["policy"], report["source"]) == (label, kind) and report["elapsed_s"] >= 0.3
             assert twin.log.host("setpoint", began_ns)
             assert until(lambda ns=began_ns: holds(twin.log, ns), "the arm holds")  # type: ignore[misc]
@@ -87,13 +79,14 @@ def test_a_class_of_the_script_runs_by_its_registered_name(arm: RealRobot, monke
             return creep(seen)
 
     registry.register_policy("of_this_test", lambda: Local)
-    assert ran(arm.run("of_this_test", seconds=0.3))["source"] == "object"
+    assert completed_run(arm, "of_this_test", seconds=0.3)["source"] == "object"
 
 
 def test_options_and_the_rate_reach_the_policy(arm: RealRobot, twin: Twin) -> None:
     began_ns = time.monotonic_ns()
-    ran(arm.run("sine", seconds=0.5, control_frequency=20, only=["gripper"], amplitude=1.0))
-    assert 0 < len(twin.log.host("setpoint", began_ns)) <= 12
+    options = {"control_frequency": 20, "only": ["gripper"], "amplitude": 1.0}
+    report = completed_run(arm, "sine", seconds=0.5, **options)
+    assert 0 < report["steps"] <= 12 and twin.log.host("setpoint", began_ns)
 
 
 # -- progress, Ctrl-C
@@ -101,7 +94,13 @@ def test_options_and_the_rate_reach_the_policy(arm: RealRobot, twin: Twin) -> No
 
 def test_progress_has_rate_age_and_refusals(arm: RealRobot) -> None:
     seen: list[Mapping[str, Any]] = []
-    ran(arm.run(creep, seconds=0.5, progress=seen.append))
+
+    def keep(look: Mapping[str, Any]) -> None:
+        if not look["steps"]:
+            seen.clear()  # a new attempt
+        seen.append(look)
+
+    completed_run(arm, creep, seconds=0.5, progress=keep)
     assert len(seen) >= 2
     assert seen[-1].keys() == {"running", "steps", "hz", "elapsed_s", "observation_age_s", "refused"}
     assert [look["running"] for look in seen] == [True] * (len(seen) - 1) + [False]
@@ -216,10 +215,11 @@ def test_a_robot_that_runs_no_policies_says_so(run_dir: Path) -> None:
 def test_the_coroutine_runs_and_a_cancelled_one_holds(twin: Twin, run_dir: Path) -> None:
     async def main() -> None:
         async with open_robot("so101", mode="real", port=twin.port) as arm:
-            ran(await arm.run(creep, seconds=0.3))
+            first = await arm.run(creep, seconds=0.3)
+            assert first["content"][-1]["json"]["policy"] == "creep"
             began_ns = time.monotonic_ns()
-            with trio.move_on_after(0.6) as scope:
-                await arm.run("mock", seconds=30.0)
+            with trio.CancelScope() as scope:
+                await arm.run("mock", seconds=30.0, progress=lambda look: look["steps"] and scope.cancel())
             assert scope.cancelled_caught
             assert json_of(await arm.get_task_status())["exit_reason"] == "stopped"
             assert holds(twin.log, began_ns)
