@@ -73,7 +73,7 @@ LIES: dict[str, tuple[Any, str]] = {
 }
 
 
-def test_saf_004_a_lie_of_an_openpi_server_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
+def test_saf_014_a_lie_of_an_openpi_server_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
     for lie, (reply, text) in LIES.items():
         with openpi_server(reply) as (port, _):
             answer = arm.run(f"ws://127.0.0.1:{port}", seconds=5.0)

@@ -135,7 +135,7 @@ LIES: dict[str, tuple[Any, str]] = {
 }
 
 
-def test_saf_004_a_lie_of_an_object_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
+def test_saf_014_a_lie_of_an_object_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
     for lie, (value, text) in LIES.items():
         answer = arm.run(lambda seen, value=value: value, seconds=5.0)
         assert text in why(answer), (lie, answer)
@@ -153,7 +153,7 @@ SERVER_LIES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
 }
 
 
-def test_saf_004_a_lie_of_a_server_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
+def test_saf_014_a_lie_of_a_server_never_reaches_the_wire(arm: RealRobot, twin: Twin) -> None:
     for lie, (reply, text) in SERVER_LIES.items():
         with server(reply) as (port, _):
             answer = arm.run(f"ws://127.0.0.1:{port}", seconds=5.0)
