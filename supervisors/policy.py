@@ -158,8 +158,8 @@ async def _await(result: Any) -> Any:
     return await result
 
 
-def _ignore_count(count: int) -> None:
-    """Do nothing. It stands for ``actions_left`` of a policy that does not need the number of remaining actions."""
+def _ignore(value: Any) -> None:
+    """Do nothing. It stands for ``actions_left`` or ``set_reading`` of a policy that does not need the value."""
 
 
 class _Tick(Message, frozen=True):
@@ -238,7 +238,10 @@ class Policy(Actor):
         rollout = self._rollout
         if self._ended is not None:
             return
-        if now_ns - self._began_ns >= rollout.duration_s * NS:
+        if self._lease is None and rollout.load_s:
+            if now_ns - self._began_ns >= rollout.load_s * NS:
+                await self._end("policy", f"it returned no action within {rollout.load_s:g} s")
+        elif now_ns - self._began_ns >= rollout.duration_s * NS:
             await self._end("duration", f"the duration of {rollout.duration_s:g} s has passed")
         elif self._buffer and self._lease is not None:
             await self._send(self._buffer.next(), now_ns)
@@ -323,7 +326,9 @@ class Policy(Actor):
 
     async def _infer(self) -> None:
         try:
-            infer, report_remaining = await trio.to_thread.run_sync(contained, self._ready, abandon_on_cancel=True)
+            infer, report_remaining, show_reading = await trio.to_thread.run_sync(
+                contained, self._ready, abandon_on_cancel=True
+            )
             with contextlib.ExitStack() as moving:
                 while self._ended is None:
                     await self._actions_requested.wait()
@@ -332,13 +337,20 @@ class Policy(Actor):
                     if observation is None:
                         return
                     report_remaining(len(self._buffer))
+                    show_reading(observation)
                     chunk = await trio.to_thread.run_sync(
-                        contained, infer, observation, self._rollout.instruction, abandon_on_cancel=True
+                        contained,
+                        infer,
+                        self._positions(observation),
+                        self._rollout.instruction,
+                        abandon_on_cancel=True,
                     )
-                    if self._lease is None:
+                    if chunk and self._lease is None:
                         if not await self._acquire():
                             return
                         moving.enter_context(gc_freeze.frozen_objects())
+                        if self._rollout.load_s:
+                            self._began_ns = self.context.clock.now_ns()
                     self._buffer.add(chunk, self.context.clock.now_ns() - began_ns)
                     # During the computation, ticks have requested more actions. These were just added.
                     self._actions_requested = trio.Event()
@@ -352,15 +364,15 @@ class Policy(Actor):
             self._failed(error)
             await self._end("policy", describe_failure(error))
 
-    def _ready(self) -> tuple[Infer, Callable[[int], None]]:
-        """Make the policy. Return it as a function, and a second function that gets the number of remaining actions
-        before each computation."""
+    def _ready(self) -> tuple[Infer, Callable[[int], None], Callable[[Observation], None]]:
+        """Make the policy. Return it as a function, and two functions that are called before each computation: one
+        gets the number of remaining actions, the other gets the whole reading with velocities and sensors."""
         policy = self._make()
         infer = as_infer(policy)
         prepare(policy, self._rollout.axes, 1.0 / self._rollout.period_s, self._rollout.table)
-        return infer, getattr(policy, "actions_left", _ignore_count)
+        return infer, getattr(policy, "actions_left", _ignore), getattr(policy, "set_reading", _ignore)
 
-    async def _observe(self) -> dict[str, float] | None:
+    async def _observe(self) -> Observation | None:
         while self._observation is None and self._observations_due:
             await self._answered.wait()
         if self._ended is not None:
@@ -368,7 +380,7 @@ class Policy(Actor):
         answer_s = (self.context.clock.now_ns() - self._observed_ns) / NS
         newest, self._observation = self._observation, None
         if newest is not None and answer_s <= self._rollout.period_s:
-            return self._positions(newest)
+            return newest
         try:
             observation = await self._gate.ask(GetObservation(), self._ask_s)
         except (AskTimeout, Unreachable) as failure:
@@ -377,7 +389,7 @@ class Policy(Actor):
         if not isinstance(observation, Observation):
             await self._end("gate", getattr(observation, "text", "no observation"))
             return None
-        return self._positions(observation)
+        return observation
 
     def _positions(self, observation: Observation) -> dict[str, float]:
         return Positions(zip(self._rollout.axes, observation.position, strict=True))

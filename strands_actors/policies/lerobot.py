@@ -87,7 +87,7 @@ class LerobotLocal:
         rtc: bool = False,
         execution_horizon: int = HORIZON,
     ) -> None:
-        folder = _folder(pretrained_name_or_path)
+        folder = checkpoint_folder(pretrained_name_or_path)
         self._axes = list(axes)
         self._scale = _scale(self._axes, units, unit, travel or {})
 
@@ -198,13 +198,13 @@ class Eye:
     Args:
         key: Name of the camera in the checkpoint.
         reader: The object that reads the camera's pictures.
-        shape: Number of colours, height and width that the checkpoint expects.
+        shape: Number of colours, height and width that the checkpoint expects; None for any.
     """
 
-    def __init__(self, key: str, reader: CameraReader, shape: Sequence[int]) -> None:
+    def __init__(self, key: str, reader: CameraReader, shape: Sequence[int] | None) -> None:
         self.key = key
         self._reader = reader
-        self._shape = tuple(shape)
+        self._shape = None if shape is None else tuple(shape)
 
     def wait(self) -> None:
         """Wait for the camera's first picture. Raise ``StaleFrame`` if it does not come in time."""
@@ -226,7 +226,7 @@ class Eye:
         if isinstance(newest, Stale):
             raise StaleFrame(self._reader.camera, newest)
         height, width, colours = newest.image.shape
-        if (colours, height, width) != self._shape:
+        if self._shape is not None and (colours, height, width) != self._shape:
             raise ValueError(
                 f"lerobot_local: camera {self._reader.camera!r} gives {width} x {height}, and {self.key} of the "
                 f"checkpoint is {self._shape[-1]} x {self._shape[-2]}. Set the camera to the size of the checkpoint"
@@ -287,7 +287,8 @@ def _leave_a_processor() -> None:
     torch.set_num_threads(min(torch.get_num_threads(), max(1, (os.cpu_count() or 1) - 1)))
 
 
-def _folder(path: str) -> str:
+def checkpoint_folder(path: str) -> str:
+    """Return the path of a checkpoint. Raise ``ValueError`` if it is not a folder with all files of one."""
     if not path:
         raise ValueError("lerobot_local: no checkpoint is given. Set pretrained_name_or_path to its folder")
     folder = Path(path).expanduser()

@@ -29,7 +29,8 @@ class Provider(NamedTuple):
     """
 
     where: str  # the policy's class or factory, as module:factory
-    needs: str = ""  # package that must be installed; the extra of this package that installs it has the same name
+    needs: str = ""  # package that must be installed
+    extra: str = ""  # extra of this package that installs it
     takes_address: bool = True  # True if it has options host and port, which policy_host and policy_port set
     takes_units: bool = False  # True if it has options unit and travel, which the driver sets
     takes_cameras: bool = False  # True if it has options robot (its name) and cameras (their names)
@@ -39,13 +40,17 @@ class Provider(NamedTuple):
 PROVIDERS = {
     "mock": Provider("strands_actors.policies.mock:Mock", takes_address=False),
     "sine": Provider("strands_actors.policies.registry:Sine", takes_address=False),
-    "remote": Provider("strands_actors.policies.remote:Remote"),
+    "remote": Provider("strands_actors.policies.remote:Remote", takes_cameras=True),
     "lerobot_local": Provider(
         "strands_actors.policies.lerobot:LerobotLocal",
         needs="lerobot",
+        extra="lerobot",
         takes_address=False,
         takes_units=True,
         takes_cameras=True,
+    ),
+    "onnx": Provider(
+        "strands_actors.policies.onnx.policy:OnnxPolicy", needs="onnxruntime", extra="onnx", takes_address=False
     ),
 }
 
@@ -126,6 +131,20 @@ def list_providers() -> dict[str, Provider]:
     return providers | dict.fromkeys(_registered, Provider("", takes_address=False, takes_axes=False))
 
 
+def is_alias(name: str) -> bool:
+    """Return True if a name is another name of a registered policy."""
+    return name in _aliases
+
+
+def is_of_script(policy: type[Any]) -> bool:
+    """Return True if only this process can make a policy, because the script itself defines its class."""
+    return _is_of_script(policy.__module__, policy.__qualname__)
+
+
+def _is_of_script(module: str, place: str) -> bool:
+    return module == "__main__" or "<locals>" in place
+
+
 def find_provider(name: str) -> Provider:
     """Return the description of a policy, by its name or by ``module:factory``.
 
@@ -144,7 +163,7 @@ def find_provider(name: str) -> Provider:
     if provider.needs and importlib.util.find_spec(provider.needs) is None:
         others = ", ".join(sorted(name for name, entry in providers.items() if not entry.needs))
         raise ValueError(
-            f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.needs}]'. "
+            f"policy_provider {name!r} needs {provider.needs}: pip install 'strands-actors[{provider.extra}]'. "
             f"Policies that need no package are {others}"
         )
     return provider
@@ -170,7 +189,7 @@ def choose_provider(
         return PROVIDERS["remote"], {**options, "host": host, "port": server_port, "path": path}
     provider = find_provider(name)
     module, _, place = provider.where.partition(":")
-    if module == "__main__" or "<locals>" in place:
+    if _is_of_script(module, place):
         raise ValueError(
             f"policy_provider {name!r} is {place}, which is defined in the script. start_task runs a policy in a "
             "separate process, which cannot import it. Move it to a module, or use run_policy(create_policy(...))"

@@ -1,4 +1,4 @@
-"""The policy ``remote``: a policy server over WebSocket, with one of two protocols. The client detects which.
+"""The policy ``remote``: a policy server over WebSocket, with one of three protocols. The client detects which.
 
 The protocol of this package has one request for each chunk of actions, and one response for each request. Each is
 one WebSocket message: msgpack in a binary message, or JSON in a text message (``encoding="json"``). The server
@@ -11,6 +11,9 @@ answers in the same encoding.
 In the protocol of strands-robots (``PolicyServer``, JSON, version 1) the server sends first:
 ``{"type": "ready", "protocol_version": 1, "metadata": {...}}``. The client then sends ``set_state_keys``,
 ``set_control_frequency``, ``reset`` and ``get_actions``.
+
+A server of openpi sends first, too: a map in msgpack (``openpi.py``). The options ``state_key`` and ``images`` are
+for such a server.
 
 If the server sends nothing for ``GREETING_S``, the client uses the protocol of this package. A later greeting
 still switches the protocol, since it comes before any response.
@@ -29,8 +32,11 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 from .base import Action, Policy
+from .lerobot import Eye
+from .openpi import STATE, OpenPi, is_metadata
 from .registry import ENDPOINT_PORT, parse_endpoint
-from .remote_protocols import CODECS, Chunks, Facts, JsonV1, Misunderstood, Talk, greeting
+from .remote_errors import Misunderstood
+from .remote_protocols import CODECS, Chunks, Facts, JsonV1, Talk, greeting
 
 Read = TypeVar("Read")
 
@@ -51,6 +57,10 @@ class Remote(Policy):
         path: Its path.
         encoding: ``msgpack`` or ``json``.
         timeout_s: Longest time for the connection and for each response, in seconds.
+        state_key: For a server of openpi: the key of the joints' positions in a request.
+        images: For a server of openpi: the robot's camera by the key of its picture in a request.
+        robot: Name under which the robot was started.
+        cameras: Names of the robot's cameras.
 
     Raises:
         ConnectionError: The server cannot be reached, closes, or sends a wrong message. Its methods raise
@@ -67,10 +77,16 @@ class Remote(Policy):
         path: str = "/",
         encoding: str = "msgpack",
         timeout_s: float = 5.0,
+        state_key: str = STATE,
+        images: Mapping[str, str] | None = None,
+        robot: str = "",
+        cameras: Sequence[str] = (),
     ) -> None:
         if encoding not in CODECS:
             raise ValueError(f"remote: encoding is {encoding!r}. Use one of {', '.join(CODECS)}")
         self.robot_state_keys = list(axes)
+        self._state_key = state_key
+        self._eyes = _eyes(images or {}, robot, cameras)
         self._encoding = encoding
         self._hz = 0.0
         self._timeout_s = timeout_s
@@ -86,7 +102,11 @@ class Remote(Policy):
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._url}: {error}") from error
         self._talk: Talk = self._greeted() or Chunks(encoding)
-        self._may_greet = not isinstance(self._talk, JsonV1)
+        self._may_greet = isinstance(self._talk, Chunks)
+        if self._eyes and not isinstance(self._talk, OpenPi):
+            raise ValueError(
+                f"remote: images are for a server of openpi, and {self._url} is none. Leave images out"
+            )
         self._apply_setting("keys", self.robot_state_keys)
 
     def close(self) -> None:
@@ -142,8 +162,10 @@ class Remote(Policy):
     def reset(self, seed: int | None = None) -> None:
         """Request that the server forgets everything from an earlier run.
 
-        In this package's own protocol nothing is sent.
+        In this package's own protocol nothing is sent. Wait for the first pictures, if the server needs some.
         """
+        for eye in self._eyes:
+            eye.wait()
         self._apply_setting("reset", seed)
 
     async def get_actions(self, observation_dict: Mapping[str, Any], instruction: str, **more: Any) -> list[Action]:
@@ -160,6 +182,8 @@ class Remote(Policy):
             ConnectionError: The connection is lost, or the response is wrong or an error.
             TimeoutError: No response has come within ``timeout_s``.
         """
+        if isinstance(self._talk, OpenPi):
+            self._talk.pictures = {eye.key: eye.look() for eye in self._eyes}
         answer = self._ask(self._talk.request(observation_dict, instruction))
         if self._may_greet:
             self._may_greet = False
@@ -172,8 +196,8 @@ class Remote(Policy):
 
     # -- one message, or one request with its response
 
-    def _greeted(self) -> JsonV1 | None:
-        """Wait for a greeting of the server, and return the protocol of strands-robots if a greeting comes.
+    def _greeted(self) -> JsonV1 | OpenPi | None:
+        """Wait for a greeting of the server, and return the protocol of strands-robots or openpi if one comes.
 
         Return None if no greeting comes in time.
         """
@@ -183,6 +207,8 @@ class Remote(Policy):
             return None
         except (OSError, WebSocketException) as error:
             raise ConnectionError(f"{self._url}: {error}") from error
+        if is_metadata(message):
+            return OpenPi(self._state_key)
         protocol = self._understand(greeting, message)
         if protocol is None:
             raise ConnectionError(f"{self._url} sent a wrong first message: {message[:80]!r}")
@@ -220,6 +246,21 @@ class Remote(Policy):
             return read(answer)
         except Misunderstood as problem:
             raise ConnectionError(f"{self._url} {problem}") from problem
+
+
+def _eyes(images: Mapping[str, str], robot: str, cameras: Sequence[str]) -> list[Eye]:
+    """Return an ``Eye`` (a camera) for each picture of a request. Raise ``ValueError`` for an unknown camera."""
+    if not images:
+        return []
+    from strands_actors.surfaces.cameras import attach_camera
+    from strands_actors.surfaces.cameras.picture_files import cameras_of
+
+    # A caller on another computer does not know the robot's cameras.
+    names = cameras or cameras_of(robot)
+    if unknown := sorted(set(images.values()) - set(names)):
+        has = f"cameras {', '.join(names)}" if names else "no cameras"
+        raise ValueError(f"remote: images names {', '.join(unknown)}, and the robot has {has}. Give Robot cameras=")
+    return [Eye(key, attach_camera(robot, camera), None) for key, camera in images.items()]
 
 
 class RemotePolicy(Policy):

@@ -12,12 +12,12 @@ from typing import Any, Protocol
 
 import msgspec
 
+from strands_actors.contract.shown import harmless
+
+from .remote_errors import Misunderstood
+
 VERSION = 1
 CODECS: dict[str, Any] = {"msgpack": msgspec.msgpack, "json": msgspec.json}
-
-
-class Misunderstood(Exception):
-    """A response does not follow the protocol. The text of the exception gives the reason."""
 
 
 class Chunk(msgspec.Struct):
@@ -129,6 +129,8 @@ class Chunks:
         Raises:
             Misunderstood: The response is not a chunk, or the server reports an error.
         """
+        if isinstance(answer, str) and not self.is_text:
+            raise Misunderstood(f"sent a text instead of a chunk of actions: {harmless(answer[-200:])}")
         try:
             chunk: Chunk = self._codec.decode(answer, type=Chunk)
         except msgspec.DecodeError as error:

@@ -98,6 +98,8 @@ class Rollout(Message, frozen=True):
         over: The lease of the caller. The policy gets its own lease under it.
         table: The data of each axis, for a policy that needs it.
         keeps: True if the last setpoint stays in force after the run, under the caller's lease.
+        load_s: Longest time until the first action, in seconds. ``duration_s`` then counts from the first action.
+            0: it counts from the start.
     """
 
     robot: str
@@ -110,6 +112,7 @@ class Rollout(Message, frozen=True):
     over: int = 0
     table: tuple[Axis, ...] = ()
     keeps: bool = False
+    load_s: float = 0.0
 
 
 START_TASK = "start_task"

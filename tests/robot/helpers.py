@@ -110,6 +110,21 @@ def replies(log: WireLog, since_ns: int, until_ns: int) -> Counter[int]:
     )
 
 
+def completed_run(arm: Any, policy: Any, **arguments: Any) -> dict[str, Any]:
+    """Run a policy by ``run`` through its whole time, and return the report.
+
+    On a machine that pauses, a setpoint may expire, and the run ends in a hold. So try three times.
+    """
+    for _ in range(3):
+        answer = arm.run(policy, **arguments)
+        if answer["status"] == "success":
+            break
+    report = json_of(answer)
+    assert (report["exit_reason"], report["refused"], report["unconfirmed"]) == ("duration", 0, []), report
+    assert report["steps"] >= 1 and report["running"] is False
+    return report
+
+
 class Ahead:
     """A policy that moves one joint by one degree in each step."""
 

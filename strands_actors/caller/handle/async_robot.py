@@ -22,8 +22,9 @@ from ..resolve.planning import completed, plan
 from ..session.portal import open_caller
 from ..session.tree import RobotTree
 from . import envelopes as answers
-from . import moving, verbs
+from . import moving, running, verbs
 from .envelopes import Answer
+from .progress import LOOK_S, Show
 from .verbs import answered
 from .vocabulary import call_of, find_verb
 
@@ -284,6 +285,42 @@ class AsyncRobot:
             control_frequency,
         )
         return start if isinstance(start, Answer) else await answered("start_task", start, self._tree)
+
+    async def run(
+        self,
+        policy: Any,
+        seconds: float = running.DEFAULT_S,
+        instruction: str = "",
+        control_frequency: float | None = None,
+        progress: Show | bool | None = None,
+        **options: Any,
+    ) -> Answer:
+        """Let a policy control the robot for some seconds, and return what happened.
+
+        A cancelled call ends the policy, and the robot holds its position. Arguments and keys are those of
+        ``RealRobot.run``.
+        """
+        try:
+            run = running.Run(self.driver, policy, seconds, instruction, control_frequency, progress, options)
+        except (TypeError, ValueError) as failure:
+            return answers.error(f"{running.RUN}: {failure}")
+        begun = await answered(running.RUN, run.begin, self._tree)
+        if begun["status"] != "success":
+            return begun
+        try:
+            while True:
+                look = await run.look(self._tree)
+                if run.show is not None:
+                    run.show(look._asdict())
+                if not look.running:
+                    break
+                await trio.sleep(LOOK_S)
+        except BaseException:
+            # The call was cancelled, or the user's ``progress`` has raised an exception.
+            with trio.CancelScope(shield=True):
+                await self.stop_task()
+            raise
+        return await answered(running.RUN, run.end, self._tree)
 
     async def get_task_status(self) -> Answer:
         """Return the status of the policy or motion that runs, or of the last one.

@@ -39,9 +39,10 @@ from ..session.liveness import Liveness
 from ..session.portal import portal
 from ..session.tree import RobotTree
 from . import envelopes as answers
-from . import forked, moving, reference_names, verbs
+from . import forked, moving, reference_names, running, verbs
 from .bus import Bus
 from .envelopes import Answer, PendingAnswer
+from .progress import LOOK_S, Show
 from .verbs import Verb, VerbHere, answered, answered_here
 from .vocabulary import call_of, find_verb, is_command, verb_names
 
@@ -81,7 +82,7 @@ class RealRobot(RobotTool):
             print(arm.get_observation())
     """
 
-    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "move_to"})
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "move_to", "run"})
     """Methods that connect the robot if the program has not done so. The driver's services and commands connect
     it, too. None of them connects to a robot of another host, since that would resume a robot that holds.
     """
@@ -668,6 +669,62 @@ class RealRobot(RobotTool):
             control_frequency,
         )
         return start if isinstance(start, Answer) else self._verb(start, "start_task")
+
+    def run(
+        self,
+        policy: Any,
+        seconds: float = running.DEFAULT_S,
+        instruction: str = "",
+        control_frequency: float | None = None,
+        progress: Show | bool | None = None,
+        **options: Any,
+    ) -> Answer:
+        """Let a policy control the robot for some seconds, and return what happened.
+
+        Ctrl-C ends the policy. The robot then holds its position, and ``KeyboardInterrupt`` is raised. An object
+        runs in this process. Any other policy runs in a separate process, as with ``start_task``.
+
+        Args:
+            policy: A policy object or a callable, as for ``run_policy``; a name, as for ``start_task``; the
+                folder of a checkpoint; or a policy server, ``"ws://host:port"``.
+            seconds: Duration from the first action. A policy may load for up to 300 s before it.
+            instruction: Text for the policy.
+            control_frequency: Actions per second, above 0 and at most 1000. None: the rate that the policy
+                states, or else the driver's control rate.
+            progress: A function that gets a dictionary ten times a second: ``running``, ``steps``, ``hz``,
+                ``elapsed_s``, ``observation_age_s`` (age of the newest reading) and ``refused``. True: a line on
+                standard error. False: nothing. None: a line if standard error is a terminal.
+            options: Keyword arguments for a policy that runs in a separate process. They must be plain data.
+
+        Returns:
+            A success if the policy ran for the whole time and the robot confirmed the hold. Keys: ``robot``,
+            ``policy``, ``source`` (object, name, folder or server), those of ``get_task_status``, ``refused``
+            (setpoints that the gate refused), ``observation_age_s``, and those of ``stop``.
+
+        Example:
+            arm.run("mock", seconds=5)
+        """
+        try:
+            run = running.Run(self._driver, policy, seconds, instruction, control_frequency, progress, options)
+        except (TypeError, ValueError) as failure:
+            return answers.error(f"{running.RUN}: {failure}")
+        begun = self._verb(run.begin, running.RUN)
+        tree = self._tree
+        if begun["status"] != "success" or tree is None:
+            return begun
+        try:
+            while True:
+                look = self._call(run.look, tree)
+                if run.show is not None:
+                    run.show(look._asdict())
+                if not look.running:
+                    break
+                time.sleep(LOOK_S)
+        except BaseException:
+            # Ctrl-C, or an exception of the user's ``progress``.
+            self.stop_task()
+            raise
+        return self._verb(run.end, running.RUN)
 
     def get_task_status(self) -> Answer:
         """Return the status of the policy, motion or teleoperation that runs, or of the last one.

@@ -58,6 +58,7 @@ class SimRobot(RealRobot):
             "observe",
             "state",
             "resume",
+            "run",
             "run_policy",
             "start_task",
             "reset",

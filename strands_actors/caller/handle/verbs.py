@@ -406,7 +406,7 @@ def run_policy(
     """
     duration, n_steps, hz = map(as_python, (duration, n_steps, hz))
     try:
-        _check_length(duration, n_steps, hz)
+        check_length(duration, n_steps, hz)
         chosen = _choose_policy(policy, policy_object)
     except (TypeError, ValueError) as failure:
         return answers.error(f"run_policy: {failure}")
@@ -444,7 +444,7 @@ def start_task(
     try:
         if reason := driver.ROLLOUTS or driver.TASKS:
             raise ValueError(f"{driver.robot}: {reason}")
-        _check_length(duration, None, hz)
+        check_length(duration, None, hz)
         policy, chosen = choose_provider(provider, host, port, options)
     except ValueError as failure:
         return answers.error(f"start_task: {failure}")
@@ -456,10 +456,13 @@ def start_task(
     return run
 
 
-def _check_length(duration: object, n_steps: object, hz: object) -> None:
-    """Raise ``ValueError`` for a duration, a number of steps or a rate that no policy can have."""
+def check_length(duration: object, n_steps: object, hz: object, keyword: str = "duration") -> None:
+    """Raise ``ValueError`` for a duration, a number of steps or a rate that no policy can have.
+
+    ``keyword`` is the name of the duration in the user's call.
+    """
     if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < math.inf:
-        raise ValueError(f"duration is {duration!r}. Give a finite number of seconds above 0")
+        raise ValueError(f"{keyword} is {duration!r}. Give a finite number of seconds above 0")
     if n_steps is not None and (isinstance(n_steps, bool) or not isinstance(n_steps, int) or n_steps < 1):
         raise ValueError(f"n_steps is {n_steps!r}. Give a whole number above 0")
     if hz is not None and (isinstance(hz, bool) or not isinstance(hz, int | float) or not 0 < hz <= 1000):

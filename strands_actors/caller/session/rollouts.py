@@ -77,7 +77,14 @@ class Rollouts:
         """The refusal of ``operate`` during the present teleoperation; None if ``operate`` is allowed."""
 
     async def run_policy(
-        self, policy: Any, instruction: str, duration_s: float, n_steps: int, hz: float | None
+        self,
+        policy: Any,
+        instruction: str,
+        duration_s: float,
+        n_steps: int,
+        hz: float | None,
+        verb: str = "run_policy",
+        load_s: float = 0.0,
     ) -> TaskStatus | Refused:
         """Run ``policy`` in this process, and return at once.
 
@@ -88,12 +95,15 @@ class Rollouts:
             n_steps: Number of actions after which the policy ends; 0 for no limit. ``duration_s`` then has no
                 effect.
             hz: Actions per second; None for the driver's control rate.
+            verb: Name of the user's verb, for refusals.
+            load_s: As in ``Rollout``.
         """
         async with self._writer.turn:
-            refusal = await self._may_start("run_policy")
+            refusal = await self._may_start(verb)
             if refusal is not None:
                 return refusal
-            return self._begin(self._rollout(instruction, duration_s, n_steps, hz), lambda: policy)
+            rollout = replace(self._rollout(instruction, duration_s, n_steps, hz), load_s=load_s)
+            return self._begin(rollout, lambda: policy)
 
     def _begin(self, rollout: Rollout, make: Callable[[], Any]) -> TaskStatus:
         self._has_process, self.failure, self._over = False, None, trio.Event()
@@ -138,6 +148,7 @@ class Rollouts:
         hz: float | None,
         is_actor: bool = False,
         teleop: dict[str, Any] | None = None,
+        load_s: float = 0.0,
     ) -> TaskStatus | Refused:
         """Run a named policy in a separate process, and return at once. For a robot of another host it
         runs in this process.
@@ -150,12 +161,14 @@ class Rollouts:
             hz: Actions per second; None for the driver's control rate.
             is_actor: As in ``StartTask``.
             teleop: As in ``StartTask``; None for no teleoperation.
+            load_s: As in ``Rollout``.
         """
         async with self._writer.turn:
             refusal = await self._may_start(START_TASK)
             if refusal is not None:
                 return refusal
-            rollout, tasks = self._rollout(instruction, duration_s, 0, hz), self._processes.tasks
+            rollout = replace(self._rollout(instruction, duration_s, 0, hz), load_s=load_s)
+            tasks = self._processes.tasks
             if tasks is None:
                 return self._begin(rollout, lambda: load(provider)(**options))
             deadline_ns = self._processes.node.clock.now_ns() + round(START_S * 1e9)

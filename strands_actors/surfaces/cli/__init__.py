@@ -16,7 +16,21 @@ from strands_actors.contract.extras import MissingExtra
 from strands_actors.surfaces.recording.errors import RecordingError
 
 from .errors import Problem
-from .options import All, Cameras, Every, Id, Json, Kind, Mesh, What, Which, cameras_of, finite, one_or_all
+from .options import (
+    All,
+    Cameras,
+    Every,
+    Id,
+    Json,
+    Kind,
+    Mesh,
+    What,
+    Which,
+    cameras_of,
+    finite,
+    one_or_all,
+    settings_of,
+)
 from .stop_forms import spelled
 
 USAGE = 2
@@ -189,6 +203,45 @@ def send(
     raise typer.Exit(run(robot, targets, seconds, resume, mesh, as_json=json))
 
 
+@app.command("run")
+def run_(
+    robot: Kind,
+    policy: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME|DIR|ws://HOST:PORT|MODULE:CLASS",
+            help="A policy by name (mock, sine ...), the folder of a checkpoint or an ONNX policy, or a server.",
+        ),
+    ],
+    seconds: Annotated[
+        float, typer.Option(min=0.01, callback=finite, help="Duration from the policy's first action.")
+    ] = 10.0,
+    instruction: Annotated[str, typer.Option(help="The task, for the policy.")] = "",
+    hz: Annotated[
+        float | None,
+        typer.Option(callback=finite, help="Actions per second. Default: that of the policy, or of the robot."),
+    ] = None,
+    option: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="An option of the policy, such as units=degrees. Can be repeated."),
+    ] = None,
+    port: Annotated[str | None, typer.Option(help="Serial port or address of a real robot.")] = None,
+    twin: Annotated[
+        bool, typer.Option("--twin", help="Use the robot's twin. Without --twin and --port: a simulation.")
+    ] = False,
+    camera: Cameras = None,
+    id_: Id = None,
+    json: Json = False,
+) -> None:
+    """Let a policy control a robot for some seconds. Ctrl-C ends it. The robot is de-energised at the end."""
+    from .one_robot import OneRobot
+    from .run_policy import run_policy
+
+    chosen = OneRobot(robot, port, twin, id_, cameras_of("run", camera or ()))
+    options = settings_of("run", option or ())
+    raise typer.Exit(run_policy(chosen, policy, seconds, instruction, hz, options, as_json=json))
+
+
 @app.command()
 def calibrate(
     robot: Kind,
@@ -288,10 +341,10 @@ def teleop(
     json: Json = False,
 ) -> None:
     """Teleoperate a robot by a leader arm or by keys. It moves only while you hold the dead-man switch."""
-    from .teleop import Follower
+    from .one_robot import OneRobot
     from .teleop import teleop as run
 
-    follower = Follower(robot, port, twin, id_, cameras_of("teleop", camera or ()))
+    follower = OneRobot(robot, port, twin, id_, cameras_of("teleop", camera or ()))
     led_by = leader, leader_id
     raise typer.Exit(run(follower, led_by, deadman, relative, hz, max_speed, map_, seconds, json))
 

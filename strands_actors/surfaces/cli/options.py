@@ -43,17 +43,38 @@ def cameras_of(verb: str, texts: Sequence[str]) -> dict[str, dict[str, Any]] | N
         name, _, settings = text.partition(":")
         if name in cameras:
             raise Problem(f"{verb}: two cameras are named {name}. Use different names")
-        cameras[name] = dict(_setting(verb, text, setting) for setting in settings.split(",") if settings)
+        remedy = "Give NAME, or NAME:index_or_path=0,fps=30,width=640,height=480"
+        cameras[name] = dict(
+            _setting(f"{verb}: --camera {text}", setting, remedy) for setting in settings.split(",") if settings
+        )
     return cameras or None
 
 
-def _setting(verb: str, text: str, setting: str) -> tuple[str, Any]:
+def settings_of(verb: str, texts: Sequence[str]) -> dict[str, Any]:
+    """Return the keyword arguments that the options ``--option KEY=VALUE`` give.
+
+    A value that is JSON is read as JSON (a number, true, a list); any other is text.
+
+    Args:
+        verb: The command, for the error.
+        texts: The options.
+
+    Raises:
+        Problem: A text has another form, or two have the same key.
+    """
+    settings: dict[str, Any] = {}
+    for text in texts:
+        key, value = _setting(f"{verb}: --option", text, "Give one, such as units=degrees")
+        if key in settings:
+            raise Problem(f"{verb}: --option {key} is given twice. Give it once")
+        settings[key] = value
+    return settings
+
+
+def _setting(place: str, setting: str, remedy: str) -> tuple[str, Any]:
     key, equals, value = setting.partition("=")
-    if not equals:
-        raise Problem(
-            f"{verb}: --camera {text}: {setting!r} is not KEY=VALUE. "
-            "Give NAME, or NAME:index_or_path=0,fps=30,width=640,height=480"
-        )
+    if not equals or not key:
+        raise Problem(f"{place}: {setting!r} is not KEY=VALUE. {remedy}")
     try:
         return key, json.loads(value)
     except ValueError:

@@ -10,10 +10,9 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from strands_actors.caller.handle.envelopes import warn_unless_safe
-from strands_actors.caller.handle.factory import Robot
 from strands_actors.caller.handle.real_robot import RealRobot
 from strands_actors.contract.loading import load
 from strands_actors.teleoperation.actor import CONNECTED, CONNECTING, KEY
@@ -21,34 +20,16 @@ from strands_actors.teleoperation.keys import Keys
 from strands_actors.teleoperation.teleoperator import KEYBOARD, PAGES, PHONE, Teleoperator
 
 from .errors import Problem
+from .one_robot import TWIN, OneRobot
 
 TURN_S = 0.03
 SHOW_S = 0.1
 ENTER = "\n"
 QUIT = ("x", "\x1b")
-TWIN = "twin"
-
-
-class Follower(NamedTuple):
-    """The robot that is led, and how to connect it.
-
-    Attributes:
-        robot: The robot's type.
-        port: The port or address of a real robot. None for a simulated robot.
-        twin: Use the real driver with a simulated robot.
-        id: The robot's id, which is also the name of its calibration. None: its type.
-        cameras: The settings of its cameras, as for ``Robot``; None for no cameras.
-    """
-
-    robot: str
-    port: str | None
-    twin: bool
-    id: str | None
-    cameras: dict[str, dict[str, Any]] | None
 
 
 def teleop(
-    follower: Follower,
+    follower: OneRobot,
     leader: tuple[str, str | None],
     deadman: str | None,
     relative: bool,
@@ -83,7 +64,7 @@ def teleop(
         raise Problem(f"teleop: --map {map_fn}: {failure}. Give module:function") from failure
     try:
         led_by = leader_of(*leader, relative)
-        arm = _robot(follower)
+        arm = follower.make("teleop")
     except (ValueError, TypeError) as refusal:
         raise Problem(f"teleop: {refusal}") from refusal
     if led_by.name == KEYBOARD and not is_terminal:
@@ -146,17 +127,6 @@ def leader_of(text: str, leader_id: str | None = None, relative: bool = False) -
     if place == TWIN:
         return Teleoperator(name, transport=TWIN, relative=relative, id=leader_id)
     return Teleoperator(name, port=place, relative=relative, id=leader_id)
-
-
-def _robot(follower: Follower) -> RealRobot:
-    robot, port, twin, robot_id, cameras = follower
-    if port is not None and twin:
-        raise Problem("teleop: --port and --twin are both given. Choose one")
-    if port is not None:
-        return Robot(robot, mode="real", port=port, id=robot_id, cameras=cameras)
-    if twin:
-        return Robot(robot, mode="real", transport=TWIN, id=robot_id, cameras=cameras)
-    return Robot(robot, id=robot_id, cameras=cameras)
 
 
 @contextlib.contextmanager
