@@ -10,6 +10,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "dataset": ("pyarrow", "av"),
     "cameras": ("cv2",),
     "demo": ("matplotlib",),
+    "foxglove": ("foxglove",),
     "mcp": ("mcp",),
     "pictures": ("OpenGL", "glfw"),
     "reachy": ("aiortc",),

@@ -14,7 +14,7 @@ from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.supervisors.gate.failsafe import WRITABLE
-from strands_actors.supervisors.gate.messages import Status
+from strands_actors.supervisors.gate.messages import Status, StopReport
 from strands_actors.supervisors.root.messages import TaskStatus
 
 TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
@@ -51,6 +51,13 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
         "unit": driver.unit,
         "joints": {},
     }
+    if status is not None:
+        state |= {
+            "cause": status.cause,
+            "refused": dict(status.refused),
+            "last_refusal": status.last_refusal,
+            "last_stop": None if status.last_stop is None else stop_json(status.last_stop),
+        }
     observation = None if status is None else status.observation
     if status is not None and observation is not None:
         state["joints"] = driver.as_telemetry(observation)
@@ -62,6 +69,19 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
         if "sim_time_s" in observation.sensors:
             state["sim_time"] = observation.sensors["sim_time_s"][0]
     return state
+
+
+def stop_json(report: StopReport) -> dict[str, Any]:
+    """Return the result of the last stop in brief. ``epoch`` tells one stop from the next."""
+    return {
+        "epoch": report.epoch,
+        "reason": report.reason,
+        "safe_state": report.safe_state,
+        "confirmed": report.confirmed,
+        "unconfirmed": report.unconfirmed,
+        "path": report.path,
+        "took_ms": round(report.took_ms, 2),
+    }
 
 
 def mode_of(status: Status | None) -> str:

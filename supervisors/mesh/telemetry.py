@@ -149,6 +149,7 @@ class Telemetry(Actor):
             "task_status": "running" if task.running else "idle",
             "instruction": task.instruction,
             "action_keys": list(self._driver.axes),
+            "model_units": dict(zip(self._driver.axes, self._driver.model_units(), strict=True)),
             "topics": self._available(status),
             "pid": os.getpid(),
         }
