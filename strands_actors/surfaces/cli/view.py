@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -61,6 +63,8 @@ def view(choice: Choice, mesh: Path | None, as_json: bool) -> None:
         raise Problem("view: --save is for --rerun. Add --rerun")
     if choice.foxglove:
         require("foxglove", "view --foxglove")
+    if choice.rerun:
+        _check_rerun(choice.save)
     if choice.model_file and not Path(choice.model_file).is_file():
         raise Problem(
             f"view: there is no file {choice.model_file}. Give the model file (MJCF or URDF) of the robot"
@@ -107,13 +111,37 @@ def _open_sinks(choice: Choice, soon: Callable[[Callable[[], None]], None]) -> t
             raise Problem(f"view: {error}. Give another --port, or --port 0 for a free one") from error
         sinks.append(server)
         facts |= {"foxglove": server.url, "layout": str(LAYOUT)}
+    if choice.rerun:
+        from strands_actors.surfaces.view.rerun_sink import RerunSink
+
+        try:
+            sinks.append(RerunSink(choice.robot, choice.save))
+        except OSError as error:
+            raise Problem(f"view: Rerun: {error}. Write a recording instead, with --save FILE.rrd") from error
+        facts["rerun"] = "its viewer" if choice.save is None else str(choice.save)
     return sinks, facts
+
+
+def _check_rerun(file: Path | None) -> None:
+    """Raise ``Problem`` if Rerun cannot show the robot."""
+    # Rerun is not in ``contract.extras``: it is too large to be installed for the tests of that table.
+    if importlib.util.find_spec("rerun") is None:
+        raise Problem("view --rerun needs rerun. pip install 'strands-actors[rerun]'")
+    if file is None:
+        if not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+            raise Problem("view: Rerun's window needs a display, and there is none. Write a file: --save FILE.rrd")
+    elif file.exists():
+        raise Problem(f"view: {file} exists already. Give another name, or remove it")
+    elif not os.access(file.absolute().parent, os.W_OK):
+        raise Problem(f"view: {file.absolute().parent} is no folder that can be written. Give another path")
 
 
 def _lines(facts: dict[str, str]) -> str:
     lines = [f"showing {facts['robot']}; Ctrl-C ends this"]
     if "foxglove" in facts:
         lines += [f"Foxglove: open a connection to {facts['foxglove']}", f"its layout: {facts['layout']}"]
+    if "rerun" in facts:
+        lines.append(f"Rerun: {facts['rerun']}")
     return "\n".join(lines)
 
 
