@@ -12,6 +12,7 @@ EXTRAS: dict[str, tuple[str, ...]] = {
     "demo": ("matplotlib",),
     "foxglove": ("foxglove",),
     "mcp": ("mcp",),
+    "metrics": ("prometheus_client",),
     "pictures": ("OpenGL", "glfw"),
     "reachy": ("aiortc",),
     "record": ("mcap", "zstandard"),

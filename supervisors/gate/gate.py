@@ -144,6 +144,7 @@ class Gate(Actor):
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
         self._refused: dict[str, int] = {}
+        self._setpoints = 0
 
     async def started(self) -> None:
         transport, watchdog, guardian = self._addresses
@@ -269,6 +270,7 @@ class Gate(Actor):
         if isinstance(admitted, Refused):
             return admitted
         self._advance(Event.SETPOINT)
+        self._setpoints += 1
         self._report_stands = False
         self._target, self._target_ns = admitted.values, now_ns
         self._live = Live(admitted.until_ns or None)
@@ -809,6 +811,7 @@ class Gate(Actor):
             self._cause.lapse,
             self._cause.text or self._last_cause,
             dict(self._refused),
+            self._setpoints,
         )
 
     def _no_motion(self) -> Refused | None:

@@ -61,3 +61,4 @@ class GateMemory(msgspec.Struct, frozen=True):
     last_cause: str = ""
     ordered: SafeState = SafeState.HOLD
     refused: dict[str, int] = {}
+    setpoints: int = 0

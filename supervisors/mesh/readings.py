@@ -15,7 +15,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.supervisors.gate.failsafe import WRITABLE
 from strands_actors.supervisors.gate.messages import Status, StopReport
-from strands_actors.supervisors.root.messages import TaskStatus
+from strands_actors.supervisors.root.messages import UNREACHABLE, TaskStatus
 
 TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 """No leader arm writes to this robot over the mesh."""
@@ -54,6 +54,7 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
     if status is not None:
         state |= {
             "cause": status.cause,
+            "setpoints": status.setpoints,
             "refused": dict(status.refused),
             "last_refusal": status.last_refusal,
             "last_stop": None if status.last_stop is None else stop_json(status.last_stop),
@@ -85,7 +86,7 @@ def stop_json(report: StopReport) -> dict[str, Any]:
 
 
 def mode_of(status: Status | None) -> str:
-    return "unreachable" if status is None else status.mode
+    return UNREACHABLE if status is None else status.mode
 
 
 def features(driver: Driver) -> dict[str, Any]:

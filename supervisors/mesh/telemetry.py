@@ -64,6 +64,7 @@ class Telemetry(Actor):
         pubsub: The session on the mesh.
         task: Returns the status of the task that the root has started.
         counts: Returns the root's counters for ``health``.
+        restarts: Returns how often each process of the robot was started again.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class Telemetry(Actor):
         pubsub: PubSub,
         task: Callable[[], TaskStatus],
         counts: Callable[[], Mapping[str, int]],
+        restarts: Callable[[], Mapping[str, int]],
     ) -> None:
         self._robot = robot
         self._driver = driver
@@ -80,6 +82,7 @@ class Telemetry(Actor):
         self._pubsub = pubsub
         self._task = task
         self._counts = counts
+        self._restarts = restarts
         self._host = socket.gethostname()
         self._topics: dict[str, Topic] = {}
         self._ticks = 0
@@ -185,6 +188,7 @@ class Telemetry(Actor):
             "ok": status is not None and status.mode in LINKED and not _faults(status),
             "connected": status is not None and status.connected,
             "counts": dict(self._counts()),
+            "restarts": dict(self._restarts()),
         }
         if status is not None:
             health |= {

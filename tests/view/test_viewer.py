@@ -12,6 +12,7 @@ import trio
 
 from strands_actors.drivers.common.kinematics.link_rows import parse_rows
 from strands_actors.drivers.common.physics.lean_mujoco import mujoco
+from strands_actors.drivers.common.simulation_control.drawn import DrawnModel
 from strands_actors.drivers.feetech.robots import TABLES
 from strands_actors.kernel.channels.pubsub import Received
 from strands_actors.supervisors.gate.failsafe import Mode
@@ -210,7 +211,7 @@ def test_shapes_that_are_no_meshes_have_surfaces_of_their_size() -> None:
         f'<body name="{name}"><geom type="{name}" size="{size}"/></body>' for name, size in shapes.items()
     )
     compiled = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{geoms}</worldbody></mujoco>")
-    high = {mesh.body: mesh.points.max(axis=0).round(3).tolist() for mesh in RobotModel(compiled, ()).meshes()}
+    high = {mesh.body: mesh.points.max(axis=0).round(3).tolist() for mesh in DrawnModel(compiled, ()).meshes()}
     assert {name: top[2] for name, top in high.items()} == {
         "box": 0.3,
         "sphere": 0.1,

@@ -172,6 +172,19 @@ def view(
 
 
 @app.command()
+def metrics(
+    host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at. 0: a free one.")] = 9464,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Serve the metrics of all running robots for Prometheus. Nothing is asked of the robots' wires."""
+    from .metrics import metrics as run
+
+    run(host, port, mesh, as_json=json)
+
+
+@app.command()
 def trace(
     robot: Annotated[str, typer.Argument(help="The robot's name, as `tree` shows it.")],
     count: Annotated[int | None, typer.Option(min=1, help="End after this many messages.")] = None,

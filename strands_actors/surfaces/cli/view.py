@@ -25,7 +25,7 @@ from .orders import configuration
 
 
 class Choice(msgspec.Struct, frozen=True):
-    """What the command line asks for.
+    """The options of the command line.
 
     Attributes:
         robot: Name of the robot.
@@ -99,7 +99,7 @@ async def _view(choice: Choice, mesh: Path | None, as_json: bool) -> None:
 
 
 def _open_sinks(choice: Choice, soon: Callable[[Callable[[], None]], None]) -> tuple[list[Sink], dict[str, str]]:
-    """Open the displays. Return them, and what the user must know about them."""
+    """Open the displays. Return them, and the facts to print."""
     sinks: list[Sink] = []
     facts = {"robot": choice.robot}
     if choice.foxglove:

@@ -1,125 +1,66 @@
-"""The robot's model in 3-D: its meshes, and the frame of each body from the positions of the joints.
+"""The robot's model in 3-D, for displays.
 
-The twin of the robot's type has the model, built from the robot's table. It runs for a second to hand over a
-compiled copy, in a process beside the robot's. After that the frames are computed here.
+The twin of the robot's type has the model, built from the robot's table. The twin runs for a second to hand over a
+copy, in a process beside the robot's. After that the frames are computed here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
-
-import msgspec
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Protocol
 
 from strands_actors.caller.processes.twin_process import TwinProcess, TwinProcessDown
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
-from strands_actors.contract.wire import WireDown
 from strands_actors.drivers import MODEL, get_native_driver_class
-from strands_actors.drivers.common.physics.lean_mujoco import mujoco
-from strands_actors.drivers.common.simulation_control import protocol as p
-from strands_actors.drivers.common.simulation_control.client import Refusal, SimulationClient
-from strands_actors.drivers.common.simulation_control.looks.outlines import Floats, Outline, Station, ball, box, rod
 
 WORLD = "world"
 """Name of the frame in which the robot stands."""
 
-_ANSWER_S = 30.0
-_DRAWN_GROUPS = 3
-"""MuJoCo draws the groups below this one. The shapes of physics are in others."""
-_MIDDLE = (0.0, 0.0, 0.0)
-_EDGE = 0.05
-"""Radius of the edges of boxes and cylinders, as a share of their smallest half size."""
+_DRAWN_MODEL = "strands_actors.drivers.common.simulation_control.drawn:drawn_model"
 
 
 class NoModel(Exception):
     """There is no model of the robot. The text has the reason."""
 
 
-class Mesh(msgspec.Struct, frozen=True):
-    """A surface of one body, in the frame of the body, in metres.
-
-    ``points`` has a row for each corner, ``faces`` three indices for each triangle. ``rgba`` is from 0 to 1.
-    """
-
-    body: str
-    points: Floats
-    faces: NDArray[np.int32]
-    rgba: tuple[float, float, float, float]
-
-
-class Frame(msgspec.Struct, frozen=True):
-    """The frame of a body in that of its parent: metres, and a quaternion w, x, y, z."""
-
-    name: str
-    parent: str
-    xyz: tuple[float, float, float]
-    quat: tuple[float, float, float, float]
-
-
-class RobotModel:
-    """The model of a robot.
-
-    Args:
-        model: The compiled MuJoCo model.
-        qpos: The state in which joints stay that the telemetry does not have.
-    """
-
-    def __init__(self, model: Any, qpos: Sequence[float]) -> None:
-        self._model = model
-        self._data = mujoco.MjData(model)
-        self._data.qpos[:] = qpos
-        self._names = [WORLD, *(model.body(index).name or f"body_{index}" for index in range(1, model.nbody))]
-        # MuJoCo's enums are not equal to the numbers of numpy in every order of the comparison.
-        single = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-        self._addresses = {
-            model.joint(index).name: int(model.jnt_qposadr[index])
-            for index in range(model.njnt)
-            if int(model.jnt_type[index]) in single
-        }
+class Mesh(Protocol):
+    """A surface of one body, in the frame of the body, in metres. ``points`` and ``faces`` are arrays of numpy:
+    ``points`` has a row for each corner, ``faces`` three indices for each triangle. ``rgba`` is from 0 to 1."""
 
     @property
-    def joints(self) -> tuple[str, ...]:
-        return tuple(self._addresses)
+    def body(self) -> str: ...
+    @property
+    def points(self) -> Any: ...
+    @property
+    def faces(self) -> Any: ...
+    @property
+    def rgba(self) -> tuple[float, float, float, float]: ...
 
-    def meshes(self) -> Iterator[Mesh]:
-        """Yield everything that is drawn of the robot. The floor is left out."""
-        model = self._model
-        for geom in range(model.ngeom):
-            hidden = model.geom_group[geom] >= _DRAWN_GROUPS or model.geom_bodyid[geom] == 0
-            shape = None if hidden else _surface(model, geom)
-            if shape is None:
-                continue
-            turn = np.empty(9)
-            mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
-            points = shape.points @ turn.reshape(3, 3).T + model.geom_pos[geom]
-            yield Mesh(self._names[model.geom_bodyid[geom]], points, shape.faces, _colour(model, geom))
 
-    def frames(self, positions: Mapping[str, float]) -> list[Frame]:
-        """Return the frame of each body.
+class Frame(Protocol):
+    """The frame of a body in that of its parent: metres, and a quaternion w, x, y, z."""
 
-        Args:
-            positions: Position by joint, in radians or metres. Other joints stay where they are. Names that the
-                model does not have are ignored: axes that are no joints, such as the speed of a base.
-        """
-        model, data = self._model, self._data
-        for name, value in positions.items():
-            if (address := self._addresses.get(name)) is not None:
-                data.qpos[address] = value
-        mujoco.mj_kinematics(model, data)
-        frames = []
-        for body in range(1, model.nbody):
-            parent = int(model.body_parentid[body])
-            back, quat, xyz = np.empty(4), np.empty(4), np.empty(3)
-            mujoco.mju_negQuat(back, data.xquat[parent])
-            mujoco.mju_rotVecQuat(xyz, data.xpos[body] - data.xpos[parent], back)
-            mujoco.mju_mulQuat(quat, back, data.xquat[body])
-            x, y, z = xyz.tolist()
-            w, i, j, k = quat.tolist()
-            frames.append(Frame(self._names[body], self._names[parent], (x, y, z), (w, i, j, k)))
-        return frames
+    @property
+    def name(self) -> str: ...
+    @property
+    def parent(self) -> str: ...
+    @property
+    def xyz(self) -> tuple[float, float, float]: ...
+    @property
+    def quat(self) -> tuple[float, float, float, float]: ...
+
+
+class RobotModel(Protocol):
+    """The model of a robot."""
+
+    def meshes(self) -> Iterable[Mesh]:
+        """Return everything that is drawn of the robot."""
+        ...
+
+    def frames(self, positions: Mapping[str, float]) -> Sequence[Frame]:
+        """Return the frame of each body. ``positions`` has joints in radians or metres."""
+        ...
 
 
 def positions_of(measured: Mapping[str, float], units: Mapping[str, tuple[float, float]]) -> dict[str, float]:
@@ -153,51 +94,9 @@ async def read_model(robot_type: str, file: str = "") -> RobotModel:
     twin = TwinProcess(served, robot_type, has_control=True, options={"model": file} if file else None)
     try:
         await twin.start()
-        client = SimulationClient(twin.control)
-        try:
-            scene = await client.call(p.GetModel(0), p.Model, _ANSWER_S)
-            pose = await client.call(p.GetPose(0), p.Pose, _ANSWER_S)
-        finally:
-            client.close()
-    except (TwinProcessDown, WireDown, Refusal) as failure:
+        model: RobotModel = await load(_DRAWN_MODEL)(twin.control)
+    except (TwinProcessDown, RuntimeError) as failure:
         raise NoModel(f"{robot_type}: its model cannot be read: {failure}") from failure
     finally:
         await twin.close()
-    model = mujoco.MjModel.from_binary_path("scene.mjb", {"scene.mjb": scene.binary})
-    return RobotModel(model, pose.qpos)
-
-
-def _colour(model: Any, geom: int) -> tuple[float, float, float, float]:
-    material = model.geom_matid[geom]
-    red, green, blue, alpha = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]).tolist()
-    return red, green, blue, alpha
-
-
-def _surface(model: Any, geom: int) -> Outline | None:
-    """Return the surface of a shape in its own frame; None for one that has no surface, such as a plane."""
-    kinds, size = mujoco.mjtGeom, model.geom_size[geom].tolist()
-    radius, half = size[0], size[1]
-    match model.geom_type[geom]:
-        case kinds.mjGEOM_MESH:
-            mesh = model.geom_dataid[geom]
-            corner, triangle = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-            points = model.mesh_vert[corner : corner + model.mesh_vertnum[mesh]]
-            faces = model.mesh_face[triangle : triangle + model.mesh_facenum[mesh]]
-            return Outline(np.asarray(points, np.float64), np.asarray(faces, np.int32))
-        case kinds.mjGEOM_BOX:
-            return box(_MIDDLE, size, _EDGE * min(size))
-        case kinds.mjGEOM_SPHERE:
-            return ball(_MIDDLE, (radius,) * 3)
-        case kinds.mjGEOM_ELLIPSOID:
-            return ball(_MIDDLE, size)
-        case kinds.mjGEOM_CAPSULE:
-            return rod(_ends(half + radius, radius), smooth=False)
-        case kinds.mjGEOM_CYLINDER:
-            return rod(_ends(half, radius), _EDGE * min(half, radius), smooth=False)
-        case _:
-            return None
-
-
-def _ends(half: float, radius: float) -> list[Station]:
-    """Return the two ends of a round shape along z."""
-    return [Station((0.0, 0.0, z), (radius, radius)) for z in (-half, half)]
+    return model

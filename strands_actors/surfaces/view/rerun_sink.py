@@ -50,7 +50,7 @@ class RerunSink:
         self._stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
 
     def reading(self, reading: Reading) -> None:
-        self._at(reading.t)
+        self._set_time(reading.t)
         self._stream.log("age_s", rr.Scalars(reading.age_s))
         for joint in reading.joints:
             values = {"measured": joint.measured, "commanded": joint.commanded, "velocity": joint.velocity}
@@ -63,7 +63,7 @@ class RerunSink:
         self._meshes = model
 
     def frames(self, t: float, frames: Sequence[Frame]) -> None:
-        self._at(t)
+        self._set_time(t)
         for frame in frames:
             path = self._paths[frame.name] = f"{self._paths[frame.parent]}/{frame.name}"
             w, x, y, z = frame.quat
@@ -75,17 +75,17 @@ class RerunSink:
             self._meshes = None
 
     def event(self, event: Event) -> None:
-        self._at(event.t)
+        self._set_time(event.t)
         self._stream.log(f"events/{event.kind}", rr.TextLog(event.text, level=_LEVELS[event.level]))
 
     def picture(self, t: float, camera: str, jpeg: bytes) -> None:
-        self._at(t)
+        self._set_time(t)
         self._stream.log(f"camera/{camera}", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
 
     def topic(self, t: float, topic: str, values: dict[str, Any]) -> None:
         """Plot the numbers of a sensor. ``presence`` and ``health`` have little to plot, and their changes are
         events."""
-        self._at(t)
+        self._set_time(t)
         for name, value in values.items():
             numbers = value if isinstance(value, list) else [value]
             are_numbers = all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers)
@@ -96,7 +96,7 @@ class RerunSink:
         self._stream.flush()
         self._stream.disconnect()
 
-    def _at(self, t: float) -> None:
+    def _set_time(self, t: float) -> None:
         self._stream.set_time(TIMELINE, timestamp=t)
 
     def _log_meshes(self, model: RobotModel) -> None:

@@ -54,6 +54,7 @@ class State(msgspec.Struct, frozen=True):
     age_s: float = -1.0
     task: Task = Task()
     cause: str = ""
+    setpoints: int = 0
     refused: dict[str, int] = {}
     last_refusal: str = ""
     last_stop: LastStop | None = None
@@ -86,6 +87,7 @@ class Health(msgspec.Struct, frozen=True):
     writes: int = 0
     reads: int = 0
     counts: dict[str, int] = {}
+    restarts: dict[str, int] = {}
 
 
 class SafetyEvent(msgspec.Struct, frozen=True):

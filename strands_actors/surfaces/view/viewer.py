@@ -54,7 +54,7 @@ class Viewer:
         self._events = EventFinder()
         self._model: RobotModel | None = None
         self._newest: Reading | None = None
-        self._heard_at = now()
+        self._last_state_at = now()
         self._is_silent = False
         self._bad_topics: set[str] = set()
 
@@ -92,13 +92,13 @@ class Viewer:
 
     def look(self) -> None:
         """Notice if the robot has become silent. Call this a few times a second."""
-        if self.readings and not self._is_silent and self._now() - self._heard_at > SILENT_S:
+        if self.readings and not self._is_silent and self._now() - self._last_state_at > SILENT_S:
             self._is_silent = True
             text = f"no telemetry has arrived for {SILENT_S:g} s. The robot has ended, or cannot be reached"
             self._show([Event(self._now(), Kind.SILENT, Level.ERROR, "silent", text)])
 
     def _state(self, state: State) -> None:
-        self._heard_at = self._now()
+        self._last_state_at = self._now()
         self.readings += 1
         if self._is_silent:
             self._is_silent = False
