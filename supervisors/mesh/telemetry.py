@@ -84,6 +84,7 @@ class Telemetry(Actor):
         self._counts = counts
         self._restarts = restarts
         self._host = socket.gethostname()
+        self._model_units = _model_units(driver)
         self._topics: dict[str, Topic] = {}
         self._ticks = 0
 
@@ -152,7 +153,7 @@ class Telemetry(Actor):
             "task_status": "running" if task.running else "idle",
             "instruction": task.instruction,
             "action_keys": list(self._driver.axes),
-            "model_units": dict(zip(self._driver.axes, self._driver.model_units(), strict=True)),
+            "model_units": self._model_units,
             "topics": self._available(status),
             "pid": os.getpid(),
         }
@@ -209,6 +210,12 @@ class Telemetry(Actor):
                     if not any(sensor.publishes(name) for sensor in self._driver.SENSORS)
                 }
         return health
+
+
+def _model_units(driver: Driver) -> dict[str, tuple[float, float]]:
+    """Return (zero, scale) of each axis, as ``Driver.model_units`` has them, and of joints that are only read."""
+    read_only = {joint.key: (0.0, 1.0) for joint in driver.READ_ONLY_JOINTS if joint.unit in ("rad", "m")}
+    return {**read_only, **dict(zip(driver.axes, driver.model_units(), strict=True))}
 
 
 def _faults(status: Status) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 
 from strands_actors.surfaces.cli import run
+from strands_actors.surfaces.view.foxglove_sink import FRAMES, JOINTS, LAYOUT, LOG, SCENE
 from tests.cli.command import Command, RobotProcess
 
 from .foxglove_client import FoxgloveClient, Message
@@ -103,6 +105,43 @@ def test_joints_frames_and_a_stop_are_seen_in_foxglove(cli: Command, robot: Robo
 
         with FoxgloveClient(facts["foxglove"]) as late:
             late.until(lambda each: each.topic == "/model", "a client that comes later gets the model, too")
+
+
+def panels_of(tree: dict[str, Any] | str) -> list[str]:
+    """Return the names of the panels in the tree of a layout."""
+    if isinstance(tree, str):
+        return [tree]
+    return panels_of(tree["first"]) + panels_of(tree["second"])
+
+
+def test_the_layout_shows_topics_that_are_served() -> None:
+    layout = json.loads(LAYOUT.read_text())
+    panels = layout["configById"]
+    assert sorted(panels_of(layout["layout"])) == sorted(panels)
+    paths = [path["value"] for panel in panels.values() for path in panel.get("paths", ())]
+    topics = {path.partition(".")[0] for path in paths} | set(panels["3D!model"]["topics"])
+    topics |= {panels["RosOut!log"]["topicToRender"], panels["RawMessages!status"]["topicPath"]}
+    assert topics == {JOINTS, FRAMES, SCENE, LOG, "/presence"}
+
+
+@pytest.mark.long
+def test_a_frozen_view_does_not_delay_the_robot(cli: Command, robot: RobotProcess) -> None:
+    arguments = ("view", "so101", "--foxglove", "--port", "0", "--json", "--no-model")
+    with cli.start(*arguments) as frozen, viewed(cli, "--no-model") as facts:
+        try:
+            assert frozen.stdout is not None and frozen.stdout.readline()
+            frozen.send_signal(signal.SIGSTOP)
+            with FoxgloveClient(facts["foxglove"]) as client:
+                first = client.until(lambda each: each.topic == "/joints", "a reading")
+                later_ns = first.log_ns + 3_000_000_000
+                client.until(lambda each: each.topic == "/joints" and each.log_ns > later_ns, "telemetry goes on")
+                times = [each.log_ns for each in client.messages if each.topic == "/joints"]
+                assert len(times) >= 15
+                assert robot.call("send_action", {"shoulder_pan": 3.0})["status"] == "success"
+                assert cli.run("stop", "so101").returncode == 0
+                client.until(lambda each: each.value.get("kind") == "stop", "the stop")
+        finally:
+            frozen.kill()
 
 
 def test_a_robot_that_does_not_run_is_refused_or_awaited(cli: Command) -> None:

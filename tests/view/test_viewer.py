@@ -61,7 +61,7 @@ class Robot:
     def __init__(self) -> None:
         self.now = 100.0
         self.shown = Shown()
-        self.viewer = Viewer("arm", [self.shown], now=lambda: self.now)
+        self.viewer = Viewer("arm", [self.shown], now=lambda: self.now, elapsed=lambda: self.now)
 
     def send(self, topic: str, **values: Any) -> None:
         key = EVENT_KEY if topic == "event" else f"strands/arm/{topic}"
@@ -156,11 +156,21 @@ def test_silence_is_reported_once_and_so_is_its_end() -> None:
     robot = Robot()
     robot.viewer.look()  # nothing has arrived yet
     robot.state()
-    for _ in range(3):
-        robot.now += SILENT_S
+    for _ in range(12):
+        robot.now += SILENT_S / 4
         robot.viewer.look()
     robot.state()
     assert robot.kinds()[1:] == [(Kind.SILENT, "silent"), (Kind.SILENT, "back")]
+
+
+def test_a_late_view_does_not_call_the_robot_silent() -> None:
+    robot = Robot()
+    robot.viewer.look()
+    robot.state()
+    robot.now += 3 * SILENT_S  # the view was suspended, and samples wait for it
+    robot.viewer.look()
+    robot.state()
+    assert robot.kinds() == [(Kind.STATE, "armed")]
 
 
 def test_a_bad_sample_is_reported_once_for_its_topic() -> None:

@@ -45,7 +45,7 @@ class Sink(Protocol):
     def reading(self, reading: Reading) -> None: ...
 
     def model(self, model: RobotModel) -> None:
-        """Show the meshes of the robot from now on."""
+        """Show the meshes of the robot from now on. This is called in a worker thread."""
         ...
 
     def frames(self, t: float, frames: Sequence[Frame]) -> None:

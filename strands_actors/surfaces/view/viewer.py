@@ -32,6 +32,7 @@ class Viewer:
         sinks: The displays.
         on_problem: Called with the text of each problem of the view itself.
         now: The wall clock, in seconds. Tests pass another one.
+        elapsed: A clock that does not jump, in seconds. Tests pass another one.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Viewer:
         sinks: Sequence[Sink],
         on_problem: Callable[[str], None] = lambda text: None,
         now: Callable[[], float] = time.time,
+        elapsed: Callable[[], float] = time.monotonic,
     ) -> None:
         self.robot = robot
         self.presence: Presence | None = None
@@ -54,15 +56,16 @@ class Viewer:
         self._events = EventFinder()
         self._model: RobotModel | None = None
         self._newest: Reading | None = None
-        self._last_state_at = now()
+        self._elapsed = elapsed
+        self._last_state_at = self._last_look_at = elapsed()
         self._is_silent = False
         self._bad_topics: set[str] = set()
 
-    def show_model(self, model: RobotModel) -> None:
-        """Show the robot's model from now on."""
-        self._model = model
+    async def show_model(self, model: RobotModel) -> None:
+        """Show the robot's model from now on. Its meshes are encoded in a worker thread, since that takes long."""
         for sink in self._sinks:
-            sink.model(model)
+            await trio.to_thread.run_sync(sink.model, model)
+        self._model = model
         self._show_frames()
 
     def problem(self, text: str) -> None:
@@ -92,13 +95,18 @@ class Viewer:
 
     def look(self) -> None:
         """Notice if the robot has become silent. Call this a few times a second."""
-        if self.readings and not self._is_silent and self._now() - self._last_state_at > SILENT_S:
+        now_s = self._elapsed()
+        if now_s - self._last_look_at > SILENT_S / 2:
+            # This process was late itself, and samples may wait for it.
+            self._last_state_at = now_s
+        self._last_look_at = now_s
+        if self.readings and not self._is_silent and now_s - self._last_state_at > SILENT_S:
             self._is_silent = True
             text = f"no telemetry has arrived for {SILENT_S:g} s. The robot has ended, or cannot be reached"
             self._show([Event(self._now(), Kind.SILENT, Level.ERROR, "silent", text)])
 
     def _state(self, state: State) -> None:
-        self._last_state_at = self._now()
+        self._last_state_at = self._elapsed()
         self.readings += 1
         if self._is_silent:
             self._is_silent = False

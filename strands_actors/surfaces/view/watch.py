@@ -77,6 +77,6 @@ async def _show_model(viewer: Viewer, file: str) -> None:
         viewer.problem("the robot has not published its type, so its model is not shown")
         return
     try:
-        viewer.show_model(await read_model(viewer.presence.hw, file))
+        await viewer.show_model(await read_model(viewer.presence.hw, file))
     except NoModel as reason:
         viewer.problem(f"the model is not shown: {reason}")
