@@ -144,6 +144,22 @@ def test_a_frozen_view_does_not_delay_the_robot(cli: Command, robot: RobotProces
             frozen.kill()
 
 
+@pytest.mark.long
+def test_a_robot_that_is_started_again_is_shown_again(cli: Command) -> None:
+    with (
+        RobotProcess(cli) as first,
+        viewed(cli, "--no-model") as facts,
+        FoxgloveClient(facts["foxglove"]) as client,
+    ):
+        client.until(lambda each: each.topic == "/joints", "a reading")
+        first.process.communicate()  # its script ends
+        client.until(lambda each: each.value.get("code") == "silent", "the robot is gone")
+        with RobotProcess(cli):
+            client.until(lambda each: each.value.get("code") == "back", "the robot is back")
+            seen = len(client.messages)
+            client.until(lambda each: each.topic == "/joints" and each in client.messages[seen:], "a reading")
+
+
 def test_a_robot_that_does_not_run_is_refused_or_awaited(cli: Command) -> None:
     done = cli.run("view", "so101", "--foxglove", "--port", "0")
     assert (done.returncode, done.stdout) == (2, "")
