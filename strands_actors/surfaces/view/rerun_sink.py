@@ -10,10 +10,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
 from .events import Event, Level
-from .model import WORLD, Frame, RobotModel
+from .model import WORLD, Frame, Mesh, RobotModel
 from .sinks import Reading
 
 TIMELINE = "time"
@@ -38,11 +41,12 @@ class RerunSink:
     def __init__(self, robot: str, file: Path | None) -> None:
         self._stream = rr.RecordingStream("strands-actors", send_properties=True)
         self._stream.send_recording_name(robot)
+        blueprint = _blueprint()
         try:
             if file is None:
-                self._stream.spawn(memory_limit=MEMORY, hide_welcome_screen=True)
+                self._stream.spawn(memory_limit=MEMORY, hide_welcome_screen=True, default_blueprint=blueprint)
             else:
-                self._stream.save(file)
+                self._stream.save(file, default_blueprint=blueprint)
         except RuntimeError as error:  # Rerun reports every failure so.
             raise OSError(str(error)) from error
         self._paths: dict[str, str] = {WORLD: WORLD}
@@ -53,10 +57,14 @@ class RerunSink:
         self._set_time(reading.t)
         self._stream.log("age_s", rr.Scalars(reading.age_s))
         for joint in reading.joints:
-            values = {"measured": joint.measured, "commanded": joint.commanded, "velocity": joint.velocity}
-            for name, value in values.items():
+            values = {
+                f"joints/{joint.name}/measured": joint.measured,
+                f"joints/{joint.name}/commanded": joint.commanded,
+                f"velocities/{joint.name}": joint.velocity,
+            }
+            for path, value in values.items():
                 if value is not None:
-                    self._stream.log(f"joints/{joint.name}/{name}", rr.Scalars(value))
+                    self._stream.log(path, rr.Scalars(value))
 
     def model(self, model: RobotModel) -> None:
         # The meshes are logged with the first frames, which have the parents of the bodies.
@@ -101,8 +109,46 @@ class RerunSink:
 
     def _log_meshes(self, model: RobotModel) -> None:
         for number, mesh in enumerate(model.meshes()):
-            shape = rr.Mesh3D(vertex_positions=mesh.points, triangle_indices=mesh.faces, albedo_factor=[*mesh.rgba])
+            shape = rr.Mesh3D(
+                vertex_positions=mesh.points,
+                triangle_indices=mesh.faces,
+                vertex_normals=_normals(mesh),
+                albedo_factor=[*mesh.rgba],
+            )
             self._stream.log(f"{self._paths[mesh.body]}/mesh_{number}", shape, static=True)
+
+
+def _normals(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the normal at each corner: the mean of those of its triangles, by their area. Without normals, Rerun
+    draws a surface without shading."""
+    first, second, third = (mesh.points[mesh.faces[:, corner]] for corner in range(3))
+    of_faces = np.cross(second - first, third - first)
+    normals = np.zeros(mesh.points.shape)
+    for corner in range(3):
+        np.add.at(normals, mesh.faces[:, corner], of_faces)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    scaled: NDArray[np.float64] = normals / np.where(lengths > 0, lengths, 1.0)
+    return scaled
+
+
+def _blueprint() -> rrb.Blueprint:
+    """Return the arrangement of the window: model and events, and beside them joints and cameras."""
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial3DView(name="Model", origin=WORLD),
+                rrb.TextLogView(name="Events", origin="events"),
+                row_shares=[3, 1],
+            ),
+            rrb.Vertical(
+                rrb.TimeSeriesView(name="Joints", origin="joints"),
+                rrb.TimeSeriesView(name="Age of the reading (s)", origin="age_s"),
+                rrb.Spatial2DView(name="Cameras", origin="camera"),
+                row_shares=[3, 1, 2],
+            ),
+        ),
+        collapse_panels=True,
+    )
 
 
 _TIMES = ("t", "timestamp")
