@@ -171,8 +171,8 @@ def test_the_metrics_of_a_running_robot_are_served(cli: Command, robot: RobotPro
             assert robot.call("send_action", {"shoulder_pan": 400.0})["status"] == "error"
             until("strands_actors_setpoints_total", 1)
             until("strands_actors_refusals_total", 1, code="past_travel")
-            assert cli.run("stop", "so101").returncode == 0
-            until("strands_actors_stops_total", 1, reason="stop", safe_state="limp", confirmed="true")
+            assert cli.run("estop", "so101").returncode == 0
+            until("strands_actors_stops_total", 1, reason="estop", safe_state="limp", confirmed="true")
             until("strands_actors_stop_duration_seconds_count", 1)
             until("strands_actors_wire_reads_total", 1)
             assert value(scraped(), "strands_actors_process_restarts_total", robot="so101", process="wire") == 0

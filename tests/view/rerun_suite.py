@@ -34,7 +34,7 @@ def test_a_recording_has_joints_frames_meshes_and_a_stop(cli: Command, robot: Ro
         assert process.stdout is not None
         assert json.loads(process.stdout.readline()) == {"robot": "so101", "rerun": str(file)}
         assert robot.call("move_to", {"shoulder_pan": 30.0}, 1.5)["status"] == "success"
-        assert cli.run("stop", "so101").returncode == 0
+        assert cli.run("estop", "so101").returncode == 0
         robot.call("get_status")
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0

@@ -94,7 +94,7 @@ def test_joints_frames_and_a_stop_are_seen_in_foxglove(cli: Command, robot: Robo
         refused = client.until(lambda each: each.value.get("kind") == "refused", "the refusal")
         assert refused.value["code"] == "past_travel" and "past 110" in refused.value["text"]
 
-        assert cli.run("stop", "so101").returncode == 0
+        assert cli.run("estop", "so101").returncode == 0
         stop = client.until(lambda each: each.value.get("kind") == "stop", "the stop")
         assert (stop.topic, stop.value["code"]) == ("/events", "limp")
         log = client.until(
@@ -138,7 +138,7 @@ def test_a_frozen_view_does_not_delay_the_robot(cli: Command, robot: RobotProces
                 times = [each.log_ns for each in client.messages if each.topic == "/joints"]
                 assert len(times) >= 15
                 assert robot.call("send_action", {"shoulder_pan": 3.0})["status"] == "success"
-                assert cli.run("stop", "so101").returncode == 0
+                assert cli.run("estop", "so101").returncode == 0
                 client.until(lambda each: each.value.get("kind") == "stop", "the stop")
         finally:
             frozen.kill()
