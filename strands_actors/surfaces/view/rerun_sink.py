@@ -21,7 +21,7 @@ from .sinks import Reading
 
 TIMELINE = "time"
 MEMORY = "2GB"
-"""The viewer drops the oldest data beyond this, so that it may run for days beside a robot."""
+"""The viewer drops the oldest data beyond this, so that it may run for days."""
 
 _LEVELS: Mapping[Level, str] = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ERROR: "ERROR"}
 
@@ -132,7 +132,7 @@ def _normals(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def _blueprint() -> rrb.Blueprint:
-    """Return the arrangement of the window: model and events, and beside them joints and cameras."""
+    """Return the arrangement of the window, with model and events beside joints and cameras."""
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
