@@ -20,7 +20,7 @@ without further arguments also records the figure (``tests/covered.py``).
 
 ``release``: build the wheel and the source distribution of a commit, and check them (``tests/release.py``).
 
-``newton``, ``peers``: separate suites, because they need gigabytes of packages, minutes to compile, or
+``newton``, ``peers``, ``rerun``: separate suites, because they need gigabytes of packages, minutes to compile, or
 an environment that is built first.
 """
 
@@ -76,7 +76,12 @@ MEASURED = (
 )
 """Tests of milliseconds may fail here, because a process is slower and saves its data when it ends."""
 ALONE = ("pytest", "--last-failed", "--last-failed-no-failures", "none", *ARGUMENTS)
-SUITES = {"newton": ("tests/newton/suite.py",), "peers": ("tests/peers/suite.py",), "soak": ("tests/soak",)}
+SUITES = {
+    "newton": ("tests/newton/suite.py",),
+    "peers": ("tests/peers/suite.py",),
+    "rerun": ("tests/view/rerun_suite.py",),
+    "soak": ("tests/soak",),
+}
 """These are not in the ordinary run: their files do not begin with ``test_``, or their test is long."""
 COMPILE = (sys.executable, "-m", "pytest", "--collect-only", "-q")
 """Compile all tests while mypy runs. Otherwise, in a fresh clone, each of the three workers would compile

@@ -143,6 +143,8 @@ class Gate(Actor):
         self._ordered = SafeState.HOLD  # the safe state that was ordered last
         self._writes = self._reads = self._refusals = 0
         self._last_refusal = ""
+        self._refused: dict[str, int] = {}
+        self._setpoints = 0
 
     async def started(self) -> None:
         transport, watchdog, guardian = self._addresses
@@ -251,6 +253,7 @@ class Gate(Actor):
             code = answer.code
             self._refusals += 1
             self._last_refusal = answer.text
+            self._refused[code] = self._refused.get(code, 0) + 1
         elif 0 < message.period_s <= self._driver.timing.tick_s:
             self._look(self.context.received_ns, admitted=True)
             self._tell_alive(BROUGHT)
@@ -267,6 +270,7 @@ class Gate(Actor):
         if isinstance(admitted, Refused):
             return admitted
         self._advance(Event.SETPOINT)
+        self._setpoints += 1
         self._report_stands = False
         self._target, self._target_ns = admitted.values, now_ns
         self._live = Live(admitted.until_ns or None)
@@ -806,6 +810,8 @@ class Gate(Actor):
             self._leases.rollout(self.context.received_ns),
             self._cause.lapse,
             self._cause.text or self._last_cause,
+            dict(self._refused),
+            self._setpoints,
         )
 
     def _no_motion(self) -> Refused | None:

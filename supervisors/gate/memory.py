@@ -60,3 +60,5 @@ class GateMemory(msgspec.Struct, frozen=True):
     rearming: list[Deferred] = []
     last_cause: str = ""
     ordered: SafeState = SafeState.HOLD
+    refused: dict[str, int] = {}
+    setpoints: int = 0

@@ -265,6 +265,8 @@ class Status(Message, frozen=True):
     rollout: Writing | None = None
     lapse: str = ""  # how the last command ended (``cause.Lapse``), if no stop or fault ended it; otherwise empty
     last_stop_cause: str = ""  # why the robot last stopped or held, for people, also while it is armed again
+    refused: dict[str, int] = msgspec.field(default_factory=dict)  # number of refused setpoints by code
+    setpoints: int = 0  # number of accepted setpoints
 
 
 BROUGHT = 0

@@ -14,8 +14,8 @@ from strands_actors.contract.axis import AxisMode
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_spec import tool_spec
 from strands_actors.supervisors.gate.failsafe import WRITABLE
-from strands_actors.supervisors.gate.messages import Status
-from strands_actors.supervisors.root.messages import TaskStatus
+from strands_actors.supervisors.gate.messages import Status, StopReport
+from strands_actors.supervisors.root.messages import UNREACHABLE, TaskStatus
 
 TELEOP: Mapping[str, Any] = {"inputs": [], "publishers": {}, "receivers": {}}
 """No leader arm writes to this robot over the mesh."""
@@ -51,6 +51,14 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
         "unit": driver.unit,
         "joints": {},
     }
+    if status is not None:
+        state |= {
+            "cause": status.cause,
+            "setpoints": status.setpoints,
+            "refused": dict(status.refused),
+            "last_refusal": status.last_refusal,
+            "last_stop": None if status.last_stop is None else stop_json(status.last_stop),
+        }
     observation = None if status is None else status.observation
     if status is not None and observation is not None:
         state["joints"] = driver.as_telemetry(observation)
@@ -64,8 +72,21 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
     return state
 
 
+def stop_json(report: StopReport) -> dict[str, Any]:
+    """Return the result of the last stop in brief. ``epoch`` tells one stop from the next."""
+    return {
+        "epoch": report.epoch,
+        "reason": report.reason,
+        "safe_state": report.safe_state,
+        "confirmed": report.confirmed,
+        "unconfirmed": report.unconfirmed,
+        "path": report.path,
+        "took_ms": round(report.took_ms, 2),
+    }
+
+
 def mode_of(status: Status | None) -> str:
-    return "unreachable" if status is None else status.mode
+    return UNREACHABLE if status is None else status.mode
 
 
 def features(driver: Driver) -> dict[str, Any]:

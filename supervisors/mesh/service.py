@@ -46,6 +46,7 @@ class MeshService:
         task: Returns the status of the task that the root has started.
         rings: Returns the shared ring buffer of pictures of each camera. None for a robot without cameras.
         audit: Called with the sender, the command, the decision, and the route of the command.
+        restarts: Returns how often each process of the robot was started again.
 
     Attributes:
         problem: Why the robot is not on the mesh; empty if it is. Valid once ``settled`` is set.
@@ -59,7 +60,9 @@ class MeshService:
         task: Callable[[], TaskStatus],
         rings: Callable[[], Mapping[str, FrameRing]] | None = None,
         audit: Callable[[str, str, str, str], None] = lambda *_: None,
+        restarts: Callable[[], Mapping[str, int]] = dict,
     ) -> None:
+        self._restarts = restarts
         self._rings = rings
         self._audit = audit
         self._node = node
@@ -140,7 +143,10 @@ class MeshService:
                 actors.path("commands"), lambda: Commands(robot, driver, pubsub, answers, shared, self._task)
             ),
             node.cell(actors.path("gateway"), lambda: Gateway(robot, driver.robot, driver, pubsub, shared)),
-            node.cell(actors.path("telemetry"), lambda: Telemetry(robot, driver, pubsub, self._task, counts)),
+            node.cell(
+                actors.path("telemetry"),
+                lambda: Telemetry(robot, driver, pubsub, self._task, counts, self._restarts),
+            ),
         ]
         if (rings := self._rings) is not None:
             others.append(node.cell(actors.path("pictures"), lambda: Pictures(robot, pubsub, rings)))

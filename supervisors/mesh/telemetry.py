@@ -64,6 +64,7 @@ class Telemetry(Actor):
         pubsub: The session on the mesh.
         task: Returns the status of the task that the root has started.
         counts: Returns the root's counters for ``health``.
+        restarts: Returns how often each process of the robot was started again.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class Telemetry(Actor):
         pubsub: PubSub,
         task: Callable[[], TaskStatus],
         counts: Callable[[], Mapping[str, int]],
+        restarts: Callable[[], Mapping[str, int]],
     ) -> None:
         self._robot = robot
         self._driver = driver
@@ -80,7 +82,9 @@ class Telemetry(Actor):
         self._pubsub = pubsub
         self._task = task
         self._counts = counts
+        self._restarts = restarts
         self._host = socket.gethostname()
+        self._model_units = _model_units(driver)
         self._topics: dict[str, Topic] = {}
         self._ticks = 0
 
@@ -149,6 +153,7 @@ class Telemetry(Actor):
             "task_status": "running" if task.running else "idle",
             "instruction": task.instruction,
             "action_keys": list(self._driver.axes),
+            "model_units": self._model_units,
             "topics": self._available(status),
             "pid": os.getpid(),
         }
@@ -184,6 +189,7 @@ class Telemetry(Actor):
             "ok": status is not None and status.mode in LINKED and not _faults(status),
             "connected": status is not None and status.connected,
             "counts": dict(self._counts()),
+            "restarts": dict(self._restarts()),
         }
         if status is not None:
             health |= {
@@ -204,6 +210,12 @@ class Telemetry(Actor):
                     if not any(sensor.publishes(name) for sensor in self._driver.SENSORS)
                 }
         return health
+
+
+def _model_units(driver: Driver) -> dict[str, tuple[float, float]]:
+    """Return (zero, scale) of each axis, as ``Driver.model_units`` has them, and of joints that are only read."""
+    read_only = {joint.key: (0.0, 1.0) for joint in driver.READ_ONLY_JOINTS if joint.unit in ("rad", "m")}
+    return {**read_only, **dict(zip(driver.axes, driver.model_units(), strict=True))}
 
 
 def _faults(status: Status) -> dict[str, str]:

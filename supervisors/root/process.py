@@ -198,7 +198,13 @@ class Tree:
         )
         rings = (lambda: self.cameras.rings) if args.get("cameras") else None
         self.mesh = MeshService(
-            self.node, self.robot, self.driver, lambda: self.tasks.status, rings, self.audit.note
+            self.node,
+            self.robot,
+            self.driver,
+            lambda: self.tasks.status,
+            rings,
+            self.audit.note,
+            lambda: self.restarts,
         )
         self.keeper = LockKeeper(Locks(Path(args["locks"]), self.robot, args["lock_port"]))
         self.safety_page = SafetyPage(words)
@@ -467,22 +473,31 @@ class Tree:
 
     # -- the description of the robot's processes
 
+    @property
+    def restarts(self) -> dict[str, int]:
+        """Return how often each process was started again. A policy process is started for each task."""
+        cameras = {f"camera/{name}": starts for name, starts in self.cameras.starts.items()}
+        starts = {"standby": self.standby.starts, "policy": self.tasks.starts, **cameras}
+        again = {process: max(0, count - 1) for process, count in starts.items()}
+        return {"wire": self.supervisor.restarts.get("wire", 0), **again}
+
     async def describe(self, asker: str) -> TreeReport:
         state = self.guardian.state
         mode = Mode.FAILED if self.failed else Mode(state.mode)
+        restarts = self.restarts
         report = [
             ProcessInfo("caller", self.args["caller_pid"], 0),
             ProcessInfo("root", os.getpid(), 0),
             ProcessInfo("spawner", self.spawner.pid, 0),
         ]
         if self.wire is not None and self.wire.process.alive:
-            report.append(ProcessInfo("wire", self.wire.process.pid, self.supervisor.restarts["wire"]))
+            report.append(ProcessInfo("wire", self.wire.process.pid, restarts["wire"]))
         if self.standby.process is not None:
-            report.append(ProcessInfo("standby", self.standby.process.pid, max(0, self.standby.starts - 1)))
+            report.append(ProcessInfo("standby", self.standby.process.pid, restarts["standby"]))
         if self.tasks.process is not None:
-            report.append(ProcessInfo("policy", self.tasks.process.pid, max(0, self.tasks.starts - 1)))
+            report.append(ProcessInfo("policy", self.tasks.process.pid, restarts["policy"]))
         for name, camera in self.cameras.processes.items():
-            report.append(ProcessInfo(f"camera/{name}", camera.pid, max(0, self.cameras.starts[name] - 1)))
+            report.append(ProcessInfo(f"camera/{name}", camera.pid, restarts[f"camera/{name}"]))
         if self._instrument is not None and self._instrument.recorder_pid:
             report.append(ProcessInfo("recorder", self._instrument.recorder_pid, 0))
         if self.args.get("twin_pid"):

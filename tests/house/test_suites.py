@@ -11,7 +11,7 @@ import pytest
 
 from .test_imports import PACKAGE, ROOT, imports_of, is_in, modules_below
 
-SUITES = ("tests.lerobot", "tests.peers", "tests.newton")
+SUITES = ("tests.lerobot", "tests.peers", "tests.newton", "tests.view.rerun_suite")
 MODULES = modules_below(ROOT, "tests") | modules_below(ROOT, PACKAGE)
 
 

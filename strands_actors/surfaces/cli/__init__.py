@@ -24,6 +24,7 @@ from .options import (
     Json,
     Kind,
     Mesh,
+    Running,
     What,
     Which,
     cameras_of,
@@ -148,6 +149,54 @@ def echo(
     from .listen import echo as run
 
     run(robot_or_key, mesh, as_json=json, count=count, timeout_s=timeout)
+
+
+@app.command()
+def view(
+    robot: Running,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Serve Foxglove, which then shows the robot.")
+    ] = False,
+    host: Annotated[
+        str, typer.Option(help="Address for Foxglove. Every program that reaches it can read the telemetry.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port for Foxglove. 0: a free one.")] = 8765,
+    rerun: Annotated[bool, typer.Option("--rerun", help="Show the robot in Rerun.")] = False,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE.rrd", help="With --rerun: write a recording, and open no window.")
+    ] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Wait until the robot runs.")] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, callback=finite, help="End after this many seconds.")
+    ] = None,
+    cameras: Annotated[bool, typer.Option(help="Show the robot's cameras.")] = True,
+    model: Annotated[bool, typer.Option(help="Show the robot's model in 3-D.")] = True,
+    model_file: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The model file (MJCF or URDF) of a robot that is simulated from it."),
+    ] = None,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Show a running robot live in Foxglove or Rerun: joints, 3-D model, cameras, events. It only reads."""
+    from .view import Choice
+    from .view import view as run
+
+    file = "" if model_file is None else str(model_file)
+    run(Choice(robot, foxglove, rerun, host, port, save, wait, seconds, cameras, model, file), mesh, as_json=json)
+
+
+@app.command()
+def metrics(
+    host: Annotated[str, typer.Option(help="Address to listen at.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen at. 0: a free one.")] = 9464,
+    mesh: Mesh = None,
+    json: Json = False,
+) -> None:
+    """Serve the metrics of all running robots for Prometheus. Nothing is asked of the robots' wires."""
+    from .metrics import metrics as run
+
+    run(host, port, mesh, as_json=json)
 
 
 @app.command()

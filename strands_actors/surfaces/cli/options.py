@@ -101,6 +101,10 @@ Which = Annotated[
     str | None,
     typer.Argument(metavar="[ROBOT]", help="The robot's name, as `tree` shows it.", autocompletion=_running),
 ]
+Running = Annotated[
+    str,
+    typer.Argument(metavar="ROBOT", help="The robot's name, as `tree` shows it.", autocompletion=_running),
+]
 Kind = Annotated[
     str, typer.Argument(metavar="ROBOT", help="The robot's type, as `list` shows it.", autocompletion=_robot_types)
 ]

@@ -1,0 +1,8 @@
+"""Metrics of running robots for Prometheus, in the OpenMetrics format.
+
+They are computed from the telemetry on the mesh, in a separate process. A scrape asks nothing of the robot.
+
+``ledger``     counts and histograms of each robot, from its samples; pure
+``families``   the metrics with their names and labels
+``serving``    joins the mesh, and serves the metrics over HTTP
+"""
