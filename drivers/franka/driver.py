@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Service, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
@@ -20,7 +21,7 @@ from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 
-from .arms import arm_of, arms, model_table
+from .arms import FLANGE_M, HOME_RAD, arm_of, arms, model_table
 from .config import FrankaConfig
 from .gates import CONDITIONS, all_gates
 from .generator import limits_of
@@ -101,6 +102,10 @@ class Franka(Driver):
 
     def check_port(self) -> None:
         _ = self.config.host
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
+        table = arm_table(model_table(self.arm))
+        return ArmModel(table, self.axes, "link7", (0.0, 0.0, FLANGE_M), home=HOME_RAD)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         return {

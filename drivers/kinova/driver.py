@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Axis, Part, PartKind, parse_action
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
@@ -23,7 +24,7 @@ from strands_actors.kernel.messages import Refused
 
 from .config import KinovaConfig
 from .gates import CONDITIONS, all_gates, needed_speeds
-from .robots import TABLES
+from .robots import INTERFACE_M, LAST_LINK, TABLES
 
 SILENT_PERIODS = 3
 """Number of periods without a new speed, or without new feedback, after which the arm is stopped."""
@@ -106,6 +107,12 @@ class Kinova(Driver):
 
     def as_json(self, values: Sequence[float]) -> dict[str, float]:
         return super().as_json(values[: len(self.axes)])
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
+        table = TABLES.table(self.robot)
+        # The tool points along the negative axis z of the last link.
+        place, turn = (0.0, 0.0, -INTERFACE_M), (0.0, 1.0, 0.0, 0.0)
+        return ArmModel(arm_table(table), self.axes, LAST_LINK, place, turn, home=tuple(table["home_rad"]))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         """Return the accepted joint speeds in rad/s, for the caller's answer.

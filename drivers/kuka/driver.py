@@ -12,6 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec.structs import replace
 
+from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.driver import Candidate, Driver, GateState, Reason, Timing
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
@@ -24,7 +25,7 @@ from strands_actors.kernel.messages import Refused
 from .config import KeptPort, KukaConfig
 from .gates import conditions, gates, last_target, span_s
 from .protocol import FRI_PORT
-from .robots import TABLES, arm_of
+from .robots import FLANGE_M, TABLES, arm_of
 
 
 class Options(DriverOptions, frozen=True):
@@ -80,6 +81,14 @@ class Kuka(Driver):
 
     def check_port(self) -> None:
         self.config.address()
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
+        # Imported here, since only the caller needs the links of the arm.
+        from .twin.model import model_table
+
+        table = model_table(self.arm)
+        home = tuple(table["home_rad"])
+        return ArmModel(arm_table(table), self.axes, "link7", (0.0, 0.0, FLANGE_M), home=home)
 
     def first_target(self, observation: Observation) -> tuple[float, ...]:
         """Return the position from which the first motion begins: the commanded one, which the arm follows."""

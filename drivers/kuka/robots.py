@@ -12,6 +12,9 @@ from strands_actors.drivers.common.kit.robot_tables import RobotTables
 
 TABLES = RobotTables(__package__, "KUKA")
 
+FLANGE_M = 0.045
+"""From the origin of the last link to the flange: ``attachment_site`` of the model that ``robots.toml`` names."""
+
 
 class Joint(msgspec.Struct, frozen=True):
     """One joint: its range, top speed and torque, in the units of the data sheet (deg, deg/s, Nm)."""

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Literal
 
 import msgspec
 
+from strands_actors.contract.arm_model import ArmModel
 from strands_actors.contract.axis_gates import past_range
 from strands_actors.contract.driver import HOLDING_REASONS, Candidate, Driver, GateState, Service
 from strands_actors.contract.safe_state import SafeState
@@ -133,6 +134,9 @@ class SimDriver(Driver):
 
     def energised(self, safe_state: SafeState) -> bool:
         return safe_state == SafeState.HOLD or self.real.energised(safe_state)
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel | None:
+        return self.real.arm_model(sensors)
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         return self.config.units

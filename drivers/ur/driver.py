@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta
 
+from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
@@ -112,6 +113,12 @@ class UR(Driver):
 
     def check_port(self) -> None:
         _ = self.config.host
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
+        # Imported here, since only the caller needs the links of the arm.
+        from .twin.model import HOME_RAD, model_table
+
+        return ArmModel(arm_table(model_table(arm_of(self.robot))), self.axes, "wrist_3", home=HOME_RAD)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         named = {str(key).removesuffix(".pos") for key in action}

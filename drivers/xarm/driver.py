@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
+from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
@@ -19,7 +20,7 @@ from strands_actors.contract.sensors import Sensor, pose
 from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 
-from .arms import TABLES, arm_of, axes_of, model_table
+from .arms import TABLES, arm_of, axes_of, mirrored, model_table
 from .config import LATE_S, XArmConfig
 from .gates import CONDITIONS, all_gates
 
@@ -80,6 +81,12 @@ class XArm(Driver):
 
     def check_port(self) -> None:
         self.config.address()
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
+        low, high = sensors.get("range_low_rad", ()), sensors.get("range_high_rad", ())
+        arm_type = self.arm.usual if not (low and high) else self.arm.type_of_ranges(low, high)
+        table = model_table(self.robot, arm_type)
+        return ArmModel(arm_table(table), self.axes, "link7", home=mirrored(arm_type, self.arm.home_rad))
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)

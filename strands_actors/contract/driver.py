@@ -26,6 +26,7 @@ from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
+from .arm_model import ArmModel
 from .axis import Axis, AxisMode, Part, axes_of, finite, first_target, parse_action
 from .contract_version import UNDECLARED
 from .loading import load
@@ -569,6 +570,17 @@ class Driver(ABC):
         They are in words and units of the robot's users: a pose, a charge, the name of a mode.
         """
         return {}
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel | None:
+        """Return the model of the arm, with which ``move_to`` moves its tool to a pose.
+
+        Args:
+            sensors: The newest readings of the robot's sensors.
+
+        Returns:
+            The model. None (the default) for a robot without a tool whose pose can be computed.
+        """
+        return None
 
     def model_units(self) -> tuple[tuple[float, float], ...]:
         """Return (zero, scale) of each axis, to convert positions of the simulated robot's model.

@@ -124,6 +124,12 @@ class Code(RefusalCode):
     )
     KEEPS_NO_POSE = "keeps_no_pose", "the robot keeps no pose by itself", "run a policy that keeps it"
     A_SPEED = "a_speed", "a speed has no target to reach", "move(..., duration_s=) or send_action()"
+    NO_ARM = "no_arm", "the robot has no tool whose pose is computed", "move_to() with joint targets"
+    BAD_POSE = "bad_pose", "a pose, or how to move there, is not given as it has to be", "give it as the text names"
+    OUT_OF_REACH = "out_of_reach", "the tool cannot be brought to the pose", "give the nearest pose, which is named"
+    SINGULAR = "singular", "a line passes a position where a joint would have to leap", "give linear=False"
+    COLLISION = "collision", "the arm would touch itself or a space to keep out of", "give another pose"
+    MOVED = "moved", "the arm moved while its motion was planned", "wait until it stands still, then ask again"
     NO_JOINT = "no_joint", "a time is given without a joint", "name a joint with it"
     NO_OBSERVATION = "no_observation", "nothing was read of the robot yet", "wait for the first reading"
     STALE = "stale", "a reading is too old", "check cable, power and network"

@@ -13,6 +13,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec
 
+from strands_actors.contract.arm_model import ArmModel, arm_table
 from strands_actors.contract.axis import Part, PartKind, finite
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
@@ -269,6 +270,14 @@ class ServoDriver(Driver):
 
     def link_rows(self) -> str:
         return str(self.TABLES.table(self.robot).get("model_rows", ""))
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel | None:
+        table = self.TABLES.robots[self.robot]
+        if "tool" not in table:
+            return None
+        joints = tuple(joint["key"] for joint in table["joints"] if joint["unit"] != "percent")
+        tool = table["tool"]
+        return ArmModel(arm_table(table), joints, tool["link"], tuple(tool["xyz"]), tuple(tool["quat"]))
 
     def travel(self) -> dict[str, tuple[float, float]]:
         return {axis.key: axis.limits for axis in self.joints} if self.config.calibration else {}

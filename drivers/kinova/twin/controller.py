@@ -18,6 +18,7 @@ from strands_actors.drivers.common.physics.physics import Plant
 from strands_actors.drivers.common.twin import Fault
 from strands_actors.drivers.kinova import protocol as p
 from strands_actors.drivers.kinova.protocol import ArmState, ServoingMode, SubError
+from strands_actors.drivers.kinova.robots import INTERFACE_M, LAST_LINK
 
 from . import messages as m
 from .actions import AT_ONCE, Actions
@@ -42,9 +43,8 @@ SUBSTEP_S = 0.004
 LONGEST_S = 0.25
 """Longest pause of this process for which the simulation catches up. The rest of a longer pause is dropped."""
 
-LINK, INTERFACE_M, GRIPPER_M = "bracelet", 0.0615, 0.12
-"""The last link, and two distances: from its joint to the face of the interface, and from there to the point
-between the fingers. They are those of the vendor's URDF."""
+GRIPPER_M = 0.12
+"""The distance from the interface to the point between the fingers, as in the vendor's URDF."""
 
 UNKNOWN_FAULT, JOINT_FAULT, EMERGENCY_STOP_ACTIVATED = 0x1, 0x10, 0x800000
 """Bits of the base's fault bank A (``SafetyIdentifier``). The first one is set for faults of the control lines."""
@@ -206,7 +206,7 @@ class Controller:
         reach_m = INTERFACE_M + (GRIPPER_M if self.gripper is not None else 0.0)
         # The tool points along the negative axis z of the last link.
         tool = Pose(np.array((0.0, 0.0, -reach_m)), np.array((0.0, 1.0, 0.0, 0.0)))
-        return Kinematics(self._table, LINK, tool)
+        return Kinematics(self._table, LAST_LINK, tool)
 
     @cached_property
     def planner(self) -> Planner:

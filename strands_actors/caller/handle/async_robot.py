@@ -22,7 +22,7 @@ from ..resolve.planning import completed, plan
 from ..session.portal import open_caller
 from ..session.tree import RobotTree
 from . import envelopes as answers
-from . import moving, running, verbs
+from . import moving, posing, running, verbs
 from .envelopes import Answer
 from .progress import LOOK_S, Show
 from .verbs import answered
@@ -110,19 +110,42 @@ class AsyncRobot:
         return await answered("move", verbs.send_action, self._tree, action)
 
     async def move_to(
-        self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True
+        self,
+        targets: Mapping[str, Any] | None = None,
+        seconds: float | None = None,
+        wait: bool = True,
+        *,
+        xyz: Sequence[float] | None = None,
+        rpy: Sequence[float] | None = None,
+        quat: Sequence[float] | None = None,
+        frame: Literal["base", "tool"] | None = None,
+        speed: float | None = None,
+        linear: bool | None = None,
+        keep_out: Sequence[Mapping[str, Sequence[float]]] | None = None,
     ) -> Answer:
-        """Move the named joints smoothly to their targets. A cancelled call ends the motion.
+        """Move joints smoothly to their targets, or the tool to a pose. A cancelled call ends the motion.
 
         Args:
             targets: Target by joint, in the driver's units. Other joints stay where they are.
-            seconds: Duration of the motion, above 0 and at most 600 s.
+            seconds: Duration of a motion to ``targets``, above 0 and at most 600 s. None: 2 s.
             wait: True returns at the end of the motion, False at once.
+            xyz: Position of the tool in m.
+            rpy: Orientation of the tool as roll, pitch and yaw in degrees.
+            quat: The orientation as w, x, y, z, in place of ``rpy``.
+            frame: ``base`` (the default) or ``tool``.
+            speed: Top speed of the tool in m/s. None: 0.1.
+            linear: True (the default) moves the tool along a straight line. False interpolates the joints.
+            keep_out: Boxes that the arm may not enter.
 
         Returns:
             As ``RealRobot.move_to``.
         """
-        return await answered("move_to", moving.move_to, self._tree, targets, seconds, wait)
+        pose = posing.given(xyz=xyz, rpy=rpy, quat=quat, frame=frame, speed=speed, linear=linear, keep_out=keep_out)
+        return await answered("move_to", posing.move_to, self._tree, targets, seconds, wait, pose)
+
+    async def get_pose(self) -> Answer:
+        """Return the measured pose of the arm's tool. The keys are those of ``RealRobot.get_pose``."""
+        return await answered("get_pose", posing.get_pose, self._tree)
 
     async def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
         """Move to the first row, then along all rows. A cancelled call ends the motion.

@@ -56,7 +56,7 @@ async def move_to(tree: RobotTree, targets: Mapping[str, Any], seconds: float, w
     motion = await tree.rollouts.move(
         "move_to", lambda reading: plan_move(driver, targets, seconds, reading, period_s)
     )
-    return await _to_its_end(tree, motion, wait)
+    return await to_its_end(tree, motion, wait)
 
 
 async def hold(tree: RobotTree, verb: str, action: Mapping[str, Any], seconds: float, wait: bool) -> Answer:
@@ -93,7 +93,7 @@ async def move_along(tree: RobotTree, rows: Sequence[Mapping[str, Any]], hz: flo
     if refusal is not None:
         return answers.refused(refusal)
     motion = await tree.rollouts.move(MOVE_ALONG, lambda reading: plan_along(driver, path, reading, period_s))
-    return await _to_its_end(tree, motion, wait, rows=len(path.rows))
+    return await to_its_end(tree, motion, wait, rows=len(path.rows))
 
 
 async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused | None:
@@ -117,7 +117,7 @@ async def _refuse_along(tree: RobotTree, path: Path, period_s: float) -> Refused
     return None
 
 
-async def _to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **more: Any) -> Answer:
+async def to_its_end(tree: RobotTree, motion: Motion | Refused, wait: bool, **more: Any) -> Answer:
     """Return the answer of a verb that moves the robot to a target, after the motion's end if ``wait`` is true.
 
     ``motion`` is the started motion, or the refusal to start it.
@@ -199,4 +199,4 @@ async def end_motion(tree: RobotTree) -> Answer:
     return answers.refused(released) if isinstance(released, Refused) else answers.stop_result("release", released)
 
 
-__all__ = ["DEFAULT_S", "end_motion", "hold", "move_along", "move_to"]
+__all__ = ["DEFAULT_S", "end_motion", "hold", "move_along", "move_to", "to_its_end"]

@@ -39,7 +39,7 @@ from ..session.liveness import Liveness
 from ..session.portal import portal
 from ..session.tree import RobotTree
 from . import envelopes as answers
-from . import forked, moving, reference_names, running, verbs
+from . import forked, moving, posing, reference_names, running, verbs
 from .bus import Bus
 from .envelopes import Answer, PendingAnswer
 from .progress import LOOK_S, Show
@@ -355,25 +355,67 @@ class RealRobot(RobotTool):
             return refused
         return self._verb_here(verbs.send_action_here, verbs.send_action, "move", action)
 
-    def move_to(self, targets: Mapping[str, Any], seconds: float = moving.DEFAULT_S, wait: bool = True) -> Answer:
-        """Move the named joints smoothly from their measured positions to their targets.
+    def move_to(
+        self,
+        targets: Mapping[str, Any] | None = None,
+        seconds: float | None = None,
+        wait: bool = True,
+        *,
+        xyz: Sequence[float] | None = None,
+        rpy: Sequence[float] | None = None,
+        quat: Sequence[float] | None = None,
+        frame: Literal["base", "tool"] | None = None,
+        speed: float | None = None,
+        linear: bool | None = None,
+        keep_out: Sequence[Mapping[str, Sequence[float]]] | None = None,
+    ) -> Answer:
+        """Move the named joints smoothly to their targets, or the tool of an arm to a pose.
 
-        The motion is a stream of setpoints along a minimum-jerk path. ``stop_task()`` and Ctrl-C end the
-        motion, and the robot holds its position.
+        The motion is a stream of setpoints. It is at rest at both ends. ``stop_task()`` and Ctrl-C end the
+        motion, and the robot holds its position. A pose that cannot be reached is refused before anything moves.
 
         Args:
             targets: Target by joint, in the driver's units. Other joints stay where they are.
-            seconds: Duration of the motion, above 0 and at most 600 s. If it is too short for a joint,
-                the motion is refused, and the refusal has the shortest possible time.
+            seconds: Duration of a motion to ``targets``, above 0 and at most 600 s. None: 2 s. If it is too
+                short for a joint, the motion is refused, and the refusal has the shortest possible time.
             wait: True returns at the end of the motion. False returns at once; ``get_task_status()``
                 then shows the progress.
+            xyz: Position of the tool in m. None keeps the position, if an orientation is given.
+            rpy: Orientation of the tool as roll, pitch and yaw in degrees, about the fixed axes x, y and z.
+                None keeps the orientation. An arm with five joints keeps it as nearly as the position allows.
+            quat: The orientation as w, x, y, z, in place of ``rpy``.
+            frame: ``base`` (the default): the pose is in the frame of the arm's base. ``tool``: it is relative
+                to the present pose of the tool, along the axes of the tool.
+            speed: Top speed of the tool in m/s, above 0 and at most 3. None: 0.1. The motion takes longer
+                if a joint cannot follow.
+            linear: True (the default) moves the tool along a straight line. False interpolates the joints.
+            keep_out: Boxes that the arm may not enter: ``{"center": (x, y, z), "size": (x, y, z)}``, in m, along
+                the axes of the base. They count for this motion only.
 
         Returns:
             A success if the motion has ended as planned (or has begun, with ``wait=False``). Keys:
             ``commanded``, ``unit``, ``seconds``; after the end ``took_s`` and ``position``, as measured
-            by joint; with ``wait=False`` ``running``.
+            by joint; with ``wait=False`` ``running``. A motion to a pose adds ``pose``, the planned pose at
+            the end, and after the end ``measured_pose``, both with the keys of ``get_pose``.
+
+        Example:
+            here = arm.get_pose()["content"][0]["json"]["xyz"]
+            arm.move_to(xyz=(here[0], here[1] + 0.05, here[2]))  # 5 cm to the left of the base
         """
-        return self._in_time("move_to", moving.move_to, targets, seconds, wait)
+        pose = posing.given(xyz=xyz, rpy=rpy, quat=quat, frame=frame, speed=speed, linear=linear, keep_out=keep_out)
+        return self._in_time("move_to", posing.move_to, targets, seconds, wait, pose)
+
+    def get_pose(self) -> Answer:
+        """Return the measured pose of the arm's tool, in the frame of the arm's base.
+
+        The tool of an arm is the middle of its flange, or a point between the fingers of its own gripper. It is
+        computed from the newest reading of the joints and the model of the arm.
+
+        Returns:
+            Keys: ``xyz`` in m, ``rpy`` (roll, pitch and yaw in degrees about the fixed axes x, y and z), and
+            ``quat`` (the same orientation as w, x, y, z).
+        """
+        return self._verb(posing.get_pose, "get_pose")
 
     def move_along(self, rows: Sequence[Mapping[str, Any]], hz: float, wait: bool = True) -> Answer:
         """Move to the first of ``rows`` as ``move_to`` does, then along all rows.

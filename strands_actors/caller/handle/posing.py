@@ -1,0 +1,176 @@
+"""Poses of a robot's tool: ``get_pose``, and ``move_to`` with a pose.
+
+The joint positions are computed in a thread of this process, and never in a process of the robot. The motion itself
+is a stream of setpoints, as of ``move_to`` with joint targets.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import trio
+
+from strands_actors.contract.arm_model import ArmModel
+from strands_actors.contract.driver import Driver
+from strands_actors.contract.wire import Observation
+from strands_actors.kernel.messages import Refused
+
+from ..poses import refusals
+from ..poses.request import PoseRequest, read_request
+from ..session.motions import MOVE_TO, Motion, RobotReading
+from ..session.refusals import no_reading
+from ..session.tree import RobotTree
+from . import envelopes as answers
+from . import moving
+from .envelopes import Answer
+
+if TYPE_CHECKING:
+    from ..poses.arm import Arm
+    from ..poses.timing import TimedPlan
+
+GET_POSE = "get_pose"
+POSE_NAMES = ("xyz", "rpy", "quat")
+"""The arguments of ``move_to`` of which at least one makes it a motion to a pose."""
+
+T = TypeVar("T")
+
+
+def given(**arguments: Any) -> dict[str, Any]:
+    """Return the arguments that are not None."""
+    return {name: value for name, value in arguments.items() if value is not None}
+
+
+async def get_pose(tree: RobotTree) -> Answer:
+    """Return the pose of the tool. The keys are those of ``RealRobot.get_pose``."""
+    observation = await tree.observe()
+    if isinstance(observation, Refused):
+        return answers.refused(observation.about(GET_POSE))
+    pose = await _computed(_pose_of, tree.driver, observation)
+    if isinstance(pose, Refused):
+        return answers.refused(pose.about(GET_POSE))
+    return answers.success({"robot": tree.robot, **pose})
+
+
+async def move_to(
+    tree: RobotTree, targets: Mapping[str, Any] | None, seconds: float | None, wait: bool, pose: Mapping[str, Any]
+) -> Answer:
+    """Move joints to their targets, or the tool to a pose.
+
+    Args:
+        tree: The robot.
+        targets: Target by joint; None for a motion to a pose.
+        seconds: Duration of a motion to targets; None for the default.
+        wait: True returns at the end of the motion, False at once.
+        pose: The further arguments of ``RealRobot.move_to`` that were given, by name.
+    """
+    if not any(name in pose for name in POSE_NAMES):
+        if pose:
+            return answers.refused(refusals.pose_arguments(next(iter(pose))))
+        if targets is None:
+            return answers.refused(refusals.no_pose())
+        return await moving.move_to(tree, targets, moving.DEFAULT_S if seconds is None else seconds, wait)
+    if targets is not None:
+        return answers.refused(refusals.targets_and_pose())
+    if seconds is not None:
+        return answers.refused(refusals.seconds_of_pose())
+    request = read_request(**pose)
+    return answers.refused(request) if isinstance(request, Refused) else await move_to_pose(tree, request, wait)
+
+
+async def move_to_pose(tree: RobotTree, request: PoseRequest, wait: bool) -> Answer:
+    """Move the tool to a pose, and return at the end of the motion if ``wait`` is true."""
+    driver, period_s = tree.driver, 1.0 / tree.driver.timing.control_hz
+    status = await tree.status()
+    if status is not None and status.no_motion is not None:
+        return answers.refused(status.no_motion.about(MOVE_TO))
+    if status is None or status.observation is None or not status.target:
+        return answers.refused(await _reason_unread(tree))
+    reading = RobotReading(status.observation, status.target, status.observation.t_ns)
+    timed = await _computed(_timed, driver, request, reading, period_s)
+    if isinstance(timed, Refused):
+        return answers.refused(timed.about(MOVE_TO))
+
+    def plan(now: RobotReading) -> Motion | Refused:
+        from ..poses.timing import motion_of
+
+        return motion_of(driver, timed, now, period_s)
+
+    motion = await tree.rollouts.move(MOVE_TO, plan)
+    answer = await moving.to_its_end(tree, motion, wait, pose=timed.plan.goal.as_json())
+    if answer["status"] != "success" or not wait:
+        return answer
+    reached = await get_pose(tree)
+    if reached["status"] != "success":
+        return answer
+    named = ("xyz", "rpy", "quat")
+    measured = {key: value for key, value in reached["content"][0]["json"].items() if key in named}
+    return answers.success({**answer["content"][0]["json"], "measured_pose": measured})
+
+
+async def _reason_unread(tree: RobotTree) -> Refused:
+    """Return why a motion cannot begin, for a robot that is not armed or was not read."""
+    observation = await tree.observe()
+    if isinstance(observation, Refused):
+        return observation.about(MOVE_TO)
+    return no_reading(MOVE_TO)
+
+
+async def _computed(function: Callable[..., T], *arguments: Any) -> T:
+    """Run a function that computes for some milliseconds in a thread, so that heartbeats are sent meanwhile."""
+    return await trio.to_thread.run_sync(functools.partial(function, *arguments))
+
+
+def _pose_of(driver: Driver, observation: Observation) -> dict[str, Any] | Refused:
+    arm = _arm_of(driver, observation)
+    if isinstance(arm, Refused):
+        return arm
+    from ..poses.timing import units_of
+
+    return arm.pose(units_of(driver, arm.names).rad(observation.position)).as_json()
+
+
+def _timed(driver: Driver, request: PoseRequest, reading: RobotReading, period_s: float) -> TimedPlan | Refused:
+    arm = _arm_of(driver, reading.observation, request)
+    if isinstance(arm, Refused):
+        return arm
+    from ..poses.plans import plan_pose
+    from ..poses.timing import time_plan, units_of
+
+    plan = plan_pose(arm, request, units_of(driver, arm.names).rad(reading.observation.position))
+    if isinstance(plan, Refused):
+        return plan
+    return time_plan(driver, plan, request.speed_m_s, reading, period_s)
+
+
+def _arm_of(driver: Driver, observation: Observation, request: PoseRequest | None = None) -> Arm | Refused:
+    """Return the arm as it was measured, or a refusal."""
+    model = driver.arm_model(observation.sensors)
+    if model is None:
+        return refusals.no_arm("", driver.robot)
+    measured = dict(zip(driver.axes, observation.position, strict=False))
+    for joint in model.joints:
+        if not math.isfinite(measured[joint]):
+            return refusals.unknown_joint_position("", joint)
+    # MuJoCo and numpy are imported only here, since most programs need no poses.
+    from ..poses.arm import Arm
+    from ..poses.timing import limits_of, units_of
+
+    low, high = limits_of(driver, units_of(driver, model.joints))
+    keep_out = () if request is None else request.keep_out
+    return Arm(model, low, high, _others(driver, model, measured), keep_out)
+
+
+def _others(driver: Driver, model: ArmModel, measured: dict[str, float]) -> dict[str, float]:
+    """Return the positions of the other joints in rad, such as that of a gripper."""
+    units = dict(zip(driver.axes, driver.model_units(), strict=True))
+    return {
+        joint: (value - units[joint][0]) / units[joint][1]
+        for joint, value in measured.items()
+        if joint not in model.joints and math.isfinite(value)
+    }
+
+
+__all__ = ["get_pose", "given", "move_to"]

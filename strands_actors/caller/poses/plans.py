@@ -1,0 +1,181 @@
+"""Plan the joint positions along which the tool of an arm moves to a pose, or say why it cannot. Pure.
+
+A straight line becomes waypoints. Each is solved from the one before, so that the arm does not change its posture
+on the way. A plan says nothing about time (``timing``).
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from strands_actors.kernel.messages import Refused
+
+from . import refusals
+from .arm import Arm, Array, Pose, Touch, between, composed, turn_between
+from .request import PoseRequest, rpy_of
+from .search import NEXT_STEPS, find, follow, nearest, solve
+
+WAYPOINT_M = 0.01
+WAYPOINT_RAD = math.radians(4)
+"""Largest distance and turn between two waypoints of a line."""
+JOINT_RAD = math.radians(5)
+"""Largest joint motion between two waypoints of a motion that is not linear."""
+LEAP_RAD = 0.35
+"""A joint that turns farther between two waypoints of a line is at a singularity."""
+TOLERANCE_M, TOLERANCE_RAD = 5e-4, math.radians(0.25)
+"""A planned pose may differ from the requested one by this much."""
+FULL_JOINTS = 6
+"""An arm with fewer joints cannot keep an orientation while its tool moves."""
+M_PER_RAD = 0.2
+"""A turn of the tool by one rad takes as long as this distance."""
+
+
+class PosePlan(NamedTuple):
+    """A planned motion of the tool.
+
+    Attributes:
+        joints: Keys of the joints.
+        waypoints: Joint positions in rad, the first is the present one, evenly spaced along the motion.
+        length_m: Length of the tool's path. A turn counts as ``M_PER_RAD`` per rad, if that is longer.
+        goal: The planned pose at the end.
+    """
+
+    joints: tuple[str, ...]
+    waypoints: Array
+    length_m: float
+    goal: Pose
+
+
+class _Start(NamedTuple):
+    rad: Array
+    pose: Pose
+    overlaps: frozenset[tuple[int, int]]
+
+
+def plan_pose(arm: Arm, request: PoseRequest, rad: Array) -> PosePlan | Refused:
+    """Plan the motion of the tool to the requested pose.
+
+    Args:
+        arm: The arm.
+        request: The requested pose.
+        rad: The measured joint positions.
+
+    Returns:
+        The plan, or a refusal with the nearest pose that can be reached, or with what to do.
+    """
+    start = _Start(np.array(rad, dtype=float), arm.pose(rad), arm.overlaps(rad))
+    touch = arm.touch(start.rad, start.overlaps)
+    if touch is not None and touch.box is not None:
+        return refusals.inside_keep_out(touch.link, touch.box)
+    goal = goal_of(start.pose, request)
+    loose = len(arm.names) < FULL_JOINTS and request.quat is None
+    return _line(arm, goal, start, loose) if request.linear else _direct(arm, goal, start, loose)
+
+
+def goal_of(here: Pose, request: PoseRequest) -> Pose:
+    """Return the requested pose in the frame of the base."""
+    if request.frame == "tool":
+        xyz = np.array(request.xyz or (0.0, 0.0, 0.0))
+        return composed(here, Pose(xyz, np.array(request.quat or (1.0, 0.0, 0.0, 0.0))))
+    xyz = here.xyz if request.xyz is None else np.array(request.xyz)
+    return Pose(xyz, here.quat if request.quat is None else np.array(request.quat))
+
+
+def _line(arm: Arm, goal: Pose, start: _Start, loose: bool) -> PosePlan | Refused:
+    distance = float(np.linalg.norm(goal.xyz - start.pose.xyz))
+    turn = float(np.linalg.norm(turn_between(start.pose.quat, goal.quat)))
+    count = max(1, math.ceil(max(distance / WAYPOINT_M, turn / WAYPOINT_RAD)))
+    rad, waypoints = start.rad, [start.rad]
+    for number in range(1, count + 1):
+        goal_here = between(start.pose, goal, number / count)
+        then = _step(arm, goal_here, rad, loose)
+        if then is None or float(np.abs(then - rad).max()) > LEAP_RAD:
+            leap = then is not None
+            return _refuse_line(arm, goal, start, loose, distance * (number - 1) / count, leap)
+        touch = arm.touch(then, start.overlaps)
+        if touch is not None:
+            return _refuse_touch(touch, distance * number / count, linear=True)
+        rad = then
+        waypoints.append(rad)
+    return _plan(arm, waypoints, distance)
+
+
+def _step(arm: Arm, goal: Pose, rad: Array, loose: bool) -> Array | None:
+    """Return the joint positions of the next waypoint, or None."""
+    if not loose:
+        return solve(arm, goal, rad, NEXT_STEPS)
+    then = follow(arm, goal, rad)
+    return then if float(np.linalg.norm(arm.pose(then).xyz - goal.xyz)) < TOLERANCE_M else None
+
+
+def _direct(arm: Arm, goal: Pose, start: _Start, loose: bool) -> PosePlan | Refused:
+    end = _end(arm, goal, start, loose)
+    if isinstance(end, Refused):
+        return end
+    waypoints = _between(start.rad, end)
+    places = [arm.pose(rad).xyz for rad in waypoints]
+    return _plan(arm, waypoints, sum(float(np.linalg.norm(then - here)) for here, then in pairwise(places)))
+
+
+def _between(start: Array, end: Array) -> list[Array]:
+    count = max(2, math.ceil(float(np.abs(end - start).max()) / JOINT_RAD))
+    return [start + (end - start) * number / count for number in range(count + 1)]
+
+
+def _refuse_between(arm: Arm, start: _Start, end: Array) -> Refused | None:
+    """Return what the arm would touch at the end, or on the way if each joint moves straight to it."""
+    *way, last = _between(start.rad, end)[1:]
+    if touch := arm.touch(last, start.overlaps):
+        return _refuse_touch(touch, None, linear=False)
+    for number, rad in enumerate(way, 1):
+        if touch := arm.touch(rad, start.overlaps):
+            return _refuse_touch(touch, number / (len(way) + 1), linear=False)
+    return None
+
+
+def _end(arm: Arm, goal: Pose, start: _Start, loose: bool) -> Array | Refused:
+    """Return joint positions for the goal, or a refusal that has the nearest pose."""
+    if not loose:
+        found = find(arm, goal, start.rad, lambda rad: _refuse_between(arm, start, rad))
+        return _refuse_unreachable(arm, goal, nearest(arm, goal, start.rad)) if found is None else found
+    rad = nearest(arm, goal, start.rad)
+    if float(np.linalg.norm(arm.pose(rad).xyz - goal.xyz)) > TOLERANCE_M:
+        return _refuse_unreachable(arm, goal, rad)
+    refusal = _refuse_between(arm, start, rad)
+    return rad if refusal is None else refusal
+
+
+def _plan(arm: Arm, waypoints: list[Array], length_m: float) -> PosePlan:
+    first, goal = arm.pose(waypoints[0]), arm.pose(waypoints[-1])
+    turn = float(np.linalg.norm(turn_between(first.quat, goal.quat)))
+    return PosePlan(arm.names, np.array(waypoints), max(length_m, turn * M_PER_RAD), goal)
+
+
+def _refuse_line(arm: Arm, goal: Pose, start: _Start, loose: bool, along_m: float, leap: bool) -> Refused:
+    """Return why a line cannot be followed: its end cannot be reached, or only the way to it."""
+    end = _end(arm, goal, start, loose)
+    if isinstance(end, Refused):
+        return end
+    return refusals.at_singularity(along_m) if leap else refusals.leaves_reach(along_m)
+
+
+def _refuse_unreachable(arm: Arm, goal: Pose, rad: Array) -> Refused:
+    pose = arm.pose(rad)
+    away_m = float(np.linalg.norm(pose.xyz - goal.xyz))
+    if away_m > TOLERANCE_M:
+        return refusals.out_of_reach(pose.xyz.tolist(), away_m)
+    turned = math.degrees(float(np.linalg.norm(turn_between(pose.quat, goal.quat))))
+    return refusals.no_such_orientation(rpy_of(pose.quat.tolist()), turned, len(arm.names))
+
+
+def _refuse_touch(touch: Touch, share: float | None, linear: bool) -> Refused:
+    if touch.box is None:
+        return refusals.touches_itself(touch.link, touch.other, share, linear)
+    return refusals.enters_keep_out(touch.link, touch.box, share, linear)
+
+
+__all__ = ["PosePlan", "goal_of", "plan_pose"]
