@@ -18,7 +18,7 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
-from strands_actors.contract.tool_verbs import MOVE_TO, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 
 from .arms import FLANGE_M, HOME_RAD, arm_of, arms, model_table
@@ -45,8 +45,8 @@ class Franka(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.franka.stop_channel:FrankaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.franka.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("flange_m", frame="base"),)
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATUS, MOVE_TO, STOP)
-    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name,)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     WHOLE_ACTIONS: ClassVar[bool] = True
     ROLLOUTS: ClassVar[str] = (

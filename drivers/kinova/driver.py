@@ -19,7 +19,7 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options, secrets_of
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
-from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
 from strands_actors.kernel.messages import Refused
 
 from .config import KinovaConfig
@@ -44,8 +44,8 @@ class Kinova(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kinova.stop_channel:KinovaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kinova.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tool_position_m", frame="base", tcp_position="tool_position_m"),)
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, MOVE_TO, STOP)
-    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name,)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
     SECRETS: ClassVar[frozenset[str]] = secrets_of(Options)
 

@@ -17,7 +17,7 @@ from strands_actors.contract.driver import Candidate, Driver, GateState, Reason,
 from strands_actors.contract.loading import load
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation, Wire
 from strands_actors.kernel.clock import Clock
 from strands_actors.kernel.messages import Refused
@@ -42,8 +42,8 @@ class Kuka(Driver):
     WIRE: ClassVar[str] = "strands_actors.drivers.kuka.wire:KukaWire"
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.kuka.stop_channel:KukaStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.kuka.twin:main"
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, MOVE_TO, STOP)
-    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name,)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(Options)
 
     config: KukaConfig

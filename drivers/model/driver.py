@@ -7,12 +7,16 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
+from strands_actors.contract.arm_model import ArmModel
 from strands_actors.contract.axis import Axis, Part, PartKind
 from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.safe_state import SafeState
 
 _log = logging.getLogger("strands_actors")
+
+BUILDER = "strands_actors.drivers.model.tool:build"
+"""Builds the model with which poses of its tool are computed."""
 
 CONTROL_HZ = 50.0
 """Default rate of a policy."""
@@ -45,8 +49,10 @@ class ModelDriver(Driver):
         """
         # Import MuJoCo only here, since only a robot with a model needs it.
         from .reading import read_model
+        from .tool import tool_of
 
         read = read_model(options["model"])
+        tool = tool_of(read.spec.copy().compile(), [joint.name for joint in read.joints])
         if read.omitted_visuals:
             _log.warning(
                 "%s: left out of the pictures, nothing else of it changes: %s",
@@ -58,6 +64,7 @@ class ModelDriver(Driver):
             "joints": [
                 [joint.name, _bounded(joint.low), _bounded(joint.high), joint.slides] for joint in read.joints
             ],
+            "tool": None if tool is None else tool._asdict(),
             "keyframes": {name: list(values) for name, values in read.keyframes.items()},
         }
 
@@ -69,6 +76,13 @@ class ModelDriver(Driver):
             for number, (name, low, high, slides) in enumerate(options["joints"])
         )
         self.declare(Part(PartKind.ARM, axes))
+        self._model, self._tool = options["model"], options.get("tool")
+
+    def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel | None:
+        if self._tool is None:
+            return None
+        site, link, joints = self._tool["site"], self._tool["link"], tuple(self._tool["joints"])
+        return ArmModel({"model": self._model}, joints, link, site=site, builder=BUILDER)
 
 
 def _bounded(end: float) -> float | None:

@@ -20,7 +20,7 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
-from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.wire import Observation
 
 from .arms import TABLES, arm_of
@@ -64,8 +64,8 @@ class UR(Driver):
     STOP_CHANNEL: ClassVar[str] = "strands_actors.drivers.ur.stop_channel:URStopChannel"
     TWIN: ClassVar[str] = "strands_actors.drivers.ur.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_pose_m_rad", frame="base", tcp_pose="tcp_pose_m_rad"),)
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, MOVE_TO, STOP)
-    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name,)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(UROptions)
 
     unit = "radians"

@@ -17,7 +17,7 @@ from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option, plain, read_options
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.contract.sensors import Sensor, pose
-from strands_actors.contract.tool_verbs import MOVE_TO, STATE, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import GET_POSE, MOVE_TO_POSE, STATE, STATUS, STOP, ToolVerb
 from strands_actors.contract.tool_verbs import SENSORS as READ_SENSORS
 
 from .arms import TABLES, arm_of, axes_of, mirrored, model_table
@@ -41,8 +41,8 @@ class XArm(Driver):
     TWIN: ClassVar[str] = "strands_actors.drivers.xarm.twin:main"
     SENSORS: ClassVar[tuple[Sensor, ...]] = (pose("tcp_xyz_m", rpy="tcp_rpy_rad", frame="base"),)
     OPTIONS: ClassVar[Mapping[str, str]] = meanings(XArmOptions)
-    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, MOVE_TO, STOP)
-    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO.name,)
+    TOOL_VERBS: ClassVar[tuple[ToolVerb, ...]] = (READ_SENSORS, STATE, STATUS, GET_POSE, MOVE_TO_POSE, STOP)
+    GUARDED: ClassVar[tuple[str, ...]] = (MOVE_TO_POSE.name,)
 
     config: XArmConfig
     unit = "radians"

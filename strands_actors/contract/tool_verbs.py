@@ -1,6 +1,6 @@
 """The verbs of a robot for agents, MCP clients and commands from the mesh.
 
-A driver declares its verbs as data (``Driver.TOOL_VERBS``). Each verb does one of eight things that every robot can
+A driver declares its verbs as data (``Driver.TOOL_VERBS``). Each verb does one of nine things that every robot can
 do (see ``ToolVerb``). Robots differ in the names, inputs and actions of their verbs. Verbs that are commands are
 also methods of the robot's handle.
 """
@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import msgspec
 
-Does = Literal["status", "sensors", "state", "action", "move_to", "service", "torque", "stop"]
+Does = Literal["status", "sensors", "state", "pose", "action", "move_to", "service", "torque", "stop"]
 
 Schema = Mapping[str, Any]
 """JSON schema of one input."""
@@ -26,9 +26,10 @@ class ToolVerb(msgspec.Struct, frozen=True):
     ``status``   the result of ``get_status()``
     ``sensors``  positions, sensors and faults, with their age
     ``state``    positions and velocities, with their age
+    ``pose``     the pose of the tool, as ``get_pose()`` returns it
     ``action``   one command to the axes, as ``send_action()`` sends it. It consists of the fixed values in
                  ``action``, of each number among the inputs, and of the entries of each object among the inputs
-    ``move_to``  ``move_to()`` with the inputs ``targets`` and ``seconds``
+    ``move_to``  ``move_to()`` with the inputs ``targets`` and ``seconds``, or with those of a pose
     ``service``  the driver's service of that name, with the inputs as its arguments
     ``torque``   input ``enabled``: true energises at the measured position, false is a stop
     ``stop``     ``stop()``; it ignores all inputs
@@ -68,6 +69,34 @@ MOVE_TO = ToolVerb(
     },
     ("targets",),
 )
+
+_NUMBERS: Schema = {"type": "array", "items": {"type": "number"}}
+
+GET_POSE = ToolVerb("get_pose", "pose", "Pose of the tool in the base's frame: xyz in m, rpy in degrees, quat.")
+
+MOVE_TO_POSE = ToolVerb(
+    "move_to",
+    "move_to",
+    "Move the named joints to their targets in so many seconds, or the tool to a pose, and hold there.",
+    {
+        **MOVE_TO.inputs,
+        "xyz": {
+            **_NUMBERS,
+            "description": "position of the tool in m; left out: it stays. x: ahead, y: left, z: up",
+        },
+        "rpy": {**_NUMBERS, "description": "roll, pitch, yaw of the tool in degrees; left out: as it is"},
+        "quat": {**_NUMBERS, "description": "the orientation as w, x, y, z, in place of rpy"},
+        "frame": {"type": "string", "description": "base, or tool: relative to the tool's pose; left out: base"},
+        "speed": {"type": "number", "description": "top speed of the tool in m/s; left out: 0.1"},
+        "linear": {"type": "boolean", "description": "false: joints move straight, the tool does not"},
+        "keep_out": {
+            "type": "array",
+            "items": {"type": "object", "properties": {"center": _NUMBERS, "size": _NUMBERS}},
+            "description": "boxes that the arm may not enter: center and size, x y z in m, in the base's frame",
+        },
+    },
+)
+"""The verb ``move_to`` of an arm whose driver has a model of it (``Driver.arm_model``)."""
 
 DURATION = "duration_s"
 """The input with the seconds of a held speed."""

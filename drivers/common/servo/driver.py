@@ -19,7 +19,16 @@ from strands_actors.contract.driver import Driver, Reason, Timing
 from strands_actors.contract.fallbacks import fallbacks_for
 from strands_actors.contract.options import DriverOptions, meanings, option
 from strands_actors.contract.safe_state import SafeState
-from strands_actors.contract.tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATUS, STOP, ToolVerb
+from strands_actors.contract.tool_verbs import (
+    GET_POSE,
+    MOVE_TO,
+    MOVE_TO_POSE,
+    SENSORS,
+    SET_TORQUE,
+    STATUS,
+    STOP,
+    ToolVerb,
+)
 from strands_actors.drivers.common.kinematics.chain import Chain
 from strands_actors.drivers.common.kit import calibration as lerobot
 from strands_actors.drivers.common.kit.refusals import MotorCode
@@ -180,6 +189,8 @@ class ServoDriver(Driver):
         motors = resolved.get("calibration")
         self.robot = self.TABLES.canonical(robot)
         calibration = motors and {key: lerobot.MotorCalibration(**fields) for key, fields in motors.items()}
+        if "tool" in self.TABLES.robots[self.robot]:
+            vars(self)["TOOL_VERBS"] = (STATUS, SENSORS, GET_POSE, MOVE_TO_POSE, SET_TORQUE, STOP)
         table, ids = self.TABLES.robots[self.robot]["joints"], resolved["motor_ids"]
         joints = [{**joint, "id": motor_id} for joint, motor_id in zip(table, ids, strict=True)]
         self.joints = axes_of(joints, calibration, self.HOST_INVERTS)

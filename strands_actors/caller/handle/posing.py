@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from ..poses.timing import TimedPlan
 
 GET_POSE = "get_pose"
+SETTLE_S, LOOK_S, STILL_RAD = 0.5, 0.05, 2e-4
+"""The pose at the end of a motion is read when no joint has moved by ``STILL_RAD`` in ``LOOK_S``, and after
+``SETTLE_S`` at the latest."""
 POSE_NAMES = ("xyz", "rpy", "quat")
 """The arguments of ``move_to`` of which at least one makes it a motion to a pose."""
 
@@ -102,12 +105,32 @@ async def move_to_pose(tree: RobotTree, request: PoseRequest, wait: bool) -> Ans
     answer = await moving.to_its_end(tree, motion, wait, pose=timed.plan.goal.as_json())
     if answer["status"] != "success" or not wait:
         return answer
-    reached = await get_pose(tree)
-    if reached["status"] != "success":
+    observation = await _settled(tree)
+    if isinstance(observation, Refused):
         return answer
-    named = ("xyz", "rpy", "quat")
-    measured = {key: value for key, value in reached["content"][0]["json"].items() if key in named}
-    return answers.success({**answer["content"][0]["json"], "measured_pose": measured})
+    reached = await _computed(_pose_of, driver, observation)
+    if isinstance(reached, Refused):
+        return answer
+    reply, row = answer["content"][0]["json"], answers.positions(driver, observation)
+    position = {key: row[key] for key in reply.get("position", {})}
+    return answers.success({**reply, "position": position, "measured_pose": reached})
+
+
+async def _settled(tree: RobotTree) -> Observation | Refused:
+    """Return a reading of the arm at rest. A real arm follows its setpoints with a delay."""
+    before: tuple[float, ...] = ()
+    units = [abs(scale) for _, scale in tree.driver.model_units()]
+    with trio.move_on_after(SETTLE_S):
+        while True:
+            observation = await tree.observe()
+            if isinstance(observation, Refused):
+                return observation
+            moved = zip(observation.position, before, units, strict=False)
+            if before and all(abs(now - then) < STILL_RAD * unit for now, then, unit in moved):
+                return observation
+            before = observation.position
+            await trio.sleep(LOOK_S)
+    return await tree.observe()
 
 
 async def _reason_unread(tree: RobotTree) -> Refused:

@@ -1011,7 +1011,7 @@ class RealRobot(RobotTool):
         return PendingAnswer(future)
 
 
-_NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe"}
+_NAMES = {"action": "move", "torque": "resume", "sensors": "observe", "state": "observe", "pose": "observe"}
 """The method that corresponds to an agent's verb, by what that verb does."""
 
 _NOT_CONNECTED = "not connected. Call connect_eagerly() first"

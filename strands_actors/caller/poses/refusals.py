@@ -89,7 +89,7 @@ def no_such_orientation(rpy: Sequence[float], turned_deg: float, joints: int) ->
 
 
 def leaves_reach(along_m: float) -> Refused:
-    reason = f"the pose can be reached, but not along a straight line: a joint is at its end after {along_m:.3f} m"
+    reason = f"the pose can be reached, but the arm cannot follow a straight line to it after {along_m:.3f} m"
     return Refused(Code.OUT_OF_REACH, reason, "give linear=False, or go there by way of another pose", verb=MOVE_TO)
 
 

@@ -37,7 +37,7 @@ POSITION_STEPS = 120
 FOLLOW_DAMPING_M = 3e-3
 SETTLED_RAD = 2e-5
 """A search for the nearest orientation ends when its steps are shorter."""
-BLOCKED_TRIES = 6
+BLOCKED_TRIES = 20
 """Solutions that are blocked, before the pose counts as blocked."""
 
 

@@ -34,6 +34,8 @@ from .plans import PosePlan
 
 LEAST_S = 0.3
 """Shortest motion. An arm cannot follow a shorter one smoothly, however near its goal is."""
+SPEED_SHARE = 0.75
+"""Share of a joint's top speed that a motion uses. An arm follows with a delay, and may have to catch up."""
 LONGEST_STRETCH = 20.0
 """A motion that joints make longer by more than this passes too close to a singularity."""
 SAMPLES = 200
@@ -163,7 +165,7 @@ def _least_s(driver: Driver, plan: PosePlan, units: Units) -> tuple[str, float]:
     """Return the joint that needs most time at its top speed, and that time in s."""
     rows = np.array([along(plan.waypoints, minimum_jerk(number / SAMPLES)) for number in range(SAMPLES + 1)])
     per_share = np.abs(np.diff(rows, axis=0)).max(axis=0) * SAMPLES
-    speeds = np.array([driver.table[axis].speed for axis in units.axes]) / np.abs(units.scale)
+    speeds = SPEED_SHARE * np.array([driver.table[axis].speed for axis in units.axes]) / np.abs(units.scale)
     needed = per_share / speeds
     slowest = int(needed.argmax())
     return plan.joints[slowest], float(needed[slowest])

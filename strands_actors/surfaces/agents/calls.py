@@ -73,9 +73,9 @@ class Call:
     @property
     def action(self) -> dict[str, Any]:
         """Return the command for the robot's axes, as values by axis. For a ``move_to`` these are its
-        targets."""
+        targets, which a motion to a pose does not have."""
         if self.verb.does == "move_to":
-            return dict(self.inputs["targets"])
+            return dict(self.inputs.get("targets", {}))
         return self.verb.command(self.inputs) if self.targets is None else dict(self.targets)
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from strands_actors.caller.handle import envelopes as answers
-from strands_actors.caller.handle import moving, verbs
+from strands_actors.caller.handle import moving, posing, verbs
 from strands_actors.caller.handle.envelopes import Answer
 from strands_actors.caller.session.tree import RobotTree
 from strands_actors.contract.driver import Driver
@@ -51,14 +52,16 @@ async def perform(tree: RobotTree, call: Call, wait: bool = True) -> Answer:
             return await verbs.get_sensors(tree)
         case "state":
             return await verbs.get_state(tree)
+        case "pose":
+            return await posing.get_pose(tree)
     return await verbs.get_status(tree)
 
 
 async def _command(tree: RobotTree, call: Call, wait: bool) -> Answer:
     """Send a command once, repeat it for some seconds, or move to targets in a given time."""
     if call.verb.does == "move_to":
-        seconds = call.inputs.get("seconds", moving.DEFAULT_S)
-        return await moving.move_to(tree, call.action, seconds, wait)
+        pose = {name: value for name, value in call.inputs.items() if name not in ("targets", "seconds")}
+        return await posing.move_to(tree, call.inputs.get("targets"), call.inputs.get("seconds"), wait, pose)
     if call.held_s is not None:
         return await moving.hold(tree, call.verb.name, call.action, call.held_s, wait)
     return await verbs.send_action(tree, call.action)
@@ -75,6 +78,9 @@ def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
 
 def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
     """Return the command for the robot's axes that a call of a verb sends; None if it sends no such command."""
+    if call.verb.does == "move_to" and not call.action:
+        # A motion to a pose may move each joint of the arm, so it needs the approval of all of them.
+        return dict.fromkeys(driver.axes, math.inf)
     if call.verb.does in ("action", "move_to"):
         return call.action
     service = driver.SERVICES.get(call.verb.name) if call.verb.does == "service" else None
