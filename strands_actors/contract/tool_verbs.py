@@ -70,6 +70,9 @@ MOVE_TO = ToolVerb(
     ("targets",),
 )
 
+POSE_INPUTS = ("xyz", "rpy", "quat")
+"""The inputs of ``move_to`` of which at least one makes it a motion to a pose."""
+
 _NUMBERS: Schema = {"type": "array", "items": {"type": "number"}}
 
 GET_POSE = ToolVerb("get_pose", "pose", "Pose of the tool in the base's frame: xyz in m, rpy in degrees, quat.")

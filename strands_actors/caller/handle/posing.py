@@ -15,6 +15,7 @@ import trio
 
 from strands_actors.contract.arm_model import ArmModel
 from strands_actors.contract.driver import Driver
+from strands_actors.contract.tool_verbs import POSE_INPUTS
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
 
@@ -35,8 +36,6 @@ GET_POSE = "get_pose"
 SETTLE_S, LOOK_S, STILL_RAD = 0.5, 0.05, 2e-4
 """The pose at the end of a motion is read when no joint has moved by ``STILL_RAD`` in ``LOOK_S``, and after
 ``SETTLE_S`` at the latest."""
-POSE_NAMES = ("xyz", "rpy", "quat")
-"""The arguments of ``move_to`` of which at least one makes it a motion to a pose."""
 
 T = TypeVar("T")
 
@@ -69,7 +68,7 @@ async def move_to(
         wait: True returns at the end of the motion, False at once.
         pose: The further arguments of ``RealRobot.move_to`` that were given, by name.
     """
-    if not any(name in pose for name in POSE_NAMES):
+    if not any(name in pose for name in POSE_INPUTS):
         if pose:
             return answers.refused(refusals.pose_arguments(next(iter(pose))))
         if targets is None:

@@ -6,6 +6,7 @@ on the way. A plan says nothing about time (``timing``).
 
 from __future__ import annotations
 
+import enum
 import math
 from itertools import pairwise
 from typing import NamedTuple
@@ -50,6 +51,14 @@ class PosePlan(NamedTuple):
     goal: Pose
 
 
+class _Turn(enum.Enum):
+    """How exactly the orientation of a goal can be, and has to be, reached."""
+
+    EXACT = enum.auto()  # the arm has six joints or more
+    NEAR = enum.auto()  # it has fewer, and the orientation was given
+    FREE = enum.auto()  # it has fewer, and the orientation was left out
+
+
 class _Start(NamedTuple):
     rad: Array
     pose: Pose
@@ -72,8 +81,8 @@ def plan_pose(arm: Arm, request: PoseRequest, rad: Array) -> PosePlan | Refused:
     if touch is not None and touch.box is not None:
         return refusals.inside_keep_out(touch.link, touch.box)
     goal = goal_of(start.pose, request)
-    loose = len(arm.names) < FULL_JOINTS and request.quat is None
-    return _line(arm, goal, start, loose) if request.linear else _direct(arm, goal, start, loose)
+    freedom = _freedom(arm, request)
+    return _line(arm, goal, start, freedom) if request.linear else _direct(arm, goal, start, freedom)
 
 
 def goal_of(here: Pose, request: PoseRequest) -> Pose:
@@ -85,35 +94,54 @@ def goal_of(here: Pose, request: PoseRequest) -> Pose:
     return Pose(xyz, here.quat if request.quat is None else np.array(request.quat))
 
 
-def _line(arm: Arm, goal: Pose, start: _Start, loose: bool) -> PosePlan | Refused:
+def _freedom(arm: Arm, request: PoseRequest) -> _Turn:
+    if len(arm.names) >= FULL_JOINTS:
+        return _Turn.EXACT
+    return _Turn.FREE if request.quat is None else _Turn.NEAR
+
+
+def _line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Refused:
     distance = float(np.linalg.norm(goal.xyz - start.pose.xyz))
     turn = float(np.linalg.norm(turn_between(start.pose.quat, goal.quat)))
     count = max(1, math.ceil(max(distance / WAYPOINT_M, turn / WAYPOINT_RAD)))
     rad, waypoints = start.rad, [start.rad]
     for number in range(1, count + 1):
         goal_here = between(start.pose, goal, number / count)
-        then = _step(arm, goal_here, rad, loose)
+        then = _step(arm, goal_here, rad, freedom)
         if then is None or float(np.abs(then - rad).max()) > LEAP_RAD:
             leap = then is not None
-            return _refuse_line(arm, goal, start, loose, distance * (number - 1) / count, leap)
+            return _refuse_line(arm, goal, start, freedom, distance * (number - 1) / count, leap)
         touch = arm.touch(then, start.overlaps)
         if touch is not None:
             return _refuse_touch(touch, distance * number / count, linear=True)
         rad = then
         waypoints.append(rad)
+    if freedom is _Turn.NEAR and _misses(arm, goal, rad):
+        return _refuse_line(arm, goal, start, freedom, distance, leap=False)
     return _plan(arm, waypoints, distance)
 
 
-def _step(arm: Arm, goal: Pose, rad: Array, loose: bool) -> Array | None:
+def _step(arm: Arm, goal: Pose, rad: Array, freedom: _Turn) -> Array | None:
     """Return the joint positions of the next waypoint, or None."""
-    if not loose:
-        return solve(arm, goal, rad, NEXT_STEPS)
+    if freedom is _Turn.EXACT:
+        then = solve(arm, goal, rad, NEXT_STEPS)
+        if then is not None:
+            return then
     then = follow(arm, goal, rad)
+    if freedom is _Turn.EXACT:
+        return None if _misses(arm, goal, then) else then
     return then if float(np.linalg.norm(arm.pose(then).xyz - goal.xyz)) < TOLERANCE_M else None
 
 
-def _direct(arm: Arm, goal: Pose, start: _Start, loose: bool) -> PosePlan | Refused:
-    end = _end(arm, goal, start, loose)
+def _misses(arm: Arm, goal: Pose, rad: Array) -> bool:
+    """Return True if the pose at these joint positions is not within the tolerance of the goal."""
+    pose = arm.pose(rad)
+    turn = float(np.linalg.norm(turn_between(pose.quat, goal.quat)))
+    return float(np.linalg.norm(pose.xyz - goal.xyz)) > TOLERANCE_M or turn > TOLERANCE_RAD
+
+
+def _direct(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Refused:
+    end = _end(arm, goal, start, freedom)
     if isinstance(end, Refused):
         return end
     waypoints = _between(start.rad, end)
@@ -137,13 +165,15 @@ def _refuse_between(arm: Arm, start: _Start, end: Array) -> Refused | None:
     return None
 
 
-def _end(arm: Arm, goal: Pose, start: _Start, loose: bool) -> Array | Refused:
+def _end(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> Array | Refused:
     """Return joint positions for the goal, or a refusal that has the nearest pose."""
-    if not loose:
+    if freedom is not _Turn.FREE:
         found = find(arm, goal, start.rad, lambda rad: _refuse_between(arm, start, rad))
-        return _refuse_unreachable(arm, goal, nearest(arm, goal, start.rad)) if found is None else found
+        if found is not None:
+            return found
     rad = nearest(arm, goal, start.rad)
-    if float(np.linalg.norm(arm.pose(rad).xyz - goal.xyz)) > TOLERANCE_M:
+    reached = float(np.linalg.norm(arm.pose(rad).xyz - goal.xyz)) < TOLERANCE_M
+    if not reached or (freedom is not _Turn.FREE and _misses(arm, goal, rad)):
         return _refuse_unreachable(arm, goal, rad)
     refusal = _refuse_between(arm, start, rad)
     return rad if refusal is None else refusal
@@ -155,9 +185,9 @@ def _plan(arm: Arm, waypoints: list[Array], length_m: float) -> PosePlan:
     return PosePlan(arm.names, np.array(waypoints), max(length_m, turn * M_PER_RAD), goal)
 
 
-def _refuse_line(arm: Arm, goal: Pose, start: _Start, loose: bool, along_m: float, leap: bool) -> Refused:
+def _refuse_line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn, along_m: float, leap: bool) -> Refused:
     """Return why a line cannot be followed: its end cannot be reached, or only the way to it."""
-    end = _end(arm, goal, start, loose)
+    end = _end(arm, goal, start, freedom)
     if isinstance(end, Refused):
         return end
     return refusals.at_singularity(along_m) if leap else refusals.leaves_reach(along_m)
@@ -167,7 +197,7 @@ def _refuse_unreachable(arm: Arm, goal: Pose, rad: Array) -> Refused:
     pose = arm.pose(rad)
     away_m = float(np.linalg.norm(pose.xyz - goal.xyz))
     if away_m > TOLERANCE_M:
-        return refusals.out_of_reach(pose.xyz.tolist(), away_m)
+        return refusals.out_of_reach(pose.xyz.tolist(), rpy_of(pose.quat.tolist()), away_m)
     turned = math.degrees(float(np.linalg.norm(turn_between(pose.quat, goal.quat))))
     return refusals.no_such_orientation(rpy_of(pose.quat.tolist()), turned, len(arm.names))
 

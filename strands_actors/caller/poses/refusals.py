@@ -74,14 +74,14 @@ def moved_meanwhile(joint: str) -> Refused:
 # -- the pose
 
 
-def out_of_reach(xyz: Sequence[float], away_m: float) -> Refused:
-    nearest = _triple(xyz, 3)
+def out_of_reach(xyz: Sequence[float], rpy: Sequence[float], away_m: float) -> Refused:
+    nearest = f"xyz={_triple(xyz, 4)}, rpy={_triple(rpy, 2)}"
     reason = f"the position is out of reach by {away_m * 1e3:.1f} mm"
-    return Refused(Code.OUT_OF_REACH, reason, f"the nearest position is xyz={nearest}", limit=nearest, verb=MOVE_TO)
+    return Refused(Code.OUT_OF_REACH, reason, f"the nearest pose is {nearest}", limit=nearest, verb=MOVE_TO)
 
 
 def no_such_orientation(rpy: Sequence[float], turned_deg: float, joints: int) -> Refused:
-    nearest = _triple(rpy, 1)
+    nearest = _triple(rpy, 2)
     reason = f"the position can be reached, but the orientation only within {turned_deg:.1f} degrees"
     loose = ", or leave the orientation out" if joints < 6 else ""
     remedy = f"the nearest orientation there is rpy={nearest}. Give it{loose}"

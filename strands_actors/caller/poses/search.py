@@ -35,6 +35,11 @@ LONGEST_RAD = 0.6
 """Longest step of a joint."""
 POSITION_STEPS = 120
 FOLLOW_DAMPING_M = 3e-3
+FIRST_DAMPING, MOST_DAMPING = 1e-3, 1e3
+BLOCKED_M = 10.0
+"""A position in which the arm touches something is as bad as one that is so far away."""
+ORIENTATION_SHARE = 1e-3
+"""An orientation counts only between positions that are equally near."""
 SETTLED_RAD = 2e-5
 """A search for the nearest orientation ends when its steps are shorter."""
 BLOCKED_TRIES = 20
@@ -100,16 +105,47 @@ def nearest(arm: Arm, goal: Pose, rad: Array) -> Array:
     """Return joint positions that bring the tool nearest to a position, and then to the orientation there."""
     best, least = rad, np.inf
     for start in _starts(arm, goal, rad, NEAREST_STARTS):
-        solution = follow(arm, goal, start)
+        solution = approach(arm, goal.xyz, start)
+        if float(np.linalg.norm(goal.xyz - arm.pose(solution).xyz)) < NEAR_M:
+            solution = follow(arm, goal, solution)
         pose = arm.pose(solution)
         far = float(np.linalg.norm(goal.xyz - pose.xyz))
         turned = float(np.linalg.norm(turn_between(pose.quat, goal.quat)))
-        cost = far + (M_OF_RAD * turned * 1e-3)
+        blocked = arm.touch(solution) is not None
+        cost = far + ORIENTATION_SHARE * M_OF_RAD * turned + BLOCKED_M * blocked
         if cost < least:
             best, least = unwound(arm, solution, rad), cost
-        if far < NEAR_M and turned < NEAR_RAD:
+        if far < NEAR_M and turned < NEAR_RAD and not blocked:
             break
     return best
+
+
+def approach(arm: Arm, xyz: Array, rad: Array) -> Array:
+    """Return joint positions that bring the tool as near to a position as this start leads to.
+
+    The damping follows the success of the steps (Levenberg and Marquardt), so that the search also ends at the edge
+    of the reach, where the arm is stretched and its derivative is singular.
+    """
+    joints, damping, unit = np.clip(rad, arm.low, arm.high), FIRST_DAMPING, np.eye(len(rad))
+    pose, jacobian = arm.jacobian(joints)
+    error = xyz - pose.xyz
+    for _ in range(POSITION_STEPS):
+        if error @ error < NEAR_M**2 or damping > MOST_DAMPING:
+            break
+        rows = jacobian[:3]
+        pull = rows.T @ error
+        free = ~(((joints <= arm.low) & (pull < 0)) | ((joints >= arm.high) & (pull > 0)))
+        rows = rows * free
+        step = np.linalg.solve(rows.T @ rows + damping * unit, pull * free)
+        longest = float(np.abs(step).max())
+        then = np.clip(joints + step * min(1.0, LONGEST_RAD / max(longest, 1e-12)), arm.low, arm.high)
+        pose, derivative = arm.jacobian(then)
+        after = xyz - pose.xyz
+        if after @ after < error @ error:
+            joints, error, jacobian, damping = then, after, derivative, max(damping / 3, LEAST_DAMPING)
+        else:
+            damping *= 4
+    return joints
 
 
 def follow(arm: Arm, goal: Pose, rad: Array) -> Array:

@@ -12,7 +12,7 @@ from strands_actors.contract.plain_numbers import as_python
 from strands_actors.contract.shown import closest
 from strands_actors.contract.stop_words import asks_for_stop
 from strands_actors.contract.tool_spec import tool_spec
-from strands_actors.contract.tool_verbs import ToolVerb
+from strands_actors.contract.tool_verbs import POSE_INPUTS, ToolVerb
 from strands_actors.kernel.messages import Refused
 from strands_actors.kernel.refusals import Code
 
@@ -155,6 +155,8 @@ def _refuse_inputs(verb: ToolVerb, inputs: Mapping[str, Any]) -> Refused | None:
     for name in verb.required:
         if name not in inputs:
             return refusals.missing_input(verb.name, name, takes)
+    if verb.does == "move_to" and not any(name in inputs for name in ("targets", *POSE_INPUTS)):
+        return refusals.missing_input(verb.name, "targets", takes)
     return None
 
 

@@ -78,7 +78,7 @@ def _in_its_verbs(answer: Answer, driver: Driver) -> Answer:
 
 def _action_of(driver: Driver, call: Call) -> dict[str, Any] | None:
     """Return the command for the robot's axes that a call of a verb sends; None if it sends no such command."""
-    if call.verb.does == "move_to" and not call.action:
+    if call.verb.does == "move_to" and "targets" not in call.inputs:
         # A motion to a pose may move each joint of the arm, so it needs the approval of all of them.
         return dict.fromkeys(driver.axes, math.inf)
     if call.verb.does in ("action", "move_to"):
