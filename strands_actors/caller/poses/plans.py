@@ -17,6 +17,7 @@ from strands_actors.kernel.messages import Refused
 
 from . import refusals
 from .arm import Arm, Array, Pose, Touch, between, composed, turn_between
+from .curve import along
 from .request import PoseRequest, rpy_of
 from .search import NEXT_STEPS, find, follow, nearest, solve
 
@@ -25,6 +26,8 @@ WAYPOINT_RAD = math.radians(4)
 """Largest distance and turn between two waypoints of a line."""
 JOINT_RAD = math.radians(5)
 """Largest joint motion between two waypoints of a motion that is not linear."""
+BENT_M, REFINEMENTS = 5e-4, 4
+"""Between two waypoints the tool stays so near to the line. Otherwise their number is doubled, so many times."""
 LEAP_RAD = 0.35
 """A joint that turns farther between two waypoints of a line is at a singularity."""
 TOLERANCE_M, TOLERANCE_RAD = 5e-4, math.radians(0.25)
@@ -101,13 +104,27 @@ def _freedom(arm: Arm, request: PoseRequest) -> _Turn:
 
 
 def _line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Refused:
+    """Plan a straight line. If the curve through its waypoints bends, there are too few of them."""
     distance = float(np.linalg.norm(goal.xyz - start.pose.xyz))
     turn = float(np.linalg.norm(turn_between(start.pose.quat, goal.quat)))
     count = max(1, math.ceil(max(distance / WAYPOINT_M, turn / WAYPOINT_RAD)))
+    for _ in range(REFINEMENTS):
+        waypoints = _waypoints(arm, goal, start, freedom, count, distance)
+        if isinstance(waypoints, Refused):
+            return waypoints
+        bent = _bent(arm, start.pose, goal, waypoints)
+        if bent is None:
+            return _plan(arm, waypoints, distance)
+        count *= 2
+    return refusals.at_singularity(distance * bent)
+
+
+def _waypoints(
+    arm: Arm, goal: Pose, start: _Start, freedom: _Turn, count: int, distance: float
+) -> list[Array] | Refused:
     rad, waypoints = start.rad, [start.rad]
     for number in range(1, count + 1):
-        goal_here = between(start.pose, goal, number / count)
-        then = _step(arm, goal_here, rad, freedom)
+        then = _step(arm, between(start.pose, goal, number / count), rad, freedom)
         if then is None or float(np.abs(then - rad).max()) > LEAP_RAD:
             leap = then is not None
             return _refuse_line(arm, goal, start, freedom, distance * (number - 1) / count, leap)
@@ -118,7 +135,18 @@ def _line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Ref
         waypoints.append(rad)
     if freedom is _Turn.NEAR and _misses(arm, goal, rad):
         return _refuse_line(arm, goal, start, freedom, distance, leap=False)
-    return _plan(arm, waypoints, distance)
+    return waypoints
+
+
+def _bent(arm: Arm, start: Pose, goal: Pose, waypoints: list[Array]) -> float | None:
+    """Return the share of the way where the tool leaves the line between two waypoints; None if it does not."""
+    rows, last = np.array(waypoints), len(waypoints) - 1
+    for number in range(last):
+        share = (number + 0.5) / last
+        wanted = start.xyz + (goal.xyz - start.xyz) * share
+        if float(np.linalg.norm(arm.pose(along(rows, share)).xyz - wanted)) > BENT_M:
+            return share
+    return None
 
 
 def _step(arm: Arm, goal: Pose, rad: Array, freedom: _Turn) -> Array | None:
