@@ -13,7 +13,7 @@ from strands_actors.caller.poses.arm import Arm, turn_between
 from strands_actors.caller.poses.curve import along
 from strands_actors.caller.poses.plans import PosePlan, plan_pose
 from strands_actors.caller.poses.request import PoseRequest, read_request
-from strands_actors.caller.poses.timing import limits_of, units_of
+from strands_actors.caller.poses.timing import limits_of
 from strands_actors.contract.driver import Driver
 from strands_actors.contract.loading import load
 from strands_actors.drivers import WIRES
@@ -53,7 +53,7 @@ def figures_of(robot: str, short: bool) -> Figures:
     driver = driver_of(robot)
     model = driver.arm_model({})
     assert model is not None, robot
-    arm = Arm(model, *limits_of(driver, units_of(driver, model.joints)))
+    arm = Arm(model, *limits_of(driver, model))
     goals = free_poses(arm, POSES // 10 if short else POSES)
     took_ms, off_mm, turned_deg = [], [], []
     for rad in goals:

@@ -51,12 +51,12 @@ class Arm(msgspec.Struct, frozen=True):
         """Return the most common type of this arm."""
         return next(arm_type for arm_type in self.types if not arm_type.mirrored and arm_type.serials == ANY_SERIAL)
 
-    def type_of_ranges(self, low: Sequence[float], high: Sequence[float]) -> ArmType:
+    def type_of_ranges(self, reported: Sequence[Range]) -> ArmType:
         """Return the type with the joint ranges nearest to those that a controller reports."""
 
         def difference(arm_type: ArmType) -> float:
-            rows = zip(arm_type.range_rad, low, high, strict=True)
-            return sum(abs(least - a) + abs(most - b) for (least, most), a, b in rows)
+            rows = zip(arm_type.range_rad, reported, strict=True)
+            return sum(abs(least - low) + abs(most - high) for (least, most), (low, high) in rows)
 
         return min(self.types, key=difference)
 

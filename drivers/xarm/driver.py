@@ -84,9 +84,11 @@ class XArm(Driver):
 
     def arm_model(self, sensors: Mapping[str, tuple[float, ...]]) -> ArmModel:
         low, high = sensors.get("range_low_rad", ()), sensors.get("range_high_rad", ())
-        arm_type = self.arm.usual if not (low and high) else self.arm.type_of_ranges(low, high)
-        table = model_table(self.robot, arm_type)
-        return ArmModel(arm_table(table), self.axes, "link7", home=mirrored(arm_type, self.arm.home_rad))
+        reported = tuple(zip(low, high, strict=True))
+        arm_type = self.arm.type_of_ranges(reported) if reported else self.arm.usual
+        home = mirrored(arm_type, self.arm.home_rad)
+        table = arm_table(model_table(self.robot, arm_type))
+        return ArmModel(table, self.axes, "link7", home=home, ranges=reported or arm_type.range_rad)
 
     def commanded(self, action: Mapping[str, Any], values: Sequence[float]) -> dict[str, Any]:
         target = self.as_json(values)

@@ -10,6 +10,7 @@ channels of this package do I/O.
                                         connection
 ``DriverOptions``, ``option``           keywords of the constructor
 ``DuplicateDescriptor`` to ``OwnProcess``   ready-made stop channels
+``ArmModel``, ``arm_table``             the links and the tool of an arm, for motions to a pose
 ``CameraSettings``, ``Picture``, ``PictureSource``   the robot's own cameras
 
 ``strands_actors.testing`` has the tests that every driver must pass.
@@ -18,6 +19,7 @@ channels of this package do I/O.
 from strands_actors.kernel.clock import NS, Clock
 from strands_actors.kernel.messages import Refused
 
+from .arm_model import ArmModel, arm_table
 from .axis import Axis, AxisMode, Part, PartKind
 from .axis_gates import axis_gates, past_range, stale, too_fast
 from .cameras import CameraSettings, Picture, PictureSource
@@ -36,24 +38,27 @@ from .driver import (
 )
 from .fallbacks import check_fallbacks, fallbacks_for
 from .options import DriverOptions, meanings, option, plain, read_options, secrets_of
-from .rotations import roll_pitch_yaw
+from .rotations import quaternion, roll_pitch_yaw
 from .safe_state import SafeState
 from .sensors import ReadOnlyJoint, Sensor
 from .stop_channels import ConnectWhenNeeded, DuplicateDescriptor, KeptSession, WatchedFirmware
 from .stop_process import OwnProcess
-from .tool_verbs import MOVE_TO, SENSORS, SET_TORQUE, STATE, STATUS, STOP, ToolVerb
+from .tool_verbs import GET_POSE, MOVE_TO, MOVE_TO_POSE, SENSORS, SET_TORQUE, STATE, STATUS, STOP, ToolVerb
 from .wire import MotorReport, Observation, Permit, PermitDenied, ProcessSpent, StopChannel, Wire, WireDown
 
 __all__ = [
     "CONTRACT_VERSION",
+    "GET_POSE",
     "HOLDING_REASONS",
     "MOVE_TO",
+    "MOVE_TO_POSE",
     "NS",
     "SENSORS",
     "SET_TORQUE",
     "STATE",
     "STATUS",
     "STOP",
+    "ArmModel",
     "Axis",
     "AxisMode",
     "CameraSettings",
@@ -90,6 +95,7 @@ __all__ = [
     "WatchedFirmware",
     "Wire",
     "WireDown",
+    "arm_table",
     "axis_gates",
     "check_fallbacks",
     "fallbacks_for",
@@ -97,6 +103,7 @@ __all__ = [
     "option",
     "past_range",
     "plain",
+    "quaternion",
     "read_options",
     "roll_pitch_yaw",
     "secrets_of",

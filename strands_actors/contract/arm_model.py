@@ -24,6 +24,7 @@ class ArmModel(msgspec.Struct, frozen=True):
         tool_quat: Orientation of the tool in the frame of ``link``, as w, x, y, z.
         site: Name of the site of the model that is the tool, in place of ``link``.
         home: Joint positions in rad from which a search may start, in the order of ``joints``.
+        ranges: Least and greatest position of each joint in rad, in place of the ranges of the axes.
         builder: ``module:function`` that returns the model of ``table`` as an ``MjSpec``.
     """
 
@@ -34,6 +35,7 @@ class ArmModel(msgspec.Struct, frozen=True):
     tool_quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
     site: str = ""
     home: tuple[float, ...] = ()
+    ranges: tuple[tuple[float, float], ...] = ()
     builder: str = TABLE_BUILDER
 
 

@@ -62,7 +62,7 @@ def desk(robot: str, keep_out: tuple[Box, ...] = ()) -> Desk:
     model = driver.arm_model({})
     assert model is not None
     units = units_of(driver, model.joints)
-    arm = Arm(model, *limits_of(driver, units), keep_out=keep_out)
+    arm = Arm(model, *limits_of(driver, model), keep_out=keep_out)
     return Desk(driver, arm, units, np.array(READY.get(robot, arm.home)))
 
 

@@ -8,16 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from strands_actors.caller.poses.arm import Pose, turn_between
+from strands_actors.caller.poses.arm import Arm, Pose, turn_between
 from strands_actors.caller.poses.plans import PosePlan
 from strands_actors.caller.poses.request import Box, quat_of, read_request, rpy_of
-from strands_actors.caller.poses.timing import TimedPlan, motion_of, time_plan
+from strands_actors.caller.poses.timing import TimedPlan, limits_of, motion_of, time_plan
 from strands_actors.caller.session.motions import Motion
+from strands_actors.drivers.common.physics.lean_mujoco import mujoco
+from strands_actors.drivers.model.tool import Tool, tool_of
 from strands_actors.drivers.ur.arms import arm_of
 from strands_actors.drivers.ur.twin.kinematics import Kinematics
+from strands_actors.drivers.xarm.arms import arm_of as xarm_of
 from strands_actors.kernel.messages import Refused
 
-from .arms import ROBOTS, Desk, asked, desk, reachable
+from .arms import ROBOTS, Desk, asked, desk, driver_of, reachable
 
 NEAR_M, NEAR_RAD, STRAIGHT_M = 1e-3, math.radians(0.5), 2e-3
 
@@ -221,3 +224,33 @@ def test_angles_and_quaternions_are_the_same_orientation() -> None:
         assert rpy_of(quat_of(rpy)) == pytest.approx(rpy)
     request = asked(xyz=np.array((0.1, 0.2, 0.3)), quat=[0, 0, 0, 1.01])
     assert request.xyz == (0.1, 0.2, 0.3) and request.quat == (0.0, 0.0, 0.0, 1.0)
+
+
+def test_an_xarm_whose_joints_turn_the_other_way_is_recognised_by_its_ranges() -> None:
+    driver = driver_of("xarm7")
+    usual = driver.arm_model({})
+    assert usual is not None
+    for arm_type in xarm_of("xarm7").types:
+        low, high = zip(*arm_type.range_rad, strict=True)
+        model = driver.arm_model({"range_low_rad": low, "range_high_rad": high})
+        assert model is not None and model.ranges == arm_type.range_rad
+        other = Arm(model, *limits_of(driver, model))
+        assert np.allclose(other.pose(other.home).xyz, desk("xarm7").arm.pose(np.array(usual.home)).xyz, atol=1e-6)
+
+
+def test_a_model_of_the_user_has_the_tool_at_its_site_or_before_its_fingers() -> None:
+    limbs, closing = "", ""
+    for number in range(4):
+        axis = "0 0 1" if number % 2 else "0 1 0"
+        limbs += f'<body name="limb{number}" pos="0 0 .2"><joint name="j{number}" axis="{axis}"/><geom size=".02"/>'
+        closing += "</body>"
+    fingers = "".join(
+        f'<body name="finger{side}"><joint name="f{side}" type="slide"/><geom size=".01"/></body>' for side in "lr"
+    )
+    for inside, site, link in (('<site name="tcp" pos="0 0 .1"/>', "tcp", "limb3"), ("", "", "limb3")):
+        text = f"<mujoco><worldbody>{limbs}{inside}{fingers}{closing}</worldbody></mujoco>"
+        model = mujoco.MjModel.from_xml_string(text)
+        tool = tool_of(model, ["j0", "j1", "j2", "j3", "fl", "fr"])
+        assert tool == Tool(site, link, ("j0", "j1", "j2", "j3"))
+    legs = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{fingers}</worldbody></mujoco>")
+    assert tool_of(legs, ["fl", "fr"]) is None

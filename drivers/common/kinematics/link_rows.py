@@ -21,6 +21,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from strands_actors.contract import rotations
+
 
 class Row(NamedTuple):
     """One link of a robot model: a row of the table, parsed."""
@@ -67,14 +69,8 @@ def quaternion(text: str) -> tuple[float, ...]:
         return (1.0, 0.0, 0.0, 0.0)
     if text.startswith("q:"):
         return numbers(text[2:])
-    roll, pitch, yaw = (math.radians(degrees) / 2 for degrees in numbers(text))
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    roll, pitch, yaw = map(math.radians, numbers(text))
+    return rotations.quaternion(roll, pitch, yaw)
 
 
 def parse_row(line: str) -> Row:

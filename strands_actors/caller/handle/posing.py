@@ -178,9 +178,9 @@ def _arm_of(driver: Driver, observation: Observation, request: PoseRequest | Non
             return refusals.unknown_joint_position("", joint)
     # MuJoCo and numpy are imported only here, since most programs need no poses.
     from ..poses.arm import Arm
-    from ..poses.timing import limits_of, units_of
+    from ..poses.timing import limits_of
 
-    low, high = limits_of(driver, units_of(driver, model.joints))
+    low, high = limits_of(driver, model)
     keep_out = () if request is None else request.keep_out
     return Arm(model, low, high, _others(driver, model, measured), keep_out)
 

@@ -53,6 +53,7 @@ class SimRobot(RealRobot):
     LAZY: ClassVar[frozenset[str]] = frozenset(
         {
             "move",
+            "get_pose",
             "move_to",
             "move_along",
             "observe",

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from strands_actors.contract.axis import finite
 from strands_actors.contract.plain_numbers import as_python
+from strands_actors.contract.rotations import quaternion, roll_pitch_yaw
 from strands_actors.kernel.messages import Refused
 
 from . import refusals
@@ -89,23 +90,14 @@ def read_request(
 
 def quat_of(rpy_deg: Sequence[float]) -> Quaternion:
     """Return the quaternion w, x, y, z of roll, pitch and yaw in degrees, about the fixed axes x, y and z."""
-    roll, pitch, yaw = (math.radians(degrees) / 2 for degrees in rpy_deg)
-    cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    roll, pitch, yaw = map(math.radians, rpy_deg)
+    return quaternion(roll, pitch, yaw)
 
 
 def rpy_of(quat: Sequence[float]) -> Vector:
     """Return roll, pitch and yaw in degrees of a quaternion w, x, y, z."""
-    w, x, y, z = quat
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
-    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return math.degrees(roll), math.degrees(pitch), math.degrees(yaw)
+    roll, pitch, yaw = map(math.degrees, roll_pitch_yaw(quat))
+    return roll, pitch, yaw
 
 
 def _orientation(rpy: Any, quat: Any) -> Quaternion | Refused | None:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strands_actors.contract.arm_model import ArmModel
 from strands_actors.contract.driver import Driver, GateState
 from strands_actors.kernel.messages import Refused
 
@@ -78,13 +79,13 @@ def units_of(driver: Driver, joints: Sequence[str]) -> Units:
     return Units(axes, np.array([units[axis][0] for axis in axes]), np.array([units[axis][1] for axis in axes]))
 
 
-def limits_of(driver: Driver, units: Units) -> tuple[Array, Array]:
-    """Return the least and the greatest position of each joint in rad."""
-    ends = [
+def limits_of(driver: Driver, model: ArmModel) -> tuple[Array, Array]:
+    """Return the least and the greatest position of each joint of an arm in rad."""
+    ranges = model.ranges or [
         sorted((end - zero) / scale for end in (driver.table[axis].low, driver.table[axis].high))
-        for axis, zero, scale in zip(*units, strict=True)
+        for axis, zero, scale in zip(*units_of(driver, model.joints), strict=True)
     ]
-    low, high = zip(*ends, strict=True)
+    low, high = zip(*ranges, strict=True)
     return np.array(low), np.array(high)
 
 
