@@ -24,8 +24,8 @@ from .search import NEXT_STEPS, find, follow, nearest, solve
 WAYPOINT_M = 0.01
 WAYPOINT_RAD = math.radians(4)
 """Largest distance and turn between two waypoints of a line."""
-JOINT_RAD = math.radians(5)
-"""Largest joint motion between two waypoints of a motion that is not linear."""
+JOINT_RAD = math.radians(3)
+"""Largest joint motion between two positions that are checked for contacts."""
 BENT_M, REFINEMENTS = 5e-4, 4
 """Between two waypoints the tool stays so near to the line. Otherwise their number is doubled, so many times."""
 LEAP_RAD = 0.35
@@ -128,9 +128,9 @@ def _waypoints(
         if then is None or float(np.abs(then - rad).max()) > LEAP_RAD:
             leap = then is not None
             return _refuse_line(arm, goal, start, freedom, distance * (number - 1) / count, leap)
-        touch = arm.touch(then, start.overlaps)
-        if touch is not None:
-            return _refuse_touch(touch, distance * number / count, linear=True)
+        for position in _between(rad, then)[1:]:
+            if touch := arm.touch(position, start.overlaps):
+                return _refuse_touch(touch, distance * number / count, linear=True)
         rad = then
         waypoints.append(rad)
     if freedom is _Turn.NEAR and _misses(arm, goal, rad):
@@ -178,7 +178,7 @@ def _direct(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | R
 
 
 def _between(start: Array, end: Array) -> list[Array]:
-    count = max(2, math.ceil(float(np.abs(end - start).max()) / JOINT_RAD))
+    count = max(1, math.ceil(float(np.abs(end - start).max()) / JOINT_RAD))
     return [start + (end - start) * number / count for number in range(count + 1)]
 
 

@@ -24,6 +24,7 @@ DAMPING, LEAST_DAMPING = 0.05, 1e-6
 """The damping of a step is this share of the squared error, and at least the second number. So steps far from the
 goal are short near singular positions, and the last steps converge quadratically."""
 STEPS = 40
+"""Most steps of a search."""
 NEXT_STEPS = 20
 """Most steps of a search that starts at the neighbour on a path."""
 STALLED, PROGRESS = 6, 0.97
@@ -31,11 +32,15 @@ STALLED, PROGRESS = 6, 0.97
 STARTS = 24
 """Further starts of a search, after the present and the home position."""
 NEAREST_STARTS = 6
+"""Further starts of a search for the nearest pose."""
 LONGEST_RAD = 0.6
 """Longest step of a joint."""
 POSITION_STEPS = 120
-FOLLOW_DAMPING_M = 3e-3
+"""Most steps of a search for a position."""
+FOLLOW_DAMPING_M, FOLLOW_DAMPING, EXACT_DAMPING = 3e-3, 0.05, 1e-6
+"""Damping of the steps to a position, of those that turn the tool there, and of the null space."""
 FIRST_DAMPING, MOST_DAMPING = 1e-3, 1e3
+"""Damping of the first step, and the damping at which a search ends because no step is a gain."""
 BLOCKED_M = 10.0
 """A position in which the arm touches something is as bad as one that is so far away."""
 ORIENTATION_SHARE = 1e-3
@@ -160,9 +165,9 @@ def follow(arm: Arm, goal: Pose, rad: Array) -> Array:
         place, turn = jacobian[:3] * free, jacobian[3:] * free
         back = _inverse(place, FOLLOW_DAMPING_M)
         step = back @ error[:3]
-        within = np.eye(len(joints)) - _inverse(place, 1e-6) @ place
+        within = np.eye(len(joints)) - _inverse(place, EXACT_DAMPING) @ place
         side = turn @ within
-        step = step + within @ (_inverse(side, 0.05) @ (error[3:] - turn @ step))
+        step = step + within @ (_inverse(side, FOLLOW_DAMPING) @ (error[3:] - turn @ step))
         step = step * min(1.0, LONGEST_RAD / max(float(np.abs(step).max()), 1e-12))
         then = np.clip(joints + step, arm.low, arm.high)
         # A joint that pushes against the end of its range stays there, so that the others do its part.
