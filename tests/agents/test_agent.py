@@ -141,7 +141,7 @@ def test_every_verb_of_the_arm(arm: RealRobot, twin: Twin, monkeypatch: pytest.M
 
 def test_an_undeclared_input_is_never_written(arm: RealRobot, twin: Twin) -> None:
     for given, text in (
-        ({"action": "dance"}, "'dance' is not a verb of so101. Use status, sensors, move_to, set_torque, stop"),
+        ({"action": "dance"}, "'dance' is not a verb of so101. Use status, sensors, get_pose, move_to"),
         ({"action": "send_action", "shoulder_pan": 5.0}, "is not a verb"),
         ({"targets": {"gripper": 5.0}}, "no action is given"),
         ([], "Give an object"),

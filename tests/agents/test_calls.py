@@ -18,7 +18,7 @@ from strands_actors.surfaces.agents.calls import Call, read, tool_spec
 VERBS = {
     "Feetech": ["status", "sensors", "move_to", "set_torque", "stop"],
     "Dynamixel": ["status", "sensors", "move_to", "set_torque", "stop"],
-    "UR": ["state", "status", "move_to", "stop"],
+    "UR": ["state", "status", "get_pose", "move_to", "stop"],
     "Robotiq": ["open", "close", "move_to", "sensors", "status", "stop"],
 }
 
@@ -50,7 +50,10 @@ def refused(of: Driver, given: Any) -> Refused:
 def test_every_driver_declares_verbs_and_a_stop(robot: str) -> None:
     made = driver(robot)
     names = [verb.name for verb in made.TOOL_VERBS]
-    assert names == VERBS.get(type(made).__name__, names)
+    of_all = VERBS.get(type(made).__name__, names)
+    has_pose = made.arm_model({}) is not None
+    assert ("get_pose" in names) is has_pose
+    assert [name for name in names if name != "get_pose"] == [name for name in of_all if name != "get_pose"]
     assert len(set(names)) == len(names)
     assert {"status", "stop"} <= set(names)
     assert set(made.GUARDED).isdisjoint({"stop"})
@@ -274,7 +277,7 @@ def test_an_input_that_is_not_an_object_is_refused(given: Any) -> None:
 def test_an_undeclared_verb_is_refused_with_the_declared_ones(action: Any) -> None:
     refusal = refused(ARM, {"action": action})
     assert refusal.code == "unknown_verb"
-    assert refusal.remedy == "use status, sensors, move_to, set_torque, stop"
+    assert refusal.remedy == "use status, sensors, get_pose, move_to, set_torque, stop"
     assert len(refusal.text) < 300
 
 
@@ -283,7 +286,8 @@ def test_an_undeclared_verb_is_refused_with_the_declared_ones(action: Any) -> No
     [
         (
             {"action": "move_to", "target": {}},
-            "move_to: there is no input 'target' ('targets'?). Use targets, seconds",
+            "move_to: there is no input 'target' ('targets'?). Use targets, seconds, "
+            "xyz, rpy, quat, frame, speed, linear, keep_out",
         ),
         ({"action": "status", "now": True}, "status: there is no input 'now'. Use no input"),
         ({"action": "set_torque", "enabled": 1}, "set_torque: enabled is 1. Give enabled as boolean"),

@@ -165,4 +165,7 @@ def test_the_refusal_of_a_service_names_the_level_that_has_it() -> None:
     refused = read(REAL["unitree_go2"], {"action": "stand_up"})
     assert isinstance(refused, Refused) and "level='low'" in refused.text and "sport" in refused.text
     refused = read(REAL["so101"], {"action": "stand_up"})
-    assert isinstance(refused, Refused) and refused.remedy == "use status, sensors, move_to, set_torque, stop"
+    assert (
+        isinstance(refused, Refused)
+        and refused.remedy == "use status, sensors, get_pose, move_to, set_torque, stop"
+    )

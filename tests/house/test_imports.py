@@ -227,7 +227,8 @@ def test_a_cycle_for_type_checkers_is_found() -> None:
 
 ROOMS = {
     "strands_actors.caller": {
-        "handle": {"session", "processes", "resolve"},
+        "handle": {"poses", "session", "processes", "resolve"},
+        "poses": {"session"},
         "session": {"processes"},
         "resolve": {"processes"},
         "processes": set(),

@@ -85,7 +85,7 @@ def test_a_stop_ends_it_and_a_stopped_arm_still_has_a_pose(ready: RealRobot, twi
 SCRIPT = """
 import sys
 from strands_actors import Robot
-arm = Robot("so101", mode="real", port=sys.argv[1])
+arm = Robot("so101", mode="real", port=sys.argv[1], lifetime=1.0)  # a busy computer is late
 arm.connect_eagerly()
 x, y, z = arm.get_pose()["content"][0]["json"]["xyz"]
 print(arm.move_to(xyz=(x, y + float(sys.argv[2]), z), speed=0.01))

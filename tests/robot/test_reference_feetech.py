@@ -200,7 +200,7 @@ def test_known_registers_can_be_read_and_others_are_refused(bench: RealRobot) ->
 
 def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
     action = bench.tool_spec["inputSchema"]["json"]["properties"]["action"]
-    assert set(action["enum"]) == {"status", "sensors", "move_to", "set_torque", "stop"}
+    assert set(action["enum"]) == {"status", "sensors", "get_pose", "move_to", "set_torque", "stop"}
     assert all(f"{verb}:" in action["description"] for verb in action["enum"])
     for other in ("home", "dance", "calibrate", ""):
         refusal = why(ask(bench, action=other))

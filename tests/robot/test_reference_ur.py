@@ -188,7 +188,7 @@ def test_a_stop_by_the_controller_refuses_the_next_step_with_its_name(
 
 def test_an_agents_verbs_are_those_of_the_schema(bench: RealRobot) -> None:
     verbs = bench.tool_spec["inputSchema"]["json"]["properties"]["action"]["enum"]
-    assert verbs == ["state", "status", "move_to", "stop"]
+    assert verbs == ["state", "status", "get_pose", "move_to", "stop"]
     assert "needs an operator's approval" in why(ask(bench, action="move_to", targets={ELBOW: 1.0}))
     for other in ("home", "move", ""):
         refusal = why(ask(bench, action=other))

@@ -18,6 +18,7 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.tool_verbs import POSE_INPUTS
 from strands_actors.contract.wire import Observation
 from strands_actors.kernel.messages import Refused
+from strands_actors.kernel.refusals import Code
 
 from ..poses import refusals
 from ..poses.request import PoseRequest, read_request
@@ -36,6 +37,9 @@ GET_POSE = "get_pose"
 SETTLE_S, LOOK_S, STILL_RAD = 0.5, 0.05, 2e-4
 """The pose at the end of a motion is read when no joint has moved by ``STILL_RAD`` in ``LOOK_S``, and after
 ``SETTLE_S`` at the latest."""
+
+ATTEMPTS = 3
+"""A motion is planned so often if the arm still moves."""
 
 T = TypeVar("T")
 
@@ -83,34 +87,54 @@ async def move_to(
 
 
 async def move_to_pose(tree: RobotTree, request: PoseRequest, wait: bool) -> Answer:
-    """Move the tool to a pose, and return at the end of the motion if ``wait`` is true."""
-    driver, period_s = tree.driver, 1.0 / tree.driver.timing.control_hz
+    """Move the tool to a pose, and return at the end of the motion if ``wait`` is true.
+
+    If the arm still moved from an earlier motion while this one was planned, it is planned again at rest.
+    """
+    attempts = 0
+    while True:
+        timed = await _planned(tree, request)
+        if isinstance(timed, Refused):
+            return answers.refused(timed.about(MOVE_TO))
+        motion = await tree.rollouts.move(MOVE_TO, _starts(tree.driver, timed))
+        attempts += 1
+        if not isinstance(motion, Refused) or motion.code != Code.MOVED or attempts >= ATTEMPTS:
+            break
+        await _settled(tree)
+    answer = await moving.to_its_end(tree, motion, wait, pose=timed.plan.goal.as_json())
+    return await _with_measured_pose(tree, answer) if wait and answer["status"] == "success" else answer
+
+
+async def _planned(tree: RobotTree, request: PoseRequest) -> TimedPlan | Refused:
+    """Return the motion to a pose from the newest reading, or a refusal."""
     status = await tree.status()
     if status is not None and status.no_motion is not None:
-        return answers.refused(status.no_motion.about(MOVE_TO))
+        return status.no_motion
     if status is None or status.observation is None or not status.target:
-        return answers.refused(await _reason_unread(tree))
+        return await _reason_unread(tree)
     reading = RobotReading(status.observation, status.target, status.observation.t_ns)
-    timed = await _computed(_timed, driver, request, reading, period_s)
-    if isinstance(timed, Refused):
-        return answers.refused(timed.about(MOVE_TO))
+    return await _computed(_timed, tree.driver, request, reading, _period_s(tree.driver))
 
-    def plan(now: RobotReading) -> Motion | Refused:
-        from ..poses.timing import motion_of
 
-        return motion_of(driver, timed, now, period_s)
+def _starts(driver: Driver, timed: TimedPlan) -> Callable[[RobotReading], Motion | Refused]:
+    from ..poses.timing import motion_of
 
-    motion = await tree.rollouts.move(MOVE_TO, plan)
-    answer = await moving.to_its_end(tree, motion, wait, pose=timed.plan.goal.as_json())
-    if answer["status"] != "success" or not wait:
-        return answer
+    return lambda reading: motion_of(driver, timed, reading, _period_s(driver))
+
+
+def _period_s(driver: Driver) -> float:
+    return 1.0 / driver.timing.control_hz
+
+
+async def _with_measured_pose(tree: RobotTree, answer: Answer) -> Answer:
+    """Return the answer of a motion with the positions and the pose of the arm at rest."""
     observation = await _settled(tree)
     if isinstance(observation, Refused):
         return answer
-    reached = await _computed(_pose_of, driver, observation)
+    reached = await _computed(_pose_of, tree.driver, observation)
     if isinstance(reached, Refused):
         return answer
-    reply, row = answer["content"][0]["json"], answers.positions(driver, observation)
+    reply, row = answer["content"][0]["json"], answers.positions(tree.driver, observation)
     position = {key: row[key] for key in reply.get("position", {})}
     return answers.success({**reply, "position": position, "measured_pose": reached})
 

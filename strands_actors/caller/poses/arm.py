@@ -1,6 +1,6 @@
-"""The body of an arm in MuJoCo: the pose of its tool, the derivative of that pose, and what the arm touches.
+"""The body of an arm in MuJoCo: the pose of its tool, the derivative of that pose, and contacts of the arm.
 
-The model is one of its own. It is never simulated: joint positions are set, and the positions of links are read.
+The model is never simulated. Joint positions are set, and the positions of links are read.
 """
 
 from __future__ import annotations
@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from strands_actors.contract.arm_model import ArmModel
-from strands_actors.drivers.common.physics.lean_mujoco import mujoco
 
-from .bodies import KEEP_OUT, WHOLE_TURN_RAD, Array, Pair, body_of, with_spaces
+from .bodies import KEEP_OUT, WHOLE_TURN_RAD, Array, Pair, body_of, mujoco, with_spaces
 from .request import Box, rpy_of
 
 CLEARANCE_M = 0.005
@@ -122,7 +121,7 @@ class Arm:
         return frozenset(pair for pair in self._pairs if self._distance(pair, 0.0) < 0)
 
     def touch(self, rad: Array, ignored: frozenset[Pair] = frozenset()) -> Touch | None:
-        """Return what the arm touches at these joint positions; None for nothing.
+        """Return a contact of the arm at these joint positions; None without a contact.
 
         Args:
             rad: The joint positions.

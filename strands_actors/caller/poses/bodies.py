@@ -12,9 +12,14 @@ import numpy as np
 
 from strands_actors.contract.arm_model import ArmModel
 from strands_actors.contract.loading import load
-from strands_actors.drivers.common.physics.lean_mujoco import PLAIN, mujoco
 
 from .request import Box
+
+LEAN_MUJOCO = "strands_actors.drivers.common.physics.lean_mujoco"
+"""Imports MuJoCo without OpenGL. Like a driver it is loaded by name, because drivers are below this module."""
+
+mujoco: Any = load(f"{LEAN_MUJOCO}:mujoco")
+PLAIN: Any = load(f"{LEAN_MUJOCO}:PLAIN")
 
 Array = Any
 """A numpy array."""
@@ -166,4 +171,4 @@ def with_spaces(body: Body, keep_out: Sequence[Box]) -> tuple[Any, tuple[Pair, .
     return spec.compile(), pairs, spaces
 
 
-__all__ = ["KEEP_OUT", "WHOLE_TURN_RAD", "Array", "Body", "Pair", "body_of", "with_spaces"]
+__all__ = ["KEEP_OUT", "WHOLE_TURN_RAD", "Array", "Body", "Pair", "body_of", "mujoco", "with_spaces"]

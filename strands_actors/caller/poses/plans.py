@@ -1,7 +1,7 @@
 """Plan the joint positions along which the tool of an arm moves to a pose, or say why it cannot. Pure.
 
-A straight line becomes waypoints. Each is solved from the one before, so that the arm does not change its posture
-on the way. A plan says nothing about time (``timing``).
+A straight line becomes waypoints. The search for each starts at the one before, so that the arm does not change its
+posture on the way. A plan has no duration yet (``timing``).
 """
 
 from __future__ import annotations
@@ -108,6 +108,7 @@ def _line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Ref
     distance = float(np.linalg.norm(goal.xyz - start.pose.xyz))
     turn = float(np.linalg.norm(turn_between(start.pose.quat, goal.quat)))
     count = max(1, math.ceil(max(distance / WAYPOINT_M, turn / WAYPOINT_RAD)))
+    bends_at = 0.0
     for _ in range(REFINEMENTS):
         waypoints = _waypoints(arm, goal, start, freedom, count, distance)
         if isinstance(waypoints, Refused):
@@ -115,8 +116,9 @@ def _line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Ref
         bent = _bent(arm, start.pose, goal, waypoints)
         if bent is None:
             return _plan(arm, waypoints, distance)
+        bends_at = distance * bent
         count *= 2
-    return refusals.at_singularity(distance * bent)
+    return refusals.at_singularity(bends_at)
 
 
 def _waypoints(
@@ -143,8 +145,8 @@ def _bent(arm: Arm, start: Pose, goal: Pose, waypoints: list[Array]) -> float | 
     rows, last = np.array(waypoints), len(waypoints) - 1
     for number in range(last):
         share = (number + 0.5) / last
-        wanted = start.xyz + (goal.xyz - start.xyz) * share
-        if float(np.linalg.norm(arm.pose(along(rows, share)).xyz - wanted)) > BENT_M:
+        on_line = start.xyz + (goal.xyz - start.xyz) * share
+        if float(np.linalg.norm(arm.pose(along(rows, share)).xyz - on_line)) > BENT_M:
             return share
     return None
 
@@ -169,7 +171,7 @@ def _misses(arm: Arm, goal: Pose, rad: Array) -> bool:
 
 
 def _direct(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> PosePlan | Refused:
-    end = _end(arm, goal, start, freedom)
+    end = _end_position(arm, goal, start, freedom)
     if isinstance(end, Refused):
         return end
     waypoints = _between(start.rad, end)
@@ -183,7 +185,7 @@ def _between(start: Array, end: Array) -> list[Array]:
 
 
 def _refuse_between(arm: Arm, start: _Start, end: Array) -> Refused | None:
-    """Return what the arm would touch at the end, or on the way if each joint moves straight to it."""
+    """Return the refusal of a contact at the end, or on the way if each joint moves straight to it."""
     *way, last = _between(start.rad, end)[1:]
     if touch := arm.touch(last, start.overlaps):
         return _refuse_touch(touch, None, linear=False)
@@ -193,12 +195,12 @@ def _refuse_between(arm: Arm, start: _Start, end: Array) -> Refused | None:
     return None
 
 
-def _end(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> Array | Refused:
+def _end_position(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> Array | Refused:
     """Return joint positions for the goal, or a refusal that has the nearest pose."""
     if freedom is not _Turn.FREE:
-        found = find(arm, goal, start.rad, lambda rad: _refuse_between(arm, start, rad))
-        if found is not None:
-            return found
+        solution = find(arm, goal, start.rad, lambda rad: _refuse_between(arm, start, rad))
+        if solution is not None:
+            return solution
     rad = nearest(arm, goal, start.rad)
     reached = float(np.linalg.norm(arm.pose(rad).xyz - goal.xyz)) < TOLERANCE_M
     if not reached or (freedom is not _Turn.FREE and _misses(arm, goal, rad)):
@@ -215,7 +217,7 @@ def _plan(arm: Arm, waypoints: list[Array], length_m: float) -> PosePlan:
 
 def _refuse_line(arm: Arm, goal: Pose, start: _Start, freedom: _Turn, along_m: float, leap: bool) -> Refused:
     """Return why a line cannot be followed: its end cannot be reached, or only the way to it."""
-    end = _end(arm, goal, start, freedom)
+    end = _end_position(arm, goal, start, freedom)
     if isinstance(end, Refused):
         return end
     return refusals.at_singularity(along_m) if leap else refusals.leaves_reach(along_m)

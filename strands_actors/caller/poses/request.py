@@ -125,8 +125,7 @@ def _boxes(keep_out: Any) -> tuple[Box, ...] | Refused:
     for number, box in enumerate(keep_out):
         named = box if isinstance(box, Mapping) else {}
         center, size = _numbers(named.get("center"), 3), _numbers(named.get("size"), 3)
-        known = set(named) <= {"center", "size"}
-        if center is None or size is None or min(size) <= 0 or not known:
+        if center is None or size is None or min(size) <= 0 or set(named) > {"center", "size"}:
             return refusals.bad_box(number, box)
         boxes.append(Box((center[0], center[1], center[2]), (size[0], size[1], size[2])))
     return tuple(boxes)

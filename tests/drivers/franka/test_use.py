@@ -43,7 +43,7 @@ def test_an_agent_keeps_it_reads_it_and_can_stop_it(tmp_path: Path, run_dir: Pat
         assert agent.tool_names == ["panda"]
         agent("go on")
         (verbs,) = (spec["inputSchema"]["json"]["properties"]["action"]["enum"] for spec in model.offered)
-        assert verbs == ["sensors", "status", "move_to", "stop", "recover"]
+        assert verbs == ["sensors", "status", "get_pose", "move_to", "stop", "recover"]
         seen, stopped = (results[0] for results in model.heard)
         assert seen["content"][0]["json"]["sensors"]["robot_mode"] == [1.0]
         assert stopped["status"] == "success"

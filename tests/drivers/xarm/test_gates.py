@@ -198,7 +198,7 @@ def test_it_is_registered_and_declares_its_keywords() -> None:
     assert set(XArm.OPTIONS) == {"control_frequency"}
     assert XArm.resolve("xarm7", {}) == {"control_frequency": 100.0}
     assert XArm.resolve("xarm7", {"control_frequency": 50, "tool_name": "left"}) == {"control_frequency": 50.0}
-    assert [verb.name for verb in XArm.TOOL_VERBS] == ["sensors", "state", "status", "move_to", "stop"]
+    assert [verb.name for verb in XArm.TOOL_VERBS] == ["sensors", "state", "status", "get_pose", "move_to", "stop"]
     assert XArm.GUARDED == ("move_to",)
 
 
