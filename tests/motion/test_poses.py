@@ -27,7 +27,7 @@ READY = {"shoulder_pan": 0.0, "shoulder_lift": -60.0, "elbow_flex": 60.0, "wrist
 def ready(arm: RealRobot) -> RealRobot:
     """Return the arm on the twin, in a pose with room around it."""
     armed(arm)
-    json_of(arm.move_to(READY, seconds=0.6))
+    json_of(arm.move_to(READY, seconds=0.4))
     return arm
 
 
@@ -98,7 +98,7 @@ def test_saf_003_a_killed_script_ends_it(ready: RealRobot, twin: Twin, run_dir: 
     began_ns = time.monotonic_ns()
     script = subprocess.Popen([sys.executable, "-c", SCRIPT, twin.port, str(left_m)])
     try:
-        until(lambda: len({entry.data for entry in twin.log.host("setpoint", began_ns)}) > 20, "it moves")
+        until(lambda: len({entry.data for entry in twin.log.host("setpoint", began_ns)}) > 8, "it moves")
         killed_ns = time.monotonic_ns()
     finally:
         script.kill()

@@ -29,7 +29,7 @@ Pair = tuple[int, int]
 
 KEEP_OUT = "strands_actors keep_out"
 """The names of the shapes of spaces that the arm may not enter begin so."""
-SAMPLES = 400
+SAMPLES = 1000
 """Number of random joint positions of which the nearest to a goal are starts of a search."""
 OVERLAP_SAMPLES, OVERLAP_SHARE = 80, 0.3
 """Two links that touch in this share of random positions count as joined, since the shapes of a table are coarse.

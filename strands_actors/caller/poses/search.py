@@ -29,9 +29,9 @@ NEXT_STEPS = 20
 """Most steps of a search that starts at the neighbour on a path."""
 STALLED, PROGRESS = 6, 0.97
 """A search ends without a solution if so many steps in turn did not reduce the error to this share."""
-STARTS = 24
+STARTS = 40
 """Further starts of a search, after the present and the home position."""
-NEAREST_STARTS = 6
+NEAREST_STARTS = 12
 """Further starts of a search for the nearest pose."""
 LONGEST_RAD = 0.6
 """Longest step of a joint."""
