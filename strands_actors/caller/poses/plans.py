@@ -201,7 +201,7 @@ def _end_position(arm: Arm, goal: Pose, start: _Start, freedom: _Turn) -> Array 
         solution = find(arm, goal, start.rad, lambda rad: _refuse_between(arm, start, rad))
         if solution is not None:
             return solution
-    rad = nearest(arm, goal, start.rad)
+    rad = nearest(arm, goal, start.rad, any_turn=freedom is _Turn.FREE)
     reached = float(np.linalg.norm(arm.pose(rad).xyz - goal.xyz)) < TOLERANCE_M
     if not reached or (freedom is not _Turn.FREE and _misses(arm, goal, rad)):
         return _refuse_unreachable(arm, goal, rad)

@@ -20,6 +20,8 @@ NEAR_M, NEAR_RAD = 1e-5, 1e-4
 M_OF_RAD = 0.3
 """A turn by one rad weighs as much as this distance."""
 WEIGHTS = np.array((1.0, 1.0, 1.0, M_OF_RAD, M_OF_RAD, M_OF_RAD))
+PLACE_WEIGHTS = np.array((1.0, 1.0, 1.0, 0.0, 0.0, 0.0))
+"""Weights of distances and turns: of a whole pose, and of its position alone."""
 DAMPING, LEAST_DAMPING = 0.05, 1e-6
 """The damping of a step is this share of the squared error, and at least the second number. So steps far from the
 goal are short near singular positions, and the last steps converge quadratically."""
@@ -41,6 +43,8 @@ FOLLOW_DAMPING_M, FOLLOW_DAMPING, EXACT_DAMPING = 3e-3, 0.05, 1e-6
 """Damping of the steps to a position, of those that turn the tool there, and of the null space."""
 FIRST_DAMPING, MOST_DAMPING = 1e-3, 1e3
 """Damping of the first step, and the damping at which a search ends because no step is a gain."""
+EDGE_M, EDGE_RAD = 3e-4, 2e-3
+"""A pose at the edge of the reach counts as reached within this distance, since there a search ends slowly."""
 BLOCKED_M = 10.0
 """A position in which the arm touches something is as bad as one that is so far away."""
 ORIENTATION_SHARE = 1e-3
@@ -106,46 +110,61 @@ def find(arm: Arm, goal: Pose, rad: Array, blocked: Callable[[Array], Refused | 
     return refusal
 
 
-def nearest(arm: Arm, goal: Pose, rad: Array) -> Array:
-    """Return joint positions that bring the tool nearest to a position, and then to the orientation there."""
+def nearest(arm: Arm, goal: Pose, rad: Array, any_turn: bool = False) -> Array:
+    """Return joint positions that bring the tool nearest to a position, and then to the orientation there.
+
+    Args:
+        arm: The arm.
+        goal: The pose.
+        rad: The present joint positions.
+        any_turn: True if the position alone counts. The orientation is then the nearest that this start leads to.
+    """
     best, least = rad, np.inf
     for start in _starts(arm, goal, rad, NEAREST_STARTS):
-        solution = approach(arm, goal.xyz, start)
-        if float(np.linalg.norm(goal.xyz - arm.pose(solution).xyz)) < NEAR_M:
-            solution = follow(arm, goal, solution)
-        pose = arm.pose(solution)
-        far = float(np.linalg.norm(goal.xyz - pose.xyz))
-        turned = float(np.linalg.norm(turn_between(pose.quat, goal.quat)))
-        blocked = arm.touch(solution) is not None
-        cost = far + ORIENTATION_SHARE * M_OF_RAD * turned + BLOCKED_M * blocked
-        if cost < least:
-            best, least = unwound(arm, solution, rad), cost
-        if far < NEAR_M and turned < NEAR_RAD and not blocked:
-            break
+        at_place = approach(arm, goal, start, PLACE_WEIGHTS)
+        solutions = [at_place]
+        if float(np.linalg.norm(goal.xyz - arm.pose(at_place).xyz)) < EDGE_M:
+            solutions = [approach(arm, goal, at_place, WEIGHTS), follow(arm, goal, at_place), at_place]
+        for solution in solutions:
+            pose = arm.pose(solution)
+            far = float(np.linalg.norm(goal.xyz - pose.xyz))
+            turned = float(np.linalg.norm(turn_between(pose.quat, goal.quat)))
+            blocked = arm.touch(solution) is not None
+            cost = max(far, EDGE_M) + ORIENTATION_SHARE * M_OF_RAD * turned + BLOCKED_M * blocked
+            if cost < least:
+                best, least = unwound(arm, solution, rad), cost
+            if far < EDGE_M and (any_turn or turned < EDGE_RAD) and not blocked:
+                return best
     return best
 
 
-def approach(arm: Arm, xyz: Array, rad: Array) -> Array:
-    """Return joint positions that bring the tool as near to a position as this start leads to.
+def approach(arm: Arm, goal: Pose, rad: Array, weights: Array) -> Array:
+    """Return joint positions that bring the tool as near to a pose as this start leads to.
 
     The damping follows the success of the steps (Levenberg and Marquardt), so that the search also ends at the edge
     of the reach, where the arm is stretched and its derivative is singular.
+
+    Args:
+        arm: The arm.
+        goal: The pose.
+        rad: The start.
+        weights: The weights of the three distances and of the three turns.
     """
     joints, damping, unit = np.clip(rad, arm.low, arm.high), FIRST_DAMPING, np.eye(len(rad))
-    pose, jacobian = arm.jacobian(joints)
-    error = xyz - pose.xyz
+    error, jacobian = _error(arm, goal, joints)
+    error = error * weights
     for _ in range(POSITION_STEPS):
         if error @ error < NEAR_M**2 or damping > MOST_DAMPING:
             break
-        rows = jacobian[:3]
+        rows = jacobian * weights[:, None]
         pull = rows.T @ error
         free = ~(((joints <= arm.low) & (pull < 0)) | ((joints >= arm.high) & (pull > 0)))
         rows = rows * free
         step = np.linalg.solve(rows.T @ rows + damping * unit, pull * free)
         longest = float(np.abs(step).max())
         then = np.clip(joints + step * min(1.0, LONGEST_RAD / max(longest, 1e-12)), arm.low, arm.high)
-        pose, derivative = arm.jacobian(then)
-        after = xyz - pose.xyz
+        after, derivative = _error(arm, goal, then)
+        after = after * weights
         if after @ after < error @ error:
             joints, error, jacobian, damping = then, after, derivative, max(damping / 3, LEAST_DAMPING)
         else:
