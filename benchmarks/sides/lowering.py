@@ -1,8 +1,8 @@
-"""``lowering ROBOT END TRIALS``: stop a raised arm again and again, and read from its wire log what it did.
+"""``lowering ROBOT END TRIALS``: stop a raised arm again and again, and read its wire log.
 
 ROBOT is an arm that can be lowered. END is ``lower`` or ``limp``, the option ``on_exit``. Each trial is made in
 three ways: the script that holds the arm is killed; an e-stop is ordered; a servo falls mute while it is lowered
-(only with ``lower``). The script, the processes of the robot and the simulated arm are processes of their own.
+(only with ``lower``). Script, robot and twin are separate processes.
 """
 
 from __future__ import annotations

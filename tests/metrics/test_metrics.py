@@ -24,8 +24,6 @@ from strands_actors.surfaces.metrics.families import DASHBOARD, Families
 from strands_actors.surfaces.metrics.ledger import FORGET_S, SILENT_S, Ledger
 from tests.cli.command import Command, RobotProcess
 
-pytest_plugins = ["tests.cli.conftest"]
-
 PATIENCE_S = 30.0
 OPEN_METRICS = "application/openmetrics-text; version=1.0.0"
 

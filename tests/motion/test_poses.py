@@ -27,7 +27,7 @@ READY = {"shoulder_pan": 0.0, "shoulder_lift": -60.0, "elbow_flex": 60.0, "wrist
 def ready(arm: RealRobot) -> RealRobot:
     """Return the arm on the twin, in a pose with room around it."""
     armed(arm)
-    json_of(arm.move_to(READY, seconds=0.4))
+    json_of(arm.move_to(READY, seconds=1.5))
     return arm
 
 

@@ -15,8 +15,6 @@ from rerun.chunk import RrdReader
 
 from tests.cli.command import Command, RobotProcess
 
-pytest_plugins = ["tests.cli.conftest"]
-
 
 def columns_of(file: Path) -> dict[str, list[Any]]:
     """Return all values of a recording, by entity and component."""

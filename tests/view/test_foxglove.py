@@ -19,8 +19,6 @@ from tests.cli.command import Command, RobotProcess
 
 from .foxglove_client import FoxgloveClient, Message
 
-pytest_plugins = ["tests.cli.conftest"]
-
 
 @contextmanager
 def viewed(cli: Command, *arguments: str) -> Iterator[dict[str, Any]]:

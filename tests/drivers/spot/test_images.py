@@ -241,7 +241,7 @@ class Narrow(Connection):
     async def receive(self) -> tuple[int, bytes]:
         return 0, self.arriving.pop(0)
 
-    def _sent(self, data: bytes) -> int:
+    def send_part(self, data: bytes) -> int:
         sent, self.room = data[: self.room], max(0, self.room - len(data))
         self.taken += sent
         return len(sent)
