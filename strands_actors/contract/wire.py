@@ -117,6 +117,10 @@ class Wire(ABC):
     """Why the last hold failed and the robot was stopped in another way; empty if it did not fail.
     No setpoint is written until the robot is armed again. The transport clears it before arming."""
 
+    ended_in: SafeState | None = None
+    """The safe state that the last ``make_safe`` has led to, if it is another one than the ordered one: an arm that
+    could not be lowered to the end is limp. The transport clears it before a stop, and reports it."""
+
     @property
     def seen(self) -> Observation | None:
         """The newest reading of a stop that takes seconds (land, lowered, settle); None if it reads no positions.

@@ -282,6 +282,8 @@ class Transport(Actor):
         if motors is None:
             # Another stop interrupted this one. Its report answers both orders.
             return
+        if self._wire is not None and self._wire.ended_in is not None:
+            safe_state = self._wire.ended_in
         hold_failed = self.hold_failed if holds else ""
         observation = await self._read_held_position(motors) if holds and not hold_failed else None
         self._report_safe(message.reason, safe_state, message.epoch, began_ns, motors, hold_failed, observation)
@@ -329,7 +331,7 @@ class Transport(Actor):
         began_ns = self.context.clock.now_ns()
         motors: tuple[MotorReport, ...] | None = ()
         if self._wire is not None:
-            motors = None
+            motors, self._wire.ended_in = None, None
             with (
                 self._cancelled_by_stop((holds or safe_state in SLOW) and self._wire.interruptible),
                 self._published(self._wire, safe_state in SLOW),

@@ -187,3 +187,27 @@ def test_what_the_wire_reads_meanwhile_is_published(monkeypatch: pytest.MonkeyPa
             assert positions == sorted(set(positions)), positions
 
     run_virtual(run)
+
+
+def test_saf_023_an_arm_that_could_not_be_lowered_is_reported_as_limp(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def run() -> None:
+        lowers = FakeWire.make_safe
+
+        async def make_safe(self: FakeWire, safe_state: SafeState) -> tuple[MotorReport, ...]:
+            if safe_state == SafeState.LOWERED:
+                self.ended_in = SafeState.LIMP
+                safe_state = SafeState.LIMP
+            return await lowers(self, safe_state)
+
+        async with moving() as (tree, writer):
+            monkeypatch.setattr(FakeWire, "make_safe", make_safe)
+            _, answers = await ordered(tree, (0.0, Reason.STOP, False))
+            assert isinstance(answers[0], StopReport) and answers[0].confirmed
+            assert answers[0].safe_state == SafeState.LIMP
+            # The next stop is reported as it ended.
+            monkeypatch.setattr(FakeWire, "make_safe", lowers)
+            assert isinstance(await tree.gate.ask(Resume(), 9.0), Resumed)
+            _, answers = await ordered(tree, (0.0, Reason.STOP, False))
+            assert isinstance(answers[0], StopReport) and answers[0].safe_state == SafeState.LOWERED
+
+    run_virtual(run)

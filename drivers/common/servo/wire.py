@@ -120,7 +120,7 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
         self._port: BytePort | None = None
         self._armed = False
         self.lowered: LoweringEnd | None = None
-        """How the last lowering ended; None if it was cut off, or if there was none."""
+        """How the last lowering ended; None if it was cut off, could not begin, or if there was none."""
         # When a lowering must end; None if there is none. A lowering that was cut off and is begun anew has no
         # more time than the first one.
         self._lowering_end_ns: int | None = None
@@ -231,6 +231,8 @@ class ServoWire(SessionWire[ServoSession[PacketT]], Generic[PacketT]):
             return await self._hold(session)
         if safe_state == SafeState.LOWERED and (self._armed or self._lowering_end_ns is not None):
             await self._lower(session)
+            if self.lowered is not LoweringEnd.DOWN:
+                self.ended_in = SafeState.LIMP
         was_lowering = self._lowering_end_ns is not None
         self._armed, self._lowering_end_ns = False, None
         reports = await session.safing.limp()

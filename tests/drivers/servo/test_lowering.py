@@ -125,6 +125,7 @@ def test_the_arm_goes_to_its_rest_pose_and_is_let_go_there(make: MakeRig) -> Non
         stop = await stopped(rig)
         assert all_safe(stop.reports)
         assert rig.wire.lowered is LoweringEnd.DOWN
+        assert rig.wire.ended_in is None
         after = rig.bus.plant.position_rad
         assert after[0] == pytest.approx(0.4, abs=0.15)
         assert after[4] == pytest.approx(-0.3, abs=0.15)
@@ -195,6 +196,7 @@ def test_saf_026_a_joint_that_meets_something_on_the_way_to_rest_is_let_go() -> 
         rig.bus.plant.set_stuck(joint, True)
         await rig.wire.make_safe(SafeState.LOWERED)
         assert rig.wire.lowered is LoweringEnd.BLOCKED
+        assert rig.wire.ended_in is SafeState.LIMP
         assert rig.torque() == [0] * 6
 
     virtual(main)
@@ -205,7 +207,21 @@ def test_saf_026_the_torque_goes_when_the_time_is_over() -> None:
         rig = await raised(FeetechRig, RAISED[FeetechRig][0], lower_s=0.5)
         stop = await stopped(rig)
         assert rig.wire.lowered is LoweringEnd.TIME
+        assert rig.wire.ended_in is SafeState.LIMP
         assert 0.5 <= stop.limp_s < 0.6
+
+    virtual(main)
+
+
+@pytest.mark.parametrize("make", RIGS)
+def test_saf_026_a_lowering_that_begins_anew_has_no_more_time(make: MakeRig) -> None:
+    async def main() -> None:
+        rig = await raised(make, RAISED[make][0], lower_s=0.8)
+        with trio.move_on_after(0.5):
+            await rig.wire.make_safe(SafeState.LOWERED)
+        stop = await stopped(rig)
+        assert rig.wire.lowered is LoweringEnd.TIME
+        assert stop.limp_s < 0.4
 
     virtual(main)
 
