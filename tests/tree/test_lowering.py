@@ -199,7 +199,7 @@ def test_saf_023_an_arm_that_could_not_be_lowered_is_reported_as_limp(monkeypatc
                 safe_state = SafeState.LIMP
             return await lowers(self, safe_state)
 
-        async with moving() as (tree, writer):
+        async with moving() as (tree, _):
             monkeypatch.setattr(FakeWire, "make_safe", make_safe)
             _, answers = await ordered(tree, (0.0, Reason.STOP, False))
             assert isinstance(answers[0], StopReport) and answers[0].confirmed
