@@ -24,6 +24,8 @@ T = TypeVar("T")
 PATIENCE_S = 10.0
 RESTS_S = 1.2
 """Time after the torque is off until the arm lies still."""
+SETTLE_S = 0.3
+"""Time after the torque is off in which a setpoint would count."""
 MOMENTS_S = (0.1, 0.4, 0.7, 1.0)
 """Times from the begin of a lowering until a servo falls mute."""
 MUTE_SERVO = 3
@@ -45,7 +47,6 @@ class Figures:
             since_ns: When the arm was stopped, or its servo fell mute.
             limp: The frame that switched the torque off.
         """
-        time.sleep(RESTS_S)
         self.limp_s = max(self.limp_s, (limp.t_ns - since_ns) / 1e9)
         entries = list(bench.log.entries(since_ns))
         touches = (json.loads(entry.data)["speed_m_s"] for entry in entries if entry.kind == "touch")
@@ -105,7 +106,9 @@ def main() -> None:
             worst = Figures()
             for trial in range(trials):
                 caller = bench.moving("raise")
-                worst.add(bench, *way(bench, caller, trial))
+                began_ns, limp = way(bench, caller, trial)
+                time.sleep(RESTS_S if way is killed else SETTLE_S)
+                worst.add(bench, began_ns, limp)
                 bench.twin.fault("ok")
                 if way is killed:
                     bench.drop()
