@@ -82,7 +82,7 @@ class RealRobot(RobotTool):
             print(arm.get_observation())
     """
 
-    LAZY: ClassVar[frozenset[str]] = frozenset({"get_pose", "move", "move_to", "run"})
+    LAZY: ClassVar[frozenset[str]] = frozenset({"move", "move_to", "run"})
     """Methods that connect the robot if the program has not done so. The driver's services and commands connect
     it, too. None of them connects to a robot of another host, since that would resume a robot that holds.
     """
