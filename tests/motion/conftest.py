@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 
+from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.robot.conftest import NewArm, new_arm, twin, twin_process
@@ -19,3 +22,14 @@ LIFETIME_S = 1.0
 def arm(twin: Twin, new_arm: NewArm) -> RealRobot:
     """Return an arm that is connected to the twin and armed."""
     return connected(new_arm(port=twin.port, lifetime=LIFETIME_S))
+
+
+@pytest.fixture(scope="module")
+def ur(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRobot]:
+    """Give a UR5e that is connected to its twin and armed."""
+    with Twin("ur5e", tmp_path_factory.mktemp("ur")) as twin:
+        robot = Robot("ur5e", mode="real", port=twin.port)
+        try:
+            yield connected(robot)
+        finally:
+            robot.cleanup()

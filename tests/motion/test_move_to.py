@@ -9,7 +9,6 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,7 @@ from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, task, until, why
 from tests.robot.helpers import IDS, goals, holds
-from tests.trees import armed, connected
+from tests.trees import armed
 
 PAN = "shoulder_pan"
 
@@ -129,16 +128,6 @@ def test_an_agent_moves_in_a_time_and_can_stop_it(arm: RealRobot, twin: Twin) ->
 
     safe_state, ended = asyncio.run(moves_and_stops())
     assert safe_state == "limp" and str(ended).startswith("move_to: it did not come to its end: stop")
-
-
-@pytest.fixture(scope="module")
-def ur(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRobot]:
-    with Twin("ur5e", tmp_path_factory.mktemp("ur")) as twin:
-        robot = Robot("ur5e", mode="real", port=twin.port)
-        try:
-            yield connected(robot)
-        finally:
-            robot.cleanup()
 
 
 def test_a_ur_that_takes_small_steps_alone_needs_no_loop(ur: RealRobot) -> None:

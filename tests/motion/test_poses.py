@@ -6,7 +6,6 @@ import asyncio
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from strands_actors import Robot
 from strands_actors.caller.handle.robot import RealRobot
 from strands_actors.testing import Twin
 from tests.answers import json_of, state, task, until, why
-from tests.trees import armed, connected
+from tests.trees import armed
 
 LEFT_M = 0.05
 READY = {"shoulder_pan": 0.0, "shoulder_lift": -60.0, "elbow_flex": 60.0, "wrist_flex": 20.0, "wrist_roll": 0.0}
@@ -117,16 +116,6 @@ def test_an_agent_reads_the_pose_and_moves_the_tool(ready: RealRobot) -> None:
     assert moved["measured_pose"]["xyz"][1] == pytest.approx(y - 0.03, abs=0.005)
     assert "out of reach" in why(use(action="move_to", xyz=[3, 0, 0]))
     assert "xyz is 'left'. Give xyz as array" in why(use(action="move_to", xyz="left"))
-
-
-@pytest.fixture(scope="module")
-def ur(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RealRobot]:
-    with Twin("ur5e", tmp_path_factory.mktemp("ur")) as twin:
-        robot = Robot("ur5e", mode="real", port=twin.port)
-        try:
-            yield connected(robot)
-        finally:
-            robot.cleanup()
 
 
 def test_a_ur_moves_its_tool_to_the_left_and_its_controller_agrees(ur: RealRobot) -> None:

@@ -23,6 +23,7 @@ from strands_actors.surfaces.drill.connection import ON_THIS_COMPUTER, Connectio
 from strands_actors.surfaces.drill.report import (
     FORM,
     LARGEST_BYTES,
+    LOWERED,
     STEPS,
     BadReport,
     Peer,
@@ -205,6 +206,8 @@ def step(number: int, **fields: Any) -> Callable[[dict[str, Any]], None]:
         (change(steps=[]), "its steps are missing"),
         (lambda report: report["steps"].reverse(), "its steps are link loss"),
         (lambda report: report["steps"].pop(), "its steps are stop, policy kill, wire kill, root freeze, and"),
+        (lambda report: report["steps"].insert(0, report["steps"][0] | {"step": LOWERED}), "its steps are script"),
+        (lambda report: report["steps"].extend([report["steps"][0] | {"step": LOWERED}] * 2), "kill, script kill"),
         (step(1, passed=False), '"passed" does not agree'),
         (step(1, confirmed_ms=-3.0), "policy kill has a time that is impossible"),
         (step(2, bound_ms=1e9), "wire kill has a time that is impossible"),

@@ -30,9 +30,9 @@ from strands_actors.testing.caller import RAISED
 from strands_actors.testing.twin import Twin
 
 from .certificate import StepResult
+from .report import LOWERED
 from .steps import SETTLE_S, Failed
 
-STEP = "script kill"
 START_S = 30.0
 BY_HAND_S = 120.0
 HANDS_OFF_S = 3.0
@@ -179,7 +179,7 @@ class LoweringDrill:
         after: int | None = None,
     ) -> StepResult:
         return StepResult(
-            STEP,
+            LOWERED,
             passed,
             self._driver.fallbacks[Reason.CALLER],
             safe_ms,
