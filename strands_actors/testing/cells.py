@@ -355,10 +355,10 @@ async def ask_to_break(caller: Caller, process: str, how: str) -> int:
 async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float) -> Outcome:
     broken_ns = monotonic_ns()
     if cell.returns:
-        queue, since_ns = await trio.to_thread.run_sync(_go_away, bench, caller, cell.fault)
+        queue, since_ns = await trio.to_thread.run_sync(go_away, bench, caller, cell.fault)
         confirmed = True
     else:
-        await trio.to_thread.run_sync(_fall_ill, bench, cell.fault)
+        await trio.to_thread.run_sync(fall_ill, bench, cell.fault)
         queue = bench.queue(caller)
         caller.send_order("stop")
         answer = await trio.to_thread.run_sync(caller.line)
@@ -372,7 +372,7 @@ async def _break_robot(bench: Bench, caller: Caller, cell: Cell, settle_s: float
     return with_story(outcome if confirmed else replace(outcome, all_motors=False), bench.log, since_ns)
 
 
-def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
+def go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
     """Freeze the robot, or pull its cable, for a while.
 
     Return a measurement of how long processes wait for a processor, which begins when the robot returns, and the
@@ -388,7 +388,8 @@ def _go_away(bench: Bench, caller: Caller, fault: Faults) -> tuple[Queue, int]:
     return queue, since_ns
 
 
-def _fall_ill(bench: Bench, fault: Faults) -> None:
+def fall_ill(bench: Bench, fault: Faults) -> None:
+    """Give the robot a fault, and wait until it has an effect. A late reply ends by itself."""
     bench.twin.fault("delayed" if fault is Faults.LATE_REPLY else fault)
     time.sleep(SICK_S)
     if fault is Faults.LATE_REPLY:
@@ -536,12 +537,12 @@ async def until_safe(log: WireLog, since_ns: int, queue: Queue) -> None:
         await until(look)
 
 
-async def until(look: Callable[[], T | None]) -> T:
+async def until(look: Callable[[], T | None], within_s: float = PATIENCE_S) -> T:
     """Call the function ``look`` repeatedly until it returns a result.
 
-    Raise ``TooSlowError`` after ``PATIENCE_S``.
+    Raise ``TooSlowError`` after ``within_s``.
     """
-    with trio.fail_after(PATIENCE_S):
+    with trio.fail_after(within_s):
         while not (result := look()):  # noqa: ASYNC110  # another process causes it, so there is no event
             await trio.sleep(0.002)
     return result

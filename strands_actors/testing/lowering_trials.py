@@ -12,8 +12,8 @@ The log of the frames that the robot receives has the result. No frame may move 
 
 from __future__ import annotations
 
+import contextlib
 import math
-import os
 import random
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -25,24 +25,15 @@ from strands_actors.contract.driver import Driver
 from strands_actors.contract.safe_state import SafeState
 
 from .bench import Bench, Caller, NotMoving, extras_for
-from .cells import (
-    AWAY_S,
-    PATIENCE_S,
-    SETTLE_S,
-    Outcome,
-    inflict,
-    persevere,
-    with_story,
-)
-from .faults import RETURN_S, Cell, Faults, Victims, bound_s, spoils
-from .pair_trials import let_go, orders_of
+from .cells import PATIENCE_S, SETTLE_S, Outcome, fall_ill, go_away, inflict, persevere, until, with_story
+from .faults import RETURN_S, Cell, Victims, bound_s, spoils
+from .pair_trials import break_both, let_go
 from .pairs import APART_S, Pair, pair_bound_s
 from .queueing import Queue
 from .wirelog import Entry, WireLog
 
 LONGEST_S = 1.2
 """Longest time from the first frame of the lowering to the fault. The arm still sinks then."""
-LOOK_S = 0.002
 MOVING = ("setpoint", "enable", "lowering")
 """Kinds of frames that may move or energise the arm."""
 
@@ -83,13 +74,14 @@ async def _break(bench: Bench, caller: Caller, cell: Cell | Pair, after_s: float
     log, bound = bench.log, longest_s(bench.driver, cell)
     caller.send_order("lower")
     began_ns: int = (await trio.to_thread.run_sync(caller.line))["at_ns"]
-    if not await _seen(log, began_ns, "lowering", PATIENCE_S):
-        raise NotMoving("the arm is not lowered")
+    try:
+        await until(lambda: log.host("lowering", began_ns))
+    except trio.TooSlowError:
+        raise NotMoving("the arm is not lowered") from None
     await trio.sleep(after_s)
     if _limp(log, began_ns) is not None:
         raise NotMoving("the arm was down before the fault")
-    queue = bench.queue(caller)
-    broken_ns, since_ns = await _do(bench, caller, cell)
+    broken_ns, since_ns, queue = await _do(bench, caller, cell)
     await _until_limp(log, broken_ns, queue, bound + PATIENCE_S)
     waited_ms = queue.waited_ms()
     await trio.sleep(settle_s)
@@ -102,53 +94,35 @@ async def _break(bench: Bench, caller: Caller, cell: Cell | Pair, after_s: float
     return with_story(replace(outcome, stood_ms=waited_ms), log, broken_ns)
 
 
-async def _do(bench: Bench, caller: Caller, cell: Cell | Pair) -> tuple[int, int]:
-    """Break the victims. Return the time of the first fault, and the time from which the delay is measured."""
-    broken_ns = monotonic_ns()
+async def _do(bench: Bench, caller: Caller, cell: Cell | Pair) -> tuple[int, int, Queue]:
+    """Break the victims.
+
+    Return the time of the first fault, the time from which the delay is measured, and a measurement since then of
+    how long processes wait for a processor.
+    """
+    queue, broken_ns = bench.queue(caller), monotonic_ns()
+    if isinstance(cell, Pair):
+        return *await break_both(cell, caller, random.uniform(0.0, APART_S)), queue
+    if cell.returns:
+        queue, since_ns = await trio.to_thread.run_sync(go_away, bench, caller, cell.fault)
+        return broken_ns, since_ns, queue
     if cell.victim is Victims.TWIN:
-        fault = Faults(cell.fault)
-        if isinstance(cell, Cell) and cell.returns:
-            twin = bench.twin
-            away, back = (twin.pause, twin.go_on) if fault is Faults.FREEZE else (twin.unplug, twin.plug)
-            await trio.to_thread.run_sync(away)
-            await trio.sleep(AWAY_S)
-            since_ns = monotonic_ns()
-            await trio.to_thread.run_sync(back)
-            return broken_ns, since_ns
-        await trio.to_thread.run_sync(bench.twin.fault, "delayed" if fault is Faults.LATE_REPLY else fault)
-        return broken_ns, broken_ns
-    if isinstance(cell, Cell):
+        await trio.to_thread.run_sync(fall_ill, bench, cell.fault)
+    else:
         broken_ns = await inflict(caller, cell, caller.pid(cell.victim))
-        return broken_ns, broken_ns
-    later_ns, apart_s = broken_ns, random.uniform(0.0, APART_S)
-    for number, (pid, signal_number) in enumerate(orders_of(cell, caller)):
-        if number and cell.members:
-            await trio.sleep(apart_s)
-        later_ns = monotonic_ns()
-        try:
-            os.kill(pid, signal_number)
-        except ProcessLookupError:
-            if not number:
-                raise NotMoving(f"a process of {cell.victim} had ended before it was to break") from None
-    return broken_ns, later_ns
+    return broken_ns, broken_ns, queue
 
 
 # -- the log
 
 
-async def _seen(log: WireLog, since_ns: int, kind: str, within_s: float) -> bool:
-    with trio.move_on_after(within_s):
-        while not log.host(kind, since_ns):  # noqa: ASYNC110  # another process causes it, so there is no event
-            await trio.sleep(LOOK_S)
-        return True
-    return False
-
-
 async def _until_limp(log: WireLog, since_ns: int, queue: Queue, within_s: float) -> None:
-    with trio.move_on_after(within_s):
-        while _limp(log, since_ns) is None:
-            queue.look()
-            await trio.sleep(LOOK_S)
+    def look() -> bool:
+        queue.look()
+        return _limp(log, since_ns) is not None
+
+    with contextlib.suppress(trio.TooSlowError):
+        await until(look, within_s)
 
 
 def _limp(log: WireLog, since_ns: int) -> Entry | None:

@@ -56,19 +56,8 @@ def _motion(pair: Pair, driver: Driver) -> str:
 
 
 async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, settle_s: float) -> Outcome:
-    orders = orders_of(pair, caller)
     queue = bench.queue(caller)
-    began_ns = broken_ns = monotonic_ns()
-    for number, (pid, order) in enumerate(orders):
-        if number and pair.members:
-            await trio.sleep(apart_s)
-        broken_ns = monotonic_ns()
-        try:
-            os.kill(pid, order)
-        except ProcessLookupError:
-            if not number:
-                raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
-            # If only the second process to break is missing, the first fault has ended it, and the trial counts.
+    began_ns, broken_ns = await break_both(pair, caller, apart_s)
     bound_ms = pair_bound_s(bench.driver, pair) * 1e3
     expected = Expected(pair.victim, pair.fault, expected_safe_states(bench.driver, pair), bound_ms)
     if pair.stops:
@@ -84,6 +73,23 @@ async def _break_pair(bench: Bench, caller: Caller, pair: Pair, apart_s: float, 
     return with_story(read(bench.log, expected, began_ns, broken_ns, 0.0, waited_ms), bench.log, began_ns)
 
 
+async def break_both(pair: Pair, caller: Caller, apart_s: float) -> tuple[int, int]:
+    """Break the processes of a pair, one after the other. Return the times of the first and of the later fault."""
+    orders = _orders(pair, caller)
+    began_ns = broken_ns = monotonic_ns()
+    for number, (pid, order) in enumerate(orders):
+        if number and pair.members:
+            await trio.sleep(apart_s)
+        broken_ns = monotonic_ns()
+        try:
+            os.kill(pid, order)
+        except ProcessLookupError:
+            if not number:
+                raise NotMoving(f"a process of {pair.victim} had ended before it was to break") from None
+            # If only the second process to break is missing, the first fault has ended it, and the trial counts.
+    return began_ns, broken_ns
+
+
 def let_go(pair: Cell | Pair, caller: Caller) -> None:
     """Let the frozen processes of a pair, or of a cell, continue.
 
@@ -95,7 +101,7 @@ def let_go(pair: Cell | Pair, caller: Caller) -> None:
                 os.kill(caller.pid(member), signal.SIGCONT)
 
 
-def orders_of(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
+def _orders(pair: Pair, caller: Caller) -> list[tuple[int, signal.Signals]]:
     """Return the process ids and the signals for them, in random order."""
     if not pair.members:
         own = [pid for role, pid in caller.pids().items() if role != Victims.TWIN]

@@ -8,13 +8,13 @@ for a processor. ``strands-actors matrix --repeats 50`` measures them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
-from strands_actors.testing import Bench, Cell, Faults, Victims, cells_of, run_cell
+from strands_actors.testing import Cell, Faults, Victims, cells_of, run_cell
 from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import spoils
+
+from .conftest import BenchOf
 
 GONE_MS = 500.0
 """Time for a caller to end, with the end of its interpreter."""
@@ -40,22 +40,9 @@ CELLS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def benches() -> Iterator[dict[str, Bench]]:
-    """Hold the one bench in use. Cells are ordered by robot, and a bench ends when the next begins."""
-    benches: dict[str, Bench] = {}
-    yield benches
-    for bench in benches.values():
-        bench.__exit__(None, None, None)
-
-
 @pytest.mark.parametrize(("robot", "cell"), CELLS)
-def test_saf_003_one_process_fails_and_the_wire_is_safe(robot: str, cell: Cell, benches: dict[str, Bench]) -> None:
-    if robot not in benches:
-        for other in list(benches):
-            benches.pop(other).__exit__(None, None, None)
-        benches[robot] = Bench(robot).__enter__()
-    outcome = run_cell(cell, benches[robot], SETTLE_S)
+def test_saf_003_one_process_fails_and_the_wire_is_safe(robot: str, cell: Cell, bench_of: BenchOf) -> None:
+    outcome = run_cell(cell, bench_of(robot), SETTLE_S)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
     assert outcome.on_time, outcome.story

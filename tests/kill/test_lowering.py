@@ -20,13 +20,15 @@ import pytest
 from strands_actors.contract.driver import Reason
 from strands_actors.contract.safe_state import SafeState
 from strands_actors.surfaces.cli.matrix import lowering_columns
-from strands_actors.testing import Bench, Cell, Faults, Twin, Victims, cells_of
+from strands_actors.testing import Cell, Faults, Twin, Victims, cells_of
 from strands_actors.testing.bench import driver_of
 from strands_actors.testing.caller import RAISED
 from strands_actors.testing.lowering_trials import lowering_cells, run_lowering
 from strands_actors.testing.pairs import Combination, Pair, pairs_of
 from strands_actors.testing.wirelog import Entry
 from tests.answers import until
+
+from .conftest import BenchOf
 
 ROBOTS = ("so101", "koch")
 LIMIT_M_S = 0.25
@@ -165,24 +167,11 @@ CELLS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def benches() -> Iterator[dict[str, Bench]]:
-    """Hold the one bench in use. Cells are ordered by column, and a bench ends when the next begins."""
-    benches: dict[str, Bench] = {}
-    yield benches
-    for bench in benches.values():
-        bench.__exit__(None, None, None)
-
-
 @pytest.mark.parametrize(("column", "cell"), CELLS)
 def test_saf_026_something_breaks_while_an_arm_is_lowered(
-    column: str, cell: Cell | Pair, benches: dict[str, Bench]
+    column: str, cell: Cell | Pair, bench_of: BenchOf
 ) -> None:
-    if column not in benches:
-        for other in list(benches):
-            benches.pop(other).__exit__(None, None, None)
-        benches[column] = Bench(column).__enter__()
-    outcome = run_lowering(cell, benches[column], SETTLE_S)
+    outcome = run_lowering(cell, bench_of(column), SETTLE_S)
     assert outcome.all_motors, f"the arm is not limp, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
     assert outcome.on_time, outcome.story

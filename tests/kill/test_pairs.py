@@ -6,13 +6,11 @@ processes waited for a processor is not counted. ``strands-actors matrix --pairs
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import permutations
 
 import pytest
 
 from strands_actors.supervisors.standby.watch import look_s, silent_s
-from strands_actors.testing import Bench
 from strands_actors.testing.bench import driver_of
 from strands_actors.testing.faults import Faults, Victims
 from strands_actors.testing.pair_trials import run_pair
@@ -26,6 +24,8 @@ from strands_actors.testing.pairs import (
 )
 from strands_actors.testing.trials import cell_named
 
+from .conftest import BenchOf
+
 SETTLE_S = 0.2
 ROBOTS = ("so101", "robotiq_2f85")
 """A serial bus, and a stop channel that connects when it is needed."""
@@ -38,23 +38,10 @@ CELLS = [
 ]
 
 
-@pytest.fixture(scope="module")
-def benches() -> Iterator[dict[str, Bench]]:
-    """Hold the one bench in use. Cells are ordered by robot, and a bench ends when the next begins."""
-    benches: dict[str, Bench] = {}
-    yield benches
-    for bench in benches.values():
-        bench.__exit__(None, None, None)
-
-
 @pytest.mark.quick_cases(10)
 @pytest.mark.parametrize(("robot", "pair"), CELLS, ids=str)
-def test_saf_016_two_processes_fail_and_the_wire_is_safe(robot: str, pair: Pair, benches: dict[str, Bench]) -> None:
-    if robot not in benches:
-        for other in list(benches):
-            benches.pop(other).__exit__(None, None, None)
-        benches[robot] = Bench(robot).__enter__()
-    outcome = run_pair(pair, benches[robot], SETTLE_S)
+def test_saf_016_two_processes_fail_and_the_wire_is_safe(robot: str, pair: Pair, bench_of: BenchOf) -> None:
+    outcome = run_pair(pair, bench_of(robot), SETTLE_S)
     assert outcome.all_motors, f"no {outcome.safe_state} frame for all motors, but {outcome.story}"
     assert outcome.setpoints_after == 0, outcome.story
     assert outcome.on_time, outcome.story
