@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import threading
 import time
 from collections.abc import Iterator
 from typing import Any
 
-from websockets.sync.server import ServerConnection, serve
+from websockets.sync.server import ServerConnection
+
+from .serving import served
 
 METADATA = {
     "provider_name": "act",
@@ -51,11 +52,5 @@ def greeting_server(
         for message in connection:
             connection.send(json.dumps(answer(message)))
 
-    with serve(handle, "127.0.0.1", 0) as listening:
-        thread = threading.Thread(target=listening.serve_forever)
-        thread.start()
-        try:
-            yield listening.socket.getsockname()[1], received
-        finally:
-            listening.shutdown()
-            thread.join()
+    with served(handle) as port:
+        yield port, received

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import struct
-import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
-from websockets.sync.server import ServerConnection, serve
+from websockets.sync.server import ServerConnection
+
+from .serving import served
 
 Infer = Callable[[dict[str, Any]], Any]
 
@@ -49,11 +50,5 @@ def openpi_server(
             answer = {"actions": actions, "server_timing": {"infer_ms": 1.0}}
             connection.send(actions if isinstance(actions, bytes) else msgspec.msgpack.encode(answer))
 
-    with serve(handle, "127.0.0.1", 0) as listening:
-        thread = threading.Thread(target=listening.serve_forever)
-        thread.start()
-        try:
-            yield listening.socket.getsockname()[1], received
-        finally:
-            listening.shutdown()
-            thread.join()
+    with served(handle) as port:
+        yield port, received

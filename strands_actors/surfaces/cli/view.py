@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
-import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -13,15 +12,13 @@ from pathlib import Path
 import msgspec
 import trio
 
-from strands_actors.caller.processes.background import open_background
 from strands_actors.contract.extras import require
-from strands_actors.surfaces.mesh.client import open_mesh
 from strands_actors.surfaces.view.sinks import Sink
 from strands_actors.surfaces.view.viewer import Viewer
 from strands_actors.surfaces.view.watch import NotRunning, find, watch
 
 from .errors import Problem
-from .orders import configuration
+from .until_signal import mesh_until_signal
 
 
 class Choice(msgspec.Struct, frozen=True):
@@ -73,29 +70,20 @@ def view(choice: Choice, mesh: Path | None, as_json: bool) -> None:
 
 
 async def _view(choice: Choice, mesh: Path | None, as_json: bool) -> None:
-    with trio.open_signal_receiver(signal.SIGINT, signal.SIGTERM) as signals:
-        async with open_mesh(configuration(mesh)) as client, open_background() as nursery:
-            ended = trio.CancelScope()
-
-            async def listen() -> None:
-                async for _ in signals:
-                    ended.cancel()
-
-            nursery.start_soon(listen)
-            with ended:
-                try:
-                    await find(client, choice.robot, choice.waits, lambda: _say(f"waiting for {choice.robot}"))
-                except NotRunning as reason:
-                    raise Problem(f"view: {reason}") from None
-                sinks, facts = _open_sinks(choice, trio.lowlevel.current_trio_token().run_sync_soon)
-                try:
-                    print(json.dumps(facts) if as_json else _lines(facts), flush=True)
-                    with trio.move_on_after(float("inf") if choice.seconds is None else choice.seconds):
-                        viewer = Viewer(choice.robot, sinks, lambda text: _say(f"view: {text}"))
-                        await watch(client, viewer, choice.cameras, choice.model, choice.model_file)
-                finally:
-                    for sink in sinks:
-                        sink.close()
+    async with mesh_until_signal(mesh) as client:
+        try:
+            await find(client, choice.robot, choice.waits, lambda: _say(f"waiting for {choice.robot}"))
+        except NotRunning as reason:
+            raise Problem(f"view: {reason}") from None
+        sinks, facts = _open_sinks(choice, trio.lowlevel.current_trio_token().run_sync_soon)
+        try:
+            print(json.dumps(facts) if as_json else _lines(facts), flush=True)
+            with trio.move_on_after(float("inf") if choice.seconds is None else choice.seconds):
+                viewer = Viewer(choice.robot, sinks, lambda text: _say(f"view: {text}"))
+                await watch(client, viewer, choice.cameras, choice.model, choice.model_file)
+        finally:
+            for sink in sinks:
+                sink.close()
 
 
 def _open_sinks(choice: Choice, soon: Callable[[Callable[[], None]], None]) -> tuple[list[Sink], dict[str, str]]:
