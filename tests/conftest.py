@@ -71,7 +71,7 @@ def on_an_idle_computer() -> Iterator[None]:
 @pytest.fixture(scope="session", autouse=True)
 def limp_at_the_end() -> Iterator[None]:
     """Make an arm of a test limp at its end, unless the test says otherwise. A lowering takes up to 3 s, and
-    hundreds of tests end with a stop. What is started as a program has the usual default."""
+    hundreds of tests end with a stop. Programs have the usual default."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(resting, "USUAL", resting.OnExit.LIMP)
         yield

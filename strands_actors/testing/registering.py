@@ -70,7 +70,7 @@ def prepare(robot: str, class_path: str) -> None:
 def end_of(robot: str, driver_class: type | None, *, lowered: bool) -> dict[str, Any]:
     """Return the options of a robot in a trial that concern its end.
 
-    An arm that can be lowered is limp at once in trials, as the other arms are. Its lowering has trials of its own.
+    An arm that can be lowered is limp at once in trials, as the other arms are. Its lowering has separate trials.
 
     Args:
         robot: The robot.

@@ -73,7 +73,7 @@ def state_of(robot: str, driver: Driver, task: TaskStatus, status: Status | None
 
 
 def stop_json(report: StopReport) -> dict[str, Any]:
-    """Return the result of the last stop in brief. ``epoch`` tells one stop from the next."""
+    """Return the result of the last stop in brief. ``epoch`` distinguishes one stop from the next."""
     return {
         "epoch": report.epoch,
         "reason": report.reason,

@@ -121,7 +121,7 @@ def test_ctrl_c_and_a_failed_progress_end_in_a_hold(arm: RealRobot, twin: Twin) 
         assert until(lambda ns=began_ns: holds(twin.log, ns), "the arm holds")  # type: ignore[misc]
 
 
-# -- what is wrong ends in a hold, with the policy's or the server's words
+# -- errors end in a hold, with the words of the policy or the server
 
 
 LIES: dict[str, tuple[Any, str]] = {
@@ -176,7 +176,7 @@ def test_a_lie_after_true_steps_ends_in_a_hold(arm: RealRobot, twin: Twin) -> No
     assert until(lambda: holds(twin.log, began_ns), "the arm holds")
 
 
-# -- what is refused before anything starts
+# -- refusals before anything starts
 
 
 @pytest.mark.parametrize(

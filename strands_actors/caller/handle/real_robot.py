@@ -408,7 +408,7 @@ class RealRobot(RobotTool):
     def get_pose(self) -> Answer:
         """Return the measured pose of the arm's tool, in the frame of the arm's base.
 
-        The tool of an arm is the middle of its flange, or a point between the fingers of its own gripper. It is
+        The tool of an arm is the middle of its flange, or a point between the fingers of its gripper. It is
         computed from the newest reading of the joints and the model of the arm.
 
         Returns:

@@ -60,7 +60,7 @@ class StopKey(NamedTuple):
 
 
 class Account:
-    """What is known of one robot."""
+    """The state of one robot."""
 
     def __init__(self) -> None:
         self.state: State | None = None

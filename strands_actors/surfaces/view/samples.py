@@ -28,7 +28,7 @@ class Task(msgspec.Struct, frozen=True):
 
 
 class LastStop(msgspec.Struct, frozen=True):
-    """The result of the last stop. ``epoch`` tells one stop from the next."""
+    """The result of the last stop. ``epoch`` distinguishes one stop from the next."""
 
     epoch: int
     reason: str
