@@ -19,7 +19,7 @@ from .codec import Codec
 from .lowering import FALL_S, RELEASE_S, FallingTorque, LoweringConfig, RestPath, pace
 from .readings import Readings
 
-PERIOD_S = 0.02
+PERIOD_S = 0.01
 ANSWER_S = 0.025
 """A servo that has not answered after this time counts as mute."""
 STAND_S = 0.4

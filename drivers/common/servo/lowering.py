@@ -32,7 +32,7 @@ FASTER_PER_M = 1.0
 FASTEST_M_S = 0.25
 """The usual limit for a robot beside a person."""
 
-FALL_S = 1.2
+FALL_S = 1.0
 """Time in which the torque limits fall to zero, if the arm stays slow enough."""
 RELEASE_S = 0.4
 """The same at a rest pose, where little is carried."""
